@@ -1,0 +1,79 @@
+"""The exceptions of MiniTouch-bench, all below one root.
+
+::
+
+    MiniTouchError                  root; carries the exit code of the command line
+    ├── UsageError                  2   a wrong option, task, suite or shape set
+    ├── MissingExtraError           3   an optional package is needed and not installed
+    ├── PolicyError                 3   a policy cannot be used
+    │   ├── PolicyLoadError         3   the file is unreadable, unsafe or of the wrong form
+    │   └── PolicyFaultError        4   the policy failed inside an episode
+    │       ├── InvalidActionError      wrong length, type, NaN or infinite
+    │       ├── PolicyTimeoutError      no answer before the deadline
+    │       ├── PolicyExitError         its process ended
+    │       └── PolicyRaisedError       its code raised
+    ├── InfrastructureError         5   a worker died, a file could not be written
+    └── RunDirectoryError           6   locked, corrupt, or of another run
+"""
+
+
+class MiniTouchError(Exception):
+    """Root of every error a user can cause or meet; its text is one or two clear lines."""
+
+    exit_code = 1
+
+
+class UsageError(MiniTouchError):
+    """An argument has no meaning here."""
+
+    exit_code = 2
+
+
+class MissingExtraError(MiniTouchError):
+    """An optional package is not installed."""
+
+    exit_code = 3
+
+
+class PolicyError(MiniTouchError):
+    """A policy cannot be used."""
+
+    exit_code = 3
+
+
+class PolicyLoadError(PolicyError):
+    """A checkpoint is unreadable, unsafe or of the wrong form."""
+
+
+class PolicyFaultError(PolicyError):
+    """The policy failed inside an episode; the episode counts as failed."""
+
+    exit_code = 4
+
+
+class InvalidActionError(PolicyFaultError):
+    """The action has a wrong length or type, or holds NaN or infinity."""
+
+
+class PolicyTimeoutError(PolicyFaultError):
+    """The policy gave no answer before its deadline."""
+
+
+class PolicyExitError(PolicyFaultError):
+    """The policy's process ended."""
+
+
+class PolicyRaisedError(PolicyFaultError):
+    """The policy's code raised an exception."""
+
+
+class InfrastructureError(MiniTouchError):
+    """Something of ours or of the machine failed; never the policy's fault."""
+
+    exit_code = 5
+
+
+class RunDirectoryError(MiniTouchError):
+    """The run's directory is locked, corrupt or of another run."""
+
+    exit_code = 6

@@ -1,0 +1,37 @@
+"""Optional packages, and look-up of ``package.module:attribute``."""
+
+import importlib
+from types import ModuleType
+from typing import Any
+
+from minitouch_bench.errors import MissingExtraError, PolicyLoadError
+
+
+def require(module: str, extra: str) -> ModuleType:
+    """Import an optional module.
+
+    Raises:
+        MissingExtraError: it is not installed; the text names the extra that brings it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            f"this needs the package '{error.name}': pip install 'minitouch-bench[{extra}]'"
+        ) from error
+
+
+def look_up(target: str) -> Any:
+    """Return the object named by ``package.module:attribute``.
+
+    Raises:
+        PolicyLoadError: the module or the attribute does not exist.
+    """
+    module_name, _, attribute = target.partition(":")
+    try:
+        found: Any = importlib.import_module(module_name)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+    except (ImportError, AttributeError) as error:
+        raise PolicyLoadError(f"'{target}' cannot be imported: {error}") from error
+    return found
