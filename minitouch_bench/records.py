@@ -138,13 +138,15 @@ class TaskSummary:
     """Estimates of one task by metric name, and two descriptions of its episodes.
 
     ``touch_curve``: mean contact ticks at each control step, over the episodes that
-    reached it. ``outcomes``: number of episodes by how they ended.
+    reached it; ``touch_curve_episodes``: how many did. ``outcomes``: number of episodes by
+    how they ended.
     """
 
     task: str
     estimates: Mapping[str, Estimate]
     outcomes: Mapping[str, int]
     touch_curve: tuple[float, ...]
+    touch_curve_episodes: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
