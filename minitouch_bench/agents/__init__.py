@@ -1,0 +1,1 @@
+"""Learning agents: their networks and their training."""

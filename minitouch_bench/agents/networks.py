@@ -1,0 +1,103 @@
+"""The paper's networks: its visual encoder and the SAC actor on image and touch."""
+
+from collections.abc import Callable, Mapping
+
+import torch
+from torch import Tensor, nn
+
+ENCODER_CHANNELS = (32, 64, 124, 256)
+"""Outputs of the four convolutions (supplement, Table 3)."""
+
+ENCODER_KERNELS = (8, 4, 3, 2)
+"""Kernel sizes of the four convolutions, in pixels (supplement, Table 3)."""
+
+ENCODER_STRIDES = (4, 2, 2, 2)
+"""Strides. Table 3 prints 4, 2, 1, 1, but its sizes 20, (8), 4, 2 only come out of these."""
+
+ENCODER_GRID = 2
+"""Height and width of the last feature map (supplement, Table 3)."""
+
+FEATURES = 256
+"""Outputs of the encoder's fully-connected layer (supplement, Table 3)."""
+
+HIDDEN_UNITS = 128
+"""Units in each of the actor's two hidden layers (supplement, Table 2)."""
+
+TOUCH_SIZE = 11
+"""Length of the touch vector (supplement, 7.3)."""
+
+LOG_STD_BOUNDS = (-20.0, 2.0)
+"""Clamp on the log standard deviation; the paper names none, these are SAC's own."""
+
+
+class VisualEncoder(nn.Module):
+    """Map a grey image to 256 features (supplement, Table 3).
+
+    Feature maps: 84 -> 20 -> 9 (printed as 8) -> 4 -> 2 pixels, LeakyReLU after each layer.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        channels = 1
+        for outputs, kernel, stride in zip(
+            ENCODER_CHANNELS, ENCODER_KERNELS, ENCODER_STRIDES, strict=True
+        ):
+            layers += [nn.Conv2d(channels, outputs, kernel, stride), nn.LeakyReLU()]
+            channels = outputs
+        self.convolutions = nn.Sequential(*layers)
+        self.projection = nn.Sequential(
+            nn.Linear(channels * ENCODER_GRID**2, FEATURES), nn.LeakyReLU()
+        )
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Return features float32 (N, 256) of images uint8 (N, 1, 84, 84)."""
+        maps = self.convolutions(image.float() / 255.0)
+        features: Tensor = self.projection(maps.flatten(1))
+        return features
+
+
+class TouchActor(nn.Module):
+    """Squashed Gaussian policy of SAC on image and touch (supplement, Table 2 and 3).
+
+    The image's 256 features and the 11 touch numbers pass through two hidden layers of 128
+    LeakyReLU units, which end in the mean and the log standard deviation of each action.
+    """
+
+    architecture = "hac-actor-v1"
+
+    def __init__(self, action_size: int) -> None:
+        super().__init__()
+        self.action_size = action_size
+        self.encoder = VisualEncoder()
+        self.trunk = nn.Sequential(
+            nn.Linear(FEATURES + TOUCH_SIZE, HIDDEN_UNITS),
+            nn.LeakyReLU(),
+            nn.Linear(HIDDEN_UNITS, HIDDEN_UNITS),
+            nn.LeakyReLU(),
+        )
+        self.mean = nn.Linear(HIDDEN_UNITS, action_size)
+        self.log_std = nn.Linear(HIDDEN_UNITS, action_size)
+
+    def forward(self, image: Tensor, touch: Tensor) -> Tensor:
+        """Return the deterministic action tanh(mean), float32 (N, A) in (-1, 1).
+
+        ``image`` uint8 (N, 1, 84, 84), ``touch`` float32 (N, 11).
+        """
+        mean, _ = self.gaussian(image, touch)
+        return torch.tanh(mean)
+
+    def gaussian(self, image: Tensor, touch: Tensor) -> tuple[Tensor, Tensor]:
+        """Return mean and log standard deviation before squashing, each float32 (N, A)."""
+        hidden = self.trunk(torch.cat((self.encoder(image), touch), dim=1))
+        return self.mean(hidden), self.log_std(hidden).clamp(*LOG_STD_BOUNDS)
+
+    def sample(self, image: Tensor, touch: Tensor, generator: torch.Generator) -> Tensor:
+        """Return a stochastic action tanh(mean + std * noise), float32 (N, A)."""
+        mean, log_std = self.gaussian(image, touch)
+        noise = torch.randn(mean.shape, generator=generator, device=mean.device)
+        return torch.tanh(mean + log_std.exp() * noise)
+
+
+ARCHITECTURES: Mapping[str, Callable[[int], TouchActor]] = {TouchActor.architecture: TouchActor}
+"""Builders by architecture id, each called with the number of actions."""

@@ -1,0 +1,1 @@
+"""Policies under evaluation: what they see and give, their formats, their own process."""

@@ -1,0 +1,125 @@
+"""One episode of a policy, in a process that is forked for it and ends with it."""
+
+import ctypes
+import os
+import random
+import signal
+import sys
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+import numpy.random  # loaded lazily otherwise, so in every child anew
+
+from minitouch_bench.errors import MissingExtraError, PolicyLoadError
+from minitouch_bench.policies.loading import load_policy
+from minitouch_bench.policies.policy import Checkpoint, Policy
+from minitouch_bench.policies.wire import (
+    Frame,
+    WireError,
+    describe,
+    pack_action,
+    read_frame,
+    unpack_observation,
+    write_frame,
+)
+
+PR_SET_PDEATHSIG = 1
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What a child is forked for: which policy, which task, which seed."""
+
+    kind: str
+    checkpoint: Checkpoint
+    task: str
+    seed: int
+
+
+def die_with(parent: int) -> None:
+    """Ask the kernel to kill this process when its parent ends, or end now if it has."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0:
+        raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG) failed")
+    if os.getppid() != parent:  # it ended before the request was made
+        os._exit(0)
+
+
+def run_episode(episode: Episode, requests: int, answers: int) -> NoReturn:
+    """Load the policy, reset it and answer its acts until ``requests`` closes; then exit."""
+    code = 1
+    try:
+        policy = _load(episode, answers)
+        if policy is not None and _reset(policy, episode, answers):
+            _serve(policy, requests, answers)
+        code = 0
+    except SystemExit as stop:  # sys.exit() in a policy ends its process, as it would anywhere
+        code = _exit_code(stop)
+    except (EOFError, BrokenPipeError):  # the evaluation is done with this episode
+        code = 0
+    finally:
+        os._exit(code)
+
+
+def seed_everything(seed: int) -> None:
+    """Seed the generators of Python, numpy and, where it is loaded, torch."""
+    random.seed(seed)
+    np.random.seed(seed % 2**32)  # noqa: NPY002 - a policy may well use the old generator
+    if "torch" in sys.modules:
+        sys.modules["torch"].manual_seed(seed % 2**64)
+
+
+def _load(episode: Episode, answers: int) -> Policy | None:
+    seed_everything(episode.seed)
+    # Everything above is ours, everything below may be a stranger's: whatever confines this
+    # process has to be in force from here on.
+    try:
+        policy = load_policy(episode.kind, episode.checkpoint)
+    except PolicyLoadError as error:
+        write_frame(answers, Frame.REFUSED, str(error).encode())
+        return None
+    except MissingExtraError as error:
+        write_frame(answers, Frame.MISSING_EXTRA, str(error).encode())
+        return None
+    write_frame(answers, Frame.LOADED)
+    return policy
+
+
+def _reset(policy: Policy, episode: Episode, answers: int) -> bool:
+    try:
+        seed_everything(episode.seed)  # loading may have drawn numbers
+        policy.reset(episode.seed, episode.task)
+    except SystemExit:
+        raise
+    except BaseException as error:
+        write_frame(answers, Frame.RAISED, describe(error).encode())
+        return False
+    write_frame(answers, Frame.READY)
+    return True
+
+
+def _serve(policy: Policy, requests: int, answers: int) -> None:
+    while True:
+        kind, payload = read_frame(requests)
+        if kind is not Frame.ACT:
+            raise WireError(f"a request of kind {kind}")
+        observation = unpack_observation(payload)
+        try:
+            answer = pack_action(policy.act(observation))
+        except SystemExit:
+            raise
+        except BaseException as error:
+            write_frame(answers, Frame.RAISED, describe(error).encode())
+        else:
+            write_frame(answers, Frame.ACTION, answer)
+
+
+def _exit_code(stop: SystemExit) -> int:
+    """Return the code that Python itself would exit with, and print a text as it would."""
+    if stop.code is None:
+        return 0
+    if isinstance(stop.code, int):
+        return stop.code & 0xFF
+    print(stop.code, file=sys.stderr, flush=True)
+    return 1

@@ -1,0 +1,38 @@
+"""Policies made by a Python callable, ``package.module:attribute``; for trusted code only."""
+
+import inspect
+import os
+import sys
+from collections.abc import Callable
+
+from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.optional import look_up
+from minitouch_bench.policies.policy import Checkpoint, Policy
+
+
+def make_policy(factory: Callable[..., Policy], deterministic: bool) -> Policy:
+    """Call a factory, or a policy's class, with no arguments.
+
+    One that has a parameter ``deterministic`` is told whether to act without sampling.
+    """
+    parameters = inspect.signature(factory).parameters
+    return factory(deterministic=deterministic) if "deterministic" in parameters else factory()
+
+
+def load_factory(checkpoint: Checkpoint) -> Policy:
+    """Import the factory and call it.
+
+    Raises:
+        PolicyLoadError: not trusted, not importable, or what it gives is no policy.
+    """
+    if not checkpoint.trust:
+        raise PolicyLoadError(f"'{checkpoint.target}' runs its own code: it needs --trust")
+    sys.path.append(os.getcwd())  # last, so that no file there shadows an installed package
+    factory = look_up(checkpoint.target)
+    if not callable(factory):
+        raise PolicyLoadError(f"'{checkpoint.target}' cannot be called to make a policy")
+    policy = make_policy(factory, checkpoint.deterministic)
+    missing = [name for name in ("reset", "act") if not callable(getattr(policy, name, None))]
+    if missing:
+        raise PolicyLoadError(f"what '{checkpoint.target}' makes has no {missing[0]}()")
+    return policy

@@ -1,0 +1,152 @@
+"""The process that policies are forked from: heavy packages imported, no checkpoint loaded.
+
+Started by ``host_connection`` as ``python -m minitouch_bench.policies.host FD PARENT``. FD is a
+socket on which every packet is one JSON object::
+
+    {"do": "start", kind, target, digest, deterministic, trust, seed, task} + two descriptors
+        -> {"pid": 123}  or  {"error": "...", "missing_extra": false}
+    {"do": "stop", "grace_s": 0.2}
+        -> {"status": -9, "killed": true}   status as in Popen.returncode, null without a child
+
+The descriptors are the child's own pipe ends, for requests and for answers, so that nothing of
+one episode can be left in the pipes of the next.
+"""
+
+import contextlib
+import gc
+import hashlib
+import json
+import os
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from minitouch_bench.errors import MiniTouchError, MissingExtraError, PolicyLoadError
+from minitouch_bench.policies.episode_child import Episode, die_with, run_episode
+from minitouch_bench.policies.loading import FORMATS, find_loader
+from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.policies.sources import read_checkpoint
+from minitouch_bench.policies.wire import MAX_PAYLOAD, describe
+
+POLL_S = 0.002
+
+
+class Host:
+    """Fork one child an episode, and end the one before."""
+
+    def __init__(self, control: socket.socket) -> None:
+        self._control = control
+        self._child = 0
+        self._contents: dict[str, bytes] = {}
+        self._imported: set[str] = set()
+
+    def serve(self) -> None:
+        """Obey until the other side closes."""
+        while True:
+            packet, descriptors, _, _ = socket.recv_fds(
+                self._control, MAX_PAYLOAD, 2, socket.MSG_CMSG_CLOEXEC
+            )
+            if not packet:
+                break
+            order = json.loads(packet)
+            answer = (
+                self._start(order, descriptors) if order["do"] == "start" else self._stop(order)
+            )
+            self._control.sendall(json.dumps(answer).encode())
+        self._end_child(0.0)
+
+    def _start(self, order: dict[str, Any], descriptors: list[int]) -> dict[str, Any]:
+        self._end_child(0.0)
+        try:
+            episode = self._prepare(order)
+            return {"pid": self._fork(episode, *descriptors)}
+        except MiniTouchError as error:
+            return {"error": str(error), "missing_extra": isinstance(error, MissingExtraError)}
+        finally:
+            for descriptor in descriptors:
+                os.close(descriptor)
+
+    def _prepare(self, order: dict[str, Any]) -> Episode:
+        """Import what the kind needs and read its file, each once."""
+        kind, target = order["kind"], order["target"]
+        if kind not in self._imported:
+            _import_format(kind)
+            self._imported.add(kind)
+        if FORMATS[kind].suffixes and target not in self._contents:
+            content = read_checkpoint(Path(target))
+            if hashlib.sha256(content).hexdigest() != order["digest"]:
+                raise PolicyLoadError(f"{target} was changed since this evaluation began")
+            self._contents[target] = content
+        checkpoint = Checkpoint(
+            target, self._contents.get(target, b""), order["deterministic"], order["trust"]
+        )
+        return Episode(kind, checkpoint, order["task"], order["seed"])
+
+    def _fork(self, episode: Episode, requests: int, answers: int) -> int:
+        host = os.getpid()
+        child = os.fork()
+        if child == 0:
+            try:
+                os.setpgid(0, 0)
+                die_with(host)
+                self._control.close()  # orders to the host are not the policy's to give
+                run_episode(episode, requests, answers)
+            finally:
+                os._exit(1)
+        self._child = child
+        return child
+
+    def _stop(self, order: dict[str, Any]) -> dict[str, Any]:
+        if not self._child:
+            return {"status": None, "killed": False}
+        status, killed = self._end_child(order["grace_s"])
+        return {"status": status, "killed": killed}
+
+    def _end_child(self, grace_s: float) -> tuple[int, bool]:
+        """Give the child so long to exit by itself, then kill it with all it started.
+
+        It is reaped last: until then its id, and its group's, can name nobody else.
+        """
+        if not self._child:
+            return 0, False
+        deadline = time.monotonic() + grace_s
+        while not (exited := _has_exited(self._child)) and time.monotonic() < deadline:
+            time.sleep(POLL_S)
+        for kill in (os.killpg, os.kill):  # right after the fork it has no group yet
+            with contextlib.suppress(ProcessLookupError):
+                kill(self._child, signal.SIGKILL)
+        _, status = os.waitpid(self._child, 0)
+        self._child = 0
+        return os.waitstatus_to_exitcode(status), not exited
+
+
+def _has_exited(child: int) -> bool:
+    return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+
+
+def _import_format(kind: str) -> None:
+    try:
+        find_loader(kind)
+    except MiniTouchError:
+        raise
+    except Exception as error:  # an installed package that does not import
+        raise PolicyLoadError(f"cannot read {kind} policies here: {describe(error)}") from error
+    if "torch" in sys.modules:  # sums differ in their last bits between one and two threads
+        sys.modules["torch"].set_num_threads(1)
+    gc.collect()
+    gc.freeze()  # children then share these pages for good
+
+
+def main() -> None:
+    """Run the host on the socket named on its command line."""
+    descriptor, parent = int(sys.argv[1]), int(sys.argv[2])
+    die_with(parent)
+    with socket.socket(fileno=descriptor) as control:
+        Host(control).serve()
+
+
+if __name__ == "__main__":
+    main()

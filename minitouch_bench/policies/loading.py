@@ -1,0 +1,83 @@
+"""The one table of policy formats: which file ending and which loader belong to a kind."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from minitouch_bench.errors import MiniTouchError, PolicyLoadError
+from minitouch_bench.optional import look_up, require
+from minitouch_bench.policies.policy import Checkpoint, Policy
+from minitouch_bench.policies.wire import describe
+
+Loader = Callable[[Checkpoint], Policy]
+
+
+@dataclass(frozen=True)
+class Format:
+    """One way to hand in a policy.
+
+    ``loader`` names a function as ``module:name``, so that no process imports torch but the
+    policy's own. ``packages`` are (module, extra) pairs to import beforehand.
+    """
+
+    loader: str
+    suffixes: tuple[str, ...] = ()
+    packages: tuple[tuple[str, str], ...] = ()
+
+
+FORMATS: Mapping[str, Format] = {
+    "random": Format("minitouch_bench.policies.builtin:load_random"),
+    "zero": Format("minitouch_bench.policies.builtin:load_zero"),
+    "native": Format("minitouch_bench.policies.native:load_native", (".safetensors",)),
+    "torchscript": Format("minitouch_bench.policies.torchscript:load_torchscript", (".pt", ".ts")),
+    "onnx": Format(
+        "minitouch_bench.policies.onnx_policy:load_onnx",
+        (".onnx",),
+        (("onnx", "onnx"), ("onnxruntime", "onnx")),
+    ),
+    "sb3": Format(
+        "minitouch_bench.policies.sb3:load_sb3", (".zip",), (("stable_baselines3", "sb3"),)
+    ),
+    "factory": Format(
+        "minitouch_bench.policies.factory:load_factory", packages=(("torch", "all"),)
+    ),
+    "remote": Format("minitouch_bench.policies.remote:load_remote"),
+}
+
+BUILT_IN = ("random", "zero", "scripted")
+"""Policies known by name; ``scripted`` has no loader, it runs beside the simulator."""
+
+KIND_BY_SUFFIX: Mapping[str, str] = {
+    suffix: kind for kind, form in FORMATS.items() for suffix in form.suffixes
+}
+
+
+def find_loader(kind: str) -> Loader:
+    """Import what a kind needs and return its loader.
+
+    Raises:
+        MissingExtraError: an optional package of the format is not installed.
+    """
+    form = FORMATS[kind]
+    for module, extra in form.packages:
+        require(module, extra)
+    loader: Any = look_up(form.loader)
+    return loader  # type: ignore[no-any-return]
+
+
+def load_policy(kind: str, checkpoint: Checkpoint) -> Policy:
+    """Build the policy of a checkpoint.
+
+    Raises:
+        PolicyLoadError: the checkpoint is unreadable, unsafe or of the wrong form.
+        MissingExtraError: an optional package of the format is not installed.
+    """
+    loader = find_loader(kind)
+    try:
+        return loader(checkpoint)
+    except MiniTouchError:
+        raise
+    except Exception as error:  # whatever a foreign reader raises means: not loadable
+        raise PolicyLoadError(
+            f"{checkpoint.target} is not a readable {kind} policy: {describe(error)}"
+        ) from error

@@ -1,0 +1,103 @@
+"""Native checkpoints: a safetensors file with the architecture's id in its metadata."""
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.torch
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from minitouch_bench.agents.networks import ARCHITECTURES, TouchActor
+from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.policies.policy import ACTION_SIZES, Checkpoint, Observation
+
+METADATA_KEY = "minitouch"
+
+
+class NativePolicy:
+    """Run an actor, one observation at a time."""
+
+    def __init__(self, actor: TouchActor, deterministic: bool) -> None:
+        self._actor = actor.eval()
+        self._deterministic = deterministic
+        self._generator = torch.Generator()
+
+    def reset(self, seed: int, task: str) -> None:  # noqa: ARG002 - one network for every task
+        """Seed the actor's noise."""
+        self._generator.manual_seed(seed)
+
+    @torch.inference_mode()
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the actor's action, float32 (A,)."""
+        image, touch = to_tensors(observation)
+        if self._deterministic:
+            action = self._actor(image, touch)
+        else:
+            action = self._actor.sample(image, touch, self._generator)
+        return as_array(action[0])
+
+
+def to_tensors(observation: Observation) -> tuple[Tensor, Tensor]:
+    """Return image uint8 (1, 1, 84, 84) and touch float32 (1, 11)."""
+    image = torch.from_numpy(observation["image"]).unsqueeze(0)
+    touch = torch.from_numpy(observation["touch"]).unsqueeze(0)
+    return image, touch
+
+
+def as_array(action: Tensor) -> NDArray[Any]:
+    """Return a tensor's numbers as an array of the same type and shape."""
+    array: NDArray[Any] = action.detach().numpy()
+    return array
+
+
+def save_native(actor: TouchActor, path: Path) -> None:
+    """Write an actor as a native checkpoint."""
+    form = {"architecture": actor.architecture, "action_size": actor.action_size}
+    tensors = {name: value.contiguous() for name, value in actor.state_dict().items()}
+    safetensors.torch.save_file(tensors, path, metadata={METADATA_KEY: json.dumps(form)})
+
+
+def load_native(checkpoint: Checkpoint) -> NativePolicy:
+    """Build the actor that the file's metadata names and fill in its weights.
+
+    Raises:
+        PolicyLoadError: no such architecture, or weights of other names or shapes.
+    """
+    architecture, action_size = _read_form(checkpoint)
+    try:
+        tensors = safetensors.torch.load(checkpoint.content)
+    except (safetensors.SafetensorError, ValueError) as error:
+        raise PolicyLoadError(f"{checkpoint.target} is damaged: {error}") from error
+    actor = ARCHITECTURES[architecture](action_size)
+    wanted = {name: tuple(value.shape) for name, value in actor.state_dict().items()}
+    found = {name: tuple(value.shape) for name, value in tensors.items()}
+    if wanted != found:
+        wrong = sorted(set(wanted.items()) ^ set(found.items()))[0][0]
+        raise PolicyLoadError(
+            f"{checkpoint.target} does not hold the weights of '{architecture}': see '{wrong}'"
+        )
+    actor.load_state_dict(tensors)
+    return NativePolicy(actor, checkpoint.deterministic)
+
+
+def _read_form(checkpoint: Checkpoint) -> tuple[str, int]:
+    try:
+        (length,) = struct.unpack_from("<Q", checkpoint.content)
+        header = json.loads(checkpoint.content[8 : 8 + length])
+        form = json.loads(header["__metadata__"][METADATA_KEY])
+        architecture, action_size = form["architecture"], form["action_size"]
+    except (struct.error, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise PolicyLoadError(
+            f"{checkpoint.target} is no native checkpoint: no '{METADATA_KEY}' entry in its "
+            "metadata. Write it with minitouch_bench.policies.native.save_native"
+        ) from error
+    if architecture not in ARCHITECTURES or action_size not in ACTION_SIZES:
+        raise PolicyLoadError(
+            f"{checkpoint.target} asks for architecture {architecture!r} with "
+            f"{action_size!r} actions; known: {', '.join(ARCHITECTURES)} with 4 or 5"
+        )
+    return architecture, action_size

@@ -1,0 +1,99 @@
+"""ONNX checkpoints: inputs ``image`` and ``touch``, output ``action``. Runs as exported."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.optional import require
+from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Checkpoint, Observation
+
+INPUT_SHAPES = {"image": (1, *IMAGE_SHAPE), "touch": (1, *TOUCH_SHAPE)}
+OUTPUT = "action"
+
+
+class OnnxPolicy:
+    """Run a graph with onnxruntime, on one thread."""
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+
+    def reset(self, seed: int, task: str) -> None:
+        """Do nothing: the graph is loaded afresh for every episode."""
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the graph's output ``action``."""
+        feed = {name: observation[name][np.newaxis] for name in INPUT_SHAPES}
+        (action,) = self._session.run([OUTPUT], feed)
+        return action  # type: ignore[no-any-return]
+
+
+def load_onnx(checkpoint: Checkpoint) -> OnnxPolicy:
+    """Check a graph, then hand it to onnxruntime.
+
+    Raises:
+        PolicyLoadError: not ONNX, external data, or inputs and output of other names or shapes.
+        MissingExtraError: onnx or onnxruntime is not installed.
+    """
+    onnx = require("onnx", "onnx")
+    runtime = require("onnxruntime", "onnx")
+    try:
+        model = onnx.load_model_from_string(checkpoint.content)
+    except Exception as error:  # the protobuf package's own class, which is no dependency of ours
+        raise PolicyLoadError(f"{checkpoint.target} is no ONNX file") from error
+    check_model(onnx, model, checkpoint.target)
+    options = runtime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.use_deterministic_compute = True
+    options.log_severity_level = 3
+    session = runtime.InferenceSession(
+        checkpoint.content, options, providers=["CPUExecutionProvider"]
+    )
+    return OnnxPolicy(session)
+
+
+def check_model(onnx: Any, model: Any, target: str) -> None:
+    """Refuse a graph that reads other files or has other inputs and output.
+
+    Raises:
+        PolicyLoadError: saying which.
+    """
+    external = onnx.TensorProto.EXTERNAL
+    for tensor in _messages(model, onnx.TensorProto):
+        if tensor.data_location == external or tensor.external_data:
+            raise PolicyLoadError(
+                f"{target} keeps weights in another file; export with external_data=False"
+            )
+    weights = {tensor.name for tensor in model.graph.initializer}
+    inputs = {value.name: value for value in model.graph.input if value.name not in weights}
+    if set(inputs) != set(INPUT_SHAPES):
+        raise PolicyLoadError(f"{target} has inputs {sorted(inputs)}, not ['image', 'touch']")
+    types = {"image": onnx.TensorProto.UINT8, "touch": onnx.TensorProto.FLOAT}
+    for name, shape in INPUT_SHAPES.items():
+        tensor_type = inputs[name].type.tensor_type
+        axes = [axis.dim_value or None for axis in tensor_type.shape.dim]
+        fits = len(axes) == len(shape) and all(
+            axis in (None, length) for axis, length in zip(axes, shape, strict=True)
+        )
+        if tensor_type.elem_type != types[name] or not fits:
+            wanted = "uint8" if name == "image" else "float32"
+            raise PolicyLoadError(f"{target}: input '{name}' is not {wanted} {shape}")
+    outputs = [value.name for value in model.graph.output]
+    if OUTPUT not in outputs:
+        raise PolicyLoadError(f"{target} has outputs {outputs}, not ['action']")
+
+
+def _messages(message: Any, wanted: type) -> Iterator[Any]:
+    """Yield every message of a type below a protobuf message, wherever it hides."""
+    if isinstance(message, wanted):
+        yield message
+        return
+    for field, value in message.ListFields():
+        if field.message_type is None:
+            continue
+        children = value if hasattr(value, "__iter__") else [value]
+        for child in children:
+            yield from _messages(child, wanted)

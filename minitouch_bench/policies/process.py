@@ -1,0 +1,285 @@
+"""A policy in a process of its own: the trusted side, which never imports torch."""
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.errors import (
+    InfrastructureError,
+    MissingExtraError,
+    PolicyExitError,
+    PolicyFaultError,
+    PolicyLoadError,
+    PolicyRaisedError,
+    PolicyTimeoutError,
+)
+from minitouch_bench.policies.episode_pipes import EpisodePipes
+from minitouch_bench.policies.host_connection import HostConnection, HostGoneError
+from minitouch_bench.policies.policy import (
+    Observation,
+    action_size,
+    validate_action,
+    zero_observation,
+)
+from minitouch_bench.policies.sources import PolicySource
+from minitouch_bench.policies.wire import (
+    Frame,
+    WireError,
+    pack_frame,
+    pack_observation,
+    plain_line,
+    unpack_action,
+)
+
+EXIT_GRACE_S = 0.2
+"""Time in which a process that closed its pipe must have exited, to be asked for its status."""
+
+STOP_TIMEOUT_S = 10.0
+
+
+@dataclass(frozen=True)
+class PolicyLimits:
+    """How long a policy may take, in s: to load and reset, and to give one action."""
+
+    load_timeout_s: float = 60.0
+    act_timeout_s: float = 5.0
+
+
+class PolicyProcess:
+    """Run a policy in a process that is forked afresh for every episode.
+
+    A host process imports what the format needs once. For each episode it forks a child that
+    loads the checkpoint, so nothing can be remembered from one episode to the next.
+    """
+
+    def __init__(
+        self,
+        source: PolicySource,
+        limits: PolicyLimits | None = None,
+        *,
+        deterministic: bool = True,
+        trust: bool = False,
+    ) -> None:
+        if source.kind == "scripted":
+            raise ValueError("the scripted policy reads the simulator: it runs beside it")
+        self._source = source
+        self._limits = limits or PolicyLimits()
+        self._deterministic = deterministic
+        self._trust = trust
+        self._host: HostConnection | None = None
+        self._pipes: EpisodePipes | None = None
+        self._size = 0
+
+    def __enter__(self) -> "PolicyProcess":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def reset(self, seed: int, task: str) -> None:
+        """Begin an episode in a fresh child.
+
+        Raises:
+            PolicyLoadError: the checkpoint cannot be loaded.
+            MissingExtraError: an optional package is not installed.
+            PolicyFaultError: the policy's own ``reset`` failed; see its subclasses.
+            InfrastructureError: no host process can be started.
+        """
+        part = self._source.for_task(task)
+        order = {
+            "do": "start",
+            "kind": part.kind,
+            "target": part.target,
+            "digest": part.digest,
+            "deterministic": self._deterministic,
+            "trust": self._trust,
+            "task": task,
+            "seed": seed,
+        }
+        deadline = time.monotonic() + self._limits.load_timeout_s
+        self._end_episode()
+        self._size = action_size(task)
+        self._pipes = self._start(order)
+        self._await_loaded(deadline, part.target)
+        kind, payload = self._ask(deadline, "reset did not return")
+        if kind is not Frame.READY:
+            self._fail(kind, payload)
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the policy's action, float32 of the task's size, finite, not clipped.
+
+        Raises:
+            InvalidActionError: wrong length or type, NaN or infinity.
+            PolicyTimeoutError: no answer in time; the child is killed.
+            PolicyExitError: the child ended; the text has its code and last line.
+            PolicyRaisedError: the policy's code raised; the text has type and message.
+            InfrastructureError: the host process ended.
+        """
+        if self._pipes is None:
+            raise RuntimeError("no episode has begun")
+        deadline = time.monotonic() + self._limits.act_timeout_s
+        self._pipes.send(pack_frame(Frame.ACT, pack_observation(observation)))
+        kind, payload = self._ask(deadline, "no action")
+        if kind is not Frame.ACTION:
+            self._fail(kind, payload)
+        try:
+            raw = unpack_action(payload)
+        except WireError as error:
+            self._break_off(error)
+        return validate_action(raw, self._size)
+
+    def close(self) -> None:
+        """End the child and the host."""
+        if self._pipes is not None:
+            self._pipes.close()
+            self._pipes = None
+        if self._host is not None:
+            self._host.close()
+            self._host = None
+
+    def _start(self, order: dict[str, Any]) -> EpisodePipes:
+        """Have a child forked; a host that has ended is replaced, once."""
+        for _ in range(2):
+            if self._host is None:
+                self._host = HostConnection()
+            requests, ours = os.pipe()
+            answers, theirs = os.pipe()
+            pipes = EpisodePipes(self._host, ours, answers)
+            try:
+                answer = self._host.order(order, self._limits.load_timeout_s, (requests, theirs))
+                break
+            except HostGoneError as error:
+                problem = f"{error}: {self._host.last_line()}"
+                pipes.close()
+                self.close()
+            finally:
+                os.close(requests)
+                os.close(theirs)
+        else:
+            raise InfrastructureError(f"the policy's host process cannot work ({problem})")
+        if "error" in answer:
+            pipes.close()
+            kind = MissingExtraError if answer["missing_extra"] else PolicyLoadError
+            raise kind(answer["error"])
+        return pipes
+
+    def _await_loaded(self, deadline: float, target: str) -> None:
+        try:
+            kind, payload = self._ask(deadline, "loading did not end")
+        except PolicyFaultError as fault:  # before its first answer a policy is not loaded
+            raise PolicyLoadError(f"{target} cannot be loaded: {fault}") from fault
+        if kind is Frame.LOADED:
+            return
+        self._stop(0.0)
+        text = plain_line(payload.decode(errors="replace"))
+        raise MissingExtraError(text) if kind is Frame.MISSING_EXTRA else PolicyLoadError(text)
+
+    def _ask(self, deadline: float, late: str) -> tuple[Frame, bytes]:
+        """Return the child's next frame, or end the child and raise what went wrong."""
+        assert self._pipes is not None
+        began = time.monotonic()
+        try:
+            return self._pipes.receive(deadline)
+        except TimeoutError:
+            self._stop(0.0)
+            raise PolicyTimeoutError(f"{late} within {deadline - began:.3g} s") from None
+        except EOFError:
+            raise PolicyExitError(self._describe_exit()) from None
+        except WireError as error:
+            self._break_off(error)
+
+    def _fail(self, kind: Frame, payload: bytes) -> NoReturn:
+        self._stop(0.0)
+        if kind is Frame.RAISED:
+            raise PolicyRaisedError(plain_line(payload.decode(errors="replace")))
+        raise PolicyExitError("the policy's process broke the protocol")
+
+    def _break_off(self, error: WireError) -> NoReturn:
+        self._stop(0.0)
+        raise PolicyExitError(f"the policy's process broke the protocol: {error}") from None
+
+    def _describe_exit(self) -> str:
+        """Say how a child ended that closed its pipe, and what it printed last."""
+        status, killed = self._stop(EXIT_GRACE_S)
+        if killed:
+            text = "the policy's process closed its connection"
+        elif status < 0:
+            text = f"the policy's process was killed by {_signal_name(-status)}"
+        else:
+            text = f"the policy's process exited with code {status}"
+        line = self._host.last_line() if self._host is not None else ""
+        return f"{text}: {line}" if line else text
+
+    def _stop(self, grace_s: float) -> tuple[int, bool]:
+        """End the child; return its status and whether it had to be killed.
+
+        Raises:
+            InfrastructureError: the host itself has ended.
+        """
+        assert self._host is not None
+        if self._pipes is not None:
+            self._pipes.close()
+            self._pipes = None
+        try:
+            answer = self._host.order({"do": "stop", "grace_s": grace_s}, STOP_TIMEOUT_S)
+        except HostGoneError as error:
+            self.close()
+            raise InfrastructureError(f"the policy's host process ended ({error})") from error
+        return answer["status"] or 0, answer["killed"]
+
+    def _end_episode(self) -> None:
+        """End the last episode's child; if the host is gone, so is the child."""
+        if self._host is None:
+            return
+        with contextlib.suppress(InfrastructureError):
+            self._stop(0.0)
+            self._host.forget_output()
+
+
+def probe(
+    source: PolicySource,
+    tasks: Sequence[str],
+    limits: PolicyLimits | None = None,
+    *,
+    deterministic: bool = True,
+    trust: bool = False,
+) -> None:
+    """Load every checkpoint of a source once, so that a bad one is refused before any episode.
+
+    One action is asked for as well, but a fault in it is left to the episodes.
+
+    Raises:
+        PolicyLoadError: it cannot be loaded or reset.
+        MissingExtraError: an optional package is not installed.
+    """
+    if source.kind == "scripted":
+        return
+    first_task = {source.for_task(task): task for task in reversed(tasks)}
+    with PolicyProcess(source, limits, deterministic=deterministic, trust=trust) as policy:
+        for part, task in first_task.items():
+            try:
+                policy.reset(0, task)
+            except PolicyFaultError as fault:
+                raise PolicyLoadError(f"{part.target} cannot be reset: {fault}") from fault
+            with contextlib.suppress(PolicyFaultError):
+                policy.act(zero_observation())
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"

@@ -1,0 +1,144 @@
+"""What the user named as POLICY: a built-in, a file, a factory, a server or a directory."""
+
+import hashlib
+import re
+import urllib.parse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.policies.loading import BUILT_IN, KIND_BY_SUFFIX
+from minitouch_bench.records import TASK_NAMES, PolicyIdentity
+
+DIRECTORY = "directory"
+MAX_FILE_BYTES = 2**30
+FACTORY_PATTERN = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
+
+NOTES = {"scripted": ("reads the simulator's state",), "remote": ("remote",)}
+"""Labels by kind, which every table shows."""
+
+
+@dataclass(frozen=True)
+class PolicySource:
+    """A policy as it was named, found and readable.
+
+    ``target`` is what a loader needs: the file, the factory or the URL. ``digest`` is the
+    SHA-256 of the file's bytes, "" where there is no file. A directory has ``parts``, one
+    source a task.
+    """
+
+    kind: str
+    name: str
+    target: str
+    digest: str = ""
+    parts: tuple[tuple[str, "PolicySource"], ...] = ()
+
+    def for_task(self, task: str) -> "PolicySource":
+        """Return the source that serves a task.
+
+        Raises:
+            PolicyLoadError: the directory has no file for it.
+        """
+        if self.kind != DIRECTORY:
+            return self
+        for name, part in self.parts:
+            if name == task:
+                return part
+        raise PolicyLoadError(
+            f"{self.target} has no policy for the task '{task}': "
+            f"add {task}.onnx, {task}.pt, {task}.safetensors or {task}.zip"
+        )
+
+
+def parse_source(text: str, tasks: Sequence[str] = (), *, trust: bool = False) -> PolicySource:
+    """Find out what POLICY means; a directory must have a file for each of ``tasks``.
+
+    Raises:
+        PolicyLoadError: there is no such policy, or it needs ``trust``.
+    """
+    if text in BUILT_IN:
+        return PolicySource(text, text, text)
+    if text.startswith(("http://", "https://")):
+        return _parse_url(text)
+    path = Path(text)
+    if path.is_dir():
+        source = _parse_directory(path)
+        for task in tasks:
+            source.for_task(task)
+        return source
+    if path.exists() or path.suffix in KIND_BY_SUFFIX:
+        return _parse_file(path)
+    if FACTORY_PATTERN.fullmatch(text):
+        if not trust:
+            raise PolicyLoadError(
+                f"'{text}' runs Python code of its own on this machine.\n"
+                "If you trust it, add --trust"
+            )
+        return PolicySource("factory", text, text)
+    raise PolicyLoadError(
+        f"there is no policy '{text}'.\nGive {', '.join(BUILT_IN)}, a file "
+        f"({', '.join(KIND_BY_SUFFIX)}), a directory, package.module:attribute or http://..."
+    )
+
+
+def identify(source: PolicySource) -> PolicyIdentity:
+    """Return what a run records of a policy; a directory's digest covers names and digests."""
+    kinds = [part.kind for _, part in source.parts] or [source.kind]
+    notes = [note for kind in dict.fromkeys(kinds) for note in NOTES.get(kind, ())]
+    return PolicyIdentity(source.name, source.target, source.kind, source.digest, tuple(notes))
+
+
+def read_checkpoint(path: Path) -> bytes:
+    """Return a checkpoint file's bytes.
+
+    Raises:
+        PolicyLoadError: missing, no plain file, empty, too large or not readable.
+    """
+    try:
+        if not path.is_file():
+            state = "is not a file" if path.exists() else "does not exist"
+            raise PolicyLoadError(f"the policy file {path} {state}")
+        size = path.stat().st_size
+        if not 0 < size <= MAX_FILE_BYTES:
+            state = "is empty" if size == 0 else "is larger than 1 GiB"
+            raise PolicyLoadError(f"the policy file {path} {state}")
+        return path.read_bytes()
+    except OSError as error:
+        raise PolicyLoadError(f"the policy file {path} cannot be read: {error.strerror}") from error
+
+
+def _parse_file(path: Path) -> PolicySource:
+    kind = KIND_BY_SUFFIX.get(path.suffix)
+    if kind is None:
+        raise PolicyLoadError(
+            f"{path} has no known policy format; known are {', '.join(KIND_BY_SUFFIX)}"
+        )
+    digest = hashlib.sha256(read_checkpoint(path)).hexdigest()
+    return PolicySource(kind, path.stem, str(path), digest)
+
+
+def _parse_url(text: str) -> PolicySource:
+    parts = urllib.parse.urlsplit(text)
+    if not parts.hostname or parts.username or parts.query or parts.fragment:
+        raise PolicyLoadError(f"'{text}' is no server's address; write http://HOST:PORT")
+    return PolicySource("remote", parts.netloc, text)
+
+
+def _parse_directory(path: Path) -> PolicySource:
+    parts: dict[str, PolicySource] = {}
+    sha = hashlib.sha256()
+    for file in sorted(path.iterdir()):
+        if file.stem not in TASK_NAMES or file.suffix not in KIND_BY_SUFFIX:
+            continue
+        if file.stem in parts:
+            other = Path(parts[file.stem].target).name
+            raise PolicyLoadError(f"{path} has two policies for one task: {other}, {file.name}")
+        parts[file.stem] = _parse_file(file)
+        sha.update(f"{file.name} {parts[file.stem].digest}\n".encode())
+    if not parts:
+        raise PolicyLoadError(
+            f"{path} has no policies in it; name one file a task, as in {TASK_NAMES[1]}.onnx"
+        )
+    name = path.resolve().name
+    return PolicySource(DIRECTORY, name, str(path), sha.hexdigest(), tuple(parts.items()))
