@@ -1,0 +1,17 @@
+"""Reports of runs: tables and plots as data, and one writer a format."""
+
+from minitouch_bench.reporting.json_document import from_document, to_document
+from minitouch_bench.reporting.report import Report, build_report
+from minitouch_bench.reporting.run_directory import read_run, write_report, write_run
+from minitouch_bench.reporting.terminal import show_report
+
+__all__ = [
+    "Report",
+    "build_report",
+    "from_document",
+    "read_run",
+    "show_report",
+    "to_document",
+    "write_report",
+    "write_run",
+]

@@ -1,0 +1,118 @@
+"""CSV files of a run: one row an episode, and Table 4 in long form."""
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+
+from minitouch_bench.records import EpisodeMetrics, SavedRun
+from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
+from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_figure
+from minitouch_bench.reporting.tables import TABLE4_METRICS, find_estimate
+
+EPISODE_COLUMNS = (
+    "task",
+    "index",
+    "seed",
+    "shape",
+    "outcome",
+    "success",
+    "steps",
+    "return",
+    "touch_interaction",
+    "touch_onsets",
+    "touch_steps",
+    "touch_variance",
+    "object_movement",
+    "time_to_first_touch",
+    "arm_time",
+    "clipped_actions",
+)
+TABLE4_COLUMNS = (
+    "policy",
+    "task",
+    "metric",
+    "value",
+    "low",
+    "high",
+    "count",
+    "method",
+    "source",
+)
+
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+"""First characters that make a spreadsheet run a cell."""
+
+Cell = str | int | float | bool | None
+
+
+def episodes_csv(episodes: Iterable[EpisodeMetrics]) -> str:
+    """Write one row an episode; a time that does not exist is an empty cell."""
+    return _write(EPISODE_COLUMNS, (_episode_row(episode) for episode in episodes))
+
+
+def table4_csv(runs: Sequence[SavedRun]) -> str:
+    """Write Table 4 in long form; figures that do not exist have no row."""
+    rows: list[tuple[Cell, ...]] = []
+    for task in tasks_in_order(runs):
+        for metric in TABLE4_METRICS:
+            rows += _run_rows(runs, task, metric)
+            rows += _paper_rows(task, metric)
+    return _write(TABLE4_COLUMNS, rows)
+
+
+def _episode_row(episode: EpisodeMetrics) -> tuple[Cell, ...]:
+    """Return an episode's cells in the order of EPISODE_COLUMNS."""
+    attributes = ("episode_return" if name == "return" else name for name in EPISODE_COLUMNS)
+    return tuple(getattr(episode, attribute) for attribute in attributes)
+
+
+def _run_rows(runs: Sequence[SavedRun], task: str, metric: str) -> list[tuple[Cell, ...]]:
+    """Return the runs' rows of one metric; ``source`` carries their labels."""
+    rows: list[tuple[Cell, ...]] = []
+    for name, run in zip(run_names(runs), runs, strict=True):
+        found = find_estimate(run, task, metric)
+        if found is not None:
+            labels = "; ".join(run_labels(run))
+            source = f"run ({labels})" if labels else "run"
+            interval = (found.value, found.low, found.high)
+            rows.append((name, task, metric, *interval, found.count, found.method, source))
+    return rows
+
+
+def _paper_rows(task: str, metric: str) -> list[tuple[Cell, ...]]:
+    """Return the paper's rows of one metric."""
+    rows: list[tuple[Cell, ...]] = []
+    for method in PAPER_METHODS:
+        figure = paper_figure(task, metric, method)
+        if figure is not None:
+            value = float(figure)
+            rows.append((method, task, metric, value, None, None, None, "", f"paper ({CAVEAT})"))
+    return rows
+
+
+def _write(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
+    """Write a CSV table with newlines of one form on every machine."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([_cell(cell) for cell in row] for row in rows)
+    return text.getvalue()
+
+
+def _cell(cell: Cell) -> str:
+    """Write one cell; numbers in the shortest form that reads back the same."""
+    if cell is None:
+        return ""
+    if isinstance(cell, bool):
+        return "true" if cell else "false"
+    if isinstance(cell, str):
+        # The guard looks at the raw text too: a leading tab is gone once it is printable.
+        guard = "'" if cell.startswith(FORMULA_STARTS) or _is_formula(printable(cell)) else ""
+        return guard + printable(cell)
+    return repr(cell)
+
+
+def _is_formula(text: str) -> bool:
+    """Tell whether a spreadsheet would run the text."""
+    return text.startswith(FORMULA_STARTS)

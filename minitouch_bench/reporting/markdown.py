@@ -1,0 +1,117 @@
+"""``report.md``: the tables and facts of a report in GitHub's Markdown."""
+
+import re
+from collections.abc import Sequence
+
+from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.reporting.report import Report, RunSection
+from minitouch_bench.reporting.tables import Table
+
+_SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&$])")
+_LIST_START = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")
+SHOWN_EPISODES = 12
+"""Episodes named for one fault; a policy that always fails would fill the page."""
+
+
+def to_markdown(report: Report) -> str:
+    """Write a report as Markdown."""
+    parts = [f"# {escape(report.title)}", ""]
+    for section in report.sections:
+        parts += _headline(section)
+    for table in (report.table4, report.diagnostics):
+        parts += ["", f"## {table.title}", "", *_table(table), ""]
+        parts += [f"- {escape(note)}" for note in table.notes]
+    if any(section.faults for section in report.sections):
+        parts += ["", "## Policy faults", ""]
+        for section in report.sections:
+            parts += _faults(section)
+    parts += ["", "## What was run"]
+    for section in report.sections:
+        parts += ["", *_facts(section)]
+    if report.videos:
+        parts += ["", "## Videos", ""]
+        parts += [f"- [{escape(video.caption)}](<{video.address}>)" for video in report.videos]
+    return "\n".join(parts) + "\n"
+
+
+def escape(text: str) -> str:
+    """Return the text so that Markdown shows it and does not read it as marks or HTML."""
+    escaped = _SPECIAL.sub(r"\\\1", printable(text))
+    return _LIST_START.sub(r"\1\\\2", escaped)
+
+
+def _code(text: str) -> str:
+    """Return the text as a code span that no backtick inside can close."""
+    plain = printable(text)
+    longest = max((len(run) for run in re.findall("`+", plain)), default=0)
+    fence = "`" * (longest + 1)
+    pad = " " if longest else ""
+    return f"{fence}{pad}{plain}{pad}{fence}"
+
+
+def _headline(section: RunSection) -> list[str]:
+    """Say what a run is, and its labels."""
+    header = section.run.header
+    kind = "official" if header.official else "unofficial"
+    lines = [
+        f"**{escape(section.name)}**: suite {escape(header.suite)}, {kind}, "
+        f"protocol {escape(header.protocol)} ({_code(header.protocol_digest[:12])})"
+    ]
+    lines += [f"> {escape(label)}" for label in section.labels]
+    return [lines[0], "", *(f"{line}  " for line in lines[1:]), ""]
+
+
+def _table(table: Table) -> list[str]:
+    """Write a table; a block's name stands above each of its columns' names."""
+    heads = [
+        "<br>".join(escape(part) for part in (column.group, column.label, column.unit) if part)
+        + (" (paper)" if column.is_paper else "")
+        for column in table.columns
+    ]
+    ruler = ["---"] * len(table.corner) + ["---:"] * len(table.columns)
+    lines = [_line([*map(escape, table.corner), *heads]), _line(ruler)]
+    for row in table.rows:
+        first = [escape(head) for head in row.heads]
+        lines.append(_line([*first, *(escape(str(cell)) for cell in row.cells)]))
+    return lines
+
+
+def _line(cells: Sequence[str]) -> str:
+    """Write one line of a table."""
+    return f"| {' | '.join(cells)} |"
+
+
+def _faults(section: RunSection) -> list[str]:
+    """List a run's faults, equal ones once."""
+    lines = []
+    for fault in section.faults:
+        shown = ", ".join(fault.episodes[:SHOWN_EPISODES])
+        more = len(fault.episodes) - SHOWN_EPISODES
+        rest = f" and {more} more" if more > 0 else ""
+        count = len(fault.episodes)
+        times = f"{count} {'episode' if count == 1 else 'episodes'}"
+        lines.append(
+            f"- {escape(section.name)}: {escape(fault.text)} ({times}: {escape(shown)}{rest})"
+        )
+    return lines
+
+
+def _facts(section: RunSection) -> list[str]:
+    """List what was run and on what, and the command that repeats it."""
+    header, environment = section.run.header, section.run.environment
+    packages = ", ".join(f"{name} {version}" for name, version in environment.packages.items())
+    machine = ", ".join(f"{key}: {value}" for key, value in environment.machine.items())
+    policy = header.policy
+    facts = {
+        "Policy": f"{escape(policy.name)} ({escape(policy.kind)}), {_code(policy.source)}",
+        "Policy digest": _code(policy.digest) if policy.digest else "built in",
+        "Protocol": f"{escape(header.protocol)}, {_code(header.protocol_digest)}",
+        "Suite": f"{escape(header.suite)}, seed {header.seed}, {header.episodes} episodes a task",
+        "Isolation": f"{escape(header.isolation)}, {header.act_timeout_s:g} s an action",
+        "Packages": escape(packages),
+        "Machine": escape(machine),
+        "Started": f"{escape(environment.started)}, {environment.wall_s:.0f} s, "
+        f"{environment.workers} workers",
+        "Repeat it": _code(section.command),
+    }
+    return [f"**{escape(section.name)}**", "", *(f"- {k}: {v}" for k, v in facts.items() if v)]

@@ -1,0 +1,41 @@
+"""Table 4 of the paper, for reference beside our figures.
+
+Source: "Haptics-based Curiosity for Sparse-reward Tasks", CoRL 2021, supplement, Table 4.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+CITATION = "“Haptics-based Curiosity for Sparse-reward Tasks”, CoRL 2021, supplement, Table 4"
+CAVEAT = "other episodes and object sets"
+
+PAPER_TASKS = ("pushing", "opening", "pick-up", "playing")
+"""The tasks in the order of Table 4."""
+
+PAPER_METHODS = ("HaC", "RND+touch", "RND")
+"""The columns of Table 4. Its Pick-up block prints "HaC-RND" over the second one, which the
+caption and the text describe as RND+touch."""
+
+_FIGURES: Mapping[tuple[str, str], tuple[str, str, str]] = MappingProxyType(
+    {
+        ("pushing", "exploration"): ("0.403", "0.181", "0.077"),
+        ("opening", "exploration"): ("0.669", "0.564", "0.380"),
+        ("pick-up", "exploration"): ("0.063", "0.013", "0.005"),
+        ("pushing", "success"): ("0.733", "0.710", "0.582"),
+        ("opening", "success"): ("0.983", "0.921", "0.875"),
+        ("pick-up", "success"): ("0.891", "0.593", "0.450"),
+        ("pushing", "episode_steps"): ("57.84", "55.20", "97.51"),
+        ("opening", "episode_steps"): ("23.34", "23.54", "37.92"),
+        ("pick-up", "episode_steps"): ("30.54", "52.29", "89.88"),
+        ("pushing", "touch_interaction"): ("247.79", "227.75", "206.02"),
+        ("opening", "touch_interaction"): ("600.1", "411.43", "194.22"),
+        ("pick-up", "touch_interaction"): ("980.7", "894.5", "725.1"),
+        ("playing", "touch_interaction"): ("388.15", "312.0", "124.5"),
+    }
+)
+
+
+def paper_figure(task: str, metric: str, method: str) -> str | None:
+    """Return a figure as the paper prints it, None where it gives none."""
+    figures = _FIGURES.get((task, metric))
+    return None if figures is None else figures[PAPER_METHODS.index(method)]

@@ -1,0 +1,75 @@
+"""The files of a run's directory that are derived from its records, and reading them back."""
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.records import EvaluationRun, SavedRun, Summary
+from minitouch_bench.reporting.csv_writer import episodes_csv, table4_csv
+from minitouch_bench.reporting.html import to_html
+from minitouch_bench.reporting.json_document import from_document, to_document, to_text
+from minitouch_bench.reporting.markdown import to_markdown
+from minitouch_bench.reporting.report import Report, build_report, find_videos
+
+RUN_FILE = "run.json"
+
+
+def write_run(run: EvaluationRun, summary: Summary, directory: Path) -> SavedRun:
+    """Write ``run.json``, ``episodes.csv``, ``table4.csv`` and, if there are, the exploration's.
+
+    Errors: RunDirectoryError if a file cannot be written.
+    """
+    document = to_document(run, summary)
+    saved = from_document(document, directory.name)
+    _write(directory / "episodes.csv", episodes_csv(saved.episodes))
+    if saved.exploration_episodes:
+        _write(directory / "exploration.csv", episodes_csv(saved.exploration_episodes))
+    _write(directory / "table4.csv", table4_csv([saved]))
+    # Last: a directory with a run.json has everything else.
+    _write(directory / RUN_FILE, to_text(document))
+    return saved
+
+
+def read_run(directory: Path) -> SavedRun:
+    """Read a run from its directory, or from the path of its ``run.json``.
+
+    Errors: RunDirectoryError with one line that says what is wrong.
+    """
+    file = directory if directory.name == RUN_FILE else directory / RUN_FILE
+    try:
+        document = json.loads(file.read_bytes())
+    except FileNotFoundError as error:
+        raise RunDirectoryError(f"{file.parent} is no run: it has no {RUN_FILE}") from error
+    except OSError as error:
+        raise RunDirectoryError(f"{file} cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise RunDirectoryError(f"{file} is not JSON: {error}") from error
+    try:
+        return from_document(document, file.resolve().parent.name)
+    except RunDirectoryError as error:
+        raise RunDirectoryError(f"{file.parent}: {error}") from error
+
+
+def write_report(runs: Sequence[SavedRun], directory: Path, videos: Sequence[Path] = ()) -> Report:
+    """Write ``report.md`` and ``report.html`` of one or several runs; return what they show.
+
+    Errors: UsageError for runs of different protocols; RunDirectoryError if a file cannot
+    be written.
+    """
+    report = build_report(runs, find_videos(videos, directory))
+    _write(directory / "report.md", to_markdown(report))
+    _write(directory / "report.html", to_html(report))
+    return report
+
+
+def _write(file: Path, text: str) -> None:
+    """Write a file as a whole: a reader sees the old one or the new one, never a part."""
+    partial = file.with_name(f".{file.name}.partial")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_text(text, encoding="utf-8", newline="\n")
+        os.replace(partial, file)
+    except OSError as error:
+        raise RunDirectoryError(f"{file} cannot be written: {error.strerror}") from error

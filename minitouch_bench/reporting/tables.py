@@ -1,0 +1,211 @@
+"""The tables of a report as data; each writer draws the same ones."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from minitouch_bench.metrics.definitions import METRICS, unit_of
+from minitouch_bench.records import Estimate, Outcome, SavedRun, TaskSummary
+from minitouch_bench.reporting.labels import run_labels, run_names, task_title, tasks_in_order
+from minitouch_bench.reporting.paper import (
+    CAVEAT,
+    CITATION,
+    PAPER_METHODS,
+    paper_figure,
+)
+
+ABSENT = "—"
+"""Written where a figure does not exist; 0 would be a claim."""
+
+TABLE4_METRICS = ("exploration", "success", "episode_steps", "touch_interaction")
+DIAGNOSTIC_METRICS = (
+    "touched",
+    "touch_onsets",
+    "time_to_first_touch",
+    "arm_time",
+    "object_movement",
+    "clipped_actions",
+)
+
+OUTCOME_TITLES = {
+    Outcome.SUCCESS: "success",
+    Outcome.LEFT_WORKSPACE: "left workspace",
+    Outcome.STEP_LIMIT: "step limit",
+    Outcome.POLICY_FAULT: "policy fault",
+}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A figure and its interval as text; ``title`` says how both were made."""
+
+    text: str
+    interval: str = ""
+    title: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.text} {self.interval}".rstrip()
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: ``group`` names the block it belongs to, "" for none.
+
+    ``is_text`` marks a column of words, which may be broken into lines.
+    """
+
+    label: str
+    group: str = ""
+    unit: str = ""
+    is_paper: bool = False
+    is_text: bool = False
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row; ``heads`` are the cells that name it, ``unit`` what its figures count."""
+
+    heads: tuple[str, ...]
+    cells: tuple[Cell, ...]
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table ready to draw: ``corner`` names the row heads, ``notes`` stand below it."""
+
+    title: str
+    corner: tuple[str, ...]
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def groups(self) -> tuple[tuple[str, int], ...]:
+        """The blocks of columns in order, each with its number of columns."""
+        spans: dict[str, int] = {}
+        for column in self.columns:
+            spans[column.group] = spans.get(column.group, 0) + 1
+        return tuple(spans.items())
+
+
+def format_figure(metric: str, value: float) -> str:
+    """Write a value of a metric with the digits it deserves."""
+    return format(value, METRICS[metric].number_format)
+
+
+def estimate_cell(metric: str, estimate: Estimate | None) -> Cell:
+    """Write an estimate with its interval, or the dash where there is none."""
+    if estimate is None:
+        return Cell(ABSENT)
+    low, high = format_figure(metric, estimate.low), format_figure(metric, estimate.high)
+    return Cell(
+        text=format_figure(metric, estimate.value),
+        interval=f"[{low}, {high}]",
+        title=f"{estimate.count} episodes, 95 % interval: {estimate.method}",
+    )
+
+
+def task_summary(run: SavedRun, task: str) -> TaskSummary | None:
+    """Return a run's summary of a task, None if the run has no such task."""
+    return next((summary for summary in run.summary.tasks if summary.task == task), None)
+
+
+def find_estimate(run: SavedRun, task: str, metric: str) -> Estimate | None:
+    """Return a run's estimate, None where it has none."""
+    summary = task_summary(run, task)
+    return None if summary is None else summary.estimates.get(metric)
+
+
+def table4(runs: Sequence[SavedRun]) -> Table:
+    """Lay the runs out as Table 4: metrics down, tasks across, a column a policy."""
+    names = marked_names(runs)
+    columns: list[Column] = []
+    cells: dict[str, list[Cell]] = {metric: [] for metric in TABLE4_METRICS}
+    for task in tasks_in_order(runs):
+        group = task_title(task)
+        columns += [Column(name, group) for name in names]
+        columns += [Column(method, group, is_paper=True) for method in PAPER_METHODS]
+        for metric, row in cells.items():
+            row += [estimate_cell(metric, find_estimate(run, task, metric)) for run in runs]
+            row += [Cell(paper_figure(task, metric, method) or ABSENT) for method in PAPER_METHODS]
+    rows = tuple(
+        Row(
+            heads=(f"{METRICS[metric].label} {METRICS[metric].direction}",),
+            cells=tuple(row),
+            unit=METRICS[metric].unit,
+        )
+        for metric, row in cells.items()
+    )
+    notes = (
+        *label_notes(runs),
+        "Brackets: 95 % interval, Wilson for shares, bootstrap over episodes for means; "
+        "episode variance only (one training seed).",
+        f"{', '.join(PAPER_METHODS)}: the paper's own figures, {CAVEAT} ({CITATION}).",
+    )
+    return Table("Table 4", ("Metric",), tuple(columns), rows, notes)
+
+
+def diagnostics(runs: Sequence[SavedRun]) -> Table:
+    """Lay out what explains the figures of Table 4: contact, time, and how episodes ended."""
+    names = marked_names(runs)
+    columns = tuple(
+        Column(
+            METRICS[metric].label, unit="" if metric == "object_movement" else METRICS[metric].unit
+        )
+        for metric in DIAGNOSTIC_METRICS
+    )
+    rows = []
+    for task in tasks_in_order(runs):
+        for name, run in zip(names, runs, strict=True):
+            summary = task_summary(run, task)
+            if summary is not None and summary.estimates:
+                rows.append(Row((task_title(task), name), _diagnostic_cells(summary)))
+    return Table(
+        title="Diagnostics",
+        corner=("Task", "Policy"),
+        columns=(
+            *columns,
+            Column("Outcomes", unit="episodes", is_text=True),
+            Column("Policy faults"),
+        ),
+        rows=tuple(rows),
+        notes=(
+            *label_notes(runs),
+            "First touch: mean over the episodes that touched. Object movement: variance over "
+            "the episode of the object's position, or of the door's angle.",
+        ),
+    )
+
+
+def _diagnostic_cells(summary: TaskSummary) -> tuple[Cell, ...]:
+    """Write one row of the diagnostics."""
+    cells = []
+    for metric in DIAGNOSTIC_METRICS:
+        cell = estimate_cell(metric, summary.estimates.get(metric))
+        if metric == "object_movement" and cell.text != ABSENT:
+            cell = Cell(f"{cell.text} {unit_of(metric, summary.task)}", cell.interval, cell.title)
+        cells.append(cell)
+    ended = ", ".join(
+        f"{title} {summary.outcomes[outcome]}"
+        for outcome, title in OUTCOME_TITLES.items()
+        if summary.outcomes.get(outcome)
+    )
+    faults = str(summary.outcomes.get(Outcome.POLICY_FAULT, 0))
+    return (*cells, Cell(ended or ABSENT), Cell(faults))
+
+
+def marked_names(runs: Sequence[SavedRun]) -> tuple[str, ...]:
+    """Return the runs' names, with a * where a note below the table belongs to the run."""
+    names = run_names(runs)
+    return tuple(
+        f"{name}\u00a0*" if run_labels(run) else name for name, run in zip(names, runs, strict=True)
+    )
+
+
+def label_notes(runs: Sequence[SavedRun]) -> tuple[str, ...]:
+    """Return one note for each run that has labels."""
+    return tuple(
+        f"* {name}: {'; '.join(labels)}."
+        for name, labels in zip(run_names(runs), map(run_labels, runs), strict=True)
+        if labels
+    )

@@ -1,0 +1,76 @@
+"""The tables of a report on a terminal."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from rich.console import Console, Group, JustifyMethod, RenderableType
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from minitouch_bench.reporting.report import Report
+from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table
+
+
+def show_report(report: Report, console: Console) -> None:
+    """Print Table 4 and the diagnostics; the blocks of Table 4 stand below each other."""
+    console.print(render_report(report))
+
+
+def render_report(report: Report) -> RenderableType:
+    """Return the report's tables as something Rich prints."""
+    parts: list[RenderableType] = []
+    for group, _ in report.table4.groups:
+        parts.append(_draw(_block(report.table4, group)))
+    parts += [Text(note, style="dim") for note in report.table4.notes]
+    parts.append(Text())
+    parts += [_draw(table) for table in _by_policy(report.diagnostics)]
+    parts += [Text(note, style="dim") for note in report.diagnostics.notes]
+    return Group(*parts)
+
+
+def _block(table: Table, group: str) -> Table:
+    """Return one block of columns as a table, without the rows that have no figure in it."""
+    places = [place for place, column in enumerate(table.columns) if column.group == group]
+    rows = [replace(row, cells=tuple(row.cells[place] for place in places)) for row in table.rows]
+    return replace(
+        table,
+        title=group,
+        columns=tuple(table.columns[place] for place in places),
+        rows=tuple(row for row in rows if any(cell.text != ABSENT for cell in row.cells)),
+    )
+
+
+def _by_policy(table: Table) -> Iterator[Table]:
+    """Turn the diagnostics on their side, one table a policy: figures down, tasks across."""
+    for policy in dict.fromkeys(row.heads[-1] for row in table.rows):
+        rows = [row for row in table.rows if row.heads[-1] == policy]
+        yield Table(
+            title=f"{table.title}: {policy}",
+            corner=("",),
+            columns=tuple(Column(row.heads[0], is_text=True) for row in rows),
+            rows=tuple(
+                Row((_head(column),), tuple(Cell(row.cells[place].text) for row in rows))
+                for place, column in enumerate(table.columns)
+            ),
+            notes=(),
+        )
+
+
+def _head(column: Column) -> str:
+    """Name a figure with its unit."""
+    return f"{column.label} ({column.unit})" if column.unit else column.label
+
+
+def _draw(table: Table) -> RichTable:
+    """Draw a table; text is never read as markup."""
+    drawn = RichTable(title=Text(table.title, style="bold"), title_justify="left", box=None)
+    for head in table.corner:
+        drawn.add_column(Text(head), no_wrap=True)
+    for column in table.columns:
+        style = "dim" if column.is_paper else ""
+        head = f"{column.label} (paper)" if column.is_paper else column.label
+        justify: JustifyMethod = "left" if column.is_text else "right"
+        drawn.add_column(Text(head), justify=justify, style=style, no_wrap=not column.is_text)
+    for row in table.rows:
+        drawn.add_row(*map(Text, row.heads), *(Text(str(cell)) for cell in row.cells))
+    return drawn

@@ -1,0 +1,124 @@
+"""Plausible runs without a simulator: records that look like those of an evaluation."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.records import (
+    EpisodeRecord,
+    EpisodeSpec,
+    EpisodeTrace,
+    EvaluationRun,
+    Outcome,
+    PolicyIdentity,
+    Role,
+    RunEnvironment,
+    RunHeader,
+    SavedRun,
+)
+from minitouch_bench.reporting.json_document import from_document, to_document
+
+ALL_TASKS = ("playing", "pushing", "opening", "pick-up")
+LIMIT = 200
+
+
+def make_trace(rng: np.random.Generator, steps: int, task: str, contact: float) -> EpisodeTrace:
+    ticks = rng.integers(8, 40, steps).astype(np.int16)
+    reach = int(rng.integers(4, 30))
+    touching = (np.arange(steps) > reach) & (rng.random(steps) < contact)
+    contact_ticks = np.where(touching, (ticks * rng.uniform(0.2, 0.9, steps)), 0).astype(np.int16)
+    began = np.diff(np.concatenate([[False], contact_ticks > 0]).astype(int)) > 0
+    axes = 1 if task == "opening" else 3
+    touched = np.flatnonzero(contact_ticks)
+    return EpisodeTrace(
+        actions=rng.uniform(-1, 1, (steps, 5 if task == "opening" else 4)).astype(np.float32),
+        clipped=rng.random(steps) < 0.03,
+        rewards=np.zeros(steps, np.float32),
+        ticks=ticks,
+        contact_ticks=contact_ticks,
+        onsets=began.astype(np.int16),
+        touch=rng.normal(0, 3, (steps + 1, 11)).astype(np.float32),
+        object_state=np.cumsum(rng.normal(0, 2e-3, (steps + 1, axes)), axis=0),
+        first_touch_tick=int(ticks[: touched[0]].sum()) if touched.size else -1,
+    )
+
+
+def make_record(rng: np.random.Generator, spec: EpisodeSpec, skill: float) -> EpisodeRecord:
+    draw = rng.random()
+    if spec.task == "playing":
+        outcome, steps = Outcome.STEP_LIMIT, LIMIT
+    elif draw < skill:
+        outcome, steps = Outcome.SUCCESS, int(np.clip(rng.gamma(5, 9), 6, LIMIT))
+    elif draw < skill + 0.6 * (1 - skill) and spec.task != "opening":
+        outcome, steps = Outcome.LEFT_WORKSPACE, int(np.clip(rng.gamma(4, 20), 5, LIMIT))
+    else:
+        outcome, steps = Outcome.STEP_LIMIT, LIMIT
+    trace = make_trace(rng, steps, spec.task, contact=0.25 + 0.6 * skill)
+    if outcome is Outcome.SUCCESS:
+        trace.rewards[-1] = 25
+    return EpisodeRecord(spec, outcome, trace)
+
+
+def with_fault(record: EpisodeRecord, text: str, steps: int = 0) -> EpisodeRecord:
+    rng = np.random.default_rng(record.spec.index)
+    trace = make_trace(rng, steps, record.spec.task, contact=0.0)
+    return EpisodeRecord(record.spec, Outcome.POLICY_FAULT, trace, text)
+
+
+def make_run(  # noqa: PLR0917 - a fixture with defaults reads best as one call
+    name: str = "hac-seed1",
+    tasks: Sequence[str] = ALL_TASKS,
+    episodes: int = 20,
+    skill: float = 0.8,
+    seed: int = 0,
+    exploration: bool = True,
+    faults: int = 0,
+    notes: tuple[str, ...] = (),
+    official: bool = True,
+    digest: str = "5f1c9ad27e",
+) -> EvaluationRun:
+    rng = np.random.default_rng([seed, len(name)])
+    records = []
+    for task in tasks:
+        for index in range(episodes):
+            spec = EpisodeSpec(Role.FINAL, task, index, 1000 + index, "mug-017" * (index % 2))
+            record = make_record(rng, spec, skill)
+            if index < faults and task == "pushing":
+                record = with_fault(record, "act() gave NaN in element 2 of 4", steps=index)
+            records.append(record)
+    if exploration:
+        for task in (task for task in tasks if task != "playing"):
+            for index in range(episodes):
+                spec = EpisodeSpec(Role.EXPLORATION, task, index, 5000 + index)
+                records.append(make_record(rng, spec, skill / 2))
+    policy = PolicyIdentity(name, f"checkpoints/{name}.safetensors", "native", "ab" * 32, notes)
+    header = RunHeader(
+        protocol="minitouch-v1",
+        protocol_digest=digest * 6,
+        suite="table4",
+        official=official,
+        unofficial_because=() if official else (f"{episodes} of 100 episodes",),
+        tasks=tuple(tasks),
+        episodes=episodes,
+        seed=0,
+        policy=policy,
+        exploration=PolicyIdentity(f"{name}-exploration", "e.safetensors", "native", "cd" * 32)
+        if exploration
+        else None,
+        act_timeout_s=5.0,
+        isolation="sandbox",
+    )
+    environment = RunEnvironment(
+        packages={"minitouch-bench": "0.1.0", "pybullet": "3.2.7", "numpy": "2.4.6"},
+        machine={"system": "Linux 6.8", "processor": "x86_64, 8 cores", "python": "3.11.9"},
+        workers=8,
+        started="2025-03-04T10:20:30Z",
+        wall_s=754.2,
+    )
+    return EvaluationRun(header, environment, tuple(records))
+
+
+def save(run: EvaluationRun, name: str = "a-run", seed: int = 1) -> SavedRun:
+    summary = summarize(run, np.random.default_rng(seed))
+    return from_document(to_document(run, summary), name)
