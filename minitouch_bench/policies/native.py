@@ -58,7 +58,8 @@ def save_native(actor: TouchActor, path: Path) -> None:
     """Write an actor as a native checkpoint."""
     form = {"architecture": actor.architecture, "action_size": actor.action_size}
     tensors = {name: value.contiguous() for name, value in actor.state_dict().items()}
-    safetensors.torch.save_file(tensors, path, metadata={METADATA_KEY: json.dumps(form)})
+    # save_file would make it readable to its owner only
+    path.write_bytes(safetensors.torch.save(tensors, {METADATA_KEY: json.dumps(form)}))
 
 
 def load_native(checkpoint: Checkpoint) -> NativePolicy:
@@ -72,7 +73,8 @@ def load_native(checkpoint: Checkpoint) -> NativePolicy:
         tensors = safetensors.torch.load(checkpoint.content)
     except (safetensors.SafetensorError, ValueError) as error:
         raise PolicyLoadError(f"{checkpoint.target} is damaged: {error}") from error
-    actor = ARCHITECTURES[architecture](action_size)
+    with torch.device("meta"):  # shapes only: random weights would be drawn for nothing
+        actor = ARCHITECTURES[architecture](action_size)
     wanted = {name: tuple(value.shape) for name, value in actor.state_dict().items()}
     found = {name: tuple(value.shape) for name, value in tensors.items()}
     if wanted != found:
@@ -80,7 +82,7 @@ def load_native(checkpoint: Checkpoint) -> NativePolicy:
         raise PolicyLoadError(
             f"{checkpoint.target} does not hold the weights of '{architecture}': see '{wrong}'"
         )
-    actor.load_state_dict(tensors)
+    actor.load_state_dict({name: value.float() for name, value in tensors.items()}, assign=True)
     return NativePolicy(actor, checkpoint.deterministic)
 
 

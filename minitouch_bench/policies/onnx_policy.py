@@ -94,6 +94,6 @@ def _messages(message: Any, wanted: type) -> Iterator[Any]:
     for field, value in message.ListFields():
         if field.message_type is None:
             continue
-        children = value if hasattr(value, "__iter__") else [value]
+        children = [value] if hasattr(value, "ListFields") else value
         for child in children:
             yield from _messages(child, wanted)
