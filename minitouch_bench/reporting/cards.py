@@ -78,7 +78,7 @@ def _card(task: str, sections: Sequence[RunSection], pictures: Path) -> Card:
             name=section.name,
             cell=estimate_cell(metric, estimate),
             gauge=_gauge(estimate, paper, end),
-            beside=_beside(task, section, BESIDE_SUCCESS if end == 1 else BESIDE_TOUCH),
+            beside=_beside(task, section, BESIDE_SUCCESS if metric == "success" else BESIDE_TOUCH),
         )
         for section, estimate in zip(sections, estimates, strict=True)
     ]

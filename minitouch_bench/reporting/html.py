@@ -69,7 +69,7 @@ def _figures(report: Report) -> tuple[Figure, ...]:
         ),
         Figure(
             "How long episodes last",
-            "Episodes by number of control steps and by how they ended.",
+            "Share of a run's episodes by number of control steps, and by how they ended.",
             "outcomes",
             _draw(goals, lambda task: plots.steps_plot(task, sections)),
         ),

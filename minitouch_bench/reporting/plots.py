@@ -7,6 +7,7 @@ serves light and dark pages. Text stays text: it takes the page's font and can b
 import html
 import io
 import re
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -44,6 +45,7 @@ STYLE: dict[Any, Any] = {
     "figure.facecolor": "none",
     "axes.facecolor": "none",
     "text.color": INK,
+    "text.parse_math": False,
     "axes.edgecolor": MUTED,
     "axes.labelcolor": MUTED,
     "axes.labelsize": 10.5,
@@ -98,7 +100,7 @@ def estimate_plot(task: str, metric: str, sections: Sequence[RunSection]) -> str
 
 
 def steps_plot(task: str, sections: Sequence[RunSection]) -> str:
-    """Draw how many episodes took how many control steps, split by how they ended."""
+    """Draw what share of the episodes took how many control steps, split by how they ended."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, 0.9 + 1.3 * len(sections)), layout="constrained")
         grid = figure.subplots(len(sections), 1, sharex=True, sharey=True, squeeze=False)
@@ -107,7 +109,7 @@ def steps_plot(task: str, sections: Sequence[RunSection]) -> str:
             if len(sections) > 1:
                 axes.set_title(_short(section.name), loc="left", fontsize=10.5, color=INK)
         grid[-1, 0].set_xlabel("Episode steps (control steps)")
-        figure.supylabel("Episodes (number)", fontsize=10.5, color=MUTED)
+        figure.supylabel("Episodes (%)", fontsize=10.5, color=MUTED)
         return _svg(figure, f"{task_title(task)}: distribution of episode steps by outcome")
 
 
@@ -142,10 +144,10 @@ def _histogram(axes: Axes, episodes: Sequence[EpisodeMetrics]) -> None:
     longest = max([STEP_LIMIT, *(episode.steps for episode in episodes)])
     # One bar more than the limit: an episode of 200 steps gets its own, not that of 190-199.
     edges = np.arange(0, longest + 2 * BIN, BIN)
-    bottom = np.zeros(len(edges) - 1)
+    bottom, weight = np.zeros(len(edges) - 1), 100 / max(1, len(episodes))
     for outcome in Outcome:
         steps = [episode.steps for episode in episodes if episode.outcome is outcome]
-        counts = np.histogram(steps, edges)[0]
+        counts = np.histogram(steps, edges)[0] * weight
         if counts.any():
             colour = OUTCOMES[outcome]
             axes.bar(edges[:-1], counts, BIN * 0.88, bottom, align="edge", color=colour)
@@ -162,19 +164,21 @@ def _touch_curve(axes: Axes, summary: TaskSummary, colour: str) -> None:
     axes.plot(steps, curve, color=colour, lw=1.1, alpha=0.35)
     reached = np.asarray(summary.touch_curve_episodes)
     if reached.size == curve.size:
-        axes.plot(steps, np.where(reached >= FEW * reached[0], curve, np.nan), color=colour, lw=2)
+        axes.plot(steps, np.where(reached >= FEW * reached[0], curve, np.nan), color=colour, lw=1.6)
 
 
 def _short(name: str) -> str:
-    """Return a name that fits beside a plot; a $ would start a formula."""
-    cut = name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
-    return cut.replace("$", r"\$")
+    """Return a name that fits beside a plot."""
+    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
 
 
 def _svg(figure: Figure, description: str) -> str:
     """Write a figure as an SVG element that scales and takes the page's colours and font."""
     text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    with warnings.catch_warnings():
+        # A name may hold any character; the page's font draws it, not matplotlib's.
+        warnings.filterwarnings("ignore", message="Glyph .* missing")
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     drawing = text.getvalue()
     drawing = drawing[drawing.index("<svg") :]
     # A style element inside the drawing would reach the whole page.

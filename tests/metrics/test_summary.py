@@ -1,0 +1,128 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minitouch_bench.metrics.definitions import METRICS, unit_of
+from minitouch_bench.metrics.summary import measure_run, summarize
+from minitouch_bench.records import Role
+from tests.reporting.synthetic import make_run, with_fault
+
+
+def rng(seed: int = 3) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def by_task(run, seed: int = 3):
+    return {task.task: task for task in summarize(run, rng(seed)).tasks}
+
+
+def test_tasks_keep_the_order_of_the_run():
+    run = make_run(tasks=("opening", "playing"), episodes=3)
+    assert [task.task for task in summarize(run, rng()).tasks] == ["opening", "playing"]
+
+
+def test_same_seed_same_numbers():
+    run = make_run(episodes=6)
+    assert summarize(run, rng()) == summarize(run, rng())
+    assert summarize(run, rng()) != summarize(run, rng(4))
+
+
+def test_other_tasks_do_not_change_an_estimate():
+    run = make_run(episodes=8)
+    header = replace(run.header, tasks=("opening",))
+    alone = replace(
+        run, header=header, records=tuple(r for r in run.records if r.spec.task == "opening")
+    )
+    assert by_task(alone)["opening"] == by_task(run)["opening"]
+
+
+def test_metrics_draw_from_streams_of_their_own():
+    run = make_run(tasks=("pushing", "pick-up"), episodes=8)
+    twin = tuple(
+        replace(r, spec=replace(r.spec, task="pick-up"))
+        for r in run.records
+        if r.spec.task == "pushing"
+    )
+    pushing = tuple(r for r in run.records if r.spec.task == "pushing")
+    tasks = by_task(replace(run, records=pushing + twin))
+    first = tasks["pushing"].estimates["arm_time"]
+    second = tasks["pick-up"].estimates["arm_time"]
+    assert first.value == second.value
+    assert first.low != second.low
+
+
+def test_playing_has_touch_metrics_only():
+    playing = by_task(make_run(episodes=4))["playing"]
+    assert not {"success", "exploration", "episode_steps", "steps_to_success"} & set(
+        playing.estimates
+    )
+    assert {"touch_interaction", "touched", "object_movement"} <= set(playing.estimates)
+
+
+def test_a_goal_task_has_every_metric():
+    pushing = by_task(make_run(episodes=20, skill=0.7))["pushing"]
+    assert set(pushing.estimates) == set(METRICS)
+    assert pushing.estimates["success"].method == "wilson"
+    assert pushing.estimates["touched"].method == "wilson"
+    assert pushing.estimates["episode_steps"].method == "bootstrap"
+    assert sum(pushing.outcomes.values()) == 20
+
+
+def test_exploration_needs_its_checkpoint():
+    assert (
+        "exploration" not in by_task(make_run(episodes=4, exploration=False))["pushing"].estimates
+    )
+
+
+def test_exploration_counts_its_own_episodes_only():
+    run = make_run(episodes=10, skill=1.0)
+    pushing = by_task(run)["pushing"]
+    wins = sum(e.success for e in measure_run(run, Role.EXPLORATION) if e.task == "pushing")
+    assert pushing.estimates["exploration"].value == wins / 10
+    assert pushing.estimates["success"].value == 1.0
+    assert sum(pushing.outcomes.values()) == 10
+
+
+def test_steps_to_success_is_absent_without_success():
+    pushing = by_task(make_run(episodes=5, skill=0.0))["pushing"]
+    assert "steps_to_success" not in pushing.estimates
+    assert pushing.estimates["success"].value == 0
+    assert pushing.estimates["success"].high > 0
+
+
+def test_first_touch_is_absent_without_touch():
+    run = make_run(tasks=("pushing",), episodes=4, exploration=False)
+    faulty = replace(run, records=tuple(with_fault(r, "no", steps=5) for r in run.records))
+    pushing = by_task(faulty)["pushing"]
+    assert "time_to_first_touch" not in pushing.estimates
+    assert pushing.estimates["touched"].value == 0
+
+
+def test_faults_stay_in_the_denominator():
+    run = make_run(tasks=("pushing",), episodes=10, skill=1.0, faults=4)
+    pushing = by_task(run)["pushing"]
+    assert pushing.estimates["success"].value == 0.6
+    assert pushing.outcomes["policy_fault"] == 4
+
+
+def test_touch_curve_is_a_mean_over_those_that_got_there():
+    run = make_run(tasks=("pushing",), episodes=6, exploration=False)
+    pushing = by_task(run)["pushing"]
+    traces = [record.trace.contact_ticks for record in run.records]
+    step = min(map(len, traces))
+    reached = [trace[step] for trace in traces if len(trace) > step]
+    assert pushing.touch_curve[step] == pytest.approx(np.mean(reached))
+    assert pushing.touch_curve_episodes[step] == len(reached)
+    assert len(pushing.touch_curve) == len(pushing.touch_curve_episodes) == max(map(len, traces))
+
+
+def test_a_task_without_episodes_has_no_estimates():
+    run = replace(make_run(tasks=("pushing",), episodes=2), records=())
+    pushing = by_task(run)["pushing"]
+    assert (dict(pushing.estimates), pushing.touch_curve) == ({}, ())
+
+
+def test_a_door_moves_in_radians():
+    assert unit_of("object_movement", "opening") == "rad²"
+    assert unit_of("object_movement", "pushing") == "m²"
