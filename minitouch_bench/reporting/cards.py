@@ -112,5 +112,9 @@ def _percent(value: float, end: float) -> float:
 
 def _beside(task: str, section: RunSection, metrics: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Return label and figure of the metrics beside the verdict."""
-    cells = [(m, estimate_cell(m, find_estimate(section.run, task, m))) for m in metrics]
-    return tuple((METRICS[metric].label, cell.text) for metric, cell in cells)
+    figures = []
+    for metric in metrics:
+        estimate = find_estimate(section.run, task, metric)
+        unit = " s" if estimate and METRICS[metric].unit == "s" else ""
+        figures.append((METRICS[metric].label, estimate_cell(metric, estimate).text + unit))
+    return tuple(figures)

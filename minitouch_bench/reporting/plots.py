@@ -193,4 +193,4 @@ def _svg(figure: Figure, description: str) -> str:
     for sentinel, css in _CSS.items():
         drawing = drawing.replace(sentinel, css)
     label = f'role="img" aria-label="{html.escape(description)}"'
-    return re.sub(r'^<svg width="[^"]+" height="[^"]+"', f"<svg {label}", drawing).strip()
+    return re.sub(r' width="[^"]+" height="[^"]+"', f" {label}", drawing, count=1).strip()

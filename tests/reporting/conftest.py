@@ -1,0 +1,32 @@
+import pytest
+
+from minitouch_bench.records import SavedRun
+from tests.reporting.synthetic import make_run, save
+
+
+@pytest.fixture(scope="session")
+def hac() -> SavedRun:
+    return save(make_run("hac-seed1", episodes=20, faults=2), "hac-seed1")
+
+
+@pytest.fixture(scope="session")
+def scripted() -> SavedRun:
+    run = make_run(
+        "scripted",
+        tasks=("playing", "pushing"),
+        episodes=5,
+        skill=1.0,
+        exploration=False,
+        notes=("reads the simulator's state",),
+        official=False,
+    )
+    return save(run, "scripted-smoke")
+
+
+HOSTILE = "=cmd|' /C calc'!A0 <script>alert(1)</script> $x$ `a` [b](c) \x1b[31m\u202e&"
+
+
+@pytest.fixture(scope="session")
+def hostile() -> SavedRun:
+    run = make_run(HOSTILE, tasks=("pushing",), episodes=4, faults=1, notes=(HOSTILE,))
+    return save(run, HOSTILE)

@@ -1,0 +1,70 @@
+import csv
+import io
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from minitouch_bench.reporting.csv_writer import EPISODE_COLUMNS, episodes_csv, table4_csv
+
+
+def test_episodes_have_exactly_the_published_columns(hac):
+    text = episodes_csv(hac.episodes)
+    assert text.splitlines()[0] == (
+        "task,index,seed,shape,outcome,success,steps,return,touch_interaction,touch_onsets,"
+        "touch_steps,touch_variance,object_movement,time_to_first_touch,arm_time,clipped_actions"
+    )
+    assert len(text.splitlines()) == 1 + len(hac.episodes)
+    assert "\r" not in text
+
+
+def test_episodes_read_back_the_same(hac):
+    frame = pd.read_csv(io.StringIO(episodes_csv(hac.episodes)))
+    assert tuple(frame.columns) == EPISODE_COLUMNS
+    assert frame["success"].dtype == bool
+    assert frame["object_movement"].tolist() == [e.object_movement for e in hac.episodes]
+    untouched = [e.time_to_first_touch is None for e in hac.episodes]
+    assert frame["time_to_first_touch"].isna().tolist() == untouched
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\t=1", "\r=1", "\u202e=1"])
+def test_no_text_is_run_as_a_formula(hac, text):
+    episode = replace(hac.episodes[0], shape=text)
+    cells = next(csv.DictReader(io.StringIO(episodes_csv([episode]))))
+    assert cells["shape"].startswith("'")
+
+
+def test_a_negative_number_stays_a_number(hac):
+    episode = replace(hac.episodes[0], episode_return=-3.5)
+    assert next(csv.DictReader(io.StringIO(episodes_csv([episode]))))["return"] == "-3.5"
+
+
+def test_table4_is_long_and_labelled(hac, scripted):
+    rows = list(csv.DictReader(io.StringIO(table4_csv([hac, scripted]))))
+    assert list(rows[0]) == [
+        "policy",
+        "task",
+        "metric",
+        "value",
+        "low",
+        "high",
+        "count",
+        "method",
+        "source",
+    ]
+    own = [r for r in rows if r["policy"] == "scripted" and r["metric"] == "success"]
+    assert [(r["task"], r["value"], r["count"], r["method"]) for r in own] == [
+        ("pushing", "1.0", "5", "wilson")
+    ]
+    assert own[0]["source"] == ("run (reads the simulator's state; unofficial: 5 of 100 episodes)")
+    paper = [r for r in rows if r["policy"] == "HaC" and r["task"] == "playing"]
+    assert [(r["metric"], r["value"], r["low"]) for r in paper] == [
+        ("touch_interaction", "388.15", "")
+    ]
+    assert paper[0]["source"].startswith("paper")
+
+
+def test_a_hostile_name_is_harmless(hostile):
+    rows = list(csv.DictReader(io.StringIO(table4_csv([hostile]))))
+    assert rows[0]["policy"].startswith("'=")
+    assert "\x1b" not in rows[0]["policy"]

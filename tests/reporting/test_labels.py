@@ -1,0 +1,35 @@
+import shlex
+from dataclasses import replace
+
+from minitouch_bench.reporting.labels import reproduce_command, run_labels, run_names
+
+
+def test_runs_of_one_policy_are_told_apart(hac):
+    again = replace(hac, name="second")
+    assert run_names([hac, again]) == ("hac-seed1 (hac-seed1)", "hac-seed1 (second)")
+    assert run_names([hac]) == ("hac-seed1",)
+
+
+def test_labels_of_the_exploration_policy_are_said_too(hac):
+    remote = replace(hac.header.exploration, notes=("remote",))
+    labels = run_labels(replace(hac, header=replace(hac.header, exploration=remote)))
+    assert "exploration policy: remote" in labels
+
+
+def test_an_official_run_is_repeated_by_its_suite_alone(hac):
+    assert reproduce_command(hac.header) == (
+        "minitouch-bench evaluate checkpoints/hac-seed1.safetensors --suite table4 "
+        "--exploration e.safetensors"
+    )
+
+
+def test_an_unofficial_run_names_what_differs(scripted):
+    command = reproduce_command(scripted.header)
+    assert command.endswith("--tasks playing,pushing --episodes 5 --seed 0")
+
+
+def test_a_source_cannot_add_a_command(hac):
+    policy = replace(hac.header.policy, source="x.pt; rm -r y\nls", kind="factory")
+    words = shlex.split(reproduce_command(replace(hac.header, policy=policy)))
+    assert words[2] == "x.pt; rm -r y ls"
+    assert words[-1] == "--trust"

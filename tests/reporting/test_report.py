@@ -1,0 +1,33 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.reporting.report import build_report, find_videos
+
+
+def test_runs_of_different_protocols_never_share_a_table(hac, scripted):
+    other = replace(scripted, header=replace(scripted.header, protocol_digest="f" * 64))
+    with pytest.raises(UsageError) as raised:
+        build_report([hac, other])
+    assert "'hac-seed1'" in str(raised.value)
+    assert "'scripted-smoke'" in str(raised.value)
+
+
+def test_a_report_needs_a_run():
+    with pytest.raises(UsageError, match="at least one run"):
+        build_report([])
+
+
+def test_equal_faults_are_told_once(hac):
+    faults = build_report([hac]).sections[0].faults
+    assert len(faults) == 1
+    assert faults[0].episodes == ("pushing/0", "pushing/1")
+
+
+def test_videos_are_addressed_relative_to_the_report(tmp_path: Path):
+    files = [tmp_path / "videos" / "pushing_3 a#b.mp4"]
+    video = find_videos(files, tmp_path)[0]
+    assert video.caption == "pushing 3 a#b"
+    assert video.address == "videos/pushing_3%20a%23b.mp4"

@@ -1,0 +1,83 @@
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.reporting.run_directory import read_run, write_report, write_run
+from tests.reporting.synthetic import make_run
+
+
+def write(directory, run):
+    return write_run(run, summarize(run, np.random.default_rng(0)), directory)
+
+
+def test_a_run_reads_back_as_it_was_written(tmp_path):
+    saved = write(tmp_path / "a", make_run(episodes=4, faults=1))
+    assert read_run(tmp_path / "a") == saved
+    assert read_run(tmp_path / "a" / "run.json") == saved
+    assert sorted(file.name for file in (tmp_path / "a").iterdir()) == [
+        "episodes.csv",
+        "exploration.csv",
+        "run.json",
+        "table4.csv",
+    ]
+
+
+def test_without_exploration_there_is_no_exploration_file(tmp_path):
+    write(tmp_path / "a", make_run(episodes=2, exploration=False))
+    assert not (tmp_path / "a" / "exploration.csv").exists()
+
+
+def test_equal_runs_give_equal_bytes_apart_from_the_times(tmp_path):
+    run = make_run(episodes=5, faults=1)
+    environment = replace(run.environment, started="2031-12-31T23:59:59Z", wall_s=1.0)
+    again, later = make_run(episodes=5, faults=1), replace(run, environment=environment)
+    for place, made in (("one", run), ("two", again), ("three", later)):
+        write_report([write(tmp_path / place / "run", made)], tmp_path / place / "run")
+    for file in (tmp_path / "one" / "run").iterdir():
+        first = file.read_bytes()
+        assert first == (tmp_path / "two" / "run" / file.name).read_bytes(), file.name
+        later = (tmp_path / "three" / "run" / file.name).read_text("utf-8")
+        if file.name in {"report.html", "report.md"}:
+            later = later.replace("2031-12-31T23:59:59Z", run.environment.started)
+            later = later.replace("took 1 s", "took 754 s").replace("Z, 1 s", "Z, 754 s")
+        if file.name != "run.json":
+            assert first.decode() == later, file.name
+
+
+def test_a_directory_without_a_run_is_refused(tmp_path):
+    with pytest.raises(RunDirectoryError, match=r"it has no run\.json"):
+        read_run(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe\x00", b"[" * 100_000])
+def test_a_file_that_is_no_json_is_refused(tmp_path, content):
+    (tmp_path / "run.json").write_bytes(content)
+    with pytest.raises(RunDirectoryError, match="is not JSON"):
+        read_run(tmp_path)
+
+
+def test_a_malformed_run_names_its_directory(tmp_path):
+    (tmp_path / "run.json").write_text(json.dumps({"format": "x"}))
+    with pytest.raises(RunDirectoryError, match=tmp_path.name):
+        read_run(tmp_path)
+
+
+def test_a_run_that_cannot_be_written_is_said_in_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RunDirectoryError, match="cannot be written"):
+        write(tmp_path / "file" / "run", make_run(tasks=("playing",), episodes=1))
+
+
+def test_a_report_is_drawn_without_torch_or_pybullet():
+    code = (
+        "import sys; import minitouch_bench.reporting, minitouch_bench.metrics; "
+        "print([m for m in ('torch', 'pybullet', 'pandas') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
