@@ -90,7 +90,7 @@ _TABLE = (
         "m²",
         NO_DIRECTION,
         "T",
-        ".2g",
+        ".1e",
         "variance of the object's position, or of the door's angle, over the episode",
     ),
     Metric(
