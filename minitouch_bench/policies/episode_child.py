@@ -47,7 +47,10 @@ def die_with(parent: int) -> None:
 
 
 def run_episode(episode: Episode, requests: int, answers: int) -> NoReturn:
-    """Load the policy, reset it and answer its acts until ``requests`` closes; then exit."""
+    """Load the policy, reset it, answer its acts until ``requests`` closes, then exit.
+
+    A policy with a method ``close`` is told of the end: a server wants to know.
+    """
     code = 1
     try:
         policy = _load(episode, answers)
@@ -56,7 +59,7 @@ def run_episode(episode: Episode, requests: int, answers: int) -> NoReturn:
         code = 0
     except SystemExit as stop:  # sys.exit() in a policy ends its process, as it would anywhere
         code = _exit_code(stop)
-    except (EOFError, BrokenPipeError):  # the evaluation is done with this episode
+    except BrokenPipeError:  # the evaluation gave this episode up
         code = 0
     finally:
         os._exit(code)
@@ -101,7 +104,10 @@ def _reset(policy: Policy, episode: Episode, answers: int) -> bool:
 
 def _serve(policy: Policy, requests: int, answers: int) -> None:
     while True:
-        kind, payload = read_frame(requests)
+        try:
+            kind, payload = read_frame(requests)
+        except EOFError:
+            break
         if kind is not Frame.ACT:
             raise WireError(f"a request of kind {kind}")
         observation = unpack_observation(payload)
@@ -113,6 +119,9 @@ def _serve(policy: Policy, requests: int, answers: int) -> None:
             write_frame(answers, Frame.RAISED, describe(error).encode())
         else:
             write_frame(answers, Frame.ACTION, answer)
+    close = getattr(policy, "close", None)
+    if callable(close):
+        close()
 
 
 def _exit_code(stop: SystemExit) -> int:

@@ -15,8 +15,11 @@ def make_policy(factory: Callable[..., Policy], deterministic: bool) -> Policy:
 
     One that has a parameter ``deterministic`` is told whether to act without sampling.
     """
-    parameters = inspect.signature(factory).parameters
-    return factory(deterministic=deterministic) if "deterministic" in parameters else factory()
+    try:
+        asks = "deterministic" in inspect.signature(factory).parameters
+    except ValueError:  # some built-in callables have no signature to look at
+        asks = False
+    return factory(deterministic=deterministic) if asks else factory()
 
 
 def load_factory(checkpoint: Checkpoint) -> Policy:
@@ -24,6 +27,7 @@ def load_factory(checkpoint: Checkpoint) -> Policy:
 
     Raises:
         PolicyLoadError: not trusted, not importable, or what it gives is no policy.
+
     """
     if not checkpoint.trust:
         raise PolicyLoadError(f"'{checkpoint.target}' runs its own code: it needs --trust")

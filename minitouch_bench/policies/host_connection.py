@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from minitouch_bench.policies.wire import MAX_PAYLOAD, plain_line
@@ -72,10 +72,11 @@ class HostConnection:
 
         Raises:
             HostGoneError: the host is gone, or silent for so long.
+
         """
         try:
             socket.send_fds(self._control, [json.dumps(order).encode()], list(descriptors))
-            if not self.wait(self._control.fileno(), time.monotonic() + timeout_s):
+            if not self.wait((self._control.fileno(),), time.monotonic() + timeout_s):
                 raise HostGoneError(f"no answer within {timeout_s:g} s")
             packet = self._control.recv(MAX_PAYLOAD)
         except OSError as error:
@@ -85,23 +86,23 @@ class HostConnection:
         answer: dict[str, Any] = json.loads(packet)
         return answer
 
-    def wait(self, descriptor: int, deadline: float) -> bool:
-        """Wait until a descriptor can be read, taking up output meanwhile; False at the deadline.
+    def wait(self, descriptors: Iterable[int], deadline: float) -> bool:
+        """Wait until one can be read, taking up output meanwhile; return False at the deadline.
 
         ``deadline`` is a time of ``time.monotonic``, in s.
         """
         poll = select.poll()
-        poll.register(descriptor, select.POLLIN)
-        poll.register(self._output, select.POLLIN)
+        for descriptor in (*descriptors, self._output):
+            poll.register(descriptor, select.POLLIN)
         while True:
             left = deadline - time.monotonic()
             if left <= 0:
                 return False
             ready = {number for number, _ in poll.poll(left * 1000)}
-            if self._output in ready and not self._take_output():
-                poll.unregister(self._output)
-            if descriptor in ready:
+            if ready - {self._output}:
                 return True
+            if ready and not self._take_output():
+                poll.unregister(self._output)
 
     def last_line(self) -> str:
         """Return the last line the policy printed, made plain."""

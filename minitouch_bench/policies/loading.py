@@ -57,6 +57,7 @@ def find_loader(kind: str) -> Loader:
 
     Raises:
         MissingExtraError: an optional package of the format is not installed.
+
     """
     form = FORMATS[kind]
     for module, extra in form.packages:
@@ -71,6 +72,7 @@ def load_policy(kind: str, checkpoint: Checkpoint) -> Policy:
     Raises:
         PolicyLoadError: the checkpoint is unreadable, unsafe or of the wrong form.
         MissingExtraError: an optional package of the format is not installed.
+
     """
     loader = find_loader(kind)
     try:

@@ -36,6 +36,7 @@ def load_onnx(checkpoint: Checkpoint) -> OnnxPolicy:
     Raises:
         PolicyLoadError: not ONNX, external data, or inputs and output of other names or shapes.
         MissingExtraError: onnx or onnxruntime is not installed.
+
     """
     onnx = require("onnx", "onnx")
     runtime = require("onnxruntime", "onnx")
@@ -60,6 +61,7 @@ def check_model(onnx: Any, model: Any, target: str) -> None:
 
     Raises:
         PolicyLoadError: saying which.
+
     """
     external = onnx.TensorProto.EXTERNAL
     for tensor in _messages(model, onnx.TensorProto):

@@ -67,6 +67,7 @@ def validate_action(raw: object, size: int) -> NDArray[np.float32]:
 
     Raises:
         InvalidActionError: it is no floating-point vector of that length, or not finite.
+
     """
     try:
         action = np.asarray(raw)

@@ -42,6 +42,9 @@ from minitouch_bench.policies.wire import (
 EXIT_GRACE_S = 0.2
 """Time in which a process that closed its pipe must have exited, to be asked for its status."""
 
+END_GRACE_S = {"remote": 1.0}
+"""Time by kind to end an episode in good order; what only this machine holds is just killed."""
+
 STOP_TIMEOUT_S = 10.0
 
 
@@ -77,6 +80,7 @@ class PolicyProcess:
         self._host: HostConnection | None = None
         self._pipes: EpisodePipes | None = None
         self._size = 0
+        self._end_grace_s = 0.0
 
     def __enter__(self) -> "PolicyProcess":
         return self
@@ -97,6 +101,7 @@ class PolicyProcess:
             MissingExtraError: an optional package is not installed.
             PolicyFaultError: the policy's own ``reset`` failed; see its subclasses.
             InfrastructureError: no host process can be started.
+
         """
         part = self._source.for_task(task)
         order = {
@@ -112,6 +117,7 @@ class PolicyProcess:
         deadline = time.monotonic() + self._limits.load_timeout_s
         self._end_episode()
         self._size = action_size(task)
+        self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
         self._pipes = self._start(order)
         self._await_loaded(deadline, part.target)
         kind, payload = self._ask(deadline, "reset did not return")
@@ -127,6 +133,7 @@ class PolicyProcess:
             PolicyExitError: the child ended; the text has its code and last line.
             PolicyRaisedError: the policy's code raised; the text has type and message.
             InfrastructureError: the host process ended.
+
         """
         if self._pipes is None:
             raise RuntimeError("no episode has begun")
@@ -143,6 +150,10 @@ class PolicyProcess:
 
     def close(self) -> None:
         """End the child and the host."""
+        self._end_episode()
+        self._drop_host()
+
+    def _drop_host(self) -> None:
         if self._pipes is not None:
             self._pipes.close()
             self._pipes = None
@@ -164,7 +175,7 @@ class PolicyProcess:
             except HostGoneError as error:
                 problem = f"{error}: {self._host.last_line()}"
                 pipes.close()
-                self.close()
+                self._drop_host()
             finally:
                 os.close(requests)
                 os.close(theirs)
@@ -174,6 +185,7 @@ class PolicyProcess:
             pipes.close()
             kind = MissingExtraError if answer["missing_extra"] else PolicyLoadError
             raise kind(answer["error"])
+        pipes.watch(answer["pid"])
         return pipes
 
     def _await_loaded(self, deadline: float, target: str) -> None:
@@ -228,6 +240,7 @@ class PolicyProcess:
 
         Raises:
             InfrastructureError: the host itself has ended.
+
         """
         assert self._host is not None
         if self._pipes is not None:
@@ -236,7 +249,7 @@ class PolicyProcess:
         try:
             answer = self._host.order({"do": "stop", "grace_s": grace_s}, STOP_TIMEOUT_S)
         except HostGoneError as error:
-            self.close()
+            self._drop_host()
             raise InfrastructureError(f"the policy's host process ended ({error})") from error
         return answer["status"] or 0, answer["killed"]
 
@@ -245,7 +258,7 @@ class PolicyProcess:
         if self._host is None:
             return
         with contextlib.suppress(InfrastructureError):
-            self._stop(0.0)
+            self._stop(self._end_grace_s if self._pipes is not None else 0.0)
             self._host.forget_output()
 
 
@@ -264,6 +277,7 @@ def probe(
     Raises:
         PolicyLoadError: it cannot be loaded or reset.
         MissingExtraError: an optional package is not installed.
+
     """
     if source.kind == "scripted":
         return

@@ -36,7 +36,7 @@ class RemotePolicy:
 
     def reset(self, seed: int, task: str) -> None:
         """Begin an episode on the server and end the one before."""
-        self.close()
+        self._end()
         question = {"seed": seed, "task": task, "deterministic": self._deterministic}
         answer = self._call("POST", "/episodes", json.dumps(question).encode())
         self._episode = urllib.parse.quote(str(answer.get("episode")), safe="")
@@ -50,7 +50,11 @@ class RemotePolicy:
         return np.array([float(x) for x in action], np.float64)
 
     def close(self) -> None:
-        """End the episode on the server, if there is one."""
+        """End the episode on the server and the connection to it."""
+        self._end()
+        self._connection.close()
+
+    def _end(self) -> None:
         if self._episode:
             self._call("DELETE", f"/episodes/{self._episode}")
             self._episode = ""
@@ -79,11 +83,12 @@ def load_remote(checkpoint: Checkpoint) -> RemotePolicy:
 
     Raises:
         PolicyLoadError: nobody answers, or in another protocol.
+
     """
     policy = RemotePolicy(checkpoint.target, checkpoint.deterministic)
     try:
         info = policy.info()
-    except (OSError, http.client.HTTPException, PolicyRaisedError) as error:
+    except (OSError, ValueError, http.client.HTTPException, PolicyRaisedError) as error:
         raise PolicyLoadError(
             f"no policy server at {checkpoint.target} ({describe(error)})"
         ) from error

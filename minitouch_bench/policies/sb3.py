@@ -88,6 +88,7 @@ def load_sb3(checkpoint: Checkpoint) -> Sb3Policy:
     Raises:
         PolicyLoadError: no such zip, another algorithm, observation or network than known here.
         MissingExtraError: stable_baselines3 is not installed.
+
     """
     require("stable_baselines3", "sb3")
     try:
@@ -136,6 +137,7 @@ def _rebuild(settings: Any, weights: dict[str, Any]) -> Any:
 
     Raises:
         PolicyLoadError: the settings name what only a trusted file may bring.
+
     """
     described = _section(settings, "policy_class")
     policy_class = POLICY_CLASSES.get(str(described.get("__module__")))

@@ -60,8 +60,10 @@ class PolicyServer(ThreadingHTTPServer):
         self._episodes: OrderedDict[str, Policy] = OrderedDict()
         self._lock = threading.Lock()
 
-    def begin(self, question: dict[str, Any]) -> str:
+    def begin(self, question: Any) -> str:
         """Make and reset the policy of a new episode and return the episode's id."""
+        if not isinstance(question, dict):
+            raise RequestError(HTTPStatus.BAD_REQUEST, "not a JSON object")
         policy = make_policy(self._factory, bool(question.get("deterministic", True)))
         policy.reset(int(question["seed"]), str(question["task"]))
         with self._lock:

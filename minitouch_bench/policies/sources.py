@@ -39,6 +39,7 @@ class PolicySource:
 
         Raises:
             PolicyLoadError: the directory has no file for it.
+
         """
         if self.kind != DIRECTORY:
             return self
@@ -56,6 +57,7 @@ def parse_source(text: str, tasks: Sequence[str] = (), *, trust: bool = False) -
 
     Raises:
         PolicyLoadError: there is no such policy, or it needs ``trust``.
+
     """
     if text in BUILT_IN:
         return PolicySource(text, text, text)
@@ -94,6 +96,7 @@ def read_checkpoint(path: Path) -> bytes:
 
     Raises:
         PolicyLoadError: missing, no plain file, empty, too large or not readable.
+
     """
     try:
         if not path.is_file():

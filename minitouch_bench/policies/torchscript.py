@@ -36,6 +36,7 @@ def load_torchscript(checkpoint: Checkpoint) -> TorchScriptPolicy:
 
     Raises:
         PolicyLoadError: no TorchScript file, or a forward of other arguments.
+
     """
     try:
         with warnings.catch_warnings():

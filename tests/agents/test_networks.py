@@ -1,0 +1,57 @@
+import pytest
+import torch
+
+from minitouch_bench.agents.networks import ARCHITECTURES, TouchActor, VisualEncoder
+
+IMAGE = torch.randint(0, 256, (2, 1, 84, 84), dtype=torch.uint8)
+TOUCH = torch.randn(2, 11)
+
+
+def test_encoder_has_the_feature_maps_of_table_3():
+    encoder = VisualEncoder()
+    sizes = []
+    maps = IMAGE.float()
+    for layer in encoder.convolutions:
+        maps = layer(maps)
+        if isinstance(layer, torch.nn.Conv2d):
+            sizes.append(tuple(maps.shape[1:]))
+    assert sizes == [(32, 20, 20), (64, 9, 9), (124, 4, 4), (256, 2, 2)]
+    assert encoder(IMAGE).shape == (2, 256)
+
+
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+@pytest.mark.parametrize("action_size", [4, 5])
+def test_actions_lie_within_bounds(architecture, action_size):
+    actor = ARCHITECTURES[architecture](action_size)
+    actions = actor(IMAGE, 100 * TOUCH)
+    assert actions.shape == (2, action_size)
+    assert actions.abs().max() <= 1.0
+
+
+def test_deterministic_action_is_the_squashed_mean():
+    actor = TouchActor(4)
+    mean, log_std = actor.gaussian(IMAGE, TOUCH)
+    assert torch.equal(actor(IMAGE, TOUCH), torch.tanh(mean))
+    assert log_std.shape == mean.shape
+
+
+def test_same_generator_same_sample():
+    actor = TouchActor(4)
+    first, second, other = (
+        actor.sample(IMAGE, TOUCH, torch.Generator().manual_seed(seed)) for seed in (1, 1, 2)
+    )
+    assert torch.equal(first, second)
+    assert not torch.equal(first, other)
+
+
+def test_image_and_touch_both_count():
+    actor = TouchActor(4)
+    action = actor(IMAGE, TOUCH)
+    assert not torch.equal(action, actor(255 - IMAGE, TOUCH))
+    assert not torch.equal(action, actor(IMAGE, TOUCH + 1.0))
+
+
+def test_log_std_is_clamped():
+    actor = TouchActor(4)
+    torch.nn.init.constant_(actor.log_std.bias, 1000.0)
+    assert actor.gaussian(IMAGE, TOUCH)[1].max() == 2.0

@@ -1,0 +1,124 @@
+"""Policies that fail in every way the evaluation must survive, chosen by the episode's seed."""
+
+import os
+import signal
+import sys
+import time
+
+import numpy as np
+
+calls = 0
+"""Acts so far in this process; a later episode must not see those of an earlier one."""
+
+
+def sleep():
+    time.sleep(1000)
+
+
+def flood():
+    while True:
+        os.write(1, b"x" * 10_000 + b"\n")
+
+
+def print_much():
+    for number in range(20_000):
+        print("line", number)
+    return np.zeros(4)
+
+
+def raise_error():
+    raise ValueError("I am\nlost \x1b[31m" + "!" * 1000)
+
+
+def interrupt():
+    raise KeyboardInterrupt
+
+
+def leave_saying():
+    print("last words", file=sys.stderr)
+    os._exit(9)
+
+
+def close_pipes():
+    os.closerange(3, 64)
+    time.sleep(1000)
+
+
+def speak_nonsense():
+    for descriptor in range(3, 64):
+        try:
+            os.write(descriptor, b"\xff" * 100)
+        except OSError:
+            continue
+    time.sleep(1000)
+
+
+def leave_child_behind():
+    if os.fork() == 0:
+        time.sleep(1000)
+    os._exit(4)
+
+
+ACTS = {
+    "fine": lambda: np.full(4, 0.25, np.float32),
+    "count": lambda: np.array([calls, os.getpid(), os.getppid(), 0.0]),
+    "sleep": sleep,
+    "flood": flood,
+    "print_much": print_much,
+    "raise": raise_error,
+    "interrupt": interrupt,
+    "sys_exit": lambda: sys.exit(3),
+    "sys_exit_text": lambda: sys.exit("going home"),
+    "os_exit": leave_saying,
+    "kill": lambda: os.kill(os.getpid(), signal.SIGKILL),
+    "abort": os.abort,
+    "close_pipes": close_pipes,
+    "speak_nonsense": speak_nonsense,
+    "leave_child_behind": leave_child_behind,
+    "kill_host": lambda: (os.kill(os.getppid(), signal.SIGKILL), time.sleep(1000)),
+    "nan": lambda: np.full(4, np.nan),
+    "short": lambda: np.zeros(3),
+    "integers": lambda: np.zeros(4, int),
+    "nothing": lambda: None,
+    "huge": lambda: np.zeros((1000, 1000)),
+}
+SEEDS = {name: seed for seed, name in enumerate(ACTS)}
+RESET_RAISES, RESET_EXITS, RESET_SLEEPS = 100, 101, 102
+
+
+class Misbehaving:
+    def reset(self, seed, task):
+        self.act_now = list(ACTS.values())[seed] if seed < 100 else None
+        if seed == RESET_RAISES:
+            raise KeyError(task)
+        if seed == RESET_EXITS:
+            os._exit(5)
+        if seed == RESET_SLEEPS:
+            sleep()
+
+    def act(self, observation):
+        global calls  # noqa: PLW0603 - memory across episodes is what is tested
+        calls += 1
+        return self.act_now()
+
+
+def raising_factory():
+    raise RuntimeError("no weights here")
+
+
+def exiting_factory():
+    print("cannot start", file=sys.stderr)
+    os._exit(7)
+
+
+def sleeping_factory():
+    sleep()
+
+
+def told_factory(deterministic):
+    policy = Misbehaving()
+    policy.act = lambda observation: np.full(4, float(deterministic))
+    return policy
+
+
+not_a_policy = dict

@@ -1,0 +1,119 @@
+"""The checkpoints that the recipes make: native, TorchScript and ONNX."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+import safetensors.torch
+import torch
+from onnx import TensorProto, helper
+
+from minitouch_bench.agents.networks import TouchActor
+from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.policies.loading import load_policy
+from minitouch_bench.policies.policy import Checkpoint
+from tests.policies.conftest import load
+
+
+@pytest.fixture(scope="module")
+def expected(light, observation):
+    """What the actor itself gives, called as a module."""
+    actor = TouchActor(5).eval()
+    actor.load_state_dict(safetensors.torch.load_file(light / "policy.safetensors"))
+    image = torch.from_numpy(observation["image"])[None]
+    with torch.inference_mode():
+        return actor(image, torch.from_numpy(observation["touch"])[None])[0].numpy()
+
+
+def refused(kind, content, match):
+    with pytest.raises(PolicyLoadError, match=match) as caught:
+        load_policy(kind, Checkpoint("x", content))
+    assert len(str(caught.value).splitlines()) <= 2
+
+
+def test_native_and_torchscript_give_the_actors_own_bits(light, observation, expected):
+    for kind, name in (("native", "policy.safetensors"), ("torchscript", "policy.pt")):
+        policy = load(kind, light / name)
+        policy.reset(0, "opening")
+        assert np.array_equal(np.ravel(policy.act(observation)), expected)
+
+
+def test_onnx_gives_the_actors_numbers(onnx_file, observation, expected):
+    policy = load("onnx", onnx_file)
+    policy.reset(0, "opening")
+    np.testing.assert_allclose(np.ravel(policy.act(observation)), expected, atol=1e-5)
+
+
+def test_native_exploration_samples_from_the_seed(light, observation):
+    policy = load("native", light / "policy.safetensors", deterministic=False)
+    drawn = []
+    for seed in (1, 1, 2**63):
+        policy.reset(seed, "opening")
+        drawn.append(policy.act(observation).tolist())
+    assert drawn[0] == drawn[1] != drawn[2]
+
+
+def test_native_files_of_another_form_are_refused(light):
+    content = (light / "policy.safetensors").read_bytes()
+    tensors = safetensors.torch.load(content)
+
+    def written(form, **changes):
+        metadata = {"minitouch": json.dumps(form)}
+        return safetensors.torch.save({**tensors, **changes}, metadata)
+
+    form = {"architecture": "hac-actor-v1", "action_size": 5}
+    refused("native", b"", "no native checkpoint")
+    refused("native", b"plain text, long enough", "no native checkpoint")
+    refused("native", content[:-100], "damaged")
+    refused("native", safetensors.torch.save(tensors), "save_native")
+    refused("native", written({**form, "architecture": "other"}), "architecture 'other'")
+    refused("native", written({**form, "action_size": 10**9}), "with 4 or 5")
+    refused("native", written({**form, "action_size": 4}), "does not hold the weights")
+    refused("native", written(form, extra=torch.zeros(1)), "see 'extra'")
+
+
+def test_torchscript_files_of_another_form_are_refused():
+    refused("torchscript", b"plain text", "no TorchScript file")
+    weights = io.BytesIO()
+    torch.save({"weight": torch.zeros(3)}, weights)
+    refused("torchscript", weights.getvalue(), "Weights alone are not enough")
+
+
+def onnx_bytes(inputs=("image", "touch"), output="action", **options):
+    image_shape = options.get("image_shape", [1, 1, 84, 84])
+    values = [
+        helper.make_tensor_value_info(inputs[0], TensorProto.UINT8, image_shape),
+        helper.make_tensor_value_info(inputs[1], TensorProto.FLOAT, ["batch", 11]),
+    ]
+    bound = helper.make_tensor("bound", TensorProto.INT64, [1], options.get("bound", [4]))
+    if options.get("external"):
+        bound.data_location = TensorProto.EXTERNAL
+        bound.external_data.add(key="location", value="../secret")
+    constant = helper.make_node("Constant", [], ["end"], value=bound)
+    start = helper.make_tensor("start", TensorProto.INT64, [1], [0])
+    axis = helper.make_tensor("axis", TensorProto.INT64, [1], [1])
+    cut = helper.make_node("Slice", [inputs[1], "start", "end", "axis"], [output])
+    result = helper.make_tensor_value_info(output, TensorProto.FLOAT, ["batch", None])
+    graph = helper.make_graph([constant, cut], "graph", values, [result], [start, axis])
+    return helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10
+    ).SerializeToString()
+
+
+def test_a_free_batch_axis_is_fine(observation):
+    policy = load_policy("onnx", Checkpoint("x", onnx_bytes()))
+    policy.reset(0, "pushing")
+    assert np.array_equal(policy.act(observation)[0], observation["touch"][:4])
+
+
+def test_onnx_files_of_another_form_are_refused():
+    refused("onnx", b"plain text", "no ONNX file")
+    refused("onnx", onnx_bytes(inputs=("state", "touch")), r"inputs \['state', 'touch'\]")
+    refused("onnx", onnx_bytes(output="mean"), r"outputs \['mean'\]")
+    refused("onnx", onnx_bytes(image_shape=[1, 3, 84, 84]), "'image' is not uint8")
+    refused("onnx", onnx_bytes(image_shape=[1, 84, 84]), "'image' is not uint8")
+
+
+def test_onnx_external_data_is_refused_wherever_it_hides():
+    refused("onnx", onnx_bytes(external=True), "another file")

@@ -1,0 +1,273 @@
+"""Real policy processes, and everything that can go wrong in one."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minitouch_bench.errors import (
+    InfrastructureError,
+    InvalidActionError,
+    PolicyExitError,
+    PolicyLoadError,
+    PolicyRaisedError,
+    PolicyTimeoutError,
+)
+from minitouch_bench.policies.policy import zero_observation
+from minitouch_bench.policies.process import PolicyLimits, PolicyProcess, probe
+from minitouch_bench.policies.sources import PolicySource, parse_source
+from tests.policies.conftest import load
+from tests.policies.misbehaving import RESET_EXITS, RESET_RAISES, RESET_SLEEPS, SEEDS
+
+LOAD_SLEEPS = 103
+
+HERE = Path(__file__).parent
+OBSERVATION = zero_observation()
+LIMITS = PolicyLimits(load_timeout_s=60.0, act_timeout_s=0.5)
+SOON_S = 0.4
+"""Well before the act's deadline: a death is seen at once, not by waiting for it."""
+
+
+def factory(attribute):
+    return parse_source(f"misbehaving:{attribute}", trust=True)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def importable():
+    """Let policy processes import ``misbehaving`` from here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(HERE))
+        yield
+
+
+@pytest.fixture(scope="module")
+def bad():
+    """One host for all these tests: that it goes on working is part of what they show."""
+    with PolicyProcess(factory("Misbehaving"), LIMITS, trust=True) as policy:
+        yield policy
+
+
+def gone(pid):
+    deadline = time.monotonic() + 5.0
+    while time.monotonic() < deadline:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except FileNotFoundError:
+            return True
+        if state == "Z":  # dead, and its new parent is in no hurry
+            return True
+        time.sleep(0.01)
+    return False
+
+
+@pytest.mark.parametrize(
+    ("how", "error", "text"),
+    [
+        ("raise", PolicyRaisedError, "^ValueError: I am lost !!!"),
+        ("interrupt", PolicyRaisedError, "^KeyboardInterrupt$"),
+        ("sys_exit", PolicyExitError, "exited with code 3$"),
+        ("sys_exit_text", PolicyExitError, "exited with code 1: going home$"),
+        ("os_exit", PolicyExitError, "exited with code 9: last words$"),
+        ("kill", PolicyExitError, "killed by SIGKILL$"),
+        ("abort", PolicyExitError, "killed by SIGABRT"),
+        ("leave_child_behind", PolicyExitError, "exited with code 4$"),
+        ("close_pipes", PolicyExitError, "closed its connection$"),
+        ("speak_nonsense", PolicyExitError, "broke the protocol"),
+        ("nan", InvalidActionError, "NaN"),
+        ("short", InvalidActionError, "3 numbers"),
+        ("integers", InvalidActionError, "int64"),
+        ("nothing", InvalidActionError, "object"),
+        ("huge", InvalidActionError, "shape"),
+    ],
+)
+def test_a_fault_is_named_at_once_and_the_next_episode_is_fine(bad, how, error, text):
+    bad.reset(SEEDS[how], "pushing")
+    began = time.monotonic()
+    with pytest.raises(error, match=text) as caught:
+        bad.act(OBSERVATION)
+    assert time.monotonic() - began < SOON_S
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 400
+    bad.reset(SEEDS["fine"], "pushing")
+    assert bad.act(OBSERVATION).tolist() == [0.25] * 4
+
+
+@pytest.mark.parametrize("how", ["sleep", "flood"])
+def test_no_answer_in_time_is_a_timeout(bad, how):
+    bad.reset(SEEDS[how], "pushing")
+    began = time.monotonic()
+    with pytest.raises(PolicyTimeoutError, match=r"no action within 0\.5 s"):
+        bad.act(OBSERVATION)
+    assert 0.4 < time.monotonic() - began < 2.0
+    with pytest.raises(RuntimeError, match="no episode"):
+        bad.act(OBSERVATION)
+    bad.reset(SEEDS["fine"], "pushing")
+    assert bad.act(OBSERVATION).tolist() == [0.25] * 4
+
+
+def test_printing_harms_nobody(bad):
+    bad.reset(SEEDS["print_much"], "pushing")
+    for _ in range(3):
+        assert bad.act(OBSERVATION).tolist() == [0.0] * 4
+
+
+def test_an_episode_remembers_nothing_of_the_one_before(bad):
+    for _ in range(2):
+        bad.reset(SEEDS["count"], "pushing")
+        assert [bad.act(OBSERVATION)[0] for _ in range(3)] == [1.0, 2.0, 3.0]
+
+
+def test_the_last_child_dies_with_its_episode(bad):
+    bad.reset(SEEDS["count"], "pushing")
+    pid = int(bad.act(OBSERVATION)[1])
+    bad.reset(SEEDS["fine"], "pushing")
+    assert gone(pid)
+
+
+@pytest.mark.parametrize(
+    ("seed", "error", "text"),
+    [
+        (RESET_RAISES, PolicyRaisedError, "KeyError: 'pushing'"),
+        (RESET_EXITS, PolicyExitError, "exited with code 5"),
+    ],
+)
+def test_a_fault_in_reset_is_one_of_the_policy(bad, seed, error, text):
+    with pytest.raises(error, match=text):
+        bad.reset(seed, "pushing")
+
+
+def test_a_dead_host_is_replaced(bad):
+    bad.reset(SEEDS["count"], "pushing")
+    host = int(bad.act(OBSERVATION)[2])
+    bad.reset(SEEDS["kill_host"], "pushing")
+    with pytest.raises(InfrastructureError, match="host"):
+        bad.act(OBSERVATION)
+    assert gone(host)
+    bad.reset(SEEDS["count"], "pushing")
+    assert int(bad.act(OBSERVATION)[2]) != host
+
+
+@pytest.mark.parametrize(
+    ("seed", "error", "text"),
+    [
+        (RESET_SLEEPS, PolicyTimeoutError, "reset did not return within"),
+        (LOAD_SLEEPS, PolicyLoadError, "loading did not end within"),
+    ],
+)
+def test_loading_and_reset_have_a_deadline(bad, monkeypatch, seed, error, text):
+    monkeypatch.setattr(bad, "_limits", PolicyLimits(load_timeout_s=0.5))
+    if seed == LOAD_SLEEPS:
+        monkeypatch.setattr(bad, "_source", factory("sleeping_factory"))
+    with pytest.raises(error, match=text):
+        bad.reset(seed, "pushing")
+
+
+@pytest.mark.parametrize(
+    ("attribute", "text"),
+    [
+        ("raising_factory", "RuntimeError: no weights here"),
+        ("exiting_factory", "exited with code 7: cannot start"),
+        ("not_a_policy", "has no reset"),
+        ("missing", "cannot be imported"),
+    ],
+)
+def test_what_cannot_be_loaded_is_a_load_error(bad, monkeypatch, attribute, text):
+    monkeypatch.setattr(bad, "_source", factory(attribute))
+    with pytest.raises(PolicyLoadError, match=text):
+        bad.reset(0, "pushing")
+
+
+def test_an_exploration_policy_is_told_to_sample(bad, monkeypatch):
+    monkeypatch.setattr(bad, "_source", factory("told_factory"))
+    for deterministic in (True, False):
+        monkeypatch.setattr(bad, "_deterministic", deterministic)
+        bad.reset(0, "pushing")
+        assert bad.act(OBSERVATION)[0] == float(deterministic)
+
+
+def test_the_process_gives_the_bits_of_the_loader(light, observation):
+    for kind, name in (("native", "policy.safetensors"), ("torchscript", "policy.pt")):
+        local = load(kind, light / name)
+        local.reset(1, "opening")
+        with PolicyProcess(parse_source(str(light / name))) as policy:
+            policy.reset(1, "opening")
+            assert np.array_equal(policy.act(observation), np.ravel(local.act(observation)))
+            policy.reset(1, "pushing")
+            assert policy.act(observation).shape == (4,)
+
+
+def test_random_actions_follow_the_seed(observation):
+    with PolicyProcess(parse_source("random")) as policy:
+        drawn = []
+        for seed in (2**64 - 1, 2**64 - 1, 0):
+            policy.reset(seed, "opening")
+            drawn.append(policy.act(observation).tolist())
+    assert drawn[0] == drawn[1] != drawn[2]
+    assert len(drawn[0]) == 5
+
+
+def test_a_file_that_changes_during_the_evaluation_is_refused(tmp_path):
+    path = tmp_path / "x.onnx"
+    path.write_bytes(b"one")
+    source = parse_source(str(path))
+    path.write_bytes(b"two")
+    with pytest.raises(PolicyLoadError, match="was changed"):
+        probe(source, ["pushing"])
+
+
+def test_probe_refuses_a_bad_file_but_leaves_faults_to_episodes(tmp_path, light):
+    (tmp_path / "opening.onnx").write_bytes(b"plain text")
+    (tmp_path / "pushing.safetensors").symlink_to(light / "policy.safetensors")
+    source = parse_source(str(tmp_path))
+    probe(source, ["pushing"])
+    with pytest.raises(PolicyLoadError, match="no ONNX file"):
+        probe(source, ["pushing", "opening"])
+    probe(parse_source("scripted"), ["pushing"])
+
+
+def test_a_policy_that_fails_at_probing_may_still_be_loadable():
+    probe(factory("Misbehaving"), ["pushing"], LIMITS, trust=True)
+
+
+def test_the_scripted_policy_has_no_process():
+    with pytest.raises(ValueError, match="scripted"):
+        PolicyProcess(PolicySource("scripted", "scripted", "scripted"))
+
+
+WORKER = """
+import sys, time
+from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.policy import zero_observation
+from minitouch_bench.policies.sources import parse_source
+policy = PolicyProcess(parse_source("misbehaving:Misbehaving", trust=True), trust=True)
+policy.reset(int(sys.argv[1]), "pushing")
+print(*policy.act(zero_observation())[1:3].astype(int), "torch" in sys.modules, flush=True)
+time.sleep(1000)
+"""
+
+
+def test_host_and_child_die_with_the_worker_which_has_no_torch():
+    command = [sys.executable, "-c", WORKER, str(SEEDS["count"])]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as worker:
+        assert worker.stdout is not None
+        child, host, has_torch = worker.stdout.readline().split()
+        worker.kill()
+    assert has_torch == "False"
+    assert gone(int(child))
+    assert gone(int(host))
+
+
+def test_missing_extra_is_named(monkeypatch, tmp_path):
+    (tmp_path / "blocked").mkdir()
+    (tmp_path / "blocked" / "onnx.py").write_text(
+        "raise ModuleNotFoundError('no onnx', name='onnx')"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "blocked"))
+    (tmp_path / "x.onnx").write_bytes(b"anything")
+    from minitouch_bench.errors import MissingExtraError
+
+    with pytest.raises(MissingExtraError, match=r"minitouch-bench\[onnx\]"):
+        probe(parse_source(str(tmp_path / "x.onnx")), ["pushing"])

@@ -1,0 +1,143 @@
+import contextlib
+import http.client
+import json
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError
+from minitouch_bench.policies import server as server_module
+from minitouch_bench.policies.loading import load_policy
+from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.server import PolicyServer
+from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.policies.wire import OBSERVATION_BYTES
+from tests.policies.recipes import run_recipes
+
+
+class Echo:
+    """Give back the first touch numbers and what the episode was begun with."""
+
+    def __init__(self, deterministic):
+        self.deterministic = deterministic
+
+    def reset(self, seed, task):
+        if task == "playing":
+            raise ValueError("I do not play")
+        self.seed, self.calls = seed, 0
+
+    def act(self, observation):
+        self.calls += 1
+        image, touch = observation["image"], observation["touch"]
+        numbers = [touch[0], image.mean(), self.calls, self.seed % 1000]
+        return np.array([*numbers, float(self.deterministic)], np.float32)
+
+
+@pytest.fixture
+def server():
+    with PolicyServer(Echo, ("127.0.0.1", 0), "echo") as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def connect(url):
+    """Make clients, and close them in the end."""
+    with contextlib.ExitStack() as stack:
+
+        def make(**options):
+            policy = load_policy("remote", Checkpoint(url, **options))
+            stack.callback(policy.close)
+            return policy
+
+        yield make
+
+
+@pytest.fixture
+def url(server):
+    return f"http://127.0.0.1:{server.server_address[1]}"
+
+
+def test_observation_and_action_survive_the_way(connect, observation):
+    policy = connect()
+    policy.reset(2**64 - 1, "pushing")
+    for call in (1, 2):
+        action = policy.act(observation)
+        wanted = [observation["touch"][0], observation["image"].mean(), call, 615, 1.0]
+        assert action.tolist() == np.array(wanted, np.float32).tolist()
+
+
+def test_episodes_do_not_mix(connect, observation):
+    first, second = (connect(deterministic=d) for d in (True, False))
+    first.reset(1, "pushing")
+    second.reset(2, "pushing")
+    assert first.act(observation)[2:].tolist() == [1, 1, 1]
+    assert second.act(observation)[2:].tolist() == [1, 2, 0]
+    assert first.act(observation)[2:].tolist() == [2, 1, 1]
+
+
+def test_a_process_ends_its_episodes_on_the_server(server, url, observation):
+    with PolicyProcess(parse_source(url)) as policy:
+        for seed in (1, 2):
+            policy.reset(seed, "pushing")
+            assert policy.act(observation)[2:].tolist() == [1.0, seed]
+            assert len(server._episodes) == 1
+        with pytest.raises(PolicyRaisedError, match="I do not play"):
+            policy.reset(1, "playing")
+    assert not server._episodes
+
+
+def test_a_server_forgets_the_oldest_episode(connect, observation, monkeypatch):
+    monkeypatch.setattr(server_module, "MAX_EPISODES", 1)
+    first, second = (connect() for _ in range(2))
+    first.reset(1, "pushing")
+    second.reset(1, "pushing")
+    with pytest.raises(PolicyRaisedError, match=r"404.*no episode"):
+        first.act(observation)
+    second.act(observation)
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body", "status"),
+    [
+        ("GET", "/", b"", 404),
+        ("POST", "/episodes", b"no json", 400),
+        ("POST", "/episodes", b"[]", 400),
+        ("POST", "/episodes", b'{"seed": 1}', 400),
+        ("POST", "/episodes/99/act", bytes(OBSERVATION_BYTES), 404),
+        ("POST", "/episodes/99/act", bytes(OBSERVATION_BYTES + 1), 413),
+        ("DELETE", "/episodes/99", b"", 200),
+    ],
+)
+def test_a_request_that_makes_no_sense_gets_an_error(server, method, path, body, status):
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_address[1], timeout=5)
+    connection.request(method, path, body)
+    response = connection.getresponse()
+    assert response.status == status
+    assert ("error" in json.loads(response.read())) is (status != 200)
+    connection.close()
+
+
+def test_a_short_observation_is_refused(connect):
+    policy = connect()
+    policy.reset(1, "pushing")
+    with pytest.raises(PolicyRaisedError, match=r"400.*bytes"):
+        policy._call("POST", f"/episodes/{policy._episode}/act", b"short")
+
+
+def test_nobody_there_is_a_load_error():
+    with pytest.raises(PolicyLoadError, match="no policy server at"):
+        load_policy("remote", Checkpoint("http://127.0.0.1:1"))
+
+
+def test_the_recipes_factory_can_be_served(tmp_path: Path, observation):
+    names = run_recipes(tmp_path, "class Forward", "def make_policy")
+    with PolicyServer(names["make_policy"], ("127.0.0.1", 0)) as server:
+        episode = server.begin({"seed": 1, "task": "pushing"})
+        assert server.act(episode, bytes(OBSERVATION_BYTES)) == [1.0, 0.0, 0.0, -1.0, 0.0]

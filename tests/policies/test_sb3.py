@@ -1,0 +1,148 @@
+import io
+import json
+import warnings
+import zipfile
+
+import numpy as np
+import pytest
+import torch
+
+from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.policies import sb3
+from minitouch_bench.policies.loading import load_policy
+from minitouch_bench.policies.policy import Checkpoint
+from tests.policies.recipes import StillEnvironment, run_recipes
+
+stable_baselines3 = pytest.importorskip("stable_baselines3")
+
+
+class OwnExtractor(stable_baselines3.common.torch_layers.CombinedExtractor):
+    """A class of the submitter's own."""
+
+
+@pytest.fixture(scope="module")
+def recipe(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("sb3")
+    names = run_recipes(directory, "stable_baselines3")
+    return names["model"], (directory / "policy.zip").read_bytes()
+
+
+def make(algorithm, environment=None, **settings):
+    options = {"buffer_size": 10} if algorithm in ("SAC", "TD3", "DDPG") else {"n_steps": 8}
+    if algorithm == "PPO":
+        options["batch_size"] = 8
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about spaces, and not ours
+        return getattr(stable_baselines3, algorithm)(
+            settings.pop("policy", "MultiInputPolicy"),
+            environment or StillEnvironment(4),
+            policy_kwargs=settings,
+            **options,
+        )
+
+
+def saved(model):
+    buffer = io.BytesIO()
+    model.save(buffer)
+    return buffer.getvalue()
+
+
+def changed(content, **members):
+    """Return a zip with members replaced."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(buffer, "w") as new:
+        for name in old.namelist():
+            stem = name.partition(".")[0]
+            new.writestr(name, members[stem] if stem in members else old.read(name))
+    return buffer.getvalue()
+
+
+def load(content, **options):
+    policy = load_policy("sb3", Checkpoint("x.zip", content, **options))
+    policy.reset(7, "pushing")
+    return policy
+
+
+def refused(content, match, **options):
+    with pytest.raises(PolicyLoadError, match=match) as caught:
+        load(content, **options)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_the_recipe_acts_as_its_model_predicts(recipe, observation):
+    model, content = recipe
+    wanted, _ = model.predict(observation, deterministic=True)
+    assert np.array_equal(load(content).act(observation), wanted)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "settings"),
+    [
+        ("TD3", {"net_arch": {"pi": [16], "qf": [8, 8]}}),
+        ("PPO", {"activation_fn": torch.nn.ELU, "net_arch": {"pi": [8], "vf": [16]}}),
+        ("A2C", {"share_features_extractor": False, "net_arch": [8]}),
+    ],
+)
+def test_every_algorithm_is_rebuilt(algorithm, settings, observation):
+    model = make(algorithm, **settings, features_extractor_kwargs={"cnn_output_dim": 16})
+    wanted, _ = model.predict(observation, deterministic=True)
+    assert np.array_equal(load(saved(model)).act(observation), wanted)
+
+
+def test_exploration_samples_from_the_seed(recipe, observation):
+    _, content = recipe
+    drawn = [load(content, deterministic=False).act(observation).tolist() for _ in range(2)]
+    assert drawn[0] == drawn[1]
+    assert drawn[0] != load(content).act(observation).tolist()
+
+
+def test_pickles_are_not_opened(recipe, observation, monkeypatch):
+    _, content = recipe
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        settings = json.loads(archive.read("data"))
+    for section in settings.values():
+        if isinstance(section, dict) and ":serialized:" in section:
+            section[":serialized:"] = "bm8gcGlja2xl"
+    wanted = load(content).act(observation)
+    unpickled = load(changed(content, data=json.dumps(settings)))
+    assert np.array_equal(unpickled.act(observation), wanted)
+
+
+def test_files_of_another_form_are_refused(recipe, monkeypatch):
+    _, content = recipe
+    refused(b"plain text", "no Stable-Baselines3 model")
+    refused(content[:-1000], "no Stable-Baselines3 model")
+    refused(changed(content, data="[]"), "no 'policy_class'")
+    refused(changed(content, data="{"), "no Stable-Baselines3 model")
+    refused(changed(content, policy=b"\x80\x04."), "no plain weights")
+    monkeypatch.setattr(sb3, "MAX_WEIGHTS_BYTES", 1000)
+    refused(content, "unpacks to")
+
+
+def test_weights_must_fit_the_settings(recipe):
+    _, content = recipe
+    other = saved(make("SAC", StillEnvironment(5), net_arch=[32]))
+    with zipfile.ZipFile(io.BytesIO(other)) as archive:
+        weights = archive.read("policy.pth")
+    refused(changed(content, policy=weights), "do not fit")
+
+
+def test_a_network_too_large_to_build_is_refused(recipe):
+    _, content = recipe
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        settings = json.loads(archive.read("data"))
+    settings["policy_kwargs"]["net_arch"] = [10**9]
+    refused(changed(content, data=json.dumps(settings)), "'net_arch'")
+
+
+def test_other_spaces_are_refused():
+    refused(saved(make("SAC", StillEnvironment(4, (3, 84, 84)))), "another observation")
+    refused(saved(make("SAC", StillEnvironment(7))), r"shape \[7\]")
+
+
+def test_classes_of_ones_own_need_trust(observation):
+    model = make("SAC", features_extractor_class=OwnExtractor, net_arch=[8])
+    content = saved(model)
+    refused(content, "needs --trust")
+    wanted, _ = model.predict(observation, deterministic=True)
+    assert np.array_equal(load(content, trust=True).act(observation), wanted)

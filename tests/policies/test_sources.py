@@ -1,0 +1,112 @@
+import hashlib
+
+import pytest
+
+from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.policies.sources import identify, parse_source
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "pushing.onnx").write_bytes(b"one")
+    (tmp_path / "pick-up.pt").write_bytes(b"two")
+    (tmp_path / "README.md").write_text("not a policy")
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["random", "zero", "scripted"])
+def test_built_ins_have_no_digest(name):
+    identity = identify(parse_source(name))
+    assert (identity.name, identity.kind, identity.digest) == (name, name, "")
+    assert identity.notes == (("reads the simulator's state",) if name == "scripted" else ())
+
+
+@pytest.mark.parametrize(
+    ("suffix", "kind"),
+    [
+        (".safetensors", "native"),
+        (".pt", "torchscript"),
+        (".ts", "torchscript"),
+        (".onnx", "onnx"),
+        (".zip", "sb3"),
+    ],
+)
+def test_a_files_suffix_names_its_format(tmp_path, suffix, kind):
+    path = tmp_path / f"mine{suffix}"
+    path.write_bytes(b"weights")
+    identity = identify(parse_source(str(path)))
+    assert (identity.name, identity.kind, identity.source) == ("mine", kind, str(path))
+    assert identity.digest == hashlib.sha256(b"weights").hexdigest()
+
+
+def test_a_server_is_labelled_remote():
+    identity = identify(parse_source("http://localhost:8000"))
+    assert (identity.name, identity.kind, identity.notes) == (
+        "localhost:8000",
+        "remote",
+        ("remote",),
+    )
+
+
+def test_a_factory_needs_trust():
+    with pytest.raises(PolicyLoadError, match="--trust"):
+        parse_source("package.module:attribute")
+    assert parse_source("package.module:attribute", trust=True).kind == "factory"
+
+
+def test_a_directory_has_one_file_a_task(folder):
+    source = parse_source(str(folder), ["pushing", "pick-up"])
+    assert source.for_task("pushing").kind == "onnx"
+    assert source.for_task("pick-up").kind == "torchscript"
+    with pytest.raises(PolicyLoadError, match="'opening'"):
+        parse_source(str(folder), ["opening"])
+
+
+def test_a_directorys_digest_covers_names_and_contents(folder):
+    before = identify(parse_source(str(folder))).digest
+    (folder / "README.md").write_text("changed")
+    assert identify(parse_source(str(folder))).digest == before
+    (folder / "pushing.onnx").rename(folder / "playing.onnx")
+    renamed = identify(parse_source(str(folder))).digest
+    (folder / "playing.onnx").write_bytes(b"other")
+    assert len({before, renamed, identify(parse_source(str(folder))).digest}) == 3
+
+
+def test_two_files_for_one_task_are_refused(folder):
+    (folder / "pushing.zip").write_bytes(b"three")
+    with pytest.raises(PolicyLoadError, match=r"pushing\.onnx, pushing\.zip"):
+        parse_source(str(folder))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("missing.pt", "does not exist"),
+        ("nothing", "there is no policy"),
+        ("http://", "address"),
+        ("http://user:secret@host", "address"),
+    ],
+)
+def test_what_is_not_there_is_said(text, message):
+    with pytest.raises(PolicyLoadError, match=message) as caught:
+        parse_source(text)
+    assert len(str(caught.value).splitlines()) <= 2
+
+
+def test_unusable_files_are_refused(tmp_path):
+    (tmp_path / "empty.pt").touch()
+    (tmp_path / "weights.h5").write_bytes(b"1")
+    (tmp_path / "hollow").mkdir()
+    for name, message in (
+        ("empty.pt", "is empty"),
+        ("weights.h5", r"known are .*\.safetensors"),
+        ("hollow", "no policies"),
+    ):
+        with pytest.raises(PolicyLoadError, match=message):
+            parse_source(str(tmp_path / name))
+
+
+def test_a_directory_with_a_files_suffix_is_a_directory(tmp_path):
+    (tmp_path / "run.pt").mkdir()
+    with pytest.raises(PolicyLoadError, match="no policies"):
+        parse_source(str(tmp_path / "run.pt"))
