@@ -153,6 +153,10 @@ def _histogram(axes: Axes, episodes: Sequence[EpisodeMetrics]) -> None:
             axes.bar(edges[:-1], counts, BIN * 0.88, bottom, align="edge", color=colour)
             bottom += counts
     axes.set_xlim(0, edges[-1])
+    # A stacked bar's foot holds the axis at its height; without this the tallest has no air.
+    axes.use_sticky_edges = False
+    axes.autoscale_view(scalex=False)
+    axes.set_ylim(bottom=0)
     axes.yaxis.set_major_locator(MaxNLocator(nbins=4, integer=True))
     axes.grid(axis="y")
 
