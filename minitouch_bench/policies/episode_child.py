@@ -66,11 +66,13 @@ def run_episode(episode: Episode, requests: int, answers: int) -> NoReturn:
 
 
 def seed_everything(seed: int) -> None:
-    """Seed the generators of Python, numpy and, where it is loaded, torch."""
+    """Seed the generators of Python, numpy and, where they are loaded, torch and onnxruntime."""
     random.seed(seed)
     np.random.seed(seed % 2**32)  # noqa: NPY002 - a policy may well use the old generator
     if "torch" in sys.modules:
         sys.modules["torch"].manual_seed(seed % 2**64)
+    if "onnxruntime" in sys.modules:  # a session takes its seed when it is made
+        sys.modules["onnxruntime"].set_seed(seed % 2**63)
 
 
 def _load(episode: Episode, answers: int) -> Policy | None:

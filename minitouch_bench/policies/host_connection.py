@@ -26,9 +26,13 @@ HOST_SETTINGS = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
+    "ORT_DISABLE_TELEMETRY": "1",
     "PYTHONHASHSEED": "0",
 }
-"""Environment of a host: no thread pool may exist before it forks, nor sets iterate by chance."""
+"""Environment of a host: no thread may exist before it forks, nor sets iterate by chance.
+
+From 1.29 on, onnxruntime's Linux packages start a thread that reports models to Microsoft.
+"""
 
 
 class HostGoneError(Exception):

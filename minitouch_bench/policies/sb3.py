@@ -41,6 +41,14 @@ POLICY_CLASSES = {
 }
 """Policy class by the module that a model names: SAC; TD3 and DDPG; PPO and A2C."""
 
+ALGORITHM_BY_SETTING = {
+    "PPO": "n_epochs",
+    "A2C": "gae_lambda",
+    "SAC": "target_entropy",
+    "TD3": "policy_delay",
+}
+"""A setting that only this algorithm has, or only those above it too; DDPG is a TD3 here."""
+
 PLAIN_SETTINGS = {
     "net_arch", "use_sde", "log_std_init", "full_std", "use_expln", "clip_mean", "squash_output",
     "features_extractor_kwargs", "share_features_extractor", "normalize_images", "n_critics",
@@ -235,17 +243,10 @@ def _is_modest(value: Any, depth: int = 0) -> bool:
 
 def _load_trusted(checkpoint: Checkpoint, settings: Any) -> Sb3Policy:
     """Let stable_baselines3 load a trusted model, running what is pickled in it."""
-    sb3 = require("stable_baselines3", "sb3")
-    on_policy = isinstance(settings, dict) and "n_epochs" in settings
-    names = ("PPO", "A2C") if on_policy else ("SAC", "TD3", "DDPG", "A2C", "PPO")
-    problem: Exception | None = None
-    for name in names:
-        try:
-            model = getattr(sb3, name).load(io.BytesIO(checkpoint.content), device="cpu")
-            break
-        except Exception as error:  # the zip does not name its algorithm; the next may fit
-            problem = error
-    else:
-        raise PolicyLoadError(f"{checkpoint.target}: no algorithm here loads it") from problem
     _check_observation(settings)
+    names = [name for name, setting in ALGORITHM_BY_SETTING.items() if setting in settings]
+    if not names:
+        raise PolicyLoadError(f"{checkpoint.target} is none of {', '.join(ALGORITHM_BY_SETTING)}")
+    algorithm = getattr(require("stable_baselines3", "sb3"), names[0])
+    model = algorithm.load(io.BytesIO(checkpoint.content), device="cpu")
     return Sb3Policy(model.policy, checkpoint.deterministic)

@@ -1,3 +1,4 @@
+import os
 import warnings
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ import torch
 from minitouch_bench.policies.loading import load_policy
 from minitouch_bench.policies.policy import Checkpoint, Policy
 from tests.policies.recipes import run_recipes
+
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # policy processes have it set for them
 
 
 @pytest.fixture(scope="session")

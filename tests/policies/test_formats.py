@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from minitouch_bench.agents.networks import TouchActor
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.loading import load_policy
 from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.sources import parse_source
 from tests.policies.conftest import load
 
 
@@ -93,9 +96,11 @@ def onnx_bytes(inputs=("image", "touch"), output="action", **options):
     constant = helper.make_node("Constant", [], ["end"], value=bound)
     start = helper.make_tensor("start", TensorProto.INT64, [1], [0])
     axis = helper.make_tensor("axis", TensorProto.INT64, [1], [1])
-    cut = helper.make_node("Slice", [inputs[1], "start", "end", "axis"], [output])
+    kind = "RandomNormalLike" if options.get("noise") else "Identity"
+    source = helper.make_node(kind, [inputs[1]], ["source"])
+    cut = helper.make_node("Slice", ["source", "start", "end", "axis"], [output])
     result = helper.make_tensor_value_info(output, TensorProto.FLOAT, ["batch", None])
-    graph = helper.make_graph([constant, cut], "graph", values, [result], [start, axis])
+    graph = helper.make_graph([constant, source, cut], "graph", values, [result], [start, axis])
     return helper.make_model(
         graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10
     ).SerializeToString()
@@ -105,6 +110,19 @@ def test_a_free_batch_axis_is_fine(observation):
     policy = load_policy("onnx", Checkpoint("x", onnx_bytes()))
     policy.reset(0, "pushing")
     assert np.array_equal(policy.act(observation)[0], observation["touch"][:4])
+
+
+def test_chance_in_a_graph_comes_from_the_episodes_seed(tmp_path, observation):
+    path = tmp_path / "noise.onnx"
+    path.write_bytes(onnx_bytes(bound=[4], noise=True))
+    drawn = []
+    with PolicyProcess(parse_source(str(path))) as policy:
+        for seed in (1, 1, 2):
+            policy.reset(seed, "pushing")
+            drawn.append(policy.act(observation).tolist())
+        assert policy._host is not None
+        assert len(os.listdir(f"/proc/{policy._host.pid}/task")) == 1  # else fork is unsafe
+    assert drawn[0] == drawn[1] != drawn[2]
 
 
 def test_onnx_files_of_another_form_are_refused():

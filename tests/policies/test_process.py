@@ -194,6 +194,8 @@ def test_the_process_gives_the_bits_of_the_loader(light, observation):
         local.reset(1, "opening")
         with PolicyProcess(parse_source(str(light / name))) as policy:
             policy.reset(1, "opening")
+            assert policy._host is not None
+            assert len(os.listdir(f"/proc/{policy._host.pid}/task")) == 1  # else fork is unsafe
             assert np.array_equal(policy.act(observation), np.ravel(local.act(observation)))
             policy.reset(1, "pushing")
             assert policy.act(observation).shape == (4,)

@@ -140,8 +140,10 @@ def test_other_spaces_are_refused():
     refused(saved(make("SAC", StillEnvironment(7))), r"shape \[7\]")
 
 
-def test_classes_of_ones_own_need_trust(observation):
-    model = make("SAC", features_extractor_class=OwnExtractor, net_arch=[8])
+@pytest.mark.parametrize("algorithm", ["SAC", "DDPG", "PPO", "A2C"])
+def test_classes_of_ones_own_need_trust(algorithm, observation):
+    own = {"features_extractor_kwargs": {"cnn_output_dim": 8}, "net_arch": [8]}
+    model = make(algorithm, features_extractor_class=OwnExtractor, **own)
     content = saved(model)
     refused(content, "needs --trust")
     wanted, _ = model.predict(observation, deterministic=True)
