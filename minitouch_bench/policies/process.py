@@ -114,13 +114,14 @@ class PolicyProcess:
             "task": task,
             "seed": seed,
         }
-        deadline = time.monotonic() + self._limits.load_timeout_s
+        limit_s = self._limits.load_timeout_s
+        deadline = time.monotonic() + limit_s
         self._end_episode()
         self._size = action_size(task)
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
         self._pipes = self._start(order)
         self._await_loaded(deadline, part.target)
-        kind, payload = self._ask(deadline, "reset did not return")
+        kind, payload = self._ask(deadline, f"reset did not return within {limit_s:g} s")
         if kind is not Frame.READY:
             self._fail(kind, payload)
 
@@ -139,7 +140,7 @@ class PolicyProcess:
             raise RuntimeError("no episode has begun")
         deadline = time.monotonic() + self._limits.act_timeout_s
         self._pipes.send(pack_frame(Frame.ACT, pack_observation(observation)))
-        kind, payload = self._ask(deadline, "no action")
+        kind, payload = self._ask(deadline, f"no action within {self._limits.act_timeout_s:g} s")
         if kind is not Frame.ACTION:
             self._fail(kind, payload)
         try:
@@ -190,24 +191,24 @@ class PolicyProcess:
 
     def _await_loaded(self, deadline: float, target: str) -> None:
         try:
-            kind, payload = self._ask(deadline, "loading did not end")
+            late = f"it was not loaded within {self._limits.load_timeout_s:g} s"
+            kind, payload = self._ask(deadline, late)
         except PolicyFaultError as fault:  # before its first answer a policy is not loaded
             raise PolicyLoadError(f"{target} cannot be loaded: {fault}") from fault
         if kind is Frame.LOADED:
             return
         self._stop(0.0)
-        text = plain_line(payload.decode(errors="replace"))
-        raise MissingExtraError(text) if kind is Frame.MISSING_EXTRA else PolicyLoadError(text)
+        failure = MissingExtraError if kind is Frame.MISSING_EXTRA else PolicyLoadError
+        raise failure(plain_line(payload.decode(errors="replace")))
 
     def _ask(self, deadline: float, late: str) -> tuple[Frame, bytes]:
         """Return the child's next frame, or end the child and raise what went wrong."""
         assert self._pipes is not None
-        began = time.monotonic()
         try:
             return self._pipes.receive(deadline)
         except TimeoutError:
             self._stop(0.0)
-            raise PolicyTimeoutError(f"{late} within {deadline - began:.3g} s") from None
+            raise PolicyTimeoutError(late) from None
         except EOFError:
             raise PolicyExitError(self._describe_exit()) from None
         except WireError as error:

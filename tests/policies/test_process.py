@@ -1,5 +1,6 @@
 """Real policy processes, and everything that can go wrong in one."""
 
+import os
 import subprocess
 import sys
 import time
@@ -26,8 +27,8 @@ LOAD_SLEEPS = 103
 
 HERE = Path(__file__).parent
 OBSERVATION = zero_observation()
-LIMITS = PolicyLimits(load_timeout_s=60.0, act_timeout_s=0.5)
-SOON_S = 0.4
+LIMITS = PolicyLimits(load_timeout_s=60.0, act_timeout_s=1.0)
+SOON_S = 0.8
 """Well before the act's deadline: a death is seen at once, not by waiting for it."""
 
 
@@ -99,9 +100,9 @@ def test_a_fault_is_named_at_once_and_the_next_episode_is_fine(bad, how, error, 
 def test_no_answer_in_time_is_a_timeout(bad, how):
     bad.reset(SEEDS[how], "pushing")
     began = time.monotonic()
-    with pytest.raises(PolicyTimeoutError, match=r"no action within 0\.5 s"):
+    with pytest.raises(PolicyTimeoutError, match=r"no action within 1 s$"):
         bad.act(OBSERVATION)
-    assert 0.4 < time.monotonic() - began < 2.0
+    assert 0.9 < time.monotonic() - began < 3.0
     with pytest.raises(RuntimeError, match="no episode"):
         bad.act(OBSERVATION)
     bad.reset(SEEDS["fine"], "pushing")
@@ -153,8 +154,8 @@ def test_a_dead_host_is_replaced(bad):
 @pytest.mark.parametrize(
     ("seed", "error", "text"),
     [
-        (RESET_SLEEPS, PolicyTimeoutError, "reset did not return within"),
-        (LOAD_SLEEPS, PolicyLoadError, "loading did not end within"),
+        (RESET_SLEEPS, PolicyTimeoutError, r"reset did not return within 0\.5 s"),
+        (LOAD_SLEEPS, PolicyLoadError, r"it was not loaded within 0\.5 s"),
     ],
 )
 def test_loading_and_reset_have_a_deadline(bad, monkeypatch, seed, error, text):

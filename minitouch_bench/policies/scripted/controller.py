@@ -1,0 +1,46 @@
+"""What the four controllers share: how to move towards a place."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.simulation.panda_arm import REACH_M, YAW_REACH_RAD
+from minitouch_bench.tasks.environment import MiniTouchEnv
+
+
+class Controller(ABC):
+    """A controller of one episode, which may look at the whole simulator."""
+
+    def __init__(self, environment: MiniTouchEnv) -> None:
+        self.environment = environment
+        self.client = environment.client
+
+    @abstractmethod
+    def act(self) -> NDArray[np.float32]:
+        """Return the next action, float32 of the task's size, in [-1, 1]."""
+
+    @property
+    def hand(self) -> NDArray[np.float64]:
+        """End-effector position, float64 (3,) in m."""
+        return np.array(self.environment.arm.position)
+
+    @property
+    def object_state(self) -> NDArray[np.float64]:
+        """The object's position, float64 (3,) in m, or the door's angle, (1,) in rad."""
+        return self.environment.task.object_state(self.client)
+
+    def toward(
+        self, goal: Sequence[float] | NDArray[np.float64], *, finger: float = 0.0
+    ) -> NDArray[np.float32]:
+        """Return the action that leads straight to ``goal`` (m), as far as one step reaches.
+
+        ``finger`` is the gripper's number. Where the gripper can turn, it is kept at yaw 0.
+        """
+        offset = (np.asarray(goal) - self.hand) / REACH_M
+        offset /= max(1.0, float(np.abs(offset).max()))
+        action = [*offset, finger]
+        if self.environment.task.preset.arm.faces_door:
+            action.append(float(np.clip(-self.environment.arm.yaw / YAW_REACH_RAD, -1.0, 1.0)))
+        return np.array(action, np.float32)
