@@ -15,6 +15,12 @@ TASK_NAMES = ("playing", "pushing", "opening", "pick-up")
 GOAL_TASKS = ("pushing", "opening", "pick-up")
 """The tasks with a goal; Playing has touch-interaction only."""
 
+
+def gym_id(task: str) -> str:
+    """Return the Gymnasium id of a task, as ``MiniTouch/PickUp-v1`` for "pick-up"."""
+    return f"MiniTouch/{task.title().replace('-', '')}-v1"
+
+
 TICKS_PER_SECOND = 240
 """Physics ticks in a simulated second."""
 

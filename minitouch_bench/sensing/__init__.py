@@ -1,0 +1,1 @@
+"""What a policy observes: the grey camera and the touch vector."""

@@ -1,0 +1,342 @@
+"""The one place that calls PyBullet's module functions."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pybullet
+import pybullet_data
+from numpy.typing import NDArray
+
+from minitouch_bench.records import TICKS_PER_SECOND
+
+GRAVITY_M_S2 = -9.8
+"""Source: the released MiniTouch package."""
+
+Vector = Sequence[float]
+Part = tuple[int, int]
+"""A body and one of its links (-1 is the base)."""
+Rgba = tuple[float, float, float, float]
+
+
+INVISIBLE: Rgba = (1.0, 1.0, 1.0, 0.0)
+
+
+class Pose(NamedTuple):
+    """Position (m) and orientation (quaternion x, y, z, w) in the world."""
+
+    position: tuple[float, float, float]
+    orientation: tuple[float, float, float, float]
+
+
+class Contact(NamedTuple):
+    """A contact point seen from the first body: the two links and the normal force (N)."""
+
+    link_a: int
+    link_b: int
+    normal_force: float
+
+
+class Image(NamedTuple):
+    """A rendered picture: ``rgb`` uint8 (H, W, 3) and ``depth`` float32 (H, W), 1 = nothing."""
+
+    rgb: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera: PyBullet's view and projection matrices (16 numbers each)."""
+
+    view: tuple[float, ...]
+    projection: tuple[float, ...]
+
+    @classmethod
+    def orbit(
+        cls,
+        target: Vector,
+        *,
+        distance: float,
+        yaw: float,
+        pitch: float,
+        fov: float,
+        near: float,
+        far: float = 10.0,
+        aspect: float = 1.0,
+    ) -> "View":
+        """Look at ``target`` (m) from ``distance`` (m), angles in degrees, z up."""
+        view = pybullet.computeViewMatrixFromYawPitchRoll(target, distance, yaw, pitch, 0.0, 2)
+        projection = pybullet.computeProjectionMatrixFOV(fov, aspect, near, far)
+        return cls(tuple(view), tuple(projection))
+
+
+class PhysicsClient:
+    """A private PyBullet world without a window.
+
+    Two clients never share state. Every call names this client's id, so several can live
+    in one process.
+    """
+
+    def __init__(self) -> None:
+        self._id: int = pybullet.connect(pybullet.DIRECT)
+        self.reset_world()
+
+    def close(self) -> None:
+        """Disconnect; a closed client cannot be used again."""
+        if self._id >= 0:
+            pybullet.disconnect(physicsClientId=self._id)
+            self._id = -1
+
+    def reset_world(self) -> None:
+        """Empty the world. Loading the same bodies in the same order after it is bit-identical.
+
+        Resetting poses in place, or ``restoreState``, is not: contact caches and the order
+        of overlapping pairs survive both.
+        """
+        pybullet.resetSimulation(physicsClientId=self._id)
+        pybullet.setPhysicsEngineParameter(
+            deterministicOverlappingPairs=1,
+            fixedTimeStep=1.0 / TICKS_PER_SECOND,
+            physicsClientId=self._id,
+        )
+        pybullet.setGravity(0.0, 0.0, GRAVITY_M_S2, physicsClientId=self._id)
+
+    def step(self) -> None:
+        """Advance one tick of 1/240 s."""
+        pybullet.stepSimulation(physicsClientId=self._id)
+
+    # Bodies
+
+    def load_urdf(
+        self,
+        path: Path,
+        position: Vector = (0.0, 0.0, 0.0),
+        orientation: Vector = (0.0, 0.0, 0.0, 1.0),
+        *,
+        fixed: bool = False,
+        inertia_from_file: bool = False,
+    ) -> int:
+        """Load a URDF and return the body's id.
+
+        Without ``inertia_from_file`` PyBullet derives inertia from the collision boxes.
+        """
+        flags = pybullet.URDF_ENABLE_CACHED_GRAPHICS_SHAPES
+        if inertia_from_file:
+            flags |= pybullet.URDF_USE_INERTIA_FROM_FILE
+        body: int = pybullet.loadURDF(
+            str(path),
+            position,
+            orientation,
+            useFixedBase=fixed,
+            flags=flags,
+            physicsClientId=self._id,
+        )
+        return body
+
+    def add_box(
+        self, half_extents: Vector, position: Vector, color: Rgba, *, mass: float, friction: float
+    ) -> int:
+        """Add a box (m, kg; mass 0 is static) and return its id."""
+        shape = pybullet.createCollisionShape(
+            pybullet.GEOM_BOX, halfExtents=half_extents, physicsClientId=self._id
+        )
+        body: int = pybullet.createMultiBody(
+            mass, shape, self._box_visual(half_extents, color), position, physicsClientId=self._id
+        )
+        pybullet.changeDynamics(body, -1, lateralFriction=friction, physicsClientId=self._id)
+        return body
+
+    def add_ghost_box(self, half_extents: Vector, position: Vector, color: Rgba) -> int:
+        """Add a box that is seen and never touched, and return its id."""
+        body: int = pybullet.createMultiBody(
+            0.0, -1, self._box_visual(half_extents, color), position, physicsClientId=self._id
+        )
+        return body
+
+    def _box_visual(self, half_extents: Vector, color: Rgba) -> int:
+        visual: int = pybullet.createVisualShape(
+            pybullet.GEOM_BOX,
+            halfExtents=half_extents,
+            rgbaColor=color,
+            specularColor=(0.0, 0.0, 0.0),
+            physicsClientId=self._id,
+        )
+        return visual
+
+    def colors(self) -> dict[Part, Rgba]:
+        """Return the colour of every link that has a picture."""
+        bodies = range(pybullet.getNumBodies(physicsClientId=self._id))
+        return {
+            (shape[0], shape[1]): shape[7]
+            for body in bodies
+            for shape in pybullet.getVisualShapeData(body, physicsClientId=self._id)
+        }
+
+    def paint(self, colors: Mapping[Part, Rgba]) -> None:
+        """Change the colour of links; alpha 0 keeps the renderer from drawing one."""
+        for (body, link), color in colors.items():
+            pybullet.changeVisualShape(body, link, rgbaColor=color, physicsClientId=self._id)
+
+    def mirror(self, other: "PhysicsClient") -> None:
+        """Take over the pose of every body and joint of a world built in the same order."""
+        for body in range(pybullet.getNumBodies(physicsClientId=other._id)):
+            self.set_pose(body, *other.pose(body))
+            for joint in range(pybullet.getNumJoints(body, physicsClientId=other._id)):
+                self.set_joint(body, joint, other.joint_positions(body, [joint])[0])
+
+    def pose(self, body: int) -> Pose:
+        """Return the pose of a body's centre of mass."""
+        return Pose(*pybullet.getBasePositionAndOrientation(body, physicsClientId=self._id))
+
+    def set_pose(self, body: int, position: Vector, orientation: Vector) -> None:
+        """Place a body's centre of mass, at rest."""
+        pybullet.resetBasePositionAndOrientation(
+            body, position, orientation, physicsClientId=self._id
+        )
+        pybullet.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0), physicsClientId=self._id)
+
+    def speed(self, body: int) -> tuple[float, float]:
+        """Return a body's speed (m/s) and rate of turn (rad/s)."""
+        linear, angular = pybullet.getBaseVelocity(body, physicsClientId=self._id)
+        return sum(v * v for v in linear) ** 0.5, sum(v * v for v in angular) ** 0.5
+
+    def bounds(self, body: int) -> tuple[Vector, Vector]:
+        """Return the axis-aligned bounding box of a body (m), its collision margin included."""
+        low, high = pybullet.getAABB(body, -1, physicsClientId=self._id)
+        return low, high
+
+    def lowest_point(self, body: int) -> float:
+        """Return the height of a body's lowest point (m), its collision margin included."""
+        return float(pybullet.getAABB(body, -1, physicsClientId=self._id)[0][2])
+
+    # Joints
+
+    def joint_limits(self, body: int, joint: int) -> tuple[float, float]:
+        """Return a joint's range (rad or m)."""
+        info = pybullet.getJointInfo(body, joint, physicsClientId=self._id)
+        return info[8], info[9]
+
+    def set_joint(self, body: int, joint: int, position: float) -> None:
+        """Place a joint, at rest."""
+        pybullet.resetJointState(body, joint, position, physicsClientId=self._id)
+
+    def joint_positions(self, body: int, joints: Sequence[int]) -> list[float]:
+        """Return joint positions (rad or m)."""
+        states = pybullet.getJointStates(body, joints, physicsClientId=self._id)
+        return [state[0] for state in states]
+
+    def sense_joint_forces(self, body: int, joints: Iterable[int]) -> None:
+        """Switch on the force sensor of these joints."""
+        for joint in joints:
+            pybullet.enableJointForceTorqueSensor(body, joint, True, physicsClientId=self._id)
+
+    def joint_forces(self, body: int, joints: Sequence[int]) -> list[tuple[float, float, float]]:
+        """Return the reaction force (N) at each joint, in the joint's frame."""
+        states = pybullet.getJointStates(body, joints, physicsClientId=self._id)
+        return [state[2][:3] for state in states]
+
+    def drive_joints(
+        self, body: int, joints: Sequence[int], targets: Vector, forces: Vector
+    ) -> None:
+        """Drive joints towards positions with at most these forces (N or N·m)."""
+        pybullet.setJointMotorControlArray(
+            body,
+            joints,
+            pybullet.POSITION_CONTROL,
+            targetPositions=targets,
+            forces=forces,
+            physicsClientId=self._id,
+        )
+
+    def set_joint_friction(self, body: int, joint: int, torque: float) -> None:
+        """Replace a joint's default motor by dry friction (N or N·m)."""
+        pybullet.setJointMotorControl2(
+            body,
+            joint,
+            pybullet.VELOCITY_CONTROL,
+            targetVelocity=0.0,
+            force=torque,
+            physicsClientId=self._id,
+        )
+
+    def link_position(self, body: int, link: int) -> tuple[float, float, float]:
+        """Return the position (m) of a link's frame as of the last tick."""
+        state = pybullet.getLinkState(body, link, physicsClientId=self._id)
+        position: tuple[float, float, float] = state[4]
+        return position
+
+    def placed_link_position(self, body: int, link: int) -> tuple[float, float, float]:
+        """Return the position (m) of a link's frame after joints were placed without a tick."""
+        state = pybullet.getLinkState(
+            body, link, computeForwardKinematics=True, physicsClientId=self._id
+        )
+        position: tuple[float, float, float] = state[4]
+        return position
+
+    def inverse_kinematics(
+        self, body: int, link: int, pose: Pose, *, damping: float, iterations: int, residual: float
+    ) -> tuple[float, ...]:
+        """Return joint positions that bring a link to a pose, starting from where they are."""
+        solution: tuple[float, ...] = pybullet.calculateInverseKinematics(
+            body,
+            link,
+            pose.position,
+            pose.orientation,
+            jointDamping=[damping] * self._degrees_of_freedom(body),
+            maxNumIterations=iterations,
+            residualThreshold=residual,
+            physicsClientId=self._id,
+        )
+        return solution
+
+    def _degrees_of_freedom(self, body: int) -> int:
+        count = pybullet.getNumJoints(body, physicsClientId=self._id)
+        types = (pybullet.getJointInfo(body, j, physicsClientId=self._id)[2] for j in range(count))
+        return sum(kind != pybullet.JOINT_FIXED for kind in types)
+
+    # Contacts and pictures
+
+    def contacts(self, body_a: int, body_b: int) -> list[Contact]:
+        """Return the contact points of the last tick between two bodies."""
+        points = pybullet.getContactPoints(body_a, body_b, physicsClientId=self._id)
+        return [Contact(point[3], point[4], point[9]) for point in points]
+
+    def overlapping(self, body_a: int, body_b: int, distance: float) -> bool:
+        """Tell whether two bodies are closer than ``distance`` (m) in their present poses."""
+        points = pybullet.getClosestPoints(body_a, body_b, distance, physicsClientId=self._id)
+        return len(points) > 0
+
+    def render(self, view: View, width: int, height: int, *, shadow: bool = False) -> Image:
+        """Draw the world with the software renderer."""
+        _, _, rgba, depth, _ = pybullet.getCameraImage(
+            width,
+            height,
+            view.view,
+            view.projection,
+            shadow=int(shadow),
+            renderer=pybullet.ER_TINY_RENDERER,
+            flags=pybullet.ER_NO_SEGMENTATION_MASK,
+            physicsClientId=self._id,
+        )
+        pixels = np.reshape(np.asarray(rgba, np.uint8), (height, width, 4))
+        return Image(pixels[..., :3], np.reshape(np.asarray(depth, np.float32), (height, width)))
+
+
+def quaternion_from_euler(angles: Vector) -> tuple[float, float, float, float]:
+    """Return the quaternion (x, y, z, w) of fixed-axis roll, pitch, yaw (rad)."""
+    quaternion: tuple[float, float, float, float] = pybullet.getQuaternionFromEuler(angles)
+    return quaternion
+
+
+def simulator_version() -> str:
+    """Return the version of the installed PyBullet."""
+    return version("pybullet")
+
+
+def data_directory() -> Path:
+    """Return where ``pybullet_data`` keeps its files."""
+    return Path(pybullet_data.getDataPath())
+

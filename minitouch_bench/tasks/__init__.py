@@ -1,0 +1,1 @@
+"""The four tasks as Gymnasium environments."""

@@ -1,0 +1,161 @@
+"""One Gymnasium environment for all four tasks."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from minitouch_bench.errors import InvalidActionError, UsageError
+from minitouch_bench.records import Outcome
+from minitouch_bench.sensing.camera import GreyCamera
+from minitouch_bench.sensing.observation import Observation, observation_space
+from minitouch_bench.sensing.touch import read_touch
+from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.panda_arm import PandaArm
+from minitouch_bench.simulation.panda_kinematics import PandaKinematics
+from minitouch_bench.simulation.scene import add_table
+from minitouch_bench.tasks.contact_watch import ContactWatch
+from minitouch_bench.tasks.objects import ObjectModel, ObjectPool
+from minitouch_bench.tasks.studio import Studio
+from minitouch_bench.tasks.task import MAX_STEPS, SUCCESS_REWARD, Task
+
+Info = dict[str, Any]
+
+
+class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+    """A task seen through the 84 x 84 camera and the touch vector.
+
+    Observations: ``image`` uint8 (1, 84, 84), ``touch`` float32 (11,). Actions: float32
+    (4,), Opening (5,), in [-1, 1]; values outside are clipped and reported in ``info``.
+
+    ``reset(options={"object": name})`` asks for one object of the pool; without it the
+    object is drawn. ``info`` of a step: ``success``, ``outcome`` ("" until the end),
+    ``ticks``, ``contact_ticks``, ``onsets``, ``first_touch_tick``, ``clipped``,
+    ``object_state``, and the action as applied.
+
+    Each reset builds its world anew, so an episode depends on its seed and actions alone.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012  Gymnasium's form
+
+    def __init__(
+        self,
+        task: Task,
+        pool: ObjectPool | None,
+        render_mode: str | None = None,
+        *,
+        width: int = 480,
+        height: int = 480,
+        max_steps: int = MAX_STEPS,
+    ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise UsageError(f"render_mode is 'rgb_array' or None, not '{render_mode}'")
+        self.render_mode = render_mode
+        self.task = task
+        self._pool = pool
+        self._size = (width, height)
+        self._max_steps = max_steps
+        preset = task.preset
+        self.action_space = spaces.Box(-1.0, 1.0, (preset.arm.action_size,), np.float32)
+        self.observation_space = observation_space(preset.force_limit)
+        self.client = PhysicsClient()
+        self._kinematics = PandaKinematics(preset.arm.posture)
+        self._camera = GreyCamera(preset.camera)
+        self._studio: Studio | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, Info]:
+        """Build the world of a new episode."""
+        super().reset(seed=seed)
+        client, task = self.client, self.task
+        model = self._choose_object((options or {}).get("object"))
+        task.draw(self.np_random, model)
+        client.reset_world()
+        table = add_table(client)
+        self._camera.keep_background(client, ((table, -1), *task.add_scenery(client)))
+        task.add_object(client)
+        self.arm = PandaArm(client, self._kinematics, task.preset.arm)
+        task.place_arm(self.arm)
+        self._watch = ContactWatch(client, self.arm.body, task.target_body, task.target_links)
+        self._steps = 0
+        if self._studio is not None:
+            self._studio.forget()
+        return self._observe(), {"object": model.name if model else "", **self._state()}
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[Observation, float, bool, bool, Info]:
+        """Carry out one control step."""
+        applied, clipped = self._checked(action)
+        workspace, watch = self.task.preset.workspace, self._watch
+        contact_ticks, onsets = watch.contact_ticks, watch.onsets
+        ticks = self.arm.move(applied, workspace.low, workspace.high, watch.after_tick)
+        self._steps += 1
+        outcome = self.task.outcome(self.client)
+        truncated = outcome is None and self._steps >= self._max_steps
+        info = {
+            "outcome": str(outcome or (Outcome.STEP_LIMIT if truncated else "")),
+            "ticks": ticks,
+            "contact_ticks": watch.contact_ticks - contact_ticks,
+            "onsets": watch.onsets - onsets,
+            "first_touch_tick": watch.first_tick,
+            "action": applied,
+            "clipped": clipped,
+            **self._state(outcome),
+        }
+        reward = SUCCESS_REWARD if info["success"] else 0.0
+        return self._observe(), reward, outcome is not None, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """Return a picture of the scene, uint8 (height, width, 3), for people."""
+        if self.render_mode is None:
+            return None
+        if self._studio is None:
+            self._studio = Studio(*self._size)
+        return self._studio.picture(self.task, self.client)
+
+    def close(self) -> None:
+        """Free the worlds."""
+        self.client.close()
+        self._kinematics.close()
+        if self._studio is not None:
+            self._studio.close()
+
+    def _choose_object(self, name: str | None) -> ObjectModel | None:
+        if self._pool is None:
+            return None
+        return self._pool.model(name) if name else self._pool.draw(self.np_random)
+
+    def _checked(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], bool]:
+        """Return the action clipped to [-1, 1], and whether it had to be.
+
+        Raises:
+            InvalidActionError: wrong shape or kind, NaN or infinite; the world is untouched,
+                which matters because one NaN would poison it for good.
+        """
+        given = np.asarray(action)
+        size = self.task.preset.arm.action_size
+        if given.shape != (size,) or not np.issubdtype(given.dtype, np.floating):
+            raise InvalidActionError(
+                f"an action is float32 ({size},); this one is {given.dtype} {given.shape}"
+            )
+        if not np.isfinite(given).all():
+            raise InvalidActionError("the action holds NaN or infinity")
+        applied = np.clip(given, -1.0, 1.0).astype(np.float32)
+        return applied, bool((np.abs(given) > 1.0).any())
+
+    def _observe(self) -> Observation:
+        return {
+            "image": self._camera.capture(self.client),
+            "touch": read_touch(self.arm, self.task.preset.force_limit),
+        }
+
+    def _state(self, outcome: Outcome | None = None) -> Info:
+        return {
+            "success": outcome is Outcome.SUCCESS,
+            "object_state": self.task.object_state(self.client),
+        }
+

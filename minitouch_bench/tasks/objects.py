@@ -1,0 +1,95 @@
+"""The objects that Playing, Pushing and Pick-up put on the table."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.simulation.bodies import cube
+from minitouch_bench.simulation.client import PhysicsClient
+
+CUBE = "cube"
+"""The name of a task's own cube."""
+
+
+@dataclass(frozen=True)
+class ObjectModel:
+    """An object that can be loaded.
+
+    ``rest``: a stable orientation (quaternion x, y, z, w), and ``rest_height`` the height
+    of its centre of mass (m) when it lies so. ``vertices``: float64 (N, 3), the corners of
+    its convex hull about the centre of mass (m).
+    """
+
+    name: str
+    urdf: Path
+    rest: tuple[float, float, float, float]
+    rest_height: float
+    vertices: NDArray[np.float64]
+
+    def load(self, client: PhysicsClient, x: float, y: float, yaw: float) -> int:
+        """Add the object at a place on the table (m), turned by ``yaw`` (rad)."""
+        return client.load_urdf(
+            self.urdf,
+            (x, y, self.rest_height),
+            _turned(self.rest, yaw),
+            inertia_from_file=True,
+        )
+
+    def lowest_point(self, client: PhysicsClient, body: int) -> float:
+        """Return the height of the lowest corner (m), without the collision margin."""
+        position, (x, y, z, w) = client.pose(body)
+        up = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
+        return float(position[2] + (self.vertices * up).sum(axis=1).min())
+
+
+def cube_model(side: float, mass: float, friction: float) -> ObjectModel:
+    """Return a cube (m, kg)."""
+    half = side / 2
+    corners = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
+    return ObjectModel(
+        CUBE, cube(side, mass, friction), (0.0, 0.0, 0.0, 1.0), half, np.array(corners)
+    )
+
+
+def _turned(
+    orientation: tuple[float, float, float, float], yaw: float
+) -> tuple[float, float, float, float]:
+    """Return ``orientation`` turned about the world's vertical axis."""
+    x, y, z, w = orientation
+    sine, cosine = math.sin(yaw / 2), math.cos(yaw / 2)
+    return (
+        cosine * x - sine * y,
+        cosine * y + sine * x,
+        cosine * z + sine * w,
+        cosine * w - sine * z,
+    )
+
+
+class ObjectPool:
+    """The objects an environment draws from, loaded when first used."""
+
+    def __init__(self, names: tuple[str, ...], load: Callable[[str], ObjectModel]) -> None:
+        self.names = names
+        self._load = load
+        self._models: dict[str, ObjectModel] = {}
+
+    def draw(self, rng: np.random.Generator) -> ObjectModel:
+        """Return one object, all equally likely."""
+        return self.model(self.names[int(rng.integers(len(self.names)))])
+
+    def model(self, name: str) -> ObjectModel:
+        """Return the object called ``name``.
+
+        Raises:
+            UsageError: the pool has none of that name.
+        """
+        if name not in self.names:
+            raise UsageError(f"no object '{name}' here (try one of {', '.join(self.names[:5])})")
+        if name not in self._models:
+            self._models[name] = self._load(name)
+        return self._models[name]

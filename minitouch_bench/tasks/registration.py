@@ -1,0 +1,49 @@
+"""The one table of tasks, and the function that Gymnasium calls to make one."""
+
+from collections.abc import Sequence
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.objects import CUBE, ObjectPool
+from minitouch_bench.tasks.opening import Opening
+from minitouch_bench.tasks.pick_up import PickUp
+from minitouch_bench.tasks.playing import Playing
+from minitouch_bench.tasks.pushing import Pushing
+from minitouch_bench.tasks.shapes import shape_pool
+from minitouch_bench.tasks.task import Task
+
+TASKS: dict[str, type[Task]] = {
+    task.preset.name: task for task in (Playing, Pushing, Opening, PickUp)
+}
+"""Every task by its name on the command line."""
+
+
+def make_environment(
+    task: str, objects: str | Sequence[str] | None = None, **options: object
+) -> MiniTouchEnv:
+    """Return the environment of a task.
+
+    ``objects``: "cube" (the task's own), a split of the canonical shape set ("train",
+    "held-out", "all"), or the names of shapes; None takes the task's default. The other
+    options are those of ``MiniTouchEnv``.
+
+    Raises:
+        UsageError: no such task or objects.
+    """
+    if task not in TASKS:
+        raise UsageError(f"no task '{task}'; the tasks are {', '.join(TASKS)}")
+    instance = TASKS[task]()
+    return MiniTouchEnv(instance, _pool(instance, objects), **options)  # type: ignore[arg-type]
+
+
+def _pool(task: Task, objects: str | Sequence[str] | None) -> ObjectPool | None:
+    own = task.own_object()
+    chosen = task.preset.default_objects if objects is None else objects
+    if own is None:
+        if chosen:
+            raise UsageError(f"{task.preset.name} has no object to choose")
+        return None
+    if chosen == CUBE:
+        return ObjectPool((CUBE,), lambda _: own)
+    return shape_pool(chosen)
+

@@ -1,0 +1,74 @@
+"""What a task is: a frozen preset and the rules of its scene."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.records import Outcome
+from minitouch_bench.sensing.camera import CameraPreset
+from minitouch_bench.simulation.client import Part, PhysicsClient
+from minitouch_bench.simulation.panda_arm import ArmPreset, PandaArm
+from minitouch_bench.simulation.scene import Workspace
+from minitouch_bench.tasks.objects import CUBE, ObjectModel
+
+MAX_STEPS = 200
+"""Control steps in an episode. Source: the released package."""
+SUCCESS_REWARD = 25.0
+"""Source: the paper's supplement."""
+
+
+@dataclass(frozen=True)
+class TaskPreset:
+    """The constants of a task. ``force_limit`` (N) bounds the touch vector's forces."""
+
+    name: str
+    workspace: Workspace
+    camera: CameraPreset
+    portrait: CameraPreset
+    arm: ArmPreset
+    force_limit: float = 50.0
+    default_objects: str = CUBE
+
+
+class Task(ABC):
+    """The scene, the object and the goal of one task.
+
+    A reset calls ``draw``, ``add_scenery``, ``add_object`` and ``place_arm`` in this order; the
+    same draws in the same order build the same world, bit for bit.
+    """
+
+    preset: ClassVar[TaskPreset]
+    target_body: int
+    """The body whose contact with the fingers counts as touch."""
+    target_links: tuple[int, ...] = (-1,)
+    """Its links that count (-1 is the base)."""
+
+    @staticmethod
+    def own_object() -> ObjectModel | None:
+        """Return the task's own object, None where it has none to choose."""
+        return None
+
+    @abstractmethod
+    def draw(self, rng: np.random.Generator, model: ObjectModel | None) -> None:
+        """Draw where everything stands, with ``model`` in place of the task's own object."""
+
+    def add_scenery(self, client: PhysicsClient) -> tuple[Part, ...]:
+        """Add what stands beside the table, and return those of its parts that never move."""
+        return ()
+
+    def add_object(self, client: PhysicsClient) -> None:  # noqa: B027  Opening has none
+        """Add the object, at rest."""
+
+    def place_arm(self, arm: PandaArm) -> None:  # noqa: B027
+        """Move the arm away from its start joints, where the task asks for it."""
+
+    @abstractmethod
+    def object_state(self, client: PhysicsClient) -> NDArray[np.float64]:
+        """Return the object's position, float64 (3,) in m, or the door's angle, (1,) in rad."""
+
+    @abstractmethod
+    def outcome(self, client: PhysicsClient) -> Outcome | None:
+        """Return how the episode has just ended, None if it goes on."""
