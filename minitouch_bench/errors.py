@@ -13,6 +13,7 @@
     │       ├── PolicyExitError         its process ended
     │       └── PolicyRaisedError       its code raised
     ├── InfrastructureError         5   a worker died, a file could not be written
+    ├── InterruptedRunError       130   Ctrl-C
     └── RunDirectoryError           6   locked, corrupt, or of another run
 """
 
@@ -71,6 +72,12 @@ class InfrastructureError(MiniTouchError):
     """Something of ours or of the machine failed; never the policy's fault."""
 
     exit_code = 5
+
+
+class InterruptedRunError(MiniTouchError):
+    """The user broke off a run."""
+
+    exit_code = 130
 
 
 class RunDirectoryError(MiniTouchError):

@@ -14,7 +14,7 @@ class RandomPolicy:
         self._generator = np.random.default_rng(seed)
         self._size = action_size(task)
 
-    def act(self, observation: Observation) -> NDArray[np.float32]:  # noqa: ARG002 - sees nothing
+    def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return a uniformly random action."""
         return self._generator.uniform(-1.0, 1.0, self._size).astype(np.float32)
 
@@ -22,11 +22,11 @@ class RandomPolicy:
 class ZeroPolicy:
     """Never move."""
 
-    def reset(self, seed: int, task: str) -> None:  # noqa: ARG002 - needs no chance
+    def reset(self, seed: int, task: str) -> None:
         """Note the task's action size."""
         self._size = action_size(task)
 
-    def act(self, observation: Observation) -> NDArray[np.float32]:  # noqa: ARG002 - sees nothing
+    def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return an action of zeros."""
         return np.zeros(self._size, np.float32)
 

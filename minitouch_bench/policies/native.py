@@ -26,7 +26,7 @@ class NativePolicy:
         self._deterministic = deterministic
         self._generator = torch.Generator()
 
-    def reset(self, seed: int, task: str) -> None:  # noqa: ARG002 - one network for every task
+    def reset(self, seed: int, task: str) -> None:
         """Seed the actor's noise."""
         self._generator.manual_seed(seed)
 

@@ -79,7 +79,7 @@ class Sb3Policy:
         self._policy = policy
         self._deterministic = deterministic
 
-    def reset(self, seed: int, task: str) -> None:  # noqa: ARG002 - one network for every task
+    def reset(self, seed: int, task: str) -> None:
         """Seed torch's generator, which the policy samples from."""
         torch.manual_seed(seed)
 

@@ -1,6 +1,6 @@
 """The observation and its space."""
 
-from typing import TypedDict
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -12,12 +12,8 @@ from minitouch_bench.sensing.touch import FORCES, OPENINGS, POSITION, TOUCH_SIZE
 POSITION_LIMIT_M = 2.0
 """No point of the arm can be further from its base (its reach is 0.855 m)."""
 
-
-class Observation(TypedDict):
-    """``image``: uint8 (1, 84, 84), grey; ``touch``: float32 (11,), see ``sensing.touch``."""
-
-    image: NDArray[np.uint8]
-    touch: NDArray[np.float32]
+Observation = dict[str, NDArray[Any]]
+"""``image``: uint8 (1, 84, 84), grey; ``touch``: float32 (11,), see ``sensing.touch``."""
 
 
 def observation_space(force_limit: float) -> spaces.Dict:

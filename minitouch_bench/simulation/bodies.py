@@ -138,7 +138,11 @@ def _body_boxes(c: Cabinet) -> list[Box]:
 def _boxes(boxes: Sequence[Box], color: str) -> str:
     parts = []
     for kind in ("visual", "collision"):
-        paint = f'<material name="paint {color}"><color rgba="{color}"/></material>' if kind == "visual" else ""
+        paint = (
+            f'<material name="paint {color}"><color rgba="{color}"/></material>'
+            if kind == "visual"
+            else ""
+        )
         parts += [
             f'<{kind}><origin xyz="{_text(center)}"/>'
             f'<geometry><box size="{_text(size)}"/></geometry>{paint}</{kind}>'

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pybullet
 import pybullet_data
 from numpy.typing import NDArray
 
 from minitouch_bench.records import TICKS_PER_SECOND
+from minitouch_bench.simulation.quiet_pybullet import pybullet
 
 GRAVITY_M_S2 = -9.8
 """Source: the released MiniTouch package."""
@@ -339,4 +339,3 @@ def simulator_version() -> str:
 def data_directory() -> Path:
     """Return where ``pybullet_data`` keeps its files."""
     return Path(pybullet_data.getDataPath())
-

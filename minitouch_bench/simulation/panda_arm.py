@@ -124,7 +124,9 @@ class PandaArm:
         values = [float(value) for value in action]
         target = [
             _clamp(now + REACH_M * value, lowest, highest)
-            for now, value, lowest, highest in zip(self.position, values[:3], low, high, strict=True)
+            for now, value, lowest, highest in zip(
+                self.position, values[:3], low, high, strict=True
+            )
         ]
         turn = YAW_REACH_RAD * values[4] if self._preset.faces_door else 0.0
         self._drive(self._joint_targets(target, turn), self._finger_targets(values[3]))
@@ -165,7 +167,9 @@ class PandaArm:
     def _solve(self, target: Vector, yaw: float) -> list[float]:
         # Fixed-axis roll, pitch, yaw. Down: the text's Euler (0, -pi, pi/2). Door: a pitch of
         # pi/2 lays the hand flat, and a roll before it turns the fingers in the plane.
-        angles = (yaw, math.pi / 2, 0.0) if self._preset.faces_door else (0.0, -math.pi, math.pi / 2)
+        angles = (
+            (yaw, math.pi / 2, 0.0) if self._preset.faces_door else (0.0, -math.pi, math.pi / 2)
+        )
         return self._kinematics.solve(target, quaternion_from_euler(angles))
 
     def _place_joints(self, joints: Sequence[float]) -> None:

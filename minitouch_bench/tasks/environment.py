@@ -59,7 +59,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._max_steps = max_steps
         preset = task.preset
         self.action_space = spaces.Box(-1.0, 1.0, (preset.arm.action_size,), np.float32)
-        self.observation_space = observation_space(preset.force_limit)
+        # Gymnasium has no type for a Dict space whose samples are plain dicts.
+        self.observation_space = observation_space(preset.force_limit)  # type: ignore[assignment]
         self.client = PhysicsClient()
         self._kinematics = PandaKinematics(preset.arm.posture)
         self._camera = GreyCamera(preset.camera)
@@ -85,9 +86,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             self._studio.forget()
         return self._observe(), {"object": model.name if model else "", **self._state()}
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[Observation, float, bool, bool, Info]:
+    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
         """Carry out one control step."""
         applied, clipped = self._checked(action)
         workspace, watch = self.task.preset.workspace, self._watch
@@ -109,10 +108,12 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         reward = SUCCESS_REWARD if info["success"] else 0.0
         return self._observe(), reward, outcome is not None, truncated, info
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
-        """Return a picture of the scene, uint8 (height, width, 3), for people."""
-        if self.render_mode is None:
-            return None
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return ``picture()`` if ``render_mode`` asks for it, else None."""
+        return None if self.render_mode is None else self.picture()
+
+    def picture(self) -> NDArray[np.uint8]:
+        """Return a picture of the scene for people, uint8 (height, width, 3)."""
         if self._studio is None:
             self._studio = Studio(*self._size)
         return self._studio.picture(self.task, self.client)
@@ -158,4 +159,3 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             "success": outcome is Outcome.SUCCESS,
             "object_state": self.task.object_state(self.client),
         }
-

@@ -37,6 +37,7 @@ class Opening(Task):
 
     preset: ClassVar[TaskPreset] = TaskPreset(
         name="opening",
+        goal="door open by 30 degrees",
         workspace=WORKSPACE,
         camera=CameraPreset((0.625, 0.0, 0.05), yaw=0.0, pitch=-90.0, near=0.01),
         portrait=CameraPreset(

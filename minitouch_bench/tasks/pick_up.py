@@ -35,6 +35,7 @@ class PickUp(Task):
 
     preset: ClassVar[TaskPreset] = TaskPreset(
         name="pick-up",
+        goal="object 5 cm above the table",
         workspace=WORKSPACE,
         camera=CameraPreset((0.625, 0.0, -0.125), yaw=90.0, pitch=-60.0, near=0.26),
         portrait=TABLETOP_PORTRAIT,

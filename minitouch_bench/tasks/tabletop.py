@@ -44,9 +44,7 @@ def draw_yaw(rng: np.random.Generator, model: ObjectModel) -> float:
     return 0.0 if model.name == CUBE else float(rng.uniform(0.0, 2.0 * math.pi))
 
 
-def draw_placement(
-    workspace: Workspace, rng: np.random.Generator, model: ObjectModel
-) -> Placement:
+def draw_placement(workspace: Workspace, rng: np.random.Generator, model: ObjectModel) -> Placement:
     """Draw a uniform place in the workspace less 5 cm that the hand does not cover."""
     while True:
         x, y = workspace.draw_place(rng, MARGIN_M)

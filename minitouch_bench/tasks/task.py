@@ -22,9 +22,14 @@ SUCCESS_REWARD = 25.0
 
 @dataclass(frozen=True)
 class TaskPreset:
-    """The constants of a task. ``force_limit`` (N) bounds the touch vector's forces."""
+    """The constants of a task.
+
+    ``goal`` says in words what success is; ``camera`` is the policy's view, ``portrait`` that of
+    people; ``force_limit`` (N) bounds the touch vector's forces.
+    """
 
     name: str
+    goal: str
     workspace: Workspace
     camera: CameraPreset
     portrait: CameraPreset

@@ -1,0 +1,173 @@
+"""``minitouch-bench evaluate``: the main job."""
+
+import os
+import re
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+
+from minitouch_bench.cli.progress import EvaluationProgress
+from minitouch_bench.errors import InfrastructureError, InterruptedRunError, UsageError
+from minitouch_bench.metrics import summarize
+from minitouch_bench.policies.process import PolicyLimits, probe
+from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.protocol.engine import Contest
+from minitouch_bench.protocol.evaluation import Begun, Request, begin
+from minitouch_bench.protocol.evaluation import evaluate as run_evaluation
+from minitouch_bench.protocol.filming import film
+from minitouch_bench.protocol.local_engine import LocalEngine
+from minitouch_bench.protocol.storage import lock_directory, write_actions
+from minitouch_bench.protocol.suites import find_suite, parse_tasks
+from minitouch_bench.records import GOAL_TASKS, EvaluationRun, Outcome
+from minitouch_bench.reporting import show_report, write_report, write_run
+from minitouch_bench.reporting.json_document import to_text
+
+FINISHED_WITH_FAULTS = 4
+MAX_EPISODES = 100_000
+MAX_WORKERS = 1024
+
+notes = Console(stderr=True, soft_wrap=True)
+
+
+class Isolation(StrEnum):
+    """How a policy is held."""
+
+    PROCESS = "process"
+
+
+def evaluate(
+    policy: Annotated[
+        str,
+        typer.Argument(
+            metavar="POLICY",
+            help="random, zero, scripted, a checkpoint (.safetensors .pt .ts .onnx .zip), a "
+            "directory with one file a task, package.module:attribute, or http://...",
+        ),
+    ],
+    *,
+    suite: Annotated[str, typer.Option(help="table4 or smoke.")] = "table4",
+    tasks: Annotated[str | None, typer.Option(help="Only these, separated by commas.")] = None,
+    exploration: Annotated[
+        str | None, typer.Option(help="The policy as of the end of the exploration phase.")
+    ] = None,
+    episodes: Annotated[
+        int | None, typer.Option(min=1, max=MAX_EPISODES, help="Episodes a task.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Away from 0 the run is unofficial.")] = 0,
+    workers: Annotated[str, typer.Option(help="Worker processes, or auto: one a core.")] = "auto",
+    output: Annotated[
+        Path | None, typer.Option(help="The run's directory; by default reports/POLICY-SUITE.")
+    ] = None,
+    video: Annotated[int, typer.Option(min=0, help="Film the first N episodes of each task.")] = 0,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the run there.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Replace the run there.")] = False,
+    isolation: Annotated[Isolation, typer.Option(help="How the policy is held.")] = (
+        Isolation.PROCESS
+    ),
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Run a policy's own Python code on this machine.")
+    ] = False,
+    act_timeout: Annotated[
+        float, typer.Option(min=0.01, help="Seconds a policy may take for one action.")
+    ] = PolicyLimits().act_timeout_s,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print run.json in place of the tables.")
+    ] = False,
+) -> None:
+    """Run a policy through the suite and write its Table-4 report."""
+    published = find_suite(suite)
+    chosen = parse_tasks(tasks, published)
+    count = _worker_count(workers)
+    limits = PolicyLimits(act_timeout_s=act_timeout)
+    request = Request(
+        suite=published,
+        tasks=chosen,
+        episodes=episodes or published.episodes_per_task,
+        seed=seed,
+        contest=_contest(policy, exploration, chosen, limits, trust=trust),
+        isolation=isolation,
+    )
+    directory = output or Path("reports") / _run_name(request)
+    with lock_directory(directory):
+        begun = begin(request, directory, resume=resume, fresh=fresh)
+        if begun.torn:
+            notes.print("the journal's last line was torn and has been cut off", markup=False)
+        run = _run(request, begun, directory, count)
+        _report(run, directory, video, as_json=as_json)
+    if any(record.outcome is Outcome.POLICY_FAULT for record in run.records):
+        raise typer.Exit(FINISHED_WITH_FAULTS)
+
+
+def _contest(
+    policy: str,
+    exploration: str | None,
+    tasks: tuple[str, ...],
+    limits: PolicyLimits,
+    *,
+    trust: bool,
+) -> Contest:
+    """Find the policies and load each once, so that a bad file is refused before any episode."""
+    source = parse_source(policy, tasks, trust=trust)
+    probe(source, tasks, limits, trust=trust)
+    if exploration is None:
+        return Contest(source, limits=limits, trust=trust)
+    goals = tuple(task for task in tasks if task in GOAL_TASKS)
+    if not goals:
+        raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
+    explorer = parse_source(exploration, goals, trust=trust)
+    probe(explorer, goals, limits, deterministic=False, trust=trust)
+    return Contest(source, explorer, limits, trust)
+
+
+def _worker_count(text: str) -> int:
+    """Return the number of workers; "auto" is one a core that this process may use."""
+    if text == "auto":
+        return len(os.sched_getaffinity(0))
+    if not text.isdecimal() or not 1 <= int(text) <= MAX_WORKERS:
+        raise UsageError(f"--workers is a number from 1 to {MAX_WORKERS}, or auto, not '{text}'")
+    return int(text)
+
+
+def _run_name(request: Request) -> str:
+    """Name a run's directory after its policy and suite, in harmless characters."""
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", request.contest.policy.name).strip(".-")
+    return f"{name[:80] or 'policy'}-{request.suite.name}"
+
+
+def _run(request: Request, begun: Begun, directory: Path, workers: int) -> EvaluationRun:
+    suite = request.chosen()
+    total = len(suite.episodes(exploration=request.contest.exploration is not None))
+    try:
+        with EvaluationProgress(total, notes) as progress:
+            for record in begun.records:
+                progress.add(record)
+            return run_evaluation(
+                request, LocalEngine(workers), begun, directory, progress.add, workers=workers
+            )
+    except InfrastructureError as error:
+        raise InfrastructureError(f"{error}\n{_how_to_go_on(directory)}") from error
+    except KeyboardInterrupt as error:
+        raise InterruptedRunError(f"interrupted\n{_how_to_go_on(directory)}") from error
+
+
+def _how_to_go_on(directory: Path) -> str:
+    return f"What is done is kept in {directory}; the same command with --resume continues."
+
+
+def _report(run: EvaluationRun, directory: Path, video: int, *, as_json: bool) -> None:
+    """Derive every file from the records, and print what a person or a program asked for."""
+    summary = summarize(run, np.random.default_rng(run.header.seed))
+    write_actions(run.records, directory)
+    filmed = [record for record in run.records if record.spec.index < video]
+    videos = [film(record, directory / "videos") for record in filmed]
+    saved = write_run(run, summary, directory)
+    report = write_report([saved], directory, videos)
+    if as_json:
+        print(to_text(dict(saved.document)), end="")
+    else:
+        show_report(report, Console())
+    notes.print(f"report: {directory / 'report.html'}", markup=False)

@@ -1,0 +1,61 @@
+"""The two kinds of actor, and which one serves a policy."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.policies.policy import Observation
+from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
+from minitouch_bench.policies.scripted import Controller, make_controller
+from minitouch_bench.policies.sources import PolicySource
+from minitouch_bench.protocol.rollout import Actor
+from minitouch_bench.records import EpisodeSpec, Role
+from minitouch_bench.tasks.environment import MiniTouchEnv
+
+
+class ProcessActor:
+    """A policy in its own process."""
+
+    def __init__(self, process: PolicyProcess) -> None:
+        self._process = process
+
+    def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+        """Fork and load afresh."""
+        self._process.reset(spec.seed, spec.task)
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Ask the process."""
+        return self._process.act(observation)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+
+
+class ScriptedActor:
+    """The scripted policy, which sits beside the simulator because it reads it."""
+
+    _controller: Controller
+
+    def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+        """Make a new controller."""
+        self._controller = make_controller(environment)
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Ask the controller, which looks past the observation."""
+        return self._controller.act()
+
+    def close(self) -> None:
+        """Do nothing: there is no process."""
+
+
+def make_actor(
+    source: PolicySource, role: Role, limits: PolicyLimits, *, trust: bool
+) -> ProcessActor | ScriptedActor:
+    """Return the actor of a policy; exploration policies act stochastically."""
+    if source.kind == "scripted":
+        return ScriptedActor()
+    deterministic = role is Role.FINAL
+    return ProcessActor(PolicyProcess(source, limits, deterministic=deterministic, trust=trust))
+
+
+__all__ = ["Actor", "ProcessActor", "ScriptedActor", "make_actor"]

@@ -1,0 +1,76 @@
+"""What an engine is: something that runs episodes and yields their records."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from minitouch_bench.policies.process import PolicyLimits
+from minitouch_bench.policies.sources import PolicySource
+from minitouch_bench.protocol.actors import ProcessActor, ScriptedActor, make_actor
+from minitouch_bench.protocol.rollout import run_episode
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Role
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.registration import make_environment
+
+MAX_ATTEMPTS = 3
+"""An episode that meets an infrastructure fault is tried again with its seed, twice."""
+
+
+DEFAULT_LIMITS = PolicyLimits()
+
+
+@dataclass(frozen=True)
+class Contest:
+    """The policies of a run by role, and how they are held."""
+
+    policy: PolicySource
+    exploration: PolicySource | None = None
+    limits: PolicyLimits = DEFAULT_LIMITS
+    trust: bool = False
+
+    def source(self, role: Role) -> PolicySource:
+        """Return the policy of a role."""
+        if role is Role.FINAL:
+            return self.policy
+        assert self.exploration is not None
+        return self.exploration
+
+
+class Engine(Protocol):
+    """Runs episodes somewhere; their results depend on nothing but the episodes."""
+
+    def run(self, contest: Contest, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+        """Yield one record an episode, in whatever order they end.
+
+        Raises:
+            InfrastructureError: an episode failed three times for no fault of the policy.
+        """
+
+
+class EpisodeRunner:
+    """Runs episodes one after the other in this process, keeping environments and policies."""
+
+    def __init__(self, contest: Contest) -> None:
+        self._contest = contest
+        self._environments: dict[str, MiniTouchEnv] = {}
+        self._actors: dict[Role, ProcessActor | ScriptedActor] = {}
+
+    def run(self, spec: EpisodeSpec) -> EpisodeRecord:
+        """Run one episode."""
+        if spec.task not in self._environments:
+            self._environments[spec.task] = make_environment(spec.task)
+        if spec.role not in self._actors:
+            self._actors[spec.role] = make_actor(
+                self._contest.source(spec.role),
+                spec.role,
+                self._contest.limits,
+                trust=self._contest.trust,
+            )
+        return run_episode(self._environments[spec.task], self._actors[spec.role], spec)
+
+    def close(self) -> None:
+        """End the policies and the worlds."""
+        for actor in self._actors.values():
+            actor.close()
+        for environment in self._environments.values():
+            environment.close()

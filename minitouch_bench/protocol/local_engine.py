@@ -1,0 +1,119 @@
+"""Episodes on this machine: worker processes that are watched, replaced and never outlive us."""
+
+import contextlib
+import ctypes
+import multiprocessing
+import os
+import signal
+from collections import deque
+from collections.abc import Iterator, Sequence
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+
+from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.protocol.engine import MAX_ATTEMPTS, Contest, EpisodeRunner
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec
+
+PR_SET_PDEATHSIG = 1
+CLOSE_TIMEOUT_S = 2.0
+
+
+class LocalEngine:
+    """Runs each episode in one of ``workers`` processes."""
+
+    def __init__(self, workers: int) -> None:
+        self._workers = workers
+
+    def run(self, contest: Contest, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+        """Yield records as episodes end; a worker that dies is replaced, its episode retried.
+
+        Raises:
+            InfrastructureError: an episode failed three times for no fault of the policy.
+        """
+        waiting = deque((spec, 1) for spec in specs)
+        crew = [_Worker(contest) for _ in range(min(self._workers, len(specs)))]
+        try:
+            while waiting or any(worker.job for worker in crew):
+                for worker in crew:
+                    if worker.job is None and waiting:
+                        worker.start(*waiting.popleft())
+                for worker in _ready(crew):
+                    assert worker.job is not None
+                    spec, attempt = worker.job
+                    result = worker.result()
+                    if isinstance(result, EpisodeRecord):
+                        yield result
+                        continue
+                    if attempt == MAX_ATTEMPTS:
+                        raise InfrastructureError(f"episode {spec.key} failed 3 times: {result}")
+                    waiting.appendleft((spec, attempt + 1))
+                    crew[crew.index(worker)] = _Worker(contest)
+                    worker.close()
+        finally:
+            for worker in crew:
+                worker.close()
+
+
+class _Worker:
+    """The parent's side of one worker process."""
+
+    def __init__(self, contest: Contest) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self.process: BaseProcess = context.Process(
+            target=_serve, args=(theirs, contest, os.getpid()), daemon=True
+        )
+        self.process.start()
+        theirs.close()
+        self.job: tuple[EpisodeSpec, int] | None = None
+
+    def start(self, spec: EpisodeSpec, attempt: int) -> None:
+        """Hand over an episode."""
+        self.job = (spec, attempt)
+        # A worker that has died is found by its sentinel.
+        with contextlib.suppress(OSError):
+            self.connection.send(spec)
+
+    def result(self) -> EpisodeRecord | str:
+        """Return the record, or what went wrong in words."""
+        self.job = None
+        try:
+            result: EpisodeRecord | str = self.connection.recv()
+        except (EOFError, OSError):
+            self.process.join(CLOSE_TIMEOUT_S)
+            return f"its worker ended (exit code {self.process.exitcode})"
+        return result
+
+    def close(self) -> None:
+        """End the process; what it was doing is lost."""
+        self.connection.close()
+        self.process.kill()
+        self.process.join(CLOSE_TIMEOUT_S)
+
+
+def _ready(crew: Sequence[_Worker]) -> list[_Worker]:
+    """Wait until some busy workers have an answer or have died, and return them."""
+    busy = [worker for worker in crew if worker.job]
+    found = wait([handle for w in busy for handle in (w.connection, w.process.sentinel)])
+    return [w for w in busy if w.connection in found or w.process.sentinel in found]
+
+
+def _serve(connection: Connection, contest: Contest, parent: int) -> None:
+    """Run in a worker process: one episode for each spec received, until the pipe closes."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        return
+    # Ctrl-C reaches the whole terminal; the parent alone decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    runner = EpisodeRunner(contest)
+    try:
+        while True:
+            spec = connection.recv()
+            try:
+                connection.send(runner.run(spec))
+            except Exception as error:
+                connection.send(f"{type(error).__name__}: {error}")
+    except (EOFError, OSError):
+        pass
+    finally:
+        runner.close()

@@ -1,0 +1,85 @@
+"""One episode: the only place where a policy and a simulated world meet."""
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
+from minitouch_bench.policies.policy import Observation
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome
+from minitouch_bench.tasks.environment import MiniTouchEnv
+
+
+class Actor(Protocol):
+    """What drives an episode: a policy in its own process, or the scripted one."""
+
+    def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+        """Get ready for an episode, with no memory of earlier ones.
+
+        Raises:
+            PolicyFaultError: the policy failed.
+        """
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the next action.
+
+        Raises:
+            PolicyFaultError: the policy failed.
+        """
+
+
+def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> EpisodeRecord:
+    """Run one episode from its seed to its end.
+
+    A fault of the policy ends the episode, as a failed one. Any other exception is an
+    infrastructure fault and passes through.
+    """
+    options = {"object": spec.shape} if spec.shape else None
+    observation, info = environment.reset(seed=spec.seed, options=options)
+    recorder = _Recorder(environment.task.preset.arm.action_size, observation, info)
+    outcome = ""
+    try:
+        actor.begin(environment, spec)
+        while not outcome:
+            action = actor.act(observation)
+            observation, reward, _, _, info = environment.step(action)
+            recorder.add(observation, reward, info)
+            outcome = info["outcome"]
+    except (PolicyFaultError, PolicyLoadError) as fault:
+        return EpisodeRecord(spec, Outcome.POLICY_FAULT, recorder.trace(), str(fault))
+    return EpisodeRecord(spec, Outcome(outcome), recorder.trace())
+
+
+class _Recorder:
+    """Collect what ``EpisodeTrace`` holds, step by step."""
+
+    def __init__(self, action_size: int, observation: Observation, info: dict[str, Any]) -> None:
+        self._action_size = action_size
+        self._touch = [observation["touch"]]
+        self._object_states = [info["object_state"]]
+        self._steps: list[dict[str, Any]] = []
+        self._rewards: list[float] = []
+
+    def add(self, observation: Observation, reward: float, info: dict[str, Any]) -> None:
+        self._touch.append(observation["touch"])
+        self._object_states.append(info["object_state"])
+        self._rewards.append(reward)
+        self._steps.append(info)
+
+    def trace(self) -> EpisodeTrace:
+        actions = [step["action"] for step in self._steps]
+        return EpisodeTrace(
+            actions=np.array(actions, np.float32).reshape(-1, self._action_size),
+            clipped=self._column("clipped", np.bool_),
+            rewards=np.array(self._rewards, np.float32),
+            ticks=self._column("ticks", np.int16),
+            contact_ticks=self._column("contact_ticks", np.int16),
+            onsets=self._column("onsets", np.int16),
+            touch=np.array(self._touch, np.float32),
+            object_state=np.array(self._object_states, np.float64),
+            first_touch_tick=self._steps[-1]["first_touch_tick"] if self._steps else -1,
+        )
+
+    def _column(self, name: str, dtype: type[np.generic]) -> NDArray[Any]:
+        return np.array([step[name] for step in self._steps], dtype)

@@ -1,0 +1,23 @@
+"""Seeds of episodes: a function of what the episode is, and of nothing else."""
+
+import hashlib
+
+import numpy as np
+
+PROTOCOL = "minitouch-v1"
+"""Name of the protocol; a change of any rule of an episode changes it."""
+
+
+def episode_seed(suite: str, task: str, index: int, run_seed: int) -> int:
+    """Return the seed of one episode, 0 to 2^32 - 1.
+
+    It does not depend on the number of episodes or workers, nor on what ran before.
+    """
+    sequence = np.random.SeedSequence(
+        [_number(PROTOCOL), _number(suite), _number(task), index, run_seed]
+    )
+    return int(sequence.generate_state(1, np.uint32)[0])
+
+
+def _number(text: str) -> int:
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
