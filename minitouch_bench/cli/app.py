@@ -25,8 +25,23 @@ app.command()(tasks)
 def main() -> None:
     """Run the command line; a mistake of the user's ends in a line or two, no traceback."""
     try:
-        app()
+        # So that usage errors come here too; the code of a typer.Exit is then returned.
+        code = app(standalone_mode=False)
     except MiniTouchError as error:
-        console = Console(stderr=True, soft_wrap=True)
-        console.print(f"minitouch-bench: {error}", style="red", markup=False, highlight=False)
+        _complain(str(error))
         sys.exit(error.exit_code)
+    except typer.TyperException as error:
+        # Where no arguments are given the message is empty: the help has been printed.
+        if error.format_message().strip():
+            _complain(f"{error.format_message()}\nSee minitouch-bench --help")
+        sys.exit(error.exit_code)
+    sys.exit(code)
+
+
+def _complain(text: str) -> None:
+    console = Console(stderr=True, soft_wrap=True)
+    console.print(f"minitouch-bench: {text}", style="red", markup=False, highlight=False)
+
+
+if __name__ == "__main__":
+    main()

@@ -29,6 +29,7 @@ from minitouch_bench.reporting.json_document import to_text
 FINISHED_WITH_FAULTS = 4
 MAX_EPISODES = 100_000
 MAX_WORKERS = 1024
+MAX_ACT_TIMEOUT_S = 86400.0
 
 notes = Console(stderr=True, soft_wrap=True)
 
@@ -72,7 +73,10 @@ def evaluate(
         bool, typer.Option("--trust", help="Run a policy's own Python code on this machine.")
     ] = False,
     act_timeout: Annotated[
-        float, typer.Option(min=0.01, help="Seconds a policy may take for one action.")
+        float,
+        typer.Option(
+            min=0.01, max=MAX_ACT_TIMEOUT_S, help="Seconds a policy may take for one action."
+        ),
     ] = PolicyLimits().act_timeout_s,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print run.json in place of the tables.")

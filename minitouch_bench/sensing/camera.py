@@ -16,8 +16,8 @@ from minitouch_bench.simulation.client import INVISIBLE, Image, Part, PhysicsCli
 IMAGE_SIZE = 84
 """Width and height in pixels. Source: the paper's supplement."""
 
-_GREY_WEIGHTS = (2989, 5870, 1140)
-"""Ten-thousandths of red, green and blue (ITU-R BT.601, as the release rounds them)."""
+_RED, _GREEN, _BLUE = np.uint32(2989), np.uint32(5870), np.uint32(1140)
+"""Ten-thousandths of each colour in grey (ITU-R BT.601). Source: the released package."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,10 @@ class GreyCamera:
 
 
 def _grey(image: Image) -> NDArray[np.uint8]:
-    # Integers, so that every processor rounds alike.
-    red, green, blue = _GREY_WEIGHTS
-    rgb = image.rgb.astype(np.uint32)
-    total = red * rgb[..., 0] + green * rgb[..., 1] + blue * rgb[..., 2]
-    return ((total + 5000) // 10000).astype(np.uint8)
+    # Integers, so that every processor rounds alike; in place, since this runs every step.
+    total = image.rgb[..., 0] * _RED
+    total += image.rgb[..., 1] * _GREEN
+    total += image.rgb[..., 2] * _BLUE
+    total += np.uint32(5000)
+    total //= np.uint32(10000)
+    return total.astype(np.uint8)

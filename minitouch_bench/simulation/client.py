@@ -22,6 +22,7 @@ Part = tuple[int, int]
 Rgba = tuple[float, float, float, float]
 
 
+ANY_LINK = -2
 INVISIBLE: Rgba = (1.0, 1.0, 1.0, 0.0)
 
 
@@ -264,8 +265,8 @@ class PhysicsClient:
 
     def link_position(self, body: int, link: int) -> tuple[float, float, float]:
         """Return the position (m) of a link's frame as of the last tick."""
-        state = pybullet.getLinkState(body, link, physicsClientId=self._id)
-        position: tuple[float, float, float] = state[4]
+        # Positional arguments: this and ``contacts`` run every tick, and keywords cost a third.
+        position: tuple[float, float, float] = pybullet.getLinkState(body, link, 0, 0, self._id)[4]
         return position
 
     def placed_link_position(self, body: int, link: int) -> tuple[float, float, float]:
@@ -277,31 +278,36 @@ class PhysicsClient:
         return position
 
     def inverse_kinematics(
-        self, body: int, link: int, pose: Pose, *, damping: float, iterations: int, residual: float
+        self,
+        body: int,
+        link: int,
+        pose: Pose,
+        *,
+        damping: Sequence[float],
+        iterations: int,
+        residual: float,
     ) -> tuple[float, ...]:
-        """Return joint positions that bring a link to a pose, starting from where they are."""
+        """Return joint positions that bring a link to a pose, starting from where they are.
+
+        ``damping``: one number for every joint that can move.
+        """
         solution: tuple[float, ...] = pybullet.calculateInverseKinematics(
             body,
             link,
             pose.position,
             pose.orientation,
-            jointDamping=[damping] * self._degrees_of_freedom(body),
+            jointDamping=damping,
             maxNumIterations=iterations,
             residualThreshold=residual,
             physicsClientId=self._id,
         )
         return solution
 
-    def _degrees_of_freedom(self, body: int) -> int:
-        count = pybullet.getNumJoints(body, physicsClientId=self._id)
-        types = (pybullet.getJointInfo(body, j, physicsClientId=self._id)[2] for j in range(count))
-        return sum(kind != pybullet.JOINT_FIXED for kind in types)
-
     # Contacts and pictures
 
     def contacts(self, body_a: int, body_b: int) -> list[Contact]:
         """Return the contact points of the last tick between two bodies."""
-        points = pybullet.getContactPoints(body_a, body_b, physicsClientId=self._id)
+        points = pybullet.getContactPoints(body_a, body_b, ANY_LINK, ANY_LINK, self._id)
         return [Contact(point[3], point[4], point[9]) for point in points]
 
     def overlapping(self, body_a: int, body_b: int, distance: float) -> bool:

@@ -52,7 +52,7 @@ class PandaKinematics:
             self._body,
             END_EFFECTOR,
             Pose((x, y, z), (qx, qy, qz, qw)),
-            damping=DAMPING,
+            damping=[DAMPING] * (len(ARM_JOINTS) + len(FINGER_JOINTS)),
             iterations=ITERATIONS,
             residual=RESIDUAL_M,
         )
