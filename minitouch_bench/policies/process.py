@@ -91,7 +91,10 @@ class PolicyProcess:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        if isinstance(error, KeyboardInterrupt):
+            self._drop_host()  # what it was asked last is still unanswered
+        else:
+            self.close()
 
     def reset(self, seed: int, task: str) -> None:
         """Begin an episode in a fresh child.

@@ -6,6 +6,8 @@ from dataclasses import asdict, is_dataclass
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from minitouch_bench.cache import content_digest
 from minitouch_bench.protocol.seeds import PROTOCOL
 from minitouch_bench.sensing import camera, touch
@@ -55,4 +57,6 @@ def _plain(value: Any) -> Any:
         return asdict(value)
     if isinstance(value, slice):
         return [value.start, value.stop]
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
     return value

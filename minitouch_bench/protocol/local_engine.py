@@ -7,6 +7,7 @@ import os
 import signal
 from collections import deque
 from collections.abc import Iterator, Sequence
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
@@ -63,7 +64,8 @@ class _Worker:
         self.process: BaseProcess = context.Process(
             target=_serve, args=(theirs, contest, os.getpid()), daemon=True
         )
-        self.process.start()
+        with _interrupts_held():
+            self.process.start()
         theirs.close()
         self.job: tuple[EpisodeSpec, int] | None = None
 
@@ -91,6 +93,20 @@ class _Worker:
         self.process.join(CLOSE_TIMEOUT_S)
 
 
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back: what starts meanwhile never sees it, this process does afterwards.
+
+    It reaches the whole terminal, and the parent alone decides what it means.
+    """
+    resource_tracker.ensure_running()  # its start, else part of the first worker's, lifts the block
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
 def _ready(crew: Sequence[_Worker]) -> list[_Worker]:
     """Wait until some busy workers have an answer or have died, and return them."""
     busy = [worker for worker in crew if worker.job]
@@ -103,8 +119,6 @@ def _serve(connection: Connection, contest: Contest, parent: int) -> None:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         return
-    # Ctrl-C reaches the whole terminal; the parent alone decides what it means.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     runner = EpisodeRunner(contest)
     try:
         while True:

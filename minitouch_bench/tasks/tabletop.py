@@ -20,7 +20,7 @@ Ours."""
 
 
 TABLETOP_PORTRAIT = CameraPreset(
-    (0.52, 0.0, 0.12), yaw=52.0, pitch=-28.0, near=0.05, distance=1.25, field_of_view=45.0
+    (0.55, 0.0, 0.14), yaw=56.0, pitch=-24.0, near=0.05, distance=0.92, field_of_view=45.0
 )
 """The view of ``render``, for people."""
 

@@ -1,0 +1,54 @@
+"""Draw the pictures that reports and the README show, from the tasks themselves."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from minitouch_bench.policies.scripted import make_controller
+from minitouch_bench.tasks.registration import TASKS, make_environment
+
+REPORT_PICTURES = Path("minitouch_bench/reporting/pictures")
+DOCUMENT_PICTURES = Path("docs/pictures")
+WIDTH, HEIGHT = 640, 480
+SMOOTHING = 2
+"""Pixels drawn for each one kept, in both directions."""
+
+MOMENTS = {"playing": (3, 6), "pushing": (5, 8), "opening": (1, 15), "pick-up": (2, 9)}
+"""Episode seed and control step of each picture."""
+
+
+def main() -> None:
+    """Write one picture a task, and a strip of all four with what a policy sees."""
+    REPORT_PICTURES.mkdir(parents=True, exist_ok=True)
+    DOCUMENT_PICTURES.mkdir(parents=True, exist_ok=True)
+    strip = []
+    for task in TASKS:
+        picture, observed = draw(task)
+        picture.quantize(128).save(REPORT_PICTURES / f"{task}.png", optimize=True)
+        inset = Image.fromarray(observed).resize((168, 168), Image.Resampling.NEAREST)
+        picture.paste((255, 255, 255), (WIDTH - 180, 8, WIDTH - 8, 180))
+        picture.paste(inset.convert("RGB"), (WIDTH - 178, 10))
+        strip.append(np.asarray(picture))
+    joined = Image.fromarray(np.concatenate(strip, axis=1))
+    half = joined.resize((joined.width // 2, joined.height // 2), Image.Resampling.LANCZOS)
+    half.quantize(128).save(DOCUMENT_PICTURES / "tasks.png", optimize=True)
+
+
+def draw(task: str) -> tuple[Image.Image, np.ndarray]:
+    """Return a picture of a task while the scripted policy is at it, and the policy's view."""
+    seed, moment = MOMENTS[task]
+    environment = make_environment(task, width=WIDTH * SMOOTHING, height=HEIGHT * SMOOTHING)
+    observation, _ = environment.reset(seed=seed)
+    controller = make_controller(environment)
+    for _ in range(moment):
+        observation, _, terminated, _, _ = environment.step(controller.act())
+        if terminated:
+            break
+    large = Image.fromarray(environment.picture())
+    environment.close()
+    return large.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS), observation["image"][0]
+
+
+if __name__ == "__main__":
+    main()
