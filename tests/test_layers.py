@@ -1,0 +1,132 @@
+"""Imports go leftwards only, in the order that the project's layout gives."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import minitouch_bench
+
+PACKAGE = Path(minitouch_bench.__file__).parent
+BASE = {"records", "errors", "optional", "cache"}
+LAYERS = (
+    "shapegen",
+    "simulation",
+    "sensing",
+    "tasks",
+    "agents",
+    "policies",
+    "protocol",
+    "metrics",
+    "reporting",
+    "regression",
+    "leaderboard",
+    "cli",
+)
+REPORT_LAYERS = {"metrics", "reporting", "regression"}
+"""They read files of a run, and draw without a simulator or torch."""
+
+SIMULATOR_FILES = {"simulation/client.py", "simulation/quiet_pybullet.py"}
+SIMULATOR_LAYERS = {"simulation", "shapegen"}
+
+
+def modules():
+    return {path.relative_to(PACKAGE).as_posix(): path for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+def imported_names(path):
+    """Return every imported module, at the top or inside functions, in full."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} has a relative import"
+            found.add(node.module)
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def layer_of(relative):
+    return relative.split("/")[0].removesuffix(".py")
+
+
+def inner_layers(path):
+    """Return the layers of ours that a module imports."""
+    own = {name.split(".")[1] for name in imported_names(path) if is_ours(name)}
+    return own & (BASE | set(LAYERS))
+
+
+def is_ours(name):
+    return name.startswith("minitouch_bench.")
+
+
+MODULES = modules()
+
+
+def test_every_module_is_in_a_known_layer():
+    known = BASE | set(LAYERS) | {"__init__"}
+    assert {layer_of(relative) for relative in MODULES} <= known
+
+
+@pytest.mark.parametrize("relative", MODULES)
+def test_imports_go_leftwards_only(relative):
+    layer, imported = layer_of(relative), inner_layers(MODULES[relative])
+    if layer == "__init__" or layer in BASE:
+        allowed = BASE
+    elif layer in REPORT_LAYERS:
+        allowed = BASE | {one for one in REPORT_LAYERS if LAYERS.index(one) <= LAYERS.index(layer)}
+    else:
+        allowed = BASE | set(LAYERS[: LAYERS.index(layer) + 1])
+    assert imported <= allowed, f"{relative} imports {sorted(imported - allowed)}"
+
+
+def test_the_base_imports_nothing_but_the_base_of_ours():
+    for name in BASE:
+        assert inner_layers(PACKAGE / f"{name}.py") <= BASE
+
+
+def test_the_protocol_names_no_agent():
+    for relative, path in MODULES.items():
+        if layer_of(relative) == "protocol":
+            assert "agents" not in inner_layers(path), relative
+
+
+def test_only_the_simulation_knows_pybullet():
+    for relative, path in MODULES.items():
+        names = {name.split(".")[0] for name in imported_names(path)}
+        if "pybullet" in names:
+            allowed = relative in SIMULATOR_FILES or relative == "shapegen/soundness.py"
+            assert allowed, relative
+        if any(name.endswith("quiet_pybullet.pybullet") for name in imported_names(path)):
+            assert layer_of(relative) in SIMULATOR_LAYERS, relative
+
+
+@pytest.mark.parametrize("relative", MODULES)
+def test_files_are_short(relative):
+    limit = 350  # about 300 is the rule
+    assert len(MODULES[relative].read_text(encoding="utf-8").splitlines()) <= limit
+
+
+def loaded_by(module):
+    """Return the top packages that a fresh interpreter holds after one import."""
+    code = f"import sys, {module}; print(*{{name.split('.')[0] for name in sys.modules}})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not done.stderr
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["minitouch_bench", "minitouch_bench.records", "minitouch_bench.reporting"],
+)
+def test_reports_are_drawn_without_torch_or_the_simulator(module):
+    assert not loaded_by(module) & {"torch", "pybullet", "stable_baselines3", "onnx"}
+
+
+def test_a_worker_has_the_simulator_and_no_torch():
+    loaded = loaded_by("minitouch_bench.protocol.local_engine")
+    assert "pybullet" in loaded
+    assert not loaded & {"torch", "stable_baselines3", "onnx", "matplotlib"}

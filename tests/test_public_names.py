@@ -1,0 +1,72 @@
+"""What users may import or name exists, is documented, and goes by one spelling everywhere."""
+
+import importlib
+import inspect
+import pkgutil
+import subprocess
+import sys
+from importlib.metadata import entry_points
+
+import gymnasium
+import pytest
+
+import minitouch_bench
+from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, gym_id
+from minitouch_bench.tasks.registration import TASKS
+
+MODULES = sorted(
+    module.name
+    for module in pkgutil.walk_packages(minitouch_bench.__path__, "minitouch_bench.")
+    if not module.name.rpartition(".")[2].startswith("_")
+)
+GYM_IDS = {
+    "playing": "MiniTouch/Playing-v1",
+    "pushing": "MiniTouch/Pushing-v1",
+    "opening": "MiniTouch/Opening-v1",
+    "pick-up": "MiniTouch/PickUp-v1",
+}
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_public_names_are_documented_and_resolve(name):
+    module = importlib.import_module(name)
+    assert module.__doc__
+    for exported in getattr(module, "__all__", ()):
+        assert hasattr(module, exported)
+    for attribute, value in vars(module).items():
+        own = getattr(value, "__module__", None) == name
+        if own and not attribute.startswith("_") and (inspect.isclass(value) or callable(value)):
+            assert inspect.getdoc(value), f"{name}.{attribute}"
+
+
+def test_the_tasks_have_one_table_and_one_order():
+    assert tuple(TASKS) == TASK_NAMES == tuple(GYM_IDS)
+    assert TASK_NAMES[1:] == GOAL_TASKS
+    assert {task: gym_id(task) for task in TASK_NAMES} == GYM_IDS
+
+
+def test_gymnasium_makes_each_task_with_no_import_of_ours():
+    code = f"""
+import gymnasium
+for name in {list(GYM_IDS.values())}:
+    environment = gymnasium.make("minitouch_bench:" + name, render_mode="rgb_array")
+    observation, _ = environment.reset(seed=1)
+    assert environment.spec.id == name
+    print(observation["image"].shape, environment.action_space.shape)
+    environment.close()
+"""
+    command = [sys.executable, "-W", "error", "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines().count("(1, 84, 84) (4,)") == 3
+    assert not done.stderr
+
+
+def test_registering_twice_is_harmless():
+    before = dict(gymnasium.registry)
+    minitouch_bench.register_environments()
+    assert gymnasium.registry == before
+
+
+def test_the_command_is_installed():
+    (command,) = entry_points(group="console_scripts", name="minitouch-bench")
+    assert callable(command.load())
