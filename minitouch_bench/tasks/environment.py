@@ -137,7 +137,10 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             InvalidActionError: wrong shape or kind, NaN or infinite; the world is untouched,
                 which matters because one NaN would poison it for good.
         """
-        given = np.asarray(action)
+        try:
+            given = np.asarray(action)
+        except ValueError as error:
+            raise InvalidActionError("the action is not an array of numbers") from error
         size = self.task.preset.arm.action_size
         if given.shape != (size,) or not np.issubdtype(given.dtype, np.floating):
             raise InvalidActionError(

@@ -1,0 +1,21 @@
+from collections.abc import Iterator
+
+import pytest
+
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.registration import TASKS, make_environment
+
+
+@pytest.fixture(scope="session")
+def environments() -> Iterator[dict[str, MiniTouchEnv]]:
+    """One environment a task, shared: that episodes do not disturb each other is a promise."""
+    made = {task: make_environment(task) for task in TASKS}
+    yield made
+    for environment in made.values():
+        environment.close()
+
+
+@pytest.fixture(params=list(TASKS))
+def environment(request, environments) -> MiniTouchEnv:
+    """Each task in turn."""
+    return environments[request.param]

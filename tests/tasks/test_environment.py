@@ -1,0 +1,264 @@
+"""The four environments, as Gymnasium and Stable-Baselines3 see them, and their promises."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import data_equivalence as equal
+
+from minitouch_bench.errors import InvalidActionError, UsageError
+from minitouch_bench.records import gym_id
+from minitouch_bench.sensing.camera import GreyCamera
+from minitouch_bench.tasks.registration import TASKS, make_environment
+from tests.tasks.playback import digest, play, random_actions
+
+ROOT = Path(__file__).parents[2]
+STEPS = 12
+
+
+def zero(environment):
+    return np.zeros(environment.action_space.shape, np.float32)
+
+
+def test_spaces(environment):
+    size = 5 if environment.task.preset.name == "opening" else 4
+    limit = 200.0 if environment.task.preset.name == "pick-up" else 50.0
+    action, observed = environment.action_space, environment.observation_space
+    assert (action.shape, action.dtype) == ((size,), np.float32)
+    assert (action.low.min(), action.high.max()) == (-1.0, 1.0)
+    assert set(observed.spaces) == {"image", "touch"}
+    assert (observed["image"].shape, observed["image"].dtype) == ((1, 84, 84), np.uint8)
+    assert (observed["touch"].shape, observed["touch"].dtype) == ((11,), np.float32)
+    assert observed["touch"].low[5:].tolist() == [-limit] * 6
+    assert observed["touch"].high[3:].tolist() == [1.0] * 2 + [limit] * 6
+
+
+def test_gymnasium_finds_nothing_to_warn_of(environment):
+    check_env(environment, skip_render_check=True)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_gymnasium_finds_nothing_to_warn_of_in_what_it_makes_and_draws(task):
+    made = gymnasium.make(
+        f"minitouch_bench:{gym_id(task)}", render_mode="rgb_array", width=64, height=48
+    )
+    check_env(made.unwrapped)
+    made.close()
+
+
+def test_stable_baselines_finds_nothing_to_warn_of(environment):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(environment, warn=True, skip_render_check=True)
+
+
+def test_every_observation_is_in_its_space(environment):
+    observation, info = environment.reset(seed=4)
+    assert observation in environment.observation_space
+    assert not info["success"]
+    for action in random_actions(environment, 4, STEPS):
+        observation, reward, terminated, truncated, info = environment.step(action)
+        assert observation in environment.observation_space
+        assert type(reward) is float
+        assert 1 <= info["ticks"] <= 100
+        assert 0 <= info["contact_ticks"] <= info["ticks"]
+        if terminated or truncated:
+            break
+
+
+# One seed and the same actions: the same bits, whatever else happens
+
+
+def test_the_same_bits_twice_and_after_other_episodes(environment):
+    first = digest(environment, 7, STEPS)
+    other = digest(environment, 8, STEPS)
+    assert digest(environment, 7, STEPS) == first != other
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_same_bits_in_a_fresh_process(task, environments):
+    command = [sys.executable, "-m", "tests.tasks.playback", task, "7", str(STEPS)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == digest(environments[task], 7, STEPS)
+
+
+@pytest.mark.parametrize(("one", "other"), [("pushing", "pushing"), ("pick-up", "opening")])
+def test_two_interleaved_environments_do_not_disturb_each_other(one, other, environments):
+    first, second = environments[one], make_environment(other)
+    alone = [list(play(first, 3, STEPS)), list(play(second, 5, STEPS))]
+    together = list(zip(play(first, 3, STEPS), play(second, 5, STEPS), strict=False))
+    second.close()
+    assert len(together) > 5
+    assert together == list(zip(*alone, strict=False))
+
+
+def test_pictures_for_people_change_nothing(environment):
+    plain = list(play(environment, 9, 2))
+    pictured = [seen for seen in play(environment, 9, 2) if environment.picture() is not None]
+    assert pictured == plain
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_vector_environments_give_the_same_as_single_ones(mode, environments):
+    vector = gymnasium.make_vec(
+        "minitouch_bench:MiniTouch/Pushing-v1", num_envs=2, vectorization_mode=mode
+    )
+    observed, _ = vector.reset(seed=[11, 12])
+    actions = random_actions(environments["pushing"], 0, 2)
+    stepped, *_ = vector.step(actions)
+    vector.close()
+    single = environments["pushing"]
+    for row, seed in enumerate((11, 12)):
+        first, _ = single.reset(seed=seed)
+        second, *_ = single.step(actions[row])
+        for name in ("image", "touch"):
+            assert np.array_equal(observed[name][row], first[name])
+            assert np.array_equal(stepped[name][row], second[name])
+
+
+def test_an_unseeded_reset_goes_on_from_the_last_seed(environments):
+    environment = environments["pushing"]
+    environment.reset(seed=1)
+    first, _ = environment.reset()
+    second, _ = environment.reset()
+    environment.reset(seed=1)
+    again, _ = environment.reset()
+    assert equal(first, again)
+    assert not equal(first, second)
+
+
+# Actions
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_an_action_that_is_no_number_never_reaches_the_simulator(environment, value):
+    environment.reset(seed=2)
+    bad = zero(environment)
+    bad[-1] = value
+    with pytest.raises(InvalidActionError, match="NaN or infinity"):
+        environment.step(bad)
+    seen = [environment.step(action)[0] for action in random_actions(environment, 2, 3)]
+    environment.reset(seed=2)
+    for before, action in zip(seen, random_actions(environment, 2, 3), strict=True):
+        assert equal(before, environment.step(action)[0])
+
+
+@pytest.mark.parametrize(
+    "make_bad",
+    [
+        lambda size: np.zeros(size + 1, np.float32),
+        lambda size: np.zeros(size - 1, np.float32),
+        lambda size: np.zeros((1, size), np.float32),
+        lambda size: np.zeros(size, int),
+        lambda size: np.zeros(size, bool),
+        lambda size: np.zeros(size, complex),
+        lambda size: np.array(["0"] * size),
+        lambda size: [[0.0], [0.0, 1.0]],
+        lambda size: np.float32(0),
+        lambda size: None,
+    ],
+)
+def test_an_action_of_another_form_is_refused(environments, make_bad):
+    environment = environments["pick-up"]
+    environment.reset(seed=2)
+    with pytest.raises(InvalidActionError):
+        environment.step(make_bad(4))
+
+
+def test_an_action_out_of_range_is_clipped_and_counted(environment):
+    environment.reset(seed=5)
+    *_, info = environment.step(zero(environment) + np.float32(0.5))
+    assert not info["clipped"]
+    environment.reset(seed=5)
+    inside, *_ = environment.step(zero(environment) - np.float32(1.0))
+    environment.reset(seed=5)
+    outside, *_, info = environment.step(zero(environment) - np.float32(3.0))
+    assert info["clipped"]
+    assert info["action"].tolist() == [-1.0] * len(info["action"])
+    assert equal(inside, outside)
+
+
+# The end of an episode
+
+
+def test_the_step_limit_truncates():
+    environment = make_environment("playing")
+    environment.reset(seed=1)
+    for step in range(1, 201):
+        _, reward, terminated, truncated, info = environment.step(zero(environment))
+        assert (terminated, truncated) == (False, step == 200)
+    assert reward == 0.0
+    assert info["outcome"] == "step_limit"
+    assert not info["success"]
+    environment.close()
+
+
+def test_objects_are_asked_for_by_name(environments):
+    environment = environments["pick-up"]
+    names = environment._pool.names
+    _, info = environment.reset(seed=1, options={"object": names[-1]})
+    assert info["object"] == names[-1]
+    _, info = environment.reset(seed=1)
+    assert info["object"] in names
+    with pytest.raises(UsageError, match="no object 'moon'"):
+        environment.reset(seed=1, options={"object": "moon"})
+
+
+# Pictures
+
+
+@pytest.mark.parametrize("size", [(64, 64), (320, 180), (90, 200)])
+def test_a_picture_has_its_size_and_something_on_it(size):
+    width, height = size
+    environment = make_environment("pushing", render_mode="rgb_array", width=width, height=height)
+    environment.reset(seed=1)
+    picture = environment.render()
+    assert (picture.shape, picture.dtype) == ((height, width, 3), np.uint8)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
+    for action in random_actions(environment, 1, 3):
+        environment.step(action)
+    assert np.any(environment.render() != picture)
+    environment.close()
+
+
+def test_every_task_has_its_picture(environment):
+    environment.reset(seed=1)
+    picture = environment.picture()
+    assert picture.shape == (480, 480, 3)
+    assert picture.std() > 10.0
+
+
+def test_without_a_render_mode_nothing_is_drawn(environments):
+    assert environments["pushing"].render() is None
+    with pytest.raises(UsageError, match="human"):
+        make_environment("pushing", render_mode="human")
+
+
+class WholeCamera(GreyCamera):
+    """Draws everything, each time."""
+
+    def keep_background(self, client, still):
+        pass
+
+
+def test_the_composed_image_is_that_of_the_whole_scene(environment):
+    whole = make_environment(environment.task.preset.name)
+    whole._camera = WholeCamera(whole.task.preset.camera)
+    differing = pixels = 0
+    for seed in (1, 2):
+        seen = [environment.reset(seed=seed)[0], whole.reset(seed=seed)[0]]
+        for action in random_actions(environment, seed, 8):
+            images = [one["image"].astype(int) for one in seen]
+            differing += int((np.abs(images[0] - images[1]) > 2).sum())
+            pixels += images[0].size
+            ended = False
+            for index, one in enumerate((environment, whole)):
+                seen[index], _, terminated, _, _ = one.step(action)
+                ended |= terminated
+            if ended:
+                break
+    whole.close()
+    assert differing / pixels < 1e-3
