@@ -8,8 +8,8 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 
+from minitouch_bench.cli.consoles import data_console, notes
 from minitouch_bench.cli.progress import EvaluationProgress
 from minitouch_bench.errors import InfrastructureError, InterruptedRunError, UsageError
 from minitouch_bench.metrics import summarize
@@ -30,8 +30,6 @@ FINISHED_WITH_FAULTS = 4
 MAX_EPISODES = 100_000
 MAX_WORKERS = 1024
 MAX_ACT_TIMEOUT_S = 86400.0
-
-notes = Console(stderr=True, soft_wrap=True)
 
 
 class Isolation(StrEnum):
@@ -173,5 +171,5 @@ def _report(run: EvaluationRun, directory: Path, video: int, *, as_json: bool) -
     if as_json:
         print(to_text(dict(saved.document)), end="")
     else:
-        show_report(report, Console())
+        show_report(report, data_console())
     notes.print(f"report: {directory / 'report.html'}", markup=False)

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
+from minitouch_bench.cli.consoles import data_console, notes
 from minitouch_bench.reporting import read_run, show_report, write_report
 
 
@@ -20,5 +20,5 @@ def report(
     saved = [read_run(run) for run in runs]
     directory = output or (runs[0] if len(runs) == 1 else Path("reports/comparison"))
     videos = sorted((runs[0] / "videos").glob("*.mp4")) if len(runs) == 1 else []
-    show_report(write_report(saved, directory, videos), Console())
-    Console(stderr=True).print(f"report: {directory / 'report.html'}", markup=False)
+    show_report(write_report(saved, directory, videos), data_console())
+    notes.print(f"report: {directory / 'report.html'}", markup=False)

@@ -1,8 +1,8 @@
 """``minitouch-bench tasks``: what the tasks are."""
 
-from rich.console import Console
 from rich.table import Table
 
+from minitouch_bench.cli.consoles import data_console
 from minitouch_bench.records import gym_id
 from minitouch_bench.tasks.registration import TASKS
 from minitouch_bench.tasks.task import MAX_STEPS
@@ -31,4 +31,4 @@ def tasks() -> None:
             preset.default_objects or "cabinet",
             preset.goal,
         )
-    Console(width=max(120, Console().width)).print(table)
+    data_console().print(table)

@@ -70,7 +70,8 @@ def _draw(table: Table) -> RichTable:
         style = "dim" if column.is_paper else ""
         head = f"{column.label} (paper)" if column.is_paper else column.label
         justify: JustifyMethod = "left" if column.is_text else "right"
-        drawn.add_column(Text(head), justify=justify, style=style, no_wrap=not column.is_text)
+        # On a narrow screen an interval goes below its figure, and "(paper)" below the name.
+        drawn.add_column(Text(head), justify=justify, style=style, overflow="fold")
     for row in table.rows:
         drawn.add_row(*map(Text, row.heads), *(Text(str(cell)) for cell in row.cells))
     return drawn

@@ -1,0 +1,14 @@
+"""Where the command line prints: data on stdout, progress and notes on stderr."""
+
+from rich.console import Console
+
+PIPED_WIDTH = 120
+"""Columns of a table that goes into a file or another program."""
+
+notes = Console(stderr=True, soft_wrap=True, highlight=False)
+
+
+def data_console() -> Console:
+    """Return the console of stdout, as wide as the screen, or as a page where there is none."""
+    console = Console()
+    return console if console.is_terminal else Console(width=PIPED_WIDTH)
