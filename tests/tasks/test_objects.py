@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.tasks.objects import ObjectPool, cube_model
+from minitouch_bench.tasks.registration import make_environment, object_names
+
+CUBE = cube_model(0.05, 1.0, 1.0)
+
+
+def test_the_lowest_point_is_that_of_the_simulator():
+    client, rng = PhysicsClient(), np.random.default_rng(0)
+    body = CUBE.load(client, 0.5, 0.1, 0.3)
+    for _ in range(20):
+        quaternion = rng.normal(size=4)
+        client.set_pose(body, (0.0, 0.0, 0.3), quaternion / np.linalg.norm(quaternion))
+        assert CUBE.lowest_point(client, body) == pytest.approx(client.lowest_point(body), abs=2e-3)
+    client.close()
+
+
+def test_a_pool_loads_what_is_drawn_and_only_once():
+    loaded = []
+
+    def load(name):
+        loaded.append(name)
+        return CUBE
+
+    pool = ObjectPool(("a", "b", "c"), load)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        pool.draw(rng)
+    assert sorted(loaded) == ["a", "b", "c"]
+    with pytest.raises(UsageError, match="no object 'd'"):
+        pool.model("d")
+
+
+def test_each_task_says_what_it_draws_from():
+    assert object_names("opening") == ()
+    assert object_names("pushing") == object_names("playing") == ("cube",)
+    assert len(object_names("pick-up")) > 1
+
+
+def test_unknown_tasks_and_objects_are_usage_errors():
+    with pytest.raises(UsageError, match="no task 'flying'"):
+        make_environment("flying")
+    with pytest.raises(UsageError, match="no object"):
+        make_environment("opening", objects="cube")
+
+
+@pytest.mark.parametrize("task", ["playing", "pushing"])
+def test_a_shape_can_stand_in_for_the_cube(task):
+    environment = make_environment(task, objects="train")
+    _, info = environment.reset(seed=1)
+    assert info["object"] in object_names("pick-up")
+    observation, *_ = environment.step(np.zeros(4, np.float32))
+    assert observation in environment.observation_space
+    environment.close()

@@ -1,0 +1,67 @@
+import math
+
+import numpy as np
+import pytest
+
+from minitouch_bench.simulation.panda_arm import START_XY
+from minitouch_bench.tasks.pick_up import WORKSPACE, PickUp
+from minitouch_bench.tasks.registration import make_environment
+
+STILL = np.zeros(4, np.float32)
+
+
+@pytest.fixture(scope="module")
+def with_cube():
+    environment = make_environment("pick-up", objects="cube")
+    yield environment
+    environment.close()
+
+
+def test_two_hundred_layouts_keep_the_rules(environments):
+    task, rng = PickUp(), np.random.default_rng(0)
+    pool = environments["pick-up"]._pool
+    yaws, names = [], set()
+    for _ in range(200):
+        model = pool.draw(rng)
+        task.draw(rng, model)
+        drawn = task._object
+        names.add(model.name)
+        assert 0.55 <= drawn.x <= 0.70
+        assert -0.15 <= drawn.y <= 0.15
+        assert math.dist((drawn.x, drawn.y), START_XY) >= 0.07
+        yaws.append(drawn.yaw)
+    assert np.histogram(yaws, 8, (0.0, math.tau))[0].min() > 5
+    assert len(names) > 1
+    assert names <= set(pool.names)
+
+
+def test_objects_lie_still_and_clear_of_the_hand(environments):
+    environment = environments["pick-up"]
+    for name in environment._pool.names[:6]:
+        _, info = environment.reset(seed=3, options={"object": name})
+        client, body = environment.client, environment.task.target_body
+        assert not client.overlapping(environment.arm.body, body, 0.005)
+        for _ in range(60):
+            client.step()
+        assert math.dist(info["object_state"], environment.task.object_state(client)) < 2e-3
+
+
+@pytest.mark.parametrize(("height", "success"), [(0.049, False), (0.052, True)])
+@pytest.mark.parametrize("tilt", [0.0, math.pi / 4])
+def test_success_is_the_lowest_point_five_centimetres_up(with_cube, height, success, tilt):
+    with_cube.reset(seed=1)
+    lowest = 0.0225 * (math.cos(tilt) + math.sin(tilt))
+    orientation = (math.sin(tilt / 2), 0.0, 0.0, math.cos(tilt / 2))
+    place = (0.6, 0.0, lowest + height)
+    with_cube.client.set_pose(with_cube.task.target_body, place, orientation)
+    _, reward, terminated, truncated, info = with_cube.step(STILL)
+    assert (terminated, truncated, info["success"]) == (success, False, success)
+    assert reward == (25.0 if success else 0.0)
+
+
+def test_an_object_outside_the_workspace_ends_the_episode_without_success(with_cube):
+    with_cube.reset(seed=1)
+    outside = (WORKSPACE.low[0] - 0.002, 0.0, 0.0225)
+    with_cube.client.set_pose(with_cube.task.target_body, outside, (0, 0, 0, 1))
+    _, reward, terminated, _, info = with_cube.step(STILL)
+    assert (reward, terminated, info["outcome"]) == (0.0, True, "left_workspace")

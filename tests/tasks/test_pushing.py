@@ -1,0 +1,93 @@
+import math
+
+import numpy as np
+import pytest
+
+from minitouch_bench.tasks.pushing import WORKSPACE, Pushing
+
+STILL = np.zeros(4, np.float32)
+
+
+@pytest.fixture
+def environment(environments):
+    return environments["pushing"]
+
+
+def test_two_hundred_layouts_keep_the_rules():
+    task, rng = Pushing(), np.random.default_rng(0)
+    angles = []
+    for _ in range(200):
+        task.draw(rng, None)
+        target = np.array(task.target)
+        place = np.array((task._object.x, task._object.y))
+        start = np.array(task._start)
+        away = (place - target) / math.dist(place, target)
+        assert 0.45 <= target[0] <= 0.50
+        assert 0.00 <= target[1] <= 0.05
+        for center, around in ((target, place), (place, start)):
+            assert 0.10 <= math.dist(center, around) <= 0.20
+            assert WORKSPACE.holds(*around)
+        assert WORKSPACE.holds(*(place + 0.07 * away))
+        assert task._object.yaw == 0.0
+        angles.append(math.atan2(away[1], away[0]))
+    assert np.histogram(angles, 8, (-math.pi, math.pi))[0].min() > 5  # from every side
+
+
+def test_the_world_is_built_as_drawn_and_never_in_contact(environment):
+    task = environment.task
+    for seed in range(60):
+        observation, info = environment.reset(seed=seed)
+        wanted = (*task._start, 0.02)
+        assert math.dist(environment.arm.position, wanted) < 1e-3
+        assert np.allclose(observation["touch"][:3], environment.arm.position, atol=1e-6)
+        assert np.allclose(info["object_state"][:2], (task._object.x, task._object.y))
+        assert not environment.client.overlapping(environment.arm.body, task.target_body, 0.005)
+        assert not info["success"]
+
+
+def put(environment, x, y):
+    environment.client.set_pose(environment.task.target_body, (x, y, 0.025), (0, 0, 0, 1))
+
+
+@pytest.mark.parametrize(("distance", "success"), [(0.0695, True), (0.0705, False)])
+def test_success_is_seven_centimetres_from_the_target(environment, distance, success):
+    environment.reset(seed=4)
+    x, y = environment.task.target
+    put(environment, x, y + distance)
+    _, reward, terminated, truncated, info = environment.step(STILL)
+    assert (terminated, truncated, info["success"]) == (success, False, success)
+    assert reward == (25.0 if success else 0.0)
+    assert info["outcome"] == ("success" if success else "")
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "inside"),
+    [
+        (0.252, 0.0, True),
+        (0.248, 0.0, False),
+        (0.698, 0.2, True),
+        (0.702, 0.2, False),
+        (0.3, -0.198, True),
+        (0.3, -0.202, False),
+        (0.3, 0.248, True),
+        (0.3, 0.252, False),
+    ],
+)
+def test_an_object_outside_the_workspace_ends_the_episode_without_success(
+    environment, x, y, inside
+):
+    environment.reset(seed=4)
+    put(environment, x, y)
+    _, reward, terminated, truncated, info = environment.step(STILL)
+    assert (terminated, truncated) == (not inside, False)
+    assert (reward, info["success"]) == (0.0, False)
+    assert info["outcome"] == ("" if inside else "left_workspace")
+
+
+def test_the_target_is_seen_and_never_touched(environment):
+    environment.reset(seed=4)
+    x, y = environment.task.target
+    environment.arm.place((x, y, 0.02))
+    *_, info = environment.step(np.array((0, 0, 0.2, 0), np.float32))
+    assert info["contact_ticks"] == 0
+    assert info["ticks"] < 100
