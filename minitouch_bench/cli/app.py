@@ -3,8 +3,8 @@
 import sys
 
 import typer
-from rich.console import Console
 
+from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.evaluate import evaluate
 from minitouch_bench.cli.report import report
 from minitouch_bench.cli.tasks import tasks
@@ -39,8 +39,7 @@ def main() -> None:
 
 
 def _complain(text: str) -> None:
-    console = Console(stderr=True, soft_wrap=True)
-    console.print(f"minitouch-bench: {text}", style="red", markup=False, highlight=False)
+    notes.print(f"minitouch-bench: {text}", style="red", markup=False)
 
 
 if __name__ == "__main__":

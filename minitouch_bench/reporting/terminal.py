@@ -11,6 +11,10 @@ from minitouch_bench.reporting.report import Report
 from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table
 
 
+PAPER_WIDTH = 9
+"""Columns of a paper's figure."""
+
+
 def show_report(report: Report, console: Console) -> None:
     """Print Table 4 and the diagnostics; the blocks of Table 4 stand below each other."""
     console.print(render_report(report))
@@ -70,8 +74,9 @@ def _draw(table: Table) -> RichTable:
         style = "dim" if column.is_paper else ""
         head = f"{column.label} (paper)" if column.is_paper else column.label
         justify: JustifyMethod = "left" if column.is_text else "right"
-        # On a narrow screen an interval goes below its figure, and "(paper)" below the name.
-        drawn.add_column(Text(head), justify=justify, style=style, overflow="fold")
+        # On a narrow screen "(paper)" goes below the name, and leaves room for our intervals.
+        width = PAPER_WIDTH if column.is_paper else None
+        drawn.add_column(Text(head), justify=justify, style=style, overflow="fold", max_width=width)
     for row in table.rows:
         drawn.add_row(*map(Text, row.heads), *(Text(str(cell)) for cell in row.cells))
     return drawn
