@@ -72,7 +72,8 @@ class SoundnessConfig:
     least_height: float = 0.016
     widest: float = 0.070
     margin: float = 0.001
-    yaws: int = 6
+    yaws: int = 4
+    least_share: float = 0.04
     slips: float = 0.12
 
 
@@ -196,7 +197,7 @@ def statically_sound(hull: Mesh, config: SoundnessConfig) -> Iterator[RestPose]:
     Raises:
         UnsoundError: there are fewer than two, or one is too flat or too wide.
     """
-    poses = rest_poses(hull)
+    poses = rest_poses(hull, config.least_share)
     if len(poses) < 2:
         raise UnsoundError(Reason.FEW_POSES)
     for pose in poses:
