@@ -46,7 +46,8 @@ def quantised(vertices: Points) -> Points:
     if not np.all(np.abs(steps) <= LIMIT):  # false for NaN too
         raise ValueError("a vertex is not finite or farther than 65 mm from the centre of mass")
     # Dividing by a whole number gives the double nearest to the decimal in the file.
-    rounded: Points = steps / 500_000.0
+    # Adding zero makes -0.0 plain 0.0, which alone survives the record.
+    rounded: Points = steps / 500_000.0 + 0.0
     return rounded
 
 

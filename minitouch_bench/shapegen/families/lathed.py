@@ -18,7 +18,7 @@ def lathed(rng: np.random.Generator) -> Solid:
     sides = int(rng.choice([5, 6, 7, 8, 36, 36, 36, 36]))
     body = _revolved(np.stack([radii, heights], axis=1), sides)
     if rng.random() < 0.5:
-        floor = float(rng.uniform(0.12, 0.5)) * height
+        floor = float(rng.uniform(0.2, 0.65)) * height
         wall = WALL + float(rng.uniform(0.0, 0.12))
         inside = heights >= floor
         cavity_z = np.concatenate([[floor], heights[inside], [height + 0.5]])

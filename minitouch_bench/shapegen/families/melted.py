@@ -23,10 +23,10 @@ def melted(rng: np.random.Generator) -> Solid:
         end = anchor + direction * rng.uniform(0.35, 1.15)
         starts.append(anchor)
         ends.append(end)
-        radii.append(rng.uniform(0.26, 0.52))
+        radii.append(rng.uniform(0.24, 0.5))
         anchor = starts[int(rng.integers(len(starts)))] if rng.random() < 0.3 else end
     begin, finish, radius = np.array(starts), np.array(ends), np.array(radii)
-    field = _smooth_union(begin, finish - begin, radius, float(rng.uniform(0.06, 0.25)))
+    field = _smooth_union(begin, finish - begin, radius, float(rng.uniform(0.04, 0.16)))
     corners = np.concatenate([begin, finish])
     low, high = corners.min(axis=0) - radius.max() - 0.3, corners.max(axis=0) + radius.max() + 0.3
     return Solid.level_set(field, [*low.tolist(), *high.tolist()], GRID, 0.0)

@@ -31,8 +31,8 @@ def _star(rng: np.random.Generator) -> manifold3d.CrossSection:
 
 
 def _gear(rng: np.random.Generator) -> manifold3d.CrossSection:
-    teeth = int(rng.integers(4, 9))
-    low = float(rng.uniform(0.65, 0.82))
+    teeth = int(rng.integers(3, 7))
+    low = float(rng.uniform(0.68, 0.85))
     return _ring(np.tile([1.0, 1.0, low, low], teeth))
 
 

@@ -10,7 +10,7 @@ from minitouch_bench.shapegen.solids import Solid
 def twisted(rng: np.random.Generator) -> Solid:
     """Return a column that turns, narrows, leans or swells from its foot to its head."""
     height = float(rng.uniform(1.8, 3.6))
-    twist = float(rng.uniform(20.0, 130.0) * rng.choice([-1, 1]))
+    twist = float(rng.uniform(15.0, 95.0) * rng.choice([-1, 1]))
     top = float(rng.uniform(0.45, 1.0))
     column = Solid.extrude(random_outline(rng), height, 24, twist, (top, top))
     bulge = float(rng.uniform(-0.25, 0.4))
