@@ -75,6 +75,7 @@ def make_shape(root: int, index: int, config: BuildConfig) -> MadeShape:
 
     Raises:
         InfrastructureError: no attempt gave a sound shape.
+
     """
     family = family_of(index)
     refused: dict[str, int] = {}
@@ -88,7 +89,9 @@ def make_shape(root: int, index: int, config: BuildConfig) -> MadeShape:
             refused[error.reason.name] = refused.get(error.reason.name, 0) + 1
             continue
         return MadeShape(index, family, attempt, density, body, measures, refused)
-    raise InfrastructureError(f"shape {index} ({family}): no sound shape in {config.attempts} draws")
+    raise InfrastructureError(
+        f"shape {index} ({family}): no sound shape in {config.attempts} draws"
+    )
 
 
 def sized(solid: Solid, rng: np.random.Generator, config: BuildConfig) -> Mesh:
@@ -96,6 +99,7 @@ def sized(solid: Solid, rng: np.random.Generator, config: BuildConfig) -> Mesh:
 
     Raises:
         UnsoundError: it is no single closed body, or no size fits both hand and bounds.
+
     """
     mesh = simplified(to_mesh(solid), config.faces)
     check = to_solid(mesh)
@@ -123,6 +127,7 @@ def with_hulls(mesh: Mesh, rng: np.random.Generator, config: BuildConfig) -> tup
 
     Raises:
         UnsoundError: the density range leaves no mass within bounds.
+
     """
     moments = solid_moments(mesh)
     low = max(config.density[0], config.soundness.mass[0] * 1.0001 / moments.volume)
@@ -142,4 +147,3 @@ def weighed(mesh: Mesh, density: float, config: DecompositionConfig) -> Body:
     inertia = (float(ixx), float(iyy), float(izz))
     body = Body(mesh, hulls, float(moments.volume * density), inertia)
     return decode(encode(body))  # what is proven is what is stored
-

@@ -42,6 +42,7 @@ def generate(
     Raises:
         RunDirectoryError: another generator works in the folder, or it holds something else.
         InfrastructureError: the disk is full, or a worker failed.
+
     """
     config = BuildConfig()
     header = {
@@ -95,6 +96,7 @@ def locked(folder: Path) -> Iterator[None]:
 
     Raises:
         RunDirectoryError: another process holds it, or the folder cannot be made.
+
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -117,6 +119,7 @@ def opened_partial(folder: Path, plan: dict[str, Any]) -> Path:
     Raises:
         RunDirectoryError: a finished set, or shapes of another plan, are there already.
         InfrastructureError: it cannot be written.
+
     """
     partial = folder / PARTIAL
     text = json.dumps(plan, sort_keys=True)
@@ -142,6 +145,7 @@ def write_partial(partial: Path, index: int, entry: dict[str, Any], record: byte
 
     Raises:
         InfrastructureError: the disk is full; what was made before stays.
+
     """
     text = json.dumps(entry, allow_nan=False).encode()
     try:

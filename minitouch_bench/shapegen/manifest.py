@@ -48,6 +48,7 @@ class Shape:
         Raises:
             UsageError: the set's record of it is damaged.
             InfrastructureError: the cache cannot be written.
+
         """
         return materialised(self.digest, str(self.entry["files_sha256"]), self.body)
 
@@ -56,6 +57,7 @@ class Shape:
 
         Raises:
             UsageError: it is not what the manifest says.
+
         """
         try:
             with self.pack.open("rb") as file:
@@ -87,6 +89,7 @@ class ShapeSet:
 
         Raises:
             UsageError: there is no such split.
+
         """
         found = tuple(shape for shape in self.shapes if shape.split == name)
         if not found:
@@ -98,6 +101,7 @@ class ShapeSet:
 
         Raises:
             UsageError: there is none of that name.
+
         """
         for shape in self.shapes:
             if shape.name == name:
@@ -116,6 +120,7 @@ def load_shape_set(path: Path | str) -> ShapeSet:
 
     Raises:
         UsageError: the folder holds no shape set, or one that is damaged or too new.
+
     """
     folder = Path(path).absolute()
     try:
@@ -140,6 +145,7 @@ def canonical_shape_set() -> ShapeSet:
 
     Raises:
         UsageError: the installation lacks it.
+
     """
     for folder in canonical_places():
         if (folder / MANIFEST).is_file():

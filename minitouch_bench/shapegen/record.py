@@ -1,4 +1,4 @@
-"""A shape's bytes: geometry in whole steps of 2 µm, mass and inertia; the same bytes, the same shape.
+"""A shape's bytes: geometry in whole steps of 2 µm, mass, inertia. Same bytes, same shape.
 
 Layout, little-endian: magic ``MTS1``; float64 mass (kg) and three principal moments (kg m²);
 uint16 visual vertices, faces, hulls; int16 (V, 3) and uint16 (F, 3); then for each hull
@@ -41,6 +41,7 @@ def quantised(vertices: Points) -> Points:
 
     Raises:
         ValueError: a coordinate is not finite, or farther than 65 mm from the origin.
+
     """
     steps = np.rint(vertices / STEP)
     if not np.all(np.abs(steps) <= LIMIT):  # false for NaN too
@@ -72,6 +73,7 @@ def decode(record: bytes) -> Body:
 
     Raises:
         UsageError: the bytes are not a record, too short, too long or inconsistent.
+
     """
     try:
         magic, mass, ixx, iyy, izz, vertices, faces, count = _HEAD.unpack_from(record)
@@ -99,9 +101,7 @@ def _steps(mesh: Mesh) -> bytes:
     return np.rint(mesh.vertices / STEP).astype("<i2").tobytes()
 
 
-def _read_mesh(
-    record: bytes, at: int, sizes: tuple[int, int], index_type: str
-) -> tuple[Mesh, int]:
+def _read_mesh(record: bytes, at: int, sizes: tuple[int, int], index_type: str) -> tuple[Mesh, int]:
     """Return the mesh that begins at a byte, and the byte after it."""
     steps = np.frombuffer(record, "<i2", 3 * sizes[0], at).reshape(-1, 3)
     at += steps.nbytes

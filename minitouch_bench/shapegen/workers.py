@@ -27,15 +27,14 @@ class _Worker:
     task: int | None = None
 
 
-def map_in_workers(
-    target: str, tasks: Sequence[Any], workers: int
-) -> Iterator[tuple[int, Any]]:
+def map_in_workers(target: str, tasks: Sequence[Any], workers: int) -> Iterator[tuple[int, Any]]:
     """Yield (position, ``target(task)``) as tasks end, in any order.
 
     ``target`` is written ``package.module:function``; it is imported in the workers only.
 
     Raises:
         InfrastructureError: a worker died twice on one task, or its function raised.
+
     """
     waiting = list(range(len(tasks)))[::-1]
     died: set[int] = set()

@@ -23,9 +23,7 @@ def handled(rng: np.random.Generator) -> Solid:
 def _arc(start: float, end: float, radii: tuple[float, float], count: int = 11) -> Points:
     """Return an elliptic arc in the x-z plane, float64 (count, 3); angles in degrees."""
     angles = np.radians(np.linspace(start, end, count))
-    return np.stack(
-        [radii[0] * np.cos(angles), np.zeros(count), radii[1] * np.sin(angles)], axis=1
-    )
+    return np.stack([radii[0] * np.cos(angles), np.zeros(count), radii[1] * np.sin(angles)], axis=1)
 
 
 def _mug(rng: np.random.Generator) -> Solid:
@@ -39,7 +37,7 @@ def _mug(rng: np.random.Generator) -> Solid:
     thickness = float(rng.uniform(0.13, 0.2))
     path = _arc(-90.0, 90.0, (float(rng.uniform(0.35, 0.6)), size - thickness))
     reach = float(np.interp(middle, heights, radii)) - 0.08
-    body += tube_along(path + [reach, 0.0, middle], thickness)
+    body += tube_along(path + np.array([reach, 0.0, middle]), thickness)
     if rng.random() < 0.7:
         inner = float(radii.min()) - 0.17
         floor = height * float(rng.uniform(0.15, 0.4))
@@ -52,7 +50,9 @@ def _basket(rng: np.random.Generator) -> Solid:
     body = rounded_box(sides, 0.15)
     body -= Solid.cube((sides - 0.38).tolist(), True).translate([0.0, 0.0, 0.35])
     arch = _arc(0.0, 180.0, (0.78, float(rng.uniform(0.7, 1.1))))
-    return body + tube_along(arch + [0.0, 0.0, sides[2] / 2.0 - 0.15], float(rng.uniform(0.14, 0.2)))
+    return body + tube_along(
+        arch + np.array([0.0, 0.0, sides[2] / 2.0 - 0.15]), float(rng.uniform(0.14, 0.2))
+    )
 
 
 def _hammer(rng: np.random.Generator) -> Solid:
@@ -61,7 +61,9 @@ def _hammer(rng: np.random.Generator) -> Solid:
     if rng.random() < 0.5:
         block = rounded_box(head, 0.1)
     else:
-        block = superquadric(head / 2.0, (float(rng.uniform(0.3, 1.2)), float(rng.uniform(0.3, 1.2))))
+        block = superquadric(
+            head / 2.0, (float(rng.uniform(0.3, 1.2)), float(rng.uniform(0.3, 1.2)))
+        )
     grip = capsule(np.zeros(3), np.array([length, 0.0, 0.0]), thickness)
     return block + grip.scale([1.0, float(rng.uniform(0.8, 1.3)), 1.0])
 
@@ -95,4 +97,6 @@ def _weight(rng: np.random.Generator) -> Solid:
     body = superquadric(half, (float(rng.uniform(0.4, 1.0)), float(rng.uniform(0.4, 1.0))))
     body = body.trim_by_plane([0.0, 0.0, 1.0], -0.75 * float(half[2]))
     arch = _arc(-10.0, 190.0, (float(rng.uniform(0.45, 0.65)), float(rng.uniform(0.6, 0.85))))
-    return body + tube_along(arch + [0.0, 0.0, 0.75 * half[2]], float(rng.uniform(0.14, 0.22)))
+    return body + tube_along(
+        arch + np.array([0.0, 0.0, 0.75 * half[2]]), float(rng.uniform(0.14, 0.22))
+    )

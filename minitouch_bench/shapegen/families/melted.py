@@ -39,9 +39,7 @@ def _smooth_union(
     # Plain floats: the solver asks for one point at a time, where numpy is ten times slower.
     parts = [
         (*start, *axis, float(axis @ axis), radius)
-        for start, axis, radius in zip(
-            starts.tolist(), axes, radii.tolist(), strict=True
-        )
+        for start, axis, radius in zip(starts.tolist(), axes, radii.tolist(), strict=True)
     ]
     capsules = [tuple(float(number) for number in part) for part in parts]
 

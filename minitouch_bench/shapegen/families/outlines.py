@@ -80,4 +80,6 @@ def _arrow(rng: np.random.Generator) -> manifold3d.CrossSection:
 
 def _crescent(rng: np.random.Generator) -> manifold3d.CrossSection:
     bite = manifold3d.CrossSection.circle(float(rng.uniform(0.45, 0.85)), 40)
-    return manifold3d.CrossSection.circle(1.0, 48) - bite.translate([float(rng.uniform(0.7, 1.0)), 0.0])
+    return manifold3d.CrossSection.circle(1.0, 48) - bite.translate(
+        [float(rng.uniform(0.7, 1.0)), 0.0]
+    )

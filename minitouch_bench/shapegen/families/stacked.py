@@ -29,7 +29,9 @@ def stacked(rng: np.random.Generator) -> Solid:
         low, high = edges[np.arange(3), at], edges[np.arange(3), at + 1]
         pieces.append(_brick(low, high, radius))
     solid = Solid.batch_boolean(pieces, manifold3d.OpType.Add)
-    return solid.transform([[1.0, 0.0, shear[0], 0.0], [0.0, 1.0, shear[1], 0.0], [0.0, 0.0, 1.0, 0.0]])
+    return solid.transform(
+        [[1.0, 0.0, shear[0], 0.0], [0.0, 1.0, shear[1], 0.0], [0.0, 0.0, 1.0, 0.0]]
+    )
 
 
 def _brick(low: np.ndarray, high: np.ndarray, radius: float) -> Solid:
