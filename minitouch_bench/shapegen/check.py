@@ -148,8 +148,8 @@ def _unsound(
 def _close(measured: Any, listed: Any) -> bool:
     """Say whether two measurements agree but for the rounding of another processor."""
     if isinstance(measured, list):
-        heights = [[pose["height_m"] for pose in poses] for poses in (measured, listed)]
-        return len(measured) == len(listed) and bool(np.allclose(*heights, atol=1e-4))
+        ours, theirs = ([pose["height_m"] for pose in poses] for poses in (measured, listed))
+        return len(ours) == len(theirs) and bool(np.allclose(ours, theirs, atol=1e-4))
     return bool(np.isclose(measured, listed, rtol=1e-3, atol=2e-5))
 
 

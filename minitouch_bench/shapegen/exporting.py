@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import trimesh
 
@@ -54,7 +55,8 @@ def _obj(name: str, body: Body) -> dict[str, bytes]:
 def _glb(name: str, body: Body) -> dict[str, bytes]:
     # glTF is y-up; the mesh keeps the body frame, as its extras say nothing of gravity.
     mesh = trimesh.Trimesh(body.visual.vertices, body.visual.faces, process=False)
-    return {f"{name}.glb": bytes(trimesh.Scene(mesh).export(file_type="glb"))}
+    scene: Any = trimesh.Scene(mesh)
+    return {f"{name}.glb": bytes(scene.export(file_type="glb"))}
 
 
 def _mjcf(name: str, body: Body) -> dict[str, bytes]:

@@ -160,9 +160,9 @@ def _swollen(parts: list[Solid]) -> list[Solid]:
 
 def _mended(mesh: Mesh) -> Mesh:
     """Fill holes and turn faces outward, part by part."""
-    whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
+    whole: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
     trimesh.repair.fill_holes(whole)
-    trimesh.repair.fix_normals(whole, multibody=True)
+    whole.fix_normals(multibody=True)
     return Mesh(np.asarray(whole.vertices), np.asarray(whole.faces, dtype=np.int32))
 
 

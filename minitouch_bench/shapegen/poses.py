@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minitouch_bench.shapegen.mesh import Mesh, Points, face_normals
 
@@ -59,7 +60,7 @@ def _solid_angles(hull: Mesh) -> Points:
     return np.abs(angles)
 
 
-def _rolls_to(hull: Mesh, normals: Points, heights: Points) -> Points:
+def _rolls_to(hull: Mesh, normals: Points, heights: Points) -> NDArray[np.int64]:
     """Return for each face the neighbour it tips onto, or itself where it is stable.
 
     A body only ever tips to a face on which its centre of mass is lower, so the walk ends.

@@ -3,6 +3,7 @@
 import re
 import warnings
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -58,7 +59,7 @@ def read_object(path: Path) -> Mesh:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            loaded = trimesh.load(str(path), force="mesh", process=False)
+            loaded: Any = trimesh.load(str(path), force="mesh", process=False)
         vertices = np.asarray(loaded.vertices, dtype=np.float64)
         faces = np.asarray(loaded.faces, dtype=np.int32)
     except Exception as error:  # each parser of each format raises its own kinds
@@ -127,7 +128,7 @@ def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, tuple[floa
     links = root.findall("link")
     if strict and len(links) != 1:
         raise UnreadableError(f"a URDF of {len(links)} links, not one")
-    found = []
+    found: list[tuple[Path, tuple[float, ...]]] = []
     for link in links:
         for mesh in link.findall("collision/geometry/mesh") or link.findall("visual/geometry/mesh"):
             name = mesh.get("filename", "").removeprefix("package://")

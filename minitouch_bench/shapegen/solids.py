@@ -1,12 +1,14 @@
 """The bridge between our meshes and manifold3d's solids, and every solid operation we use."""
 
+from typing import TypeAlias
+
 import fast_simplification
 import manifold3d
 import numpy as np
 
 from minitouch_bench.shapegen.mesh import Mesh, Points
 
-Solid = manifold3d.Manifold
+Solid: TypeAlias = manifold3d.Manifold
 """A closed 2-manifold solid of manifold3d."""
 
 

@@ -1,6 +1,6 @@
 """What a set is made of: counts, sizes, masses, hulls, likeness, and whether the split is fair."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from minitouch_bench.shapegen.manifest import Shape, ShapeSet
 from minitouch_bench.shapegen.mesh import Points
 from minitouch_bench.shapegen.splits import HELD_OUT, TRAIN
 
-QUANTITIES = {
+QUANTITIES: Mapping[str, Callable[[Shape], float]] = {
     "mass, g": lambda shape: shape.mass * 1000.0,
     "density, kg/m3": lambda shape: shape.entry["density"],
     "volume, cm3": lambda shape: shape.entry["volume_m3"] * 1e6,
