@@ -10,7 +10,7 @@ from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.shapegen.decomposition import DecompositionConfig, convex_parts
 from minitouch_bench.shapegen.families import FAMILIES
 from minitouch_bench.shapegen.frame import in_body_frame
-from minitouch_bench.shapegen.mesh import Mesh, solid_moments
+from minitouch_bench.shapegen.mesh import Mesh, solid_moments, widest_across
 from minitouch_bench.shapegen.record import Body, decode, encode, quantised
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
@@ -21,7 +21,6 @@ from minitouch_bench.shapegen.soundness import (
     check_mesh,
     examine,
     statically_sound,
-    widest_across,
 )
 
 GENERATOR_VERSION = 1

@@ -16,7 +16,7 @@ from minitouch_bench.shapegen.entries import entry_of, write_set
 from minitouch_bench.shapegen.frame import in_body_frame
 from minitouch_bench.shapegen.generate import locked
 from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
-from minitouch_bench.shapegen.mesh import Mesh, solid_moments
+from minitouch_bench.shapegen.mesh import Mesh, solid_moments, widest_across
 from minitouch_bench.shapegen.reading import UnreadableError, find_objects, read_object
 from minitouch_bench.shapegen.record import encode, quantised
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
@@ -25,7 +25,6 @@ from minitouch_bench.shapegen.soundness import (
     check_mesh,
     examine,
     statically_sound,
-    widest_across,
 )
 from minitouch_bench.shapegen.workers import map_in_workers
 

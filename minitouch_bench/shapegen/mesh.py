@@ -134,3 +134,20 @@ def first_hits(origins: Points, directions: Points, mesh: Mesh) -> tuple[Points,
     hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 1e-6) & np.isfinite(safe)
     distance = np.where(hit, distance, np.inf)
     return distance.min(axis=1), distance.argmin(axis=1)
+
+
+def thinnest_wall(mesh: Mesh) -> float:
+    """Return the least distance in m through the solid between faces that look apart."""
+    normals, areas = face_normals(mesh)
+    real = areas > 1e-8
+    centres = mesh.triangles.mean(axis=1)[real]
+    distance, face = first_hits(centres, -normals[real], mesh)
+    opposed = np.einsum("fi,fi->f", normals[real], normals[face]) < -0.7
+    return float(distance[opposed].min()) if opposed.any() else float(mesh.extents.min())
+
+
+def widest_across(points: Points) -> float:
+    """Return the largest width in m of (N, 2) points over all directions in the plane."""
+    angles = np.pi * np.arange(180) / 180.0
+    along = points @ np.stack([np.cos(angles), np.sin(angles)])
+    return float(np.ptp(along, axis=0).max())

@@ -25,27 +25,34 @@ class RestPose:
         return rotation_matrix(self.quaternion)
 
 
-def rest_poses(hull: Mesh, least: float = 0.03) -> tuple[RestPose, ...]:
+SAME_DIRECTION = float(np.cos(0.05))
+"""Faces turned down within 0.05 rad are one way to lie: halves of a square, facets of a curve."""
+
+
+def rest_poses(hull: Mesh, least: float = 0.0) -> tuple[RestPose, ...]:
     """Return where a convex body comes to rest, likeliest first, above a ``least`` share.
 
     A random orientation lands on the face below the centre of mass (solid angle), and rolls
     over the nearest edge until the centre of mass stands above a face. The centre is at 0.
     """
     normals, _ = face_normals(hull)
-    shares = _solid_angles(hull) / (4.0 * np.pi)
-    corners = hull.triangles
-    heights = np.einsum("fi,fi->f", normals, corners[:, 0])
+    heights = np.einsum("fi,fi->f", normals, hull.triangles[:, 0])
     following = _rolls_to(hull, normals, heights)
-    probability = np.zeros(len(normals))
-    for face, share in enumerate(shares):
-        rest = face
-        while following[rest] != rest:
-            rest = int(following[rest])
-        probability[rest] += share
-    order = np.argsort(-probability, kind="stable")
+    for _ in range(12):  # each round doubles the steps of the walk
+        following = following[following]
+    shares = _solid_angles(hull) / (4.0 * np.pi)
+    probability = np.bincount(following, shares, len(normals))
+    kept: list[int] = []
+    for face in np.argsort(-probability.round(9), kind="stable").tolist():
+        same = [other for other in kept if normals[other] @ normals[face] > SAME_DIRECTION]
+        if same:
+            probability[same[0]] += probability[face]
+        elif probability[face] > 0.0:
+            kept.append(face)
+    kept.sort(key=lambda face: -round(float(probability[face]), 9))
     return tuple(
         RestPose(quaternion_laying(normals[face]), float(heights[face]), float(probability[face]))
-        for face in order
+        for face in kept
         if probability[face] >= least
     )
 
@@ -63,7 +70,7 @@ def _solid_angles(hull: Mesh) -> Points:
 def _rolls_to(hull: Mesh, normals: Points, heights: Points) -> NDArray[np.int64]:
     """Return for each face the neighbour it tips onto, or itself where it is stable.
 
-    A body only ever tips to a face on which its centre of mass is lower, so the walk ends.
+    A body only ever tips to a face on which its centre of mass is no higher, up to rounding.
     """
     owner = {
         (int(a), int(b)): face
@@ -79,7 +86,7 @@ def _rolls_to(hull: Mesh, normals: Points, heights: Points) -> NDArray[np.int64]
             inward = np.cross(normals[face], edge) / max(float(np.linalg.norm(edge)), 1e-12)
             beyond = -float(inward @ (foot[face] - hull.vertices[a]))
             neighbour = owner[(int(b), int(a))]
-            if beyond > max(worst, 1e-9) and heights[neighbour] < heights[face]:
+            if beyond > max(worst, 1e-9) and heights[neighbour] < heights[face] + 1e-7:
                 worst, following[face] = beyond, neighbour
     return following
 

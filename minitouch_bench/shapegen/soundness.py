@@ -14,9 +14,9 @@ from minitouch_bench.shapegen.mesh import (
     Mesh,
     Points,
     distances_to_surface,
-    face_normals,
-    first_hits,
     surface_points,
+    thinnest_wall,
+    widest_across,
 )
 from minitouch_bench.shapegen.poses import RestPose, rest_poses
 from minitouch_bench.shapegen.record import Body
@@ -195,7 +195,7 @@ def examine(body: Body, config: SoundnessConfig) -> Measures:
     hull = hull_of(np.concatenate([part.vertices for part in body.hulls]))
     poses = tuple(statically_sound(hull, config))
     with open_bench(body) as bench:
-        poses = settled_poses(bench, poses, config)
+        poses = with_shares(hull, settled_poses(bench, poses, config))
         lifted = lifted_share(bench, poses, surface_points(body.visual, 0.003), config)
     volume = float(to_solid(body.visual).volume())
     convexity = volume / float(to_solid(hull_of(body.visual.vertices)).volume())
@@ -226,7 +226,7 @@ def statically_sound(hull: Mesh, config: SoundnessConfig) -> Iterator[RestPose]:
 def settled_poses(
     bench: Bench, poses: tuple[RestPose, ...], config: SoundnessConfig
 ) -> tuple[RestPose, ...]:
-    """Return the poses that hold in the simulator, as it leaves them; shares sum to 1.
+    """Return the poses that hold in the simulator, as it leaves them.
 
     Raises:
         UnsoundError: one jitters or sinks, or fewer than two hold.
@@ -247,8 +247,21 @@ def settled_poses(
             held.append(settled)
     if len(held) < 2:
         raise UnsoundError(Reason.FEW_POSES)
-    total = sum(pose.probability for pose in held)
-    return tuple(RestPose(p.quaternion, p.height, p.probability / total) for p in held)
+    return tuple(held)
+
+
+def with_shares(hull: Mesh, held: tuple[RestPose, ...]) -> tuple[RestPose, ...]:
+    """Return held poses, likeliest first, with shares of all drops that sum to 1.
+
+    Every face a drop can end on, however small, counts for the held pose nearest to it.
+    """
+    downs = np.array([pose.rotation[2] for pose in held])
+    shares = np.zeros(len(held))
+    for pose in rest_poses(hull, 0.0):
+        shares[int((downs @ pose.rotation[2]).argmax())] += pose.probability
+    shares /= shares.sum()
+    order = np.argsort(-shares.round(6), kind="stable")
+    return tuple(RestPose(held[i].quaternion, held[i].height, float(shares[i])) for i in order)
 
 
 def lifted_share(
@@ -273,20 +286,3 @@ def lifted_share(
                 if failed > config.slips:
                     raise UnsoundError(Reason.SLIPS)
     return 1.0 - failed
-
-
-def thinnest_wall(mesh: Mesh) -> float:
-    """Return the least distance in m through the solid between faces that look apart."""
-    normals, areas = face_normals(mesh)
-    real = areas > 1e-8
-    centres = mesh.triangles.mean(axis=1)[real]
-    distance, face = first_hits(centres, -normals[real], mesh)
-    opposed = np.einsum("fi,fi->f", normals[real], normals[face]) < -0.7
-    return float(distance[opposed].min()) if opposed.any() else float(mesh.extents.min())
-
-
-def widest_across(points: Points) -> float:
-    """Return the largest width in m of (N, 2) points over all directions in the plane."""
-    angles = np.pi * np.arange(180) / 180.0
-    along = points @ np.stack([np.cos(angles), np.sin(angles)])
-    return float(np.ptp(along, axis=0).max())
