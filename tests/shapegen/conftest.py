@@ -1,33 +1,16 @@
-"""Shapes and small sets that many tests start from."""
+"""A cache for every test alone, and a small set."""
 
 from pathlib import Path
 
-import numpy as np
 import pytest
+
 from minitouch_bench.shapegen.entries import write_set
 from minitouch_bench.shapegen.manifest import canonical_shape_set
-from minitouch_bench.shapegen.mesh import Mesh, solid_moments
-from minitouch_bench.shapegen.record import Body, quantised
-from minitouch_bench.shapegen.solids import Solid, to_mesh
 
 
 @pytest.fixture(autouse=True)
 def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MINITOUCH_CACHE", str(tmp_path / "cache"))
-
-
-def box(*sides: float) -> Mesh:
-    """Return a box centred at the origin; sides in m."""
-    mesh = to_mesh(Solid.cube(list(sides), True))
-    return Mesh(quantised(mesh.vertices), mesh.faces)
-
-
-def box_body(*sides: float, density: float = 2000.0) -> Body:
-    """Return a solid box as a body of one hull."""
-    mesh = box(*sides)
-    moments = solid_moments(mesh)
-    ixx, iyy, izz = (np.diag(moments.inertia()) * density).tolist()
-    return Body(mesh, (mesh,), moments.volume * density, (ixx, iyy, izz))
 
 
 @pytest.fixture

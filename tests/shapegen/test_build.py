@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from minitouch_bench.shapegen.build import BuildConfig, family_of, make_shape
 from minitouch_bench.shapegen.families import FAMILIES
 from minitouch_bench.shapegen.manifest import canonical_shape_set

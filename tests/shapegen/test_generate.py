@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.shapegen import generate as generating
 from minitouch_bench.shapegen.generate import generate, write_partial
@@ -113,7 +114,7 @@ def test_a_full_disk_keeps_what_was_made(tmp_path: Path, monkeypatch: pytest.Mon
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(generating, "replace_file", full)
-    with pytest.raises(InfrastructureError, match="No space left on device.*are kept"):
+    with pytest.raises(InfrastructureError, match=r"No space left on device.*are kept"):
         write_partial(tmp_path, 1, {"sha256": ""}, b"second")
     assert (tmp_path / "0.shape").exists()
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from minitouch_bench.shapegen.frame import in_body_frame, principal_axes
 from minitouch_bench.shapegen.mesh import (
     distances_to_surface,
@@ -9,8 +10,7 @@ from minitouch_bench.shapegen.mesh import (
     thinnest_wall,
     widest_across,
 )
-
-from shapegen.conftest import box
+from tests.shapegen.bodies import box
 
 
 def test_moments_of_a_box_are_the_formula() -> None:
@@ -32,7 +32,9 @@ def test_rays_hit_the_far_wall() -> None:
     origin = np.array([[0.003, 0.002, 0.0]])
     distance, _ = first_hits(origin, np.array([[0.0, 0.0, 1.0]]), box(0.04, 0.04, 0.06))
     assert distance == pytest.approx([0.03])
-    missed, _ = first_hits(origin + [0.1, 0, 0], np.array([[0.0, 0.0, 1.0]]), box(0.04, 0.04, 0.06))
+    missed, _ = first_hits(
+        origin + np.array([0.1, 0.0, 0.0]), np.array([[0.0, 0.0, 1.0]]), box(0.04, 0.04, 0.06)
+    )
     assert np.isinf(missed).all()
 
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
+
 from minitouch_bench.shapegen.grasps import plan_grasp
 from minitouch_bench.shapegen.mesh import surface_points
 from minitouch_bench.shapegen.poses import product, rest_poses, rotation_matrix, yaw
 from minitouch_bench.shapegen.solids import hull_of
-
-from shapegen.conftest import box
+from tests.shapegen.bodies import box
 
 
 def test_a_box_rests_on_each_side_and_most_often_on_the_largest() -> None:
@@ -37,7 +37,7 @@ def test_quaternions_compose_as_matrices() -> None:
 
 
 def test_a_bar_is_gripped_across() -> None:
-    cloud = surface_points(box(0.06, 0.02, 0.03), 0.003) + [0.0, 0.0, 0.015]
+    cloud = surface_points(box(0.06, 0.02, 0.03), 0.003) + np.array([0.0, 0.0, 0.015])
     grasp = plan_grasp(cloud)
     assert grasp.width == pytest.approx(0.02, abs=1e-3)
     assert abs(grasp.x) < 0.004
@@ -45,5 +45,5 @@ def test_a_bar_is_gripped_across() -> None:
 
 
 def test_nothing_fits_round_a_slab() -> None:
-    cloud = surface_points(box(0.09, 0.09, 0.03), 0.003) + [0.0, 0.0, 0.015]
+    cloud = surface_points(box(0.09, 0.09, 0.03), 0.003) + np.array([0.0, 0.0, 0.015])
     assert plan_grasp(cloud).width == np.inf

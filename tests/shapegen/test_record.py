@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
+
 from minitouch_bench.errors import UsageError
 from minitouch_bench.shapegen.files import body_files
 from minitouch_bench.shapegen.record import decode, encode, quantised
-
-from shapegen.conftest import box_body
+from tests.shapegen.bodies import box_body
 
 
 def test_a_record_gives_its_body_back() -> None:

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from minitouch_bench.shapegen.mesh import Mesh
 from minitouch_bench.shapegen.record import Body
 from minitouch_bench.shapegen.solids import Solid, to_mesh
@@ -14,8 +15,7 @@ from minitouch_bench.shapegen.soundness import (
     check_numbers,
     examine,
 )
-
-from shapegen.conftest import box, box_body
+from tests.shapegen.bodies import box, box_body
 
 CONFIG = SoundnessConfig()
 
