@@ -31,14 +31,14 @@ GENERATOR_VERSION = 1
 class BuildConfig:
     """How shapes are drawn; lengths in m, density in kg/m³.
 
-    ``widest``: the largest width a shape is given in any direction of a plane of two of its
+    ``density`` runs from balsa and foam to steel. ``widest``: the largest width a shape is given in any direction of a plane of two of its
     axes, which leaves the open fingers (80 mm) room on both sides.
     """
 
     faces: int = 400
     shortest_longest_side: float = 0.041
     widest: float = 0.063
-    density: tuple[float, float] = (500.0, 5000.0)
+    density: tuple[float, float] = (400.0, 8000.0)
     attempts: int = 400
     decomposition: DecompositionConfig = field(default_factory=DecompositionConfig)
     soundness: SoundnessConfig = field(default_factory=SoundnessConfig)
@@ -128,13 +128,22 @@ def with_hulls(mesh: Mesh, rng: np.random.Generator, config: BuildConfig) -> tup
         UnsoundError: the density range leaves no mass within bounds.
 
     """
-    moments = solid_moments(mesh)
-    low = max(config.density[0], config.soundness.mass[0] * 1.0001 / moments.volume)
-    high = min(config.density[1], config.soundness.mass[1] * 0.9999 / moments.volume)
+    density = drawn_density(mesh, rng, config)
+    return weighed(mesh, density, config.decomposition), density
+
+
+def drawn_density(mesh: Mesh, rng: np.random.Generator, config: BuildConfig) -> float:
+    """Draw a density (kg/m³), its logarithm uniform over what keeps the mass within bounds.
+
+    Raises:
+        UnsoundError: nothing does.
+    """
+    volume = solid_moments(mesh).volume
+    low = max(config.density[0], config.soundness.mass[0] * 1.0001 / volume)
+    high = min(config.density[1], config.soundness.mass[1] * 0.9999 / volume)
     if low > high:
         raise UnsoundError(Reason.MASS)
-    density = float(np.exp(rng.uniform(np.log(low), np.log(high))))
-    return weighed(mesh, density, config.decomposition), density
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def weighed(mesh: Mesh, density: float, config: DecompositionConfig) -> Body:

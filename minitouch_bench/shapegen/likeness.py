@@ -47,7 +47,7 @@ def descriptor(body: Body) -> Points:
     return np.concatenate([numbers, np.cumsum(histogram)])
 
 
-def _quadrature(mesh: Mesh, spacing: float = 0.007) -> tuple[Points, Points]:
+def _quadrature(mesh: Mesh, spacing: float = 0.010) -> tuple[Points, Points]:
     """Return points on a mesh and weights by area, which sum to 1."""
     _, areas = face_normals(mesh)
     corners = mesh.triangles
