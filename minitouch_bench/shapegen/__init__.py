@@ -1,0 +1,1 @@
+"""Shapes: made, proven sound, packed, read back. ``manifest`` reads a set and needs numpy only."""

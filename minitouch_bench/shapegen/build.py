@@ -1,0 +1,157 @@
+"""Make shape number i: draw, size, decompose, prove; the same shape whoever asks, and when."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.shapegen.decomposition import DecompositionConfig, convex_parts
+from minitouch_bench.shapegen.families import FAMILIES
+from minitouch_bench.shapegen.frame import in_body_frame
+from minitouch_bench.shapegen.mesh import Mesh, solid_moments, widest_across
+from minitouch_bench.shapegen.record import Body, decode, encode, quantised
+from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
+from minitouch_bench.shapegen.soundness import (
+    Measures,
+    Reason,
+    SoundnessConfig,
+    UnsoundError,
+    check_mesh,
+    examine,
+    statically_sound,
+)
+
+GENERATOR_VERSION = 1
+"""Raised whenever the same seed would give another shape."""
+
+
+@dataclass(frozen=True)
+class BuildConfig:
+    """How shapes are drawn; lengths in m, density in kg/m³.
+
+    ``density`` runs from balsa and foam to steel. ``widest``: the largest width a shape is given in any direction of a plane of two of its
+    axes, which leaves the open fingers (80 mm) room on both sides.
+    """
+
+    faces: int = 400
+    shortest_longest_side: float = 0.041
+    widest: float = 0.063
+    density: tuple[float, float] = (400.0, 8000.0)
+    attempts: int = 400
+    decomposition: DecompositionConfig = field(default_factory=DecompositionConfig)
+    soundness: SoundnessConfig = field(default_factory=SoundnessConfig)
+
+    def document(self) -> dict[str, Any]:
+        """Return the parameters as JSON data, for the manifest."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class MadeShape:
+    """A sound shape and how it came about; ``refused`` counts the draws before it by reason."""
+
+    index: int
+    family: str
+    attempt: int
+    density: float
+    body: Body
+    measures: Measures
+    refused: Mapping[str, int]
+
+
+def family_of(index: int) -> str:
+    """Return the family of shape number ``index``: they take turns."""
+    names = tuple(FAMILIES)
+    return names[index % len(names)]
+
+
+def make_shape(root: int, index: int, config: BuildConfig) -> MadeShape:
+    """Make shape ``index`` of the set with seed ``root``.
+
+    Every attempt has its own random stream, so nothing depends on other shapes.
+
+    Raises:
+        InfrastructureError: no attempt gave a sound shape.
+
+    """
+    family = family_of(index)
+    refused: dict[str, int] = {}
+    for attempt in range(config.attempts):
+        rng = np.random.default_rng(np.random.SeedSequence([root, index, attempt]))
+        try:
+            mesh = sized(FAMILIES[family](rng), rng, config)
+            body, density = with_hulls(mesh, rng, config)
+            measures = examine(body, config.soundness)
+        except UnsoundError as error:
+            refused[error.reason.name] = refused.get(error.reason.name, 0) + 1
+            continue
+        return MadeShape(index, family, attempt, density, body, measures, refused)
+    raise InfrastructureError(
+        f"shape {index} ({family}): no sound shape in {config.attempts} draws"
+    )
+
+
+def sized(solid: Solid, rng: np.random.Generator, config: BuildConfig) -> Mesh:
+    """Simplify a drawn solid, bring it into its body frame and give it a random size.
+
+    Raises:
+        UnsoundError: it is no single closed body, or no size fits both hand and bounds.
+
+    """
+    mesh = simplified(to_mesh(solid), config.faces)
+    check = to_solid(mesh)
+    if check.is_empty() or check.volume() <= 0.0:
+        raise UnsoundError(Reason.NOT_CLOSED)
+    mesh = in_body_frame(mesh)
+    longest = float(mesh.extents.max())
+    planes = ((0, 1), (0, 2), (1, 2))
+    widest = max(widest_across(mesh.vertices[:, plane]) for plane in planes)
+    largest = min(config.widest / widest * longest, config.soundness.longest_side[1])
+    if largest < config.shortest_longest_side:
+        raise UnsoundError(Reason.TOO_WIDE)
+    # Drawn from the upper half more often: small things are quickly too thin or too flat.
+    share = float(np.sqrt(rng.random()))
+    side = config.shortest_longest_side + share * (largest - config.shortest_longest_side)
+    mesh = Mesh(quantised(mesh.vertices * (side / longest)), mesh.faces)
+    check_mesh(mesh, config.soundness)
+    # The hulls' rest poses are nearly the mesh's: this refuses most flat ones before CoACD.
+    list(statically_sound(hull_of(mesh.vertices), config.soundness))
+    return mesh
+
+
+def with_hulls(mesh: Mesh, rng: np.random.Generator, config: BuildConfig) -> tuple[Body, float]:
+    """Decompose a mesh and give it a density (kg/m³), and with it mass and inertia.
+
+    Raises:
+        UnsoundError: the density range leaves no mass within bounds.
+
+    """
+    density = drawn_density(mesh, rng, config)
+    return weighed(mesh, density, config.decomposition), density
+
+
+def drawn_density(mesh: Mesh, rng: np.random.Generator, config: BuildConfig) -> float:
+    """Draw a density (kg/m³), its logarithm uniform over what keeps the mass within bounds.
+
+    Raises:
+        UnsoundError: nothing does.
+    """
+    volume = solid_moments(mesh).volume
+    low = max(config.density[0], config.soundness.mass[0] * 1.0001 / volume)
+    high = min(config.density[1], config.soundness.mass[1] * 0.9999 / volume)
+    if low > high:
+        raise UnsoundError(Reason.MASS)
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def weighed(mesh: Mesh, density: float, config: DecompositionConfig) -> Body:
+    """Return the body of a mesh on the grid and in its frame, at a density in kg/m³."""
+    moments = solid_moments(mesh)
+    parts = convex_parts(mesh, config)
+    hulls = tuple(hull_of(quantised(part.vertices)) for part in parts)
+    ixx, iyy, izz = np.diag(moments.inertia()) * density
+    inertia = (float(ixx), float(iyy), float(izz))
+    body = Body(mesh, hulls, float(moments.volume * density), inertia)
+    return decode(encode(body))  # what is proven is what is stored

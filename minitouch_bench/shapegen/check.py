@@ -1,0 +1,184 @@
+"""Prove a shape set against its manifest; every failure is named, none hides another."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.shapegen.build import BuildConfig
+from minitouch_bench.shapegen.entries import entry_of
+from minitouch_bench.shapegen.files import body_files
+from minitouch_bench.shapegen.likeness import (
+    SMALLEST_P,
+    descriptor,
+    near_duplicates,
+    split_p_value,
+)
+from minitouch_bench.shapegen.manifest import Shape, ShapeSet, load_shape_set
+from minitouch_bench.shapegen.record import Body, decode, digest
+from minitouch_bench.shapegen.soundness import UnsoundError, examine
+from minitouch_bench.shapegen.splits import HELD_OUT, split_of
+from minitouch_bench.shapegen.workers import map_in_workers
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What a check found: ``problems`` one line each (none: the set holds), and the split's p.
+
+    ``p_value`` is None where the set is too damaged, or too small, to test.
+    """
+
+    shapes: ShapeSet
+    problems: tuple[str, ...]
+    p_value: float | None
+
+
+def check_set(
+    folder: Path, workers: int = 1, quick: bool = False, progress: Progress = lambda *_: None
+) -> CheckReport:
+    """Check hashes, numbers, split, families, soundness, near-duplicates and distribution.
+
+    ``quick`` leaves out the proofs in the simulator.
+
+    Raises:
+        UsageError: the folder holds no readable shape set.
+
+    """
+    shapes = load_shape_set(folder)
+    problems = [*_pack_problems(shapes), *_manifest_problems(shapes)]
+    bodies: dict[int, Body] = {}
+    for position, shape in enumerate(shapes.shapes):
+        try:
+            bodies[position] = shape.body()
+        except UsageError as error:
+            text = str(error)
+            problems.append(text if text.startswith(shape.name) else f"{shape.name}: {text}")
+            continue
+        problems += _number_problems(shape, bodies[position])
+    if not quick:
+        problems += _unsound(shapes, bodies, workers, progress)
+    p_value = None
+    if len(bodies) == len(shapes.shapes) and not problems:
+        likeness, p_value = _likeness_problems(shapes, [bodies[i] for i in sorted(bodies)])
+        problems += likeness
+    return CheckReport(shapes, tuple(problems), p_value)
+
+
+def _pack_problems(shapes: ShapeSet) -> Iterator[str]:
+    entries = [shape.entry for shape in shapes.shapes]
+    ends = np.cumsum([int(entry["length"]) for entry in entries])
+    starts = [int(entry["offset"]) for entry in entries]
+    if starts != [0, *ends[:-1].tolist()]:
+        yield "the manifest's offsets do not follow one another"
+    try:
+        pack = shapes.shapes[0].pack.read_bytes()
+    except (OSError, IndexError) as error:
+        yield f"the pack cannot be read: {error}"
+        return
+    if len(pack) != int(ends[-1]):
+        yield f"the pack has {len(pack)} bytes, the manifest says {int(ends[-1])}"
+    elif digest(pack) != shapes.document["pack_sha256"]:
+        yield "the pack's SHA-256 is not the manifest's"
+
+
+def _manifest_problems(shapes: ShapeSet) -> Iterator[str]:
+    """Yield what is wrong between shapes: names, copies, split and families."""
+    listed = shapes.shapes
+    if len(listed) != shapes.document["count"]:
+        yield f"{len(listed)} shapes are listed, the count says {shapes.document['count']}"
+    for name, number in Counter(shape.name for shape in listed).items():
+        if number > 1:
+            yield f"{name} is listed {number} times"
+    first: dict[str, str] = {}
+    for shape in listed:
+        if shape.digest in first:
+            yield f"{shape.name} is a copy of {first[shape.digest]}"
+        first.setdefault(shape.digest, shape.name)
+    rule = split_of([shape.family for shape in listed], [shape.digest for shape in listed])
+    for shape, split in zip(listed, rule, strict=True):
+        if shape.split != split:
+            yield f"{shape.name} is marked {shape.split}, the rule says {split}"
+    if "generator" in shapes.document:
+        counts = Counter(shape.family for shape in listed)
+        if counts and max(counts.values()) - min(counts.values()) > 1:
+            yield f"families are unequal: {dict(sorted(counts.items()))}"
+
+
+def _number_problems(shape: Shape, body: Body) -> Iterator[str]:
+    """Yield where the manifest's numbers are not the record's."""
+    if not np.isfinite([body.mass, *body.inertia, *shape.extents]).all():
+        yield f"{shape.name}: a mass, moment or extent is not a finite number"
+        return
+    if shape.mass != body.mass:
+        yield f"{shape.name}: the manifest says {shape.mass} kg, the record {body.mass} kg"
+    if not np.allclose(shape.extents, body.visual.extents, rtol=0.0, atol=2e-6):
+        yield f"{shape.name}: the manifest's extents are not the record's"
+    if len(body.hulls) != shape.entry["hulls"]:
+        yield f"{shape.name}: the manifest's hull count is not the record's"
+    if body_files(body).sha256 != shape.entry["files_sha256"]:
+        yield f"{shape.name}: its OBJ and URDF texts are not those of the manifest"
+
+
+def _unsound(
+    shapes: ShapeSet, bodies: dict[int, Body], workers: int, progress: Progress
+) -> Iterator[str]:
+    """Yield the shapes that fail a criterion, or measure otherwise than the manifest says."""
+    order = sorted(bodies)
+    tasks = [shapes.shapes[position].record() for position in order]
+    verdicts: dict[int, tuple[str, Any]] = {}
+    for task, verdict in map_in_workers(f"{__name__}:examine_record", tasks, workers):
+        verdicts[order[task]] = verdict
+        progress(len(verdicts), len(order))
+    for position in order:
+        shape, (reason, measured) = shapes.shapes[position], verdicts[position]
+        if reason:
+            yield f"{shape.name}: {reason}"
+            continue
+        for key in ("genus", "misfit", "outside_m", "wall_m", "convexity", "volume_m3", "poses"):
+            if measured[key] != shape.entry[key] and not _close(measured[key], shape.entry[key]):
+                yield f"{shape.name}: {key} measures {measured[key]}, not {shape.entry[key]}"
+
+
+def _close(measured: Any, listed: Any) -> bool:
+    """Say whether two measurements agree but for the rounding of another processor."""
+    if isinstance(measured, list):
+        ours, theirs = ([pose["height_m"] for pose in poses] for poses in (measured, listed))
+        return len(ours) == len(theirs) and bool(np.allclose(ours, theirs, atol=1e-4))
+    return bool(np.isclose(measured, listed, rtol=1e-3, atol=2e-5))
+
+
+def examine_record(record: bytes) -> tuple[str, dict[str, Any]]:
+    """Return the reason a record's body is unsound ("" if none) and its measures."""
+    body = decode(record)
+    try:
+        measures = examine(body, BuildConfig().soundness)
+    except UnsoundError as error:
+        return str(error), {}
+    return "", entry_of(body, measures, 0.0, {})
+
+
+def _likeness_problems(shapes: ShapeSet, bodies: list[Body]) -> tuple[list[str], float | None]:
+    listed = shapes.shapes
+    descriptors = np.array([descriptor(body) for body in bodies])
+    problems = []
+    for pair in near_duplicates(bodies, descriptors):
+        first, second = listed[pair.first], listed[pair.second]
+        where = "within" if first.split == second.split else "across"
+        problems.append(
+            f"{second.name} is a near-duplicate of {first.name}, {where} the split "
+            f"(IoU {pair.iou:.3f})"
+        )
+    held = np.array([shape.split == HELD_OUT for shape in listed])
+    if held.sum() < 2 or (~held).sum() < 2:
+        return problems, None
+    families = [shape.family for shape in listed]
+    p_value = split_p_value(descriptors, held, families, np.random.default_rng(0))
+    if p_value < SMALLEST_P:
+        problems.append(f"held-out and train differ in distribution (MMD, p = {p_value:.4f})")
+    return problems, p_value

@@ -1,0 +1,96 @@
+"""Write the shapes of a set as other programs read them: URDF, OBJ, GLB or MJCF."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import trimesh
+
+from minitouch_bench.errors import InfrastructureError, UsageError
+from minitouch_bench.shapegen.cache import replace_file
+from minitouch_bench.shapegen.files import FRICTION, obj_text, urdf_text
+from minitouch_bench.shapegen.manifest import ShapeSet
+from minitouch_bench.shapegen.record import Body
+
+Writer = Callable[[str, Body], dict[str, bytes]]
+"""From a name and a body to file names and their bytes."""
+
+
+def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) -> int:
+    """Write every shape, or those of one split, into a folder; return the number of files.
+
+    Raises:
+        UsageError: the format or the split is unknown.
+        InfrastructureError: the folder cannot be written.
+
+    """
+    if form not in WRITERS:
+        raise UsageError(f"unknown format '{form}': {', '.join(WRITERS)}")
+    written = 0
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for shape in shapes.split(split) if split else shapes.shapes:
+            for name, content in WRITERS[form](shape.name, shape.body()).items():
+                replace_file(folder / name, content)
+                written += 1
+    except OSError as error:
+        raise InfrastructureError(f"{folder} cannot be written: {error.strerror}") from error
+    return written
+
+
+def _urdf(name: str, body: Body) -> dict[str, bytes]:
+    visual, collision = f"{name}-visual.obj", f"{name}-collision.obj"
+    return {
+        f"{name}.urdf": urdf_text(body, visual, collision).encode(),
+        visual: obj_text((body.visual,)).encode(),
+        collision: obj_text(body.hulls).encode(),
+    }
+
+
+def _obj(name: str, body: Body) -> dict[str, bytes]:
+    return {f"{name}.obj": obj_text((body.visual,)).encode()}
+
+
+def _glb(name: str, body: Body) -> dict[str, bytes]:
+    # glTF is y-up; the mesh keeps the body frame, as its extras say nothing of gravity.
+    mesh = trimesh.Trimesh(body.visual.vertices, body.visual.faces, process=False)
+    scene: Any = trimesh.Scene(mesh)
+    return {f"{name}.glb": bytes(scene.export(file_type="glb"))}
+
+
+def _mjcf(name: str, body: Body) -> dict[str, bytes]:
+    """Return a MuJoCo model: one free body, its hulls to touch, its surface to see."""
+    files = {f"{name}-visual.obj": obj_text((body.visual,)).encode()}
+    assets = [f'    <mesh name="visual" file="{name}-visual.obj"/>']
+    geoms = ['      <geom type="mesh" mesh="visual" contype="0" conaffinity="0" group="1"/>']
+    for number, hull in enumerate(body.hulls):
+        files[f"{name}-hull{number}.obj"] = obj_text((hull,)).encode()
+        assets.append(f'    <mesh name="hull{number}" file="{name}-hull{number}.obj"/>')
+        geoms.append(
+            f'      <geom type="mesh" mesh="hull{number}" group="3" friction="{FRICTION}"/>'
+        )
+    inertia = " ".join(repr(moment) for moment in body.inertia)
+    lines = [
+        f'<mujoco model="{name}">',
+        '  <compiler inertiafromgeom="false"/>',
+        "  <asset>",
+        *assets,
+        "  </asset>",
+        "  <worldbody>",
+        f'    <body name="{name}">',
+        "      <freejoint/>",
+        f'      <inertial pos="0 0 0" mass="{body.mass!r}" diaginertia="{inertia}"/>',
+        *geoms,
+        "    </body>",
+        "  </worldbody>",
+        "</mujoco>",
+    ]
+    files[f"{name}.xml"] = ("\n".join(lines) + "\n").encode()
+    return files
+
+
+WRITERS: Mapping[str, Writer] = MappingProxyType(
+    {"urdf": _urdf, "obj": _obj, "glb": _glb, "mjcf": _mjcf}
+)
+"""Every export format by name."""

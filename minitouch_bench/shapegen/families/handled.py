@@ -1,0 +1,102 @@
+"""Things with a grip: mugs, baskets, hammers, ladles, dumb-bells and kettle weights."""
+
+import numpy as np
+
+from minitouch_bench.shapegen.families.lathed import profile
+from minitouch_bench.shapegen.families.primitives import (
+    capsule,
+    outline,
+    rounded_box,
+    superquadric,
+    tube_along,
+)
+from minitouch_bench.shapegen.mesh import Points
+from minitouch_bench.shapegen.solids import Solid
+
+
+def handled(rng: np.random.Generator) -> Solid:
+    """Return one of six kinds of handled object."""
+    makers = (_mug, _mug, _basket, _hammer, _ladle, _dumb_bell, _weight)
+    return makers[int(rng.integers(len(makers)))](rng)
+
+
+def _arc(start: float, end: float, radii: tuple[float, float], count: int = 11) -> Points:
+    """Return an elliptic arc in the x-z plane, float64 (count, 3); angles in degrees."""
+    angles = np.radians(np.linspace(start, end, count))
+    return np.stack([radii[0] * np.cos(angles), np.zeros(count), radii[1] * np.sin(angles)], axis=1)
+
+
+def _mug(rng: np.random.Generator) -> Solid:
+    height = float(rng.uniform(1.3, 2.2))
+    heights, radii = profile(rng, height)
+    radii = 0.55 + 0.35 * radii
+    curve = np.stack([radii, heights], axis=1)
+    closed = np.concatenate([[[0.0, 0.0]], curve, [[0.0, height]]])
+    body = Solid.revolve(outline(closed), int(rng.choice([6, 8, 32, 32])))
+    middle, size = height * float(rng.uniform(0.45, 0.6)), float(rng.uniform(0.36, 0.5)) * height
+    thickness = float(rng.uniform(0.13, 0.2))
+    path = _arc(-90.0, 90.0, (float(rng.uniform(0.35, 0.6)), size - thickness))
+    reach = float(np.interp(middle, heights, radii)) - 0.08
+    body += tube_along(path + np.array([reach, 0.0, middle]), thickness)
+    if rng.random() < 0.7:
+        inner = float(radii.min()) - 0.17
+        floor = height * float(rng.uniform(0.15, 0.4))
+        body -= Solid.cylinder(4.0, inner, -1.0, 32).translate([0.0, 0.0, floor])
+    return body
+
+
+def _basket(rng: np.random.Generator) -> Solid:
+    sides = np.array([1.8, rng.uniform(1.0, 1.7), rng.uniform(0.7, 1.1)])
+    body = rounded_box(sides, 0.15)
+    body -= Solid.cube((sides - 0.38).tolist(), True).translate([0.0, 0.0, 0.35])
+    arch = _arc(0.0, 180.0, (0.78, float(rng.uniform(0.7, 1.1))))
+    return body + tube_along(
+        arch + np.array([0.0, 0.0, sides[2] / 2.0 - 0.15]), float(rng.uniform(0.14, 0.2))
+    )
+
+
+def _hammer(rng: np.random.Generator) -> Solid:
+    length, thickness = float(rng.uniform(1.8, 2.6)), float(rng.uniform(0.2, 0.32))
+    head = rng.uniform([0.45, 0.8, 0.45], [0.8, 1.6, 0.8])
+    if rng.random() < 0.5:
+        block = rounded_box(head, 0.1)
+    else:
+        block = superquadric(
+            head / 2.0, (float(rng.uniform(0.3, 1.2)), float(rng.uniform(0.3, 1.2)))
+        )
+    grip = capsule(np.zeros(3), np.array([length, 0.0, 0.0]), thickness)
+    return block + grip.scale([1.0, float(rng.uniform(0.8, 1.3)), 1.0])
+
+
+def _ladle(rng: np.random.Generator) -> Solid:
+    bowl = superquadric(np.array([0.8, 0.7, 0.55]), (1.0, float(rng.uniform(0.7, 1.0))))
+    bowl = bowl.trim_by_plane([0.0, 0.0, -1.0], -float(rng.uniform(0.1, 0.35)))
+    if rng.random() < 0.7:
+        bowl -= Solid.sphere(0.5, 32).scale([1.1, 0.95, 0.8]).translate([0.0, 0.0, 0.25])
+    length, thickness = float(rng.uniform(1.6, 2.2)), float(rng.uniform(0.17, 0.26))
+    rise = float(rng.uniform(-0.1, 0.5))
+    return bowl + capsule(np.array([0.72, 0.0, 0.0]), np.array([length, 0.0, rise]), thickness)
+
+
+def _dumb_bell(rng: np.random.Generator) -> Solid:
+    length, thickness = float(rng.uniform(1.7, 2.4)), float(rng.uniform(0.22, 0.4))
+    solid = capsule(np.zeros(3), np.array([length, 0.0, 0.0]), thickness)
+    sides = int(rng.choice([4, 6, 8, 32]))
+    for place in (0.0, length):
+        radius, width = float(rng.uniform(0.5, 0.8)), float(rng.uniform(0.35, 0.7))
+        if rng.random() < 0.4:
+            end = Solid.sphere(radius * 0.9, 28)
+        else:
+            end = Solid.cylinder(width, radius, -1.0, sides, True).rotate([0.0, 90.0, 0.0])
+        solid += end.translate([place, 0.0, 0.0])
+    return solid
+
+
+def _weight(rng: np.random.Generator) -> Solid:
+    half = np.array([rng.uniform(0.75, 1.0), rng.uniform(0.65, 0.9), rng.uniform(0.6, 0.9)])
+    body = superquadric(half, (float(rng.uniform(0.4, 1.0)), float(rng.uniform(0.4, 1.0))))
+    body = body.trim_by_plane([0.0, 0.0, 1.0], -0.75 * float(half[2]))
+    arch = _arc(-10.0, 190.0, (float(rng.uniform(0.45, 0.65)), float(rng.uniform(0.6, 0.85))))
+    return body + tube_along(
+        arch + np.array([0.0, 0.0, 0.75 * half[2]]), float(rng.uniform(0.14, 0.22))
+    )

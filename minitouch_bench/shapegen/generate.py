@@ -1,0 +1,174 @@
+"""Generate a set: any number of workers, resumable after kill -9, always the same bytes."""
+
+import fcntl
+import json
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from minitouch_bench.errors import InfrastructureError, RunDirectoryError
+from minitouch_bench.shapegen.build import GENERATOR_VERSION, BuildConfig, make_shape
+from minitouch_bench.shapegen.cache import replace_file
+from minitouch_bench.shapegen.entries import entry_of, shape_name, versions, write_set
+from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
+from minitouch_bench.shapegen.record import digest, encode
+from minitouch_bench.shapegen.workers import map_in_workers
+
+PARTIAL = ".partial"
+Progress = Callable[[int, int], None]
+"""Called with (done, total)."""
+
+
+@dataclass(frozen=True)
+class GenerateResult:
+    """What a generation gave: the set's folder and digest, and draws refused by reason."""
+
+    folder: Path
+    digest: str
+    count: int
+    refused: dict[str, int]
+
+
+def generate(
+    folder: Path, count: int, root: int, workers: int, progress: Progress = lambda *_: None
+) -> GenerateResult:
+    """Make shapes 0 to ``count`` - 1 of seed ``root`` and write them as a set.
+
+    What an interrupted generation had made is kept and used.
+
+    Raises:
+        RunDirectoryError: another generator works in the folder, or it holds something else.
+        InfrastructureError: the disk is full, or a worker failed.
+
+    """
+    config = BuildConfig()
+    header = {
+        "name": set_name(count, root),
+        "generator": GENERATOR_VERSION,
+        "seed": root,
+        "parameters": config.document(),
+    }
+    with locked(folder):
+        partial = opened_partial(folder, {**header, "versions": versions(), "count": count})
+        missing = [i for i in range(count) if read_partial(partial, i) is None]
+        progress(count - len(missing), count)
+        tasks = [(root, index) for index in missing]
+        for done, (position, (entry, record)) in enumerate(
+            map_in_workers(f"{__name__}:make_entry", tasks, workers), start=1
+        ):
+            write_partial(partial, missing[position], entry, record)
+            progress(count - len(missing) + done, count)
+        made = [found for i in range(count) if (found := read_partial(partial, i)) is not None]
+        document = write_set(folder, header, made)
+        remove_partial(partial)
+    refused: dict[str, int] = {}
+    for entry, _ in made:
+        for reason, number in entry["refused"].items():
+            refused[reason] = refused.get(reason, 0) + number
+    return GenerateResult(folder, content_digest(document), count, refused)
+
+
+def set_name(count: int, root: int) -> str:
+    """Return the name of a generated set; the folder's name is no part of its digest."""
+    return f"minitouch-{count}" + (f"-seed-{root}" if root else "")
+
+
+def make_entry(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
+    """Return entry and record of one shape, for (root, index); runs in a worker."""
+    root, index = task
+    made = make_shape(root, index, BuildConfig())
+    extra = {
+        "name": shape_name(index),
+        "family": made.family,
+        "attempt": made.attempt,
+        "refused": dict(sorted(made.refused.items())),
+    }
+    entry = entry_of(made.body, made.measures, made.density, extra)
+    return entry, encode(made.body)
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold the folder's lock; it goes with the process, however that ends.
+
+    Raises:
+        RunDirectoryError: another process holds it, or the folder cannot be made.
+
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder / ".lock", os.O_CREAT | os.O_RDWR)
+    except OSError as error:
+        raise RunDirectoryError(f"{folder} cannot be written: {error.strerror}") from error
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise RunDirectoryError(f"{folder}: another generator is at work there") from error
+        yield
+    finally:
+        os.close(handle)
+
+
+def opened_partial(folder: Path, plan: dict[str, Any]) -> Path:
+    """Return the folder of single shapes, begun with this plan or fresh.
+
+    Raises:
+        RunDirectoryError: a finished set, or shapes of another plan, are there already.
+        InfrastructureError: it cannot be written.
+
+    """
+    partial = folder / PARTIAL
+    text = json.dumps(plan, sort_keys=True)
+    try:
+        if (partial / "plan.json").exists():
+            if (partial / "plan.json").read_text() != text:
+                raise RunDirectoryError(
+                    f"{folder} holds a generation begun with other settings; "
+                    f"delete {partial} or choose another --output"
+                )
+        elif (folder / MANIFEST).exists():
+            raise RunDirectoryError(f"{folder} holds a finished set; choose another --output")
+        else:
+            partial.mkdir(exist_ok=True)
+            replace_file(partial / "plan.json", text.encode())
+    except OSError as error:
+        raise InfrastructureError(f"{partial} cannot be written: {error.strerror}") from error
+    return partial
+
+
+def write_partial(partial: Path, index: int, entry: dict[str, Any], record: bytes) -> None:
+    """Keep one shape.
+
+    Raises:
+        InfrastructureError: the disk is full; what was made before stays.
+
+    """
+    text = json.dumps(entry, allow_nan=False).encode()
+    try:
+        replace_file(partial / f"{index}.shape", text + b"\n" + record)
+    except OSError as error:
+        raise InfrastructureError(
+            f"{partial} cannot be written: {error.strerror}; the shapes made "
+            "so far are kept: make room and run the same command again"
+        ) from error
+
+
+def read_partial(partial: Path, index: int) -> tuple[dict[str, Any], bytes] | None:
+    """Return a kept shape, or None if there is none or it is damaged."""
+    try:
+        text, _, record = (partial / f"{index}.shape").read_bytes().partition(b"\n")
+        entry: dict[str, Any] = json.loads(text)
+    except (OSError, ValueError):
+        return None
+    return (entry, record) if entry.get("sha256") == digest(record) else None
+
+
+def remove_partial(partial: Path) -> None:
+    """Delete what a finished generation no longer needs."""
+    for path in partial.iterdir():
+        path.unlink()
+    partial.rmdir()

@@ -1,0 +1,75 @@
+"""Where to grip: the best place for two parallel pads, straight down, at a fixed hand yaw."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from minitouch_bench.shapegen.mesh import Points
+
+PAD_HALF_WIDTH = 0.0105
+"""Half the width of the Panda's finger along x, m."""
+TIP_BELOW_TARGET = 0.0072
+"""Fingertip below the grasp-target link, m."""
+PAD_ABOVE_TARGET = 0.011
+"""Upper edge of the flat pad above the grasp-target link, m."""
+RECESS = 0.0025
+"""How far the finger stands back above its pad, m, on each side."""
+PALM_ABOVE_TARGET = 0.039
+"""Underside of the hand above the grasp-target link, m."""
+LOWEST_TARGET = 0.0112
+"""Grasp-target height that keeps the fingertips 4 mm above the table, m."""
+OPENING = 0.08
+"""Distance between the open pads, m."""
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """A place for the grasp target: offset from the centre of mass in x, y and height, m.
+
+    ``width`` is what must pass between the open pads there, m, inf where nothing fits.
+    """
+
+    x: float
+    y: float
+    z: float
+    width: float
+
+
+def plan_grasp(points: Points) -> Grasp:
+    """Choose the best grasp of a resting body by pads that close along y.
+
+    ``points``: dense surface points (N, 3), m, x and y from the centre of mass, z from the
+    table. Prefers a narrow place near the centre of mass with contacts opposite each other.
+    """
+    top = float(points[:, 2].max())
+    middle = float(np.clip((points[:, 2].min() + top) / 2.0, LOWEST_TARGET, None))
+    lowest = max(LOWEST_TARGET, top + 0.003 - PALM_ABOVE_TARGET)
+    heights = sorted({max(lowest, middle + step) for step in (-0.008, 0.0, 0.008)})
+    best, best_score = Grasp(0.0, 0.0, lowest, float("inf")), float("inf")
+    for z in heights:
+        for x in np.arange(-0.018, 0.0181, 0.003).tolist():
+            grasp, score = _rated(points, x, z)
+            if score < best_score:
+                best, best_score = grasp, score
+    return best
+
+
+def _rated(points: Points, x: float, z: float) -> tuple[Grasp, float]:
+    """Return the grasp at a strip and height, and its score in m: less is better."""
+    strip = points[np.abs(points[:, 0] - x) <= PAD_HALF_WIDTH]
+    strip = strip[strip[:, 2] >= z - TIP_BELOW_TARGET - 0.002]
+    pad = strip[strip[:, 2] <= z + PAD_ABOVE_TARGET]
+    if len(pad) < 2:
+        return Grasp(x, 0.0, z, float("inf")), float("inf")
+    low, high = float(pad[:, 1].min()), float(pad[:, 1].max())
+    wide_low = min(low, float(strip[:, 1].min()) + RECESS)
+    wide_high = max(high, float(strip[:, 1].max()) - RECESS)
+    width = wide_high - wide_low
+    if width > OPENING - 0.006:
+        return Grasp(x, 0.0, z, float("inf")), float("inf")
+    left, right = pad[pad[:, 1] <= low + 0.0015], pad[pad[:, 1] >= high - 0.0015]
+    across = left.mean(axis=0) - right.mean(axis=0)
+    ends = 0.5 * np.abs(left.mean(axis=0) + right.mean(axis=0))
+    overhang = (low - wide_low) + (wide_high - high)
+    score = 0.3 * width + abs(float(across[0])) + abs(float(across[2])) + 0.8 * float(ends[0])
+    return Grasp(x, (wide_low + wide_high) / 2.0, z, width), score + 3.0 * overhang

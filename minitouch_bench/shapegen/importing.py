@@ -1,0 +1,195 @@
+"""Turn anyone's OBJ, STL, GLB and URDF objects into a set, or say why each one cannot be."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import manifold3d
+import numpy as np
+import trimesh
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.shapegen.build import BuildConfig, weighed
+from minitouch_bench.shapegen.entries import entry_of, write_set
+from minitouch_bench.shapegen.frame import in_body_frame
+from minitouch_bench.shapegen.generate import locked
+from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
+from minitouch_bench.shapegen.mesh import Mesh, solid_moments, widest_across
+from minitouch_bench.shapegen.reading import UnreadableError, find_objects, read_object
+from minitouch_bench.shapegen.record import encode, quantised
+from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
+from minitouch_bench.shapegen.soundness import (
+    UnsoundError,
+    check_mesh,
+    examine,
+    statically_sound,
+)
+from minitouch_bench.shapegen.workers import map_in_workers
+
+Progress = Callable[[int, int], None]
+FAMILY = "imported"
+
+
+@dataclass(frozen=True)
+class ImportConfig:
+    """How objects become shapes.
+
+    ``scale`` turns the files' units into m. ``fit`` then shrinks or grows each object into the
+    size the Panda can grip. ``density`` in kg/m³, moved to the nearest that gives 50-500 g.
+    """
+
+    scale: float = 1.0
+    fit: bool = False
+    density: float = 1000.0
+
+
+@dataclass(frozen=True)
+class ImportResult:
+    """The set made ("" as digest if nothing was accepted), and each refusal by file."""
+
+    folder: Path
+    digest: str
+    accepted: int
+    refused: dict[str, str]
+
+    def reasons(self) -> dict[str, int]:
+        """Return the number of refusals by reason, without the measured number."""
+        return dict(Counter(text.partition(" (")[0] for text in self.refused.values()))
+
+
+def import_objects(
+    source: Path,
+    folder: Path,
+    config: ImportConfig,
+    workers: int = 1,
+    progress: Progress = lambda *_: None,
+) -> ImportResult:
+    """Import every object below ``source`` into a new set in ``folder``.
+
+    Raises:
+        UsageError: there are no objects, or ``folder`` holds a set already.
+        RunDirectoryError: another process works there.
+        InfrastructureError: the folder cannot be written, or a worker died.
+
+    """
+    paths = find_objects(source)
+    if (folder / MANIFEST).exists():
+        raise UsageError(f"{folder} holds a shape set already; choose another --output")
+    answers: dict[int, Any] = {}
+    with locked(folder):
+        tasks = [(str(path), config) for path in paths]
+        for position, answer in map_in_workers(f"{__name__}:import_one", tasks, workers):
+            answers[position] = answer
+            progress(len(answers), len(paths))
+        names = [str(path.relative_to(source)) for path in paths]
+        refused = {names[i]: answers[i][0] for i in sorted(answers) if answers[i][0]}
+        kept = [
+            ({"name": _name(names[i]), "family": FAMILY, "source": names[i], **answers[i][1]},
+             answers[i][2])
+            for i in sorted(answers) if not answers[i][0]
+        ]  # fmt: skip
+        digest = ""
+        if kept:
+            header = {"name": folder.name, "imported": {"scale": config.scale, "fit": config.fit}}
+            digest = content_digest(write_set(folder, {**header, "refused": refused}, kept))
+    return ImportResult(folder, digest, len(kept), refused)
+
+
+def import_one(task: tuple[str, ImportConfig]) -> tuple[str, dict[str, Any], bytes]:
+    """Return (reason refused or "", entry, record) of one file; runs in a worker."""
+    path, config = task
+    try:
+        mesh = repaired(read_object(Path(path)), config)
+        return "", *_proven(mesh, config)
+    except (UnreadableError, UnsoundError) as error:
+        return str(error), {}, b""
+
+
+def repaired(mesh: Mesh, config: ImportConfig) -> Mesh:
+    """Return a closed mesh of about 400 faces in its body frame, sized by the config.
+
+    Raises:
+        UnreadableError: it holds no solid that can be repaired.
+
+    """
+    if not np.isfinite(mesh.vertices).all():
+        raise UnreadableError("a vertex, mass or moment is not a finite number")
+    solid = _solid_of(mesh)
+    if solid.is_empty() or solid.volume() <= 0.0:
+        raise UnreadableError("not a closed 2-manifold, and no repair made it one")
+    target = BuildConfig().faces
+    small = simplified(to_mesh(solid), target)
+    if to_solid(small).is_empty() or to_solid(small).volume() <= 0.0:
+        small = to_mesh(solid)  # the soundness check says so if it has too many faces
+    moved = in_body_frame(small)
+    factor = _fitting(moved) if config.fit else config.scale
+    try:
+        return Mesh(quantised(moved.vertices * factor), moved.faces)
+    except ValueError:
+        longest = float(moved.extents.max()) * factor * 1000.0
+        raise UnreadableError(f"longest side outside 40-70 mm ({longest:.1f} mm)") from None
+
+
+def _solid_of(mesh: Mesh) -> Solid:
+    """Return the solid of a mesh: as it is, or mended, and as one body where parts overlap."""
+    solid = to_solid(mesh)
+    if solid.is_empty():
+        solid = to_solid(_mended(mesh))
+    elif solid.volume() < 0.0:
+        solid = to_solid(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
+    parts = solid.decompose()
+    # A part of negative volume is a cavity, which a union would fill.
+    if len(parts) > 1 and all(part.volume() > 0.0 for part in parts):
+        solid = Solid.batch_boolean(_swollen(parts), manifold3d.OpType.Add)
+    return solid
+
+
+def _swollen(parts: list[Solid]) -> list[Solid]:
+    """Grow parts by a thousandth, so that hulls which only touch become one body."""
+    grown = []
+    for part in parts:
+        low, high = np.array(part.bounding_box()).reshape(2, 3)
+        middle = (low + high) / 2.0
+        part_at_zero = part.translate((-middle).tolist()).scale([1.002, 1.002, 1.002])
+        grown.append(part_at_zero.translate(middle.tolist()))
+    return grown
+
+
+def _mended(mesh: Mesh) -> Mesh:
+    """Fill holes and turn faces outward, part by part."""
+    whole: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
+    trimesh.repair.fill_holes(whole)
+    whole.fix_normals(multibody=True)
+    return Mesh(np.asarray(whole.vertices), np.asarray(whole.faces, dtype=np.int32))
+
+
+def _fitting(mesh: Mesh) -> float:
+    """Return the factor that gives the largest size the hand can grip."""
+    config = BuildConfig()
+    planes = ((0, 1), (0, 2), (1, 2))
+    widest = max(widest_across(mesh.vertices[:, plane]) for plane in planes)
+    largest = config.soundness.longest_side[1] - 0.001
+    return min(config.widest / widest, largest / float(mesh.extents.max()))
+
+
+def _proven(mesh: Mesh, config: ImportConfig) -> tuple[dict[str, Any], bytes]:
+    """Return entry and record of a mesh that passes every criterion.
+
+    Raises:
+        UnsoundError: it does not.
+
+    """
+    build = BuildConfig()
+    check_mesh(mesh, build.soundness)
+    list(statically_sound(hull_of(mesh.vertices), build.soundness))
+    volume = solid_moments(mesh).volume
+    low, high = (mass / volume for mass in build.soundness.mass)
+    density = float(np.clip(config.density, low * 1.0001, high * 0.9999))
+    body = weighed(mesh, density, build.decomposition)
+    return entry_of(body, examine(body, build.soundness), density, {}), encode(body)
+
+
+def _name(source: str) -> str:
+    return source.rpartition(".")[0].replace("/", "-").replace(" ", "_")

@@ -1,0 +1,137 @@
+"""Read strangers' meshes with care: sizes are bounded before anything is parsed."""
+
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import trimesh
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.shapegen.mesh import Mesh
+
+SUFFIXES = (".urdf", ".obj", ".stl", ".glb")
+"""Read in this order: a URDF claims the meshes it names, which then do not count again."""
+MOST_FACES = 500_000
+MOST_BYTES = 64 * 1024 * 1024
+"""More than half a million faces of any of these formats."""
+
+
+class UnreadableError(Exception):
+    """A file holds no mesh we can use; the text says why, in few words."""
+
+
+def find_objects(folder: Path) -> list[Path]:
+    """Return the object files below a folder, sorted, one for each object.
+
+    Raises:
+        UsageError: there are none.
+
+    """
+    if not folder.is_dir():
+        raise UsageError(f"{folder} is no folder")
+    found = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
+    claimed: set[Path] = set()
+    for path in found:
+        if path.suffix.lower() == ".urdf":
+            claimed.update(name.resolve() for name, _ in _urdf_meshes(path, strict=False))
+    objects = [path for path in found if path.resolve() not in claimed]
+    if not objects:
+        raise UsageError(f"{folder} holds no object: looked for {', '.join(SUFFIXES)}")
+    return objects
+
+
+def read_object(path: Path) -> Mesh:
+    """Return the mesh of one file in the file's units; a URDF's is its first link's collision.
+
+    Raises:
+        UnreadableError: it is no mesh, too large, empty, or has vertices that are not finite.
+
+    """
+    if path.suffix.lower() == ".urdf":
+        meshes = [_scaled(read_object(name), scale) for name, scale in _urdf_meshes(path)]
+        if not meshes:
+            raise UnreadableError("the URDF names no mesh")
+        return _joined(meshes)
+    _check_size(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            loaded: Any = trimesh.load(str(path), force="mesh", process=False)
+        vertices = np.asarray(loaded.vertices, dtype=np.float64)
+        faces = np.asarray(loaded.faces, dtype=np.int32)
+    except Exception as error:  # each parser of each format raises its own kinds
+        raise UnreadableError(f"no readable {path.suffix} file ({type(error).__name__})") from error
+    if len(faces) == 0 or vertices.ndim != 2:
+        raise UnreadableError("no faces in the file")
+    if len(faces) > MOST_FACES:
+        raise UnreadableError(f"more than {MOST_FACES} faces ({len(faces)})")
+    if not np.isfinite(vertices).all():
+        raise UnreadableError("a vertex, mass or moment is not a finite number")
+    return _welded(Mesh(vertices, faces))
+
+
+def _check_size(path: Path) -> None:
+    """Refuse a file too large to parse, without reading it."""
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise UnreadableError(f"cannot be read: {error.strerror}") from error
+    if size > MOST_BYTES:
+        raise UnreadableError(
+            f"file over {MOST_BYTES // 2**20} MB, which means more than {MOST_FACES} faces"
+        )
+
+
+def _welded(mesh: Mesh) -> Mesh:
+    """Join vertices at the same place (STL repeats each), and drop faces left with no area."""
+    points, inverse = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    faces = inverse.reshape(-1)[mesh.faces].astype(np.int32)
+    kept = (
+        (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    )
+    return Mesh(points, faces[kept])
+
+
+def _joined(meshes: list[Mesh]) -> Mesh:
+    offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([m.faces + o for m, o in zip(meshes, offsets, strict=True)]).astype(
+            np.int32
+        ),
+    )
+
+
+def _scaled(mesh: Mesh, scale: tuple[float, ...]) -> Mesh:
+    return Mesh(mesh.vertices * np.array(scale), mesh.faces)
+
+
+def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, tuple[float, ...]]]:
+    """Return the collision meshes of a one-link URDF, with their scales.
+
+    Raises:
+        UnreadableError: ``strict`` and it is no URDF of a single link.
+
+    """
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")[:1_000_000]
+        if re.search(r"<!(DOCTYPE|ENTITY)", text):
+            raise ElementTree.ParseError("entities are not read")
+        root = ElementTree.fromstring(text)
+    except (OSError, ElementTree.ParseError) as error:
+        if strict:
+            raise UnreadableError("no readable .urdf file") from error
+        return []
+    links = root.findall("link")
+    if strict and len(links) != 1:
+        raise UnreadableError(f"a URDF of {len(links)} links, not one")
+    found: list[tuple[Path, tuple[float, ...]]] = []
+    for link in links:
+        for mesh in link.findall("collision/geometry/mesh") or link.findall("visual/geometry/mesh"):
+            name = mesh.get("filename", "").removeprefix("package://")
+            scale = tuple(float(part) for part in mesh.get("scale", "1 1 1").split())
+            found.append((path.parent / name, scale if len(scale) == 3 else (1.0, 1.0, 1.0)))
+    return found

@@ -1,0 +1,21 @@
+"""Plain bodies whose numbers are known."""
+
+import numpy as np
+
+from minitouch_bench.shapegen.mesh import Mesh, solid_moments
+from minitouch_bench.shapegen.record import Body, quantised
+from minitouch_bench.shapegen.solids import Solid, to_mesh
+
+
+def box(*sides: float) -> Mesh:
+    """Return a box centred at the origin; sides in m."""
+    mesh = to_mesh(Solid.cube(list(sides), True))
+    return Mesh(quantised(mesh.vertices), mesh.faces)
+
+
+def box_body(*sides: float, density: float = 2000.0) -> Body:
+    """Return a solid box as a body of one hull."""
+    mesh = box(*sides)
+    moments = solid_moments(mesh)
+    ixx, iyy, izz = (np.diag(moments.inertia()) * density).tolist()
+    return Body(mesh, (mesh,), moments.volume * density, (ixx, iyy, izz))

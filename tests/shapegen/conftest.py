@@ -1,0 +1,27 @@
+"""A cache for every test alone, and a small set."""
+
+from pathlib import Path
+
+import pytest
+
+from minitouch_bench.shapegen.entries import write_set
+from minitouch_bench.shapegen.manifest import canonical_shape_set
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MINITOUCH_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def small_set(tmp_path: Path) -> Path:
+    """Return the folder of a set of the first 16 canonical shapes."""
+    made = []
+    for shape in canonical_shape_set().shapes[:16]:
+        place = ("split", "offset", "length")
+        entry = {key: value for key, value in shape.entry.items() if key not in place}
+        made.append((entry, shape.record()))
+    folder = tmp_path / "set"
+    folder.mkdir()
+    write_set(folder, {"name": "small", "generator": 1, "seed": 0}, made)
+    return folder

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from minitouch_bench.shapegen.build import BuildConfig, family_of, make_shape
+from minitouch_bench.shapegen.families import FAMILIES
+from minitouch_bench.shapegen.manifest import canonical_shape_set
+from minitouch_bench.shapegen.record import digest, encode
+from minitouch_bench.shapegen.solids import to_mesh
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_family_is_a_pure_function_of_its_generator(name: str) -> None:
+    first, second = (to_mesh(FAMILIES[name](np.random.default_rng(5))) for _ in range(2))
+    assert np.array_equal(first.vertices, second.vertices)
+    assert np.array_equal(first.faces, second.faces)
+    other = to_mesh(FAMILIES[name](np.random.default_rng(6)))
+    assert other.vertices.shape != first.vertices.shape or not np.array_equal(
+        other.vertices, first.vertices
+    )
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_family_draws_closed_solids(name: str) -> None:
+    for seed in range(5):
+        solid = FAMILIES[name](np.random.default_rng(seed))
+        assert not solid.is_empty()
+        assert solid.volume() > 0.0
+
+
+def test_families_take_turns() -> None:
+    assert [family_of(i) for i in range(len(FAMILIES))] == list(FAMILIES)
+    assert family_of(len(FAMILIES)) == family_of(0)
+
+
+def test_a_shape_made_again_is_the_committed_one() -> None:
+    shapes = canonical_shape_set().shapes
+    quick = min(range(64), key=lambda i: (shapes[i].entry["attempt"], shapes[i].entry["hulls"]))
+    made = make_shape(0, quick, BuildConfig())
+    assert digest(encode(made.body)) == shapes[quick].digest
+
+
+@pytest.mark.slow
+def test_fifty_shapes_made_again_are_the_committed_ones() -> None:
+    shapes = canonical_shape_set().shapes
+    for index in np.random.default_rng(1).choice(1000, size=50, replace=False).tolist():
+        made = make_shape(0, index, BuildConfig())
+        assert digest(encode(made.body)) == shapes[index].digest, shapes[index].name

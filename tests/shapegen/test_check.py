@@ -1,0 +1,170 @@
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from minitouch_bench.cli.shapes import app
+from minitouch_bench.shapegen.check import check_set
+from minitouch_bench.shapegen.files import body_files
+from minitouch_bench.shapegen.manifest import load_shape_set
+from minitouch_bench.shapegen.record import digest
+
+Change = Callable[[dict[str, Any]], None]
+
+
+def changed(folder: Path, change: Change) -> None:
+    """Change the manifest of a set."""
+    path = folder / "manifest.json"
+    document = json.loads(path.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
+
+
+def with_record(folder: Path, position: int, record: bytes, rehash: bool = True) -> None:
+    """Put another record of the same length in the pack, and its hashes in the manifest."""
+    pack = bytearray((folder / "shapes.bin").read_bytes())
+    entry = load_shape_set(folder).shapes[position].entry
+    assert len(record) == entry["length"]
+    pack[entry["offset"] : entry["offset"] + len(record)] = record
+    (folder / "shapes.bin").write_bytes(bytes(pack))
+    if rehash:
+
+        def rehashed(document: dict[str, Any]) -> None:
+            document["shapes"][position]["sha256"] = digest(record)
+            document["pack_sha256"] = digest(bytes(pack))
+
+        changed(folder, rehashed)
+
+
+def test_a_whole_set_holds(small_set: Path) -> None:
+    report = check_set(small_set, quick=True)
+    assert report.problems == ()
+    assert report.p_value is not None
+
+
+def test_soundness_is_proven_again(small_set: Path) -> None:
+    document = json.loads((small_set / "manifest.json").read_text())
+    keep = 3
+    document["shapes"][keep]["misfit"] = 0.5
+    (small_set / "manifest.json").write_text(json.dumps(document))
+    problems = check_set(small_set).problems
+    assert [text for text in problems if text.startswith("shape-0003: misfit measures")] == list(
+        problems
+    )
+    assert len(problems) == 1
+
+
+def test_a_flipped_byte_is_found_and_named(small_set: Path) -> None:
+    entry = load_shape_set(small_set).shapes[5].entry
+    record = bytearray(load_shape_set(small_set).shapes[5].record())
+    record[len(record) // 2] ^= 1
+    with_record(small_set, 5, bytes(record), rehash=False)
+    problems = check_set(small_set, quick=True).problems
+    assert any(text.startswith("shape-0005: its bytes") for text in problems)
+    assert "the pack's SHA-256 is not the manifest's" in problems
+    assert entry["name"] == "shape-0005"
+
+
+def test_a_swapped_split_is_found_and_named(small_set: Path) -> None:
+    shapes = load_shape_set(small_set)
+    train = shapes.shapes.index(shapes.split("train")[0])
+    held = shapes.shapes.index(shapes.split("held-out")[0])
+
+    def swap(document: dict[str, Any]) -> None:
+        document["shapes"][train]["split"] = "held-out"
+        document["shapes"][held]["split"] = "train"
+
+    changed(small_set, swap)
+    problems = check_set(small_set, quick=True).problems
+    assert f"{shapes.shapes[train].name} is marked held-out, the rule says train" in problems
+    assert f"{shapes.shapes[held].name} is marked train, the rule says held-out" in problems
+    assert len(problems) == 2
+
+
+def test_a_copied_shape_is_found_and_named(small_set: Path) -> None:
+    def copy(document: dict[str, Any]) -> None:
+        document["shapes"][7] = {**document["shapes"][2], "name": "shape-0007"}
+
+    changed(small_set, copy)
+    problems = check_set(small_set, quick=True).problems
+    assert "shape-0007 is a copy of shape-0002" in problems
+
+
+def test_a_copy_with_one_changed_bit_is_a_near_duplicate(small_set: Path) -> None:
+    shapes = load_shape_set(small_set)
+    record = bytearray(shapes.shapes[4].record())
+    record[0x32] ^= 1  # lowest bit of the first coordinate: 2 micrometres
+    pack = (small_set / "shapes.bin").read_bytes() + bytes(record)
+    (small_set / "shapes.bin").write_bytes(pack)
+    copy = shapes.shapes[4].entry["name"]
+
+    def append(document: dict[str, Any]) -> None:
+        entry = {**document["shapes"][4], "name": "shape-9999", "sha256": digest(bytes(record))}
+        entry["offset"] = len(pack) - len(record)
+        document["shapes"].append(entry)
+        document["count"] += 1
+        document["pack_sha256"] = digest(pack)
+        rule = split_after(document)
+        for shape, split in zip(document["shapes"], rule, strict=True):
+            shape["split"] = split
+
+    changed(small_set, append)
+    set_files_hash(small_set, "shape-9999")
+    problems = check_set(small_set, quick=True).problems
+    assert any(f"shape-9999 is a near-duplicate of {copy}" in text for text in problems), problems
+
+
+def split_after(document: dict[str, Any]) -> tuple[str, ...]:
+    from minitouch_bench.shapegen.splits import split_of
+
+    shapes = document["shapes"]
+    return split_of([s["family"] for s in shapes], [s["sha256"] for s in shapes])
+
+
+def set_files_hash(folder: Path, name: str) -> None:
+    body = load_shape_set(folder).by_name(name).body()
+
+    def hashed(document: dict[str, Any]) -> None:
+        for entry in document["shapes"]:
+            if entry["name"] == name:
+                entry["files_sha256"] = body_files(body).sha256
+                entry["extents_m"] = body.visual.extents.tolist()
+
+    changed(folder, hashed)
+
+
+def test_a_number_that_is_not_finite_is_found_and_named(small_set: Path) -> None:
+    record = bytearray(load_shape_set(small_set).shapes[6].record())
+    record[12:20] = np.array([np.nan]).tobytes()  # the first moment of inertia
+    with_record(small_set, 6, bytes(record))
+    problems = check_set(small_set).problems
+    assert "shape-0006: a mass, moment or extent is not a finite number" in problems
+
+
+def test_a_missing_pack_is_named(small_set: Path) -> None:
+    (small_set / "shapes.bin").unlink()
+    problems = check_set(small_set, quick=True).problems
+    assert any("cannot be read" in text for text in problems)
+
+
+def test_the_command_exits_1_with_the_reasons(small_set: Path) -> None:
+    runner = CliRunner()
+    fine = runner.invoke(app, ["check", str(small_set), "--quick"])
+    assert fine.exit_code == 0
+    assert "16 shapes hold" in fine.stdout
+    changed(small_set, lambda document: document["shapes"][0].update(mass_kg=9.0))
+    broken = runner.invoke(app, ["check", str(small_set), "--quick"])
+    assert broken.exit_code == 1
+    assert "shape-0000: the manifest says 9.0 kg" in broken.stdout
+
+
+@pytest.mark.slow
+def test_the_canonical_set_holds() -> None:
+    from minitouch_bench.shapegen.manifest import canonical_shape_set
+
+    report = check_set(canonical_shape_set().path, workers=2)
+    assert report.problems == ()

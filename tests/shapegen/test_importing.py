@@ -1,0 +1,114 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.shapegen.exporting import export
+from minitouch_bench.shapegen.importing import ImportConfig, import_objects, import_one
+from minitouch_bench.shapegen.manifest import load_shape_set
+from minitouch_bench.shapegen.reading import find_objects
+
+
+def refusal(path: Path, config: ImportConfig | None = None) -> str:
+    return import_one((str(path), config or ImportConfig()))[0]
+
+
+def block(*sides: float) -> trimesh.Trimesh:
+    return trimesh.creation.box(sides or (0.05, 0.04, 0.03))
+
+
+@pytest.mark.parametrize("suffix", ["obj", "stl", "glb"])
+def test_a_block_of_each_format_is_accepted(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"block.{suffix}"
+    block().export(str(path))
+    reason, entry, _ = import_one((str(path), ImportConfig(density=2000.0)))
+    assert reason == ""
+    assert entry["volume_m3"] == pytest.approx(6e-5, rel=1e-3)
+    assert entry["mass_kg"] == pytest.approx(0.12, rel=1e-3)
+
+
+def test_a_urdf_brings_its_mesh_and_scale(tmp_path: Path) -> None:
+    block(50, 40, 30).export(str(tmp_path / "mesh.obj"))
+    (tmp_path / "thing.urdf").write_text(
+        '<robot name="r"><link name="l"><collision><geometry><mesh filename="mesh.obj" '
+        'scale="0.001 0.001 0.001"/></geometry></collision></link></robot>'
+    )
+    assert find_objects(tmp_path) == [tmp_path / "thing.urdf"]
+    assert refusal(tmp_path / "thing.urdf") == ""
+
+
+def test_holes_are_filled_faces_turned_and_parts_joined(tmp_path: Path) -> None:
+    hole = block()
+    hole.update_faces(np.arange(len(hole.faces)) > 0)
+    hole.export(str(tmp_path / "hole.stl"))
+    assert refusal(tmp_path / "hole.stl") == ""
+    inside_out = block()
+    inside_out.invert()
+    inside_out.export(str(tmp_path / "inside.stl"))
+    assert refusal(tmp_path / "inside.stl") == ""
+    pair = [block(0.025, 0.03, 0.03), block(0.025, 0.03, 0.03)]
+    pair[1].apply_translation([0.025, 0.0, 0.0])
+    trimesh.util.concatenate(pair).export(str(tmp_path / "touching.stl"))
+    assert refusal(tmp_path / "touching.stl") == ""
+
+
+def test_fit_gives_a_size_the_hand_can_grip(tmp_path: Path) -> None:
+    block(3.0, 2.0, 1.5).export(str(tmp_path / "big.stl"))
+    assert "longest side" in refusal(tmp_path / "big.stl")
+    assert refusal(tmp_path / "big.stl", ImportConfig(fit=True)) == ""
+
+
+def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
+    good = block()
+    good.export(str(tmp_path / "good.stl"))
+    (tmp_path / "nan.obj").write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\n")
+    (tmp_path / "text.obj").write_text("Dear reader,\nthis is a letter.\n")
+    (tmp_path / "empty.stl").touch()
+    with (tmp_path / "huge.stl").open("wb") as file:
+        file.truncate(500_000_084)  # ten million faces
+    (tmp_path / "broken.urdf").write_text("<robot>")
+    (tmp_path / "bomb.urdf").write_text('<!DOCTYPE a [<!ENTITY b "c">]><robot>&b;</robot>')
+    result = import_objects(tmp_path, tmp_path.parent / "out", ImportConfig())
+    assert result.accepted == 1
+    assert result.refused.keys() == {
+        "nan.obj", "text.obj", "empty.stl", "huge.stl", "broken.urdf", "bomb.urdf",
+    }  # fmt: skip
+    assert "not a finite number" in result.refused["nan.obj"]
+    assert "more than 500000 faces" in result.refused["huge.stl"]
+    assert all("\n" not in reason for reason in result.refused.values())
+    shapes = load_shape_set(result.folder)
+    assert shapes.shapes[0].name == "good"
+    assert shapes.document["refused"] == result.refused
+    with pytest.raises(UsageError, match="already"):
+        import_objects(tmp_path, result.folder, ImportConfig())
+
+
+def test_an_empty_folder_and_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="holds no object"):
+        find_objects(tmp_path)
+    with pytest.raises(UsageError, match="is no folder"):
+        find_objects(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(("form", "files"), [("urdf", 3), ("obj", 1), ("glb", 1)])
+def test_an_export_can_be_imported_again(
+    small_set: Path, tmp_path: Path, form: str, files: int
+) -> None:
+    shapes = load_shape_set(small_set)
+    assert export(shapes, tmp_path / "out", form) == files * len(shapes.shapes)
+    name = shapes.shapes[3].name
+    ending = "-visual.obj" if form == "urdf" else f".{form}"
+    mesh = trimesh.load(str(tmp_path / "out" / f"{name}{ending}"), force="mesh")
+    assert mesh.volume == pytest.approx(shapes.shapes[3].entry["volume_m3"], rel=1e-4)
+
+
+def test_an_mjcf_names_every_hull(small_set: Path, tmp_path: Path) -> None:
+    shapes = load_shape_set(small_set)
+    export(shapes, tmp_path, "mjcf", "held-out")
+    shape = shapes.split("held-out")[0]
+    text = (tmp_path / f"{shape.name}.xml").read_text()
+    assert text.count('group="3"') == shape.entry["hulls"]
+    with pytest.raises(UsageError, match="unknown format"):
+        export(shapes, tmp_path, "fbx")

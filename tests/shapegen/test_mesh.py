@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from minitouch_bench.shapegen.frame import in_body_frame, principal_axes
+from minitouch_bench.shapegen.mesh import (
+    distances_to_surface,
+    first_hits,
+    solid_moments,
+    surface_points,
+    thinnest_wall,
+    widest_across,
+)
+from tests.shapegen.bodies import box
+
+
+def test_moments_of_a_box_are_the_formula() -> None:
+    mesh = box(0.04, 0.05, 0.06).moved(np.eye(3), np.array([0.1, -0.2, 0.3]))
+    moments = solid_moments(mesh)
+    assert moments.volume == pytest.approx(1.2e-4)
+    assert moments.centroid == pytest.approx([0.1, -0.2, 0.3])
+    expected = 1.2e-4 / 12 * np.diag([0.05**2 + 0.06**2, 0.04**2 + 0.06**2, 0.04**2 + 0.05**2])
+    assert moments.inertia() == pytest.approx(expected, abs=1e-15)
+
+
+def test_distances_inside_outside_and_past_an_edge() -> None:
+    points = np.array([[0.0, 0.0, 0.03], [0.0, 0.0, 0.015], [0.023, 0.024, 0.0]])
+    found = distances_to_surface(points, box(0.04, 0.04, 0.04))
+    assert found == pytest.approx([0.01, 0.005, 0.005])
+
+
+def test_rays_hit_the_far_wall() -> None:
+    origin = np.array([[0.003, 0.002, 0.0]])
+    distance, _ = first_hits(origin, np.array([[0.0, 0.0, 1.0]]), box(0.04, 0.04, 0.06))
+    assert distance == pytest.approx([0.03])
+    missed, _ = first_hits(
+        origin + np.array([0.1, 0.0, 0.0]), np.array([[0.0, 0.0, 1.0]]), box(0.04, 0.04, 0.06)
+    )
+    assert np.isinf(missed).all()
+
+
+def test_wall_and_width() -> None:
+    assert thinnest_wall(box(0.04, 0.05, 0.003)) == pytest.approx(0.003)
+    square = np.array([[0.0, 0.0], [0.03, 0.0], [0.0, 0.04], [0.03, 0.04]])
+    assert widest_across(square) == pytest.approx(0.05, rel=1e-3)
+
+
+def test_surface_points_leave_no_gap() -> None:
+    cloud = surface_points(box(0.04, 0.04, 0.04), 0.003)
+    targets = np.random.default_rng(0).uniform(-0.02, 0.02, size=(50, 3))
+    targets[:, 2] = 0.02
+    gaps = np.linalg.norm(targets[:, None] - cloud, axis=2).min(axis=1)
+    assert gaps.max() < 0.003
+
+
+def test_body_frame_makes_inertia_diagonal_and_keeps_a_cube_as_it_is() -> None:
+    turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    moved = in_body_frame(box(0.04, 0.05, 0.06).moved(turn, np.ones(3)))
+    assert moved.extents == pytest.approx([0.06, 0.05, 0.04])
+    inertia = solid_moments(moved).inertia()
+    assert np.abs(inertia - np.diag(np.diag(inertia))).max() < 1e-15
+    assert principal_axes(np.eye(3)) == pytest.approx(np.eye(3))

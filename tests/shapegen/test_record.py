@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.shapegen.files import body_files
+from minitouch_bench.shapegen.record import decode, encode, quantised
+from tests.shapegen.bodies import box_body
+
+
+def test_a_record_gives_its_body_back() -> None:
+    body = box_body(0.04, 0.05, 0.06)
+    again = decode(encode(body))
+    assert encode(again) == encode(body)
+    assert np.array_equal(again.visual.vertices, body.visual.vertices)
+    assert again.mass == body.mass
+    assert again.inertia == body.inertia
+
+
+def test_stored_coordinates_are_exact_in_the_text() -> None:
+    values = quantised(np.random.default_rng(0).uniform(-0.06, 0.06, size=(1000, 3)))
+    assert all(float(f"{value:.6f}") == value for value in values.ravel().tolist())
+
+
+def test_minus_zero_is_zero() -> None:
+    assert not np.signbit(quantised(np.full((1, 3), -1e-9))).any()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 0.07])
+def test_what_does_not_fit_the_grid_is_refused(value: float) -> None:
+    with pytest.raises(ValueError, match="not finite or farther"):
+        quantised(np.full((1, 3), value))
+
+
+@pytest.mark.parametrize("damage", [lambda r: r[:-1], lambda r: r + b"0", lambda r: b"X" + r[1:]])
+def test_a_damaged_record_is_named(damage: object) -> None:
+    record = encode(box_body(0.04, 0.05, 0.06))
+    with pytest.raises(UsageError, match="record is damaged"):
+        decode(damage(record))  # type: ignore[operator]
+
+
+def test_equal_bodies_give_equal_files() -> None:
+    first, second = (body_files(box_body(0.04, 0.05, 0.06)) for _ in range(2))
+    assert first.sha256 == second.sha256
+    assert first.contents.keys() == second.contents.keys()
