@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from minitouch_bench.sensing.camera import CameraPreset, GreyCamera
+from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.scene import add_table
+
+ABOVE = CameraPreset((0.5, 0.0, 0.0), yaw=0.0, pitch=-89.0, near=0.05, distance=0.7)
+
+
+@pytest.fixture
+def client():
+    made = PhysicsClient()
+    yield made
+    made.close()
+
+
+def scene(client):
+    client.reset_world()
+    table = add_table(client)
+    thing = client.add_ghost_box((0.03,) * 3, (0.5, 0.0, 0.03), (0.2, 0.9, 0.1, 1.0))
+    return table, thing
+
+
+def test_the_picture_is_grey_with_the_weights_of_the_eye(client):
+    table, _ = scene(client)
+    rgb = client.render(ABOVE.view(), 84, 84).rgb.astype(float)
+    camera = GreyCamera(ABOVE)
+    camera.keep_background(client, [(table, -1)])
+    picture = camera.capture(client)
+    assert (picture.shape, picture.dtype) == ((1, 84, 84), np.uint8)
+    grey = rgb @ (0.2989, 0.5870, 0.1140)
+    assert np.abs(picture[0] - grey).max() <= 0.6
+
+
+def test_what_moves_is_drawn_where_it_is_and_leaves_nothing_behind(client):
+    table, thing = scene(client)
+    camera = GreyCamera(ABOVE)
+    camera.keep_background(client, [(table, -1)])
+    before = camera.capture(client)
+    client.set_pose(thing, (0.6, 0.1, 0.03), (0, 0, 0, 1))
+    moved = camera.capture(client)
+    assert np.any(before != moved)
+    client.set_pose(thing, (0.5, 0.0, 0.03), (0, 0, 0, 1))
+    assert np.array_equal(camera.capture(client), before)
+
+
+def test_what_is_behind_the_background_is_hidden(client):
+    table, thing = scene(client)
+    camera = GreyCamera(ABOVE)
+    camera.keep_background(client, [(table, -1)])
+    client.set_pose(thing, (0.5, 0.0, -0.06), (0, 0, 0, 1))  # inside the table
+    buried = camera.capture(client)
+    client.set_pose(thing, (9.0, 9.0, 0.03), (0, 0, 0, 1))
+    assert np.array_equal(buried, camera.capture(client))

@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+
+from minitouch_bench.policies.scripted import make_controller
+from minitouch_bench.sensing.observation import observation_space
+from minitouch_bench.sensing.touch import FORCES, OPENINGS, POSITION, TOUCH_SIZE, read_touch
+from minitouch_bench.tasks.registration import make_environment
+
+
+@pytest.fixture(scope="module")
+def environment():
+    made = make_environment("playing")
+    yield made
+    made.close()
+
+
+def test_the_slices_cover_the_vector_in_the_text_s_order():
+    order = np.arange(TOUCH_SIZE)
+    assert np.concatenate([order[POSITION], order[OPENINGS], order[FORCES]]).tolist() == [
+        *range(11)
+    ]
+
+
+def test_what_is_read_is_the_arm_s_state(environment):
+    environment.reset(seed=1)
+    touch = read_touch(environment.arm, 50.0)
+    assert touch.dtype == np.float32
+    assert touch[POSITION] == pytest.approx(environment.arm.position)
+    assert touch[OPENINGS].tolist() == [0.0, 0.0]
+    environment.arm._place_joints([0.0, 0.5, 0.0, -1.5, 0.0, 2.0, 0.8])
+    environment.client.set_joint(environment.arm.body, 9, 0.03)
+    environment.client.set_joint(environment.arm.body, 10, 0.01)
+    assert read_touch(environment.arm, 50.0)[OPENINGS] == pytest.approx([0.75, 0.25])
+
+
+def test_a_press_is_felt_and_clipped(environment):
+    environment.reset(seed=1)
+    controller = make_controller(environment)
+    forces = []
+    for _ in range(15):
+        environment.step(controller.act())
+        forces.append(read_touch(environment.arm, 3.0)[FORCES])
+    assert np.abs(forces).max() == 3.0
+    environment.reset(seed=1)
+    assert np.abs(read_touch(environment.arm, 50.0)[FORCES]).max() == 0.0
+
+
+@pytest.mark.parametrize("limit", [50.0, 200.0])
+def test_the_space_is_bounded_by_the_force_limit(limit):
+    touch = observation_space(limit)["touch"]
+    assert touch.high[FORCES].tolist() == [limit] * 6
+    assert np.all(np.isfinite(touch.low))

@@ -1,0 +1,87 @@
+import math
+
+import pybullet
+import pytest
+
+from minitouch_bench.simulation.bodies import (
+    DOOR_JOINT,
+    DOOR_LINK,
+    HANDLE_LINK,
+    Cabinet,
+    cabinet_urdf,
+    cube,
+)
+from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.scene import add_table
+
+CABINET = Cabinet()
+
+
+@pytest.fixture
+def client():
+    made = PhysicsClient()
+    add_table(made)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def cabinet(client):
+    body = client.load_urdf(cabinet_urdf(CABINET), (0.76, 0.0, 0.0), fixed=True)
+    client.set_joint_friction(body, DOOR_JOINT, CABINET.hinge_friction)
+    return body
+
+
+def angle_after_a_second(client, cabinet, torque):
+    for _ in range(240):
+        pybullet.applyExternalTorque(
+            cabinet, DOOR_LINK, (0, 0, torque), pybullet.LINK_FRAME, physicsClientId=client._id
+        )
+        client.step()
+    return client.joint_positions(cabinet, [DOOR_JOINT])[0]
+
+
+def test_the_hinge_holds_against_less_than_its_friction(client, cabinet):
+    assert abs(angle_after_a_second(client, cabinet, 0.3)) < math.radians(0.1)
+
+
+def test_the_hinge_gives_way_to_more(client, cabinet):
+    assert angle_after_a_second(client, cabinet, 2.0) > math.radians(30.0)
+
+
+def test_the_door_stops_at_its_range(client, cabinet):
+    for _ in range(3):
+        angle = angle_after_a_second(client, cabinet, 5.0)
+    assert angle == pytest.approx(CABINET.max_angle, abs=0.02)
+
+
+def test_the_door_swings_free_of_its_body(client, cabinet):
+    client.set_joint(cabinet, DOOR_JOINT, math.radians(20))
+    for _ in range(240):
+        client.step()
+    assert client.joint_positions(cabinet, [DOOR_JOINT])[0] == pytest.approx(
+        math.radians(20), abs=1e-3
+    )
+
+
+def test_the_door_weighs_and_measures_as_specified(client, cabinet):
+    mass = pybullet.getDynamicsInfo(cabinet, DOOR_LINK, physicsClientId=client._id)[0]
+    assert mass == pytest.approx(2.64)
+    low, high = pybullet.getAABB(cabinet, DOOR_LINK, physicsClientId=client._id)
+    size = [top - bottom for bottom, top in zip(low, high, strict=True)]
+    assert size == pytest.approx([0.021, 0.497, 0.835], abs=0.03)
+    low, high = pybullet.getAABB(cabinet, HANDLE_LINK, physicsClientId=client._id)
+    assert low[0] < 0.76 - 0.02
+    assert low[2] < 0.10
+    assert high[2] > 0.15
+
+
+def test_a_cube_rests_on_its_side_where_it_is_put(client):
+    body = client.load_urdf(cube(0.05, 50.0, 1.0), (0.5, 0.1, 0.025), inertia_from_file=True)
+    before = client.pose(body).position
+    for _ in range(240):
+        client.step()
+    assert math.dist(before, client.pose(body).position) < 1e-3
+    dynamics = pybullet.getDynamicsInfo(body, -1, physicsClientId=client._id)
+    assert dynamics[:2] == (50.0, 1.0)
+    assert dynamics[2] == pytest.approx([50.0 * 0.05**2 / 6] * 3)

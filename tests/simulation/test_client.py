@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+
+from minitouch_bench.simulation.bodies import cube
+from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient, View, quaternion_from_euler
+from minitouch_bench.simulation.scene import add_table
+
+RED = (1.0, 0.0, 0.0, 1.0)
+
+
+@pytest.fixture
+def client():
+    made = PhysicsClient()
+    yield made
+    made.close()
+
+
+def drop(client):
+    """Let a tilted cube fall onto the table; return where it comes to lie."""
+    client.reset_world()
+    add_table(client)
+    body = client.load_urdf(
+        cube(0.05, 0.3, 1.0), (0.5, 0, 0.2), quaternion_from_euler((0.3, 0.2, 0))
+    )
+    for _ in range(240):
+        client.step()
+    return client.pose(body)
+
+
+def test_a_world_built_anew_gives_the_same_bits(client):
+    first = drop(client)
+    other = PhysicsClient()
+    assert drop(other) == first == drop(client)
+    other.close()
+
+
+def test_closing_twice_is_harmless(client):
+    client.close()
+    client.close()
+
+
+def test_a_tick_is_a_240th_of_a_second(client):
+    body = client.load_urdf(cube(0.05, 0.3, 1.0), (0.0, 0.0, 10.0))
+    for _ in range(24):
+        client.step()
+    linear, angular = client.speed(body)
+    assert linear == pytest.approx(0.98, rel=0.01)
+    assert angular == 0.0
+
+
+def test_paint_hides_and_shows(client):
+    body = client.add_ghost_box((0.2, 0.2, 0.2), (0, 0, 0), RED)
+    view = View.orbit((0, 0, 0), distance=1.0, yaw=0, pitch=-60, fov=60, near=0.1)
+    shown = client.render(view, 32, 24)
+    assert (shown.rgb.shape, shown.depth.shape) == ((24, 32, 3), (24, 32))
+    assert shown.depth.min() < 1.0
+    client.paint({(body, -1): INVISIBLE})
+    assert client.render(view, 32, 24).depth.min() == 1.0
+    client.paint({(body, -1): RED})
+    assert np.array_equal(client.render(view, 32, 24).rgb, shown.rgb)
+
+
+def test_a_ghost_is_never_touched(client):
+    ghost = client.add_ghost_box((0.1, 0.1, 0.1), (0, 0, 0), RED)
+    body = client.load_urdf(cube(0.05, 0.3, 1.0))
+    client.step()
+    assert client.contacts(ghost, body) == []
+    assert not client.overlapping(ghost, body, 0.01)
+
+
+def test_mirror_takes_over_every_pose(client):
+    other = PhysicsClient()
+    for one, height in ((client, 0.3), (other, 0.0)):
+        one.load_urdf(cube(0.05, 0.3, 1.0), (0.1, 0.2, height))
+    other.mirror(client)
+    assert other.pose(0) == client.pose(0)
+    other.close()

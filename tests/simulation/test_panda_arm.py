@@ -1,0 +1,109 @@
+import math
+
+import numpy as np
+import pytest
+
+from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.panda_arm import PandaArm
+from minitouch_bench.simulation.panda_kinematics import ARM_JOINTS, FINGER_JOINTS, PandaKinematics
+from minitouch_bench.simulation.scene import add_table
+from minitouch_bench.tasks.registration import TASKS
+
+CLEAR_M = {"playing": 0.03, "pushing": 0.03, "pick-up": 0.03, "opening": 0.12}
+"""Height above which neither fingers nor forearm can meet the table."""
+LIMIT_SLACK = 1e-3
+"""What a joint may overshoot its limit by, rad or m: limits are soft in the simulator."""
+
+
+class Bench:
+    """An arm alone over the table, held as a task holds it."""
+
+    def __init__(self, task):
+        self.preset = TASKS[task].preset
+        self.client = PhysicsClient()
+        add_table(self.client)
+        self.kinematics = PandaKinematics(self.preset.arm.posture)
+        self.arm = PandaArm(self.client, self.kinematics, self.preset.arm)
+        self.rng = np.random.default_rng(1)
+        self.ticks = 0
+
+    def count(self):
+        self.ticks += 1
+
+    def random_action(self, low=-1.0):
+        size = self.preset.arm.action_size
+        return self.rng.uniform(low, 1.0, size).astype(np.float32)
+
+    def move(self, action):
+        space = self.preset.workspace
+        return self.arm.move(action, space.low, space.high, self.count)
+
+    def move_clear_of_the_table(self):
+        """Make a random move and return its miss (m) and its ticks; yaw only one way."""
+        low, high = np.array(self.preset.workspace.low), np.array(self.preset.workspace.high)
+        low[2] = CLEAR_M[self.preset.name]
+        action = self.random_action()
+        action[4:] = -np.abs(action[4:])
+        target = np.clip(self.arm.position + 0.06 * action[:3], low, high)
+        ticks = self.arm.move(action, low, high, self.count)
+        return math.dist(self.arm.position, target), ticks
+
+    def overshoot(self, joints):
+        """Return how far the joints are outside their ranges (rad or m), 0 if inside."""
+        limits = np.array([self.client.joint_limits(self.arm.body, joint) for joint in joints])
+        now = np.array(self.client.joint_positions(self.arm.body, joints))
+        assert np.all(np.isfinite(now))
+        return max(0.0, *(limits[:, 0] - now), *(now - limits[:, 1]))
+
+
+@pytest.fixture(params=list(TASKS))
+def bench(request):
+    made = Bench(request.param)
+    yield made
+    made.kinematics.close()
+    made.client.close()
+
+
+def test_the_end_effector_reaches_its_target_in_free_space(bench):
+    for _ in range(3):
+        bench.move_clear_of_the_table()  # a task may start outside its workspace
+    for _ in range(80):
+        miss, ticks = bench.move_clear_of_the_table()
+        assert miss < 1e-4
+        assert 1 <= ticks < 100
+        assert bench.overshoot(FINGER_JOINTS) < LIMIT_SLACK
+
+
+def test_the_arm_s_joints_stay_within_their_limits(bench):
+    for _ in range(300):
+        bench.move(bench.random_action())
+        assert bench.overshoot(ARM_JOINTS) < LIMIT_SLACK
+
+
+def test_the_end_effector_keeps_to_the_workspace(bench):
+    space = bench.preset.workspace
+    for _ in range(30):
+        bench.move(bench.random_action(low=0.3))
+    inside = np.clip(bench.arm.position, space.low, space.high)
+    assert math.dist(bench.arm.position, inside) < 2e-3
+
+
+def test_ticks_are_those_announced(bench):
+    total = sum(bench.move(bench.random_action()) for _ in range(5))
+    assert total == bench.ticks
+
+
+def test_a_step_without_motion_is_short(bench):
+    for _ in range(5):
+        bench.move_clear_of_the_table()
+    still = np.zeros(bench.preset.arm.action_size, np.float32)
+    bench.move(still)
+    assert bench.move(still) <= 3
+
+
+def test_place_brings_the_hand_there_at_once_and_at_rest(bench):
+    place = (0.6, 0.05, 0.12)
+    bench.arm.place(place)
+    assert math.dist(bench.arm.position, place) < 1e-3
+    bench.client.step()
+    assert math.dist(bench.arm.position, place) < 2e-3
