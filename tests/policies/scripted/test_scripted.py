@@ -1,0 +1,104 @@
+"""The scripted policy solves every task, and so each can be solved; floors solve none."""
+
+import numpy as np
+import pytest
+
+from minitouch_bench.policies.loading import load_policy
+from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.policies.scripted import CONTROLLERS, make_controller
+from minitouch_bench.protocol.actors import ScriptedActor
+from minitouch_bench.protocol.rollout import run_episode
+from minitouch_bench.protocol.suites import find_suite
+from minitouch_bench.records import GOAL_TASKS, Outcome
+from minitouch_bench.tasks.registration import TASKS, make_environment
+
+TOUCHES = 0.95
+"""Share of Playing's episodes in which the scripted policy touches the cube."""
+LEAST_SUCCESS = {"pushing": 0.95, "opening": 0.95, "pick-up": 0.90}
+MOST_SUCCESS_OF_A_FLOOR = 0.10
+
+
+class InThisProcess:
+    """A built-in policy without a process of its own."""
+
+    def __init__(self, name):
+        self._policy = load_policy(name, Checkpoint(name))
+
+    def begin(self, environment, spec):
+        self._policy.reset(spec.seed, spec.task)
+
+    def act(self, observation):
+        return self._policy.act(observation)
+
+
+def episodes(actor, task, count):
+    environment = make_environment(task)
+    specs = [spec for spec in find_suite("table4").episodes(exploration=False) if spec.task == task]
+    records = [run_episode(environment, actor, spec) for spec in specs[:count]]
+    environment.close()
+    return records
+
+
+def share(records, holds):
+    return sum(map(holds, records)) / len(records)
+
+
+def succeeds(record):
+    return record.outcome is Outcome.SUCCESS
+
+
+def touches(record):
+    return bool(record.trace.contact_ticks.any())
+
+
+def test_every_task_has_its_controller():
+    assert tuple(CONTROLLERS) == tuple(TASKS)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_actions_are_those_a_policy_could_give(task):
+    environment = make_environment(task)
+    environment.reset(seed=1)
+    controller = make_controller(environment)
+    for _ in range(8):
+        action = controller.act()
+        assert action in environment.action_space
+        *_, info = environment.step(action)
+        assert not info["clipped"]
+        assert info["action"].dtype == np.float32
+    environment.close()
+
+
+@pytest.mark.parametrize("task", GOAL_TASKS)
+def test_a_few_episodes_of_each_goal_succeed(task):
+    assert share(episodes(ScriptedActor(), task, 5), succeeds) == 1.0
+
+
+def test_a_few_episodes_of_playing_are_full_of_touch():
+    environment = make_environment("playing", max_steps=20)
+    for seed in range(4):
+        environment.reset(seed=seed)
+        controller = make_controller(environment)
+        counts = [environment.step(controller.act())[4]["contact_ticks"] for _ in range(20)]
+        assert sum(counts) > 100
+    environment.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", GOAL_TASKS)
+def test_a_hundred_episodes_of_each_goal(task):
+    assert share(episodes(ScriptedActor(), task, 100), succeeds) >= LEAST_SUCCESS[task]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_a_hundred_episodes_of_playing():
+    assert share(episodes(ScriptedActor(), "playing", 100), touches) >= TOUCHES
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("floor", ["random", "zero"])
+@pytest.mark.parametrize("task", GOAL_TASKS)
+def test_no_floor_solves_a_goal(floor, task):
+    assert share(episodes(InThisProcess(floor), task, 100), succeeds) < MOST_SUCCESS_OF_A_FLOOR
