@@ -9,11 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.shapegen.mesh import Mesh
 from minitouch_bench.simulation.bodies import cube
 from minitouch_bench.simulation.client import PhysicsClient
 
 CUBE = "cube"
 """The name of a task's own cube."""
+
+_CUBE_FACES = (
+    (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
+    (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -21,15 +27,16 @@ class ObjectModel:
     """An object that can be loaded.
 
     ``rest``: a stable orientation (quaternion x, y, z, w), and ``rest_height`` the height
-    of its centre of mass (m) when it lies so. ``vertices``: float64 (N, 3), the corners of
-    its convex hull about the centre of mass (m).
+    of its centre of mass (m) when it lies so. ``surface`` is its closed surface, and
+    ``corners`` float64 (N, 3) those of its convex parts, about the centre of mass (m).
     """
 
     name: str
     urdf: Path
     rest: tuple[float, float, float, float]
     rest_height: float
-    vertices: NDArray[np.float64]
+    surface: Mesh
+    corners: NDArray[np.float64]
 
     def load(self, client: PhysicsClient, x: float, y: float, yaw: float) -> int:
         """Add the object at a place on the table (m), turned by ``yaw`` (rad)."""
@@ -44,15 +51,17 @@ class ObjectModel:
         """Return the height of the lowest corner (m), without the collision margin."""
         position, (x, y, z, w) = client.pose(body)
         up = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
-        return float(position[2] + (self.vertices * up).sum(axis=1).min())
+        return float(position[2] + (self.corners * up).sum(axis=1).min())
 
 
 def cube_model(side: float, mass: float, friction: float) -> ObjectModel:
     """Return a cube (m, kg)."""
     half = side / 2
-    corners = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
+    signs = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
+    corners = np.array(signs) * half
+    surface = Mesh(corners, np.array(_CUBE_FACES, np.int32))
     return ObjectModel(
-        CUBE, cube(side, mass, friction), (0.0, 0.0, 0.0, 1.0), half, np.array(corners)
+        CUBE, cube(side, mass, friction), (0.0, 0.0, 0.0, 1.0), half, surface, corners
     )
 
 

@@ -41,7 +41,12 @@ class Opening(Task):
         workspace=WORKSPACE,
         camera=CameraPreset((0.625, 0.0, 0.05), yaw=0.0, pitch=-90.0, near=0.01),
         portrait=CameraPreset(
-            (0.58, -0.05, 0.28), yaw=-62.0, pitch=-24.0, near=0.05, distance=1.45, field_of_view=45.0
+            (0.58, -0.05, 0.28),
+            yaw=-62.0,
+            pitch=-24.0,
+            near=0.05,
+            distance=1.45,
+            field_of_view=45.0,
         ),
         arm=FACING_DOOR,
         default_objects="",

@@ -53,6 +53,11 @@ class PickUp(Task):
         """Draw the place and the yaw of the object."""
         self._object = draw_placement(WORKSPACE, rng, model or self.own_object())
 
+    @property
+    def model(self) -> ObjectModel:
+        """The object of this episode."""
+        return self._object.model
+
     def add_object(self, client: PhysicsClient) -> None:
         """Add the object and let it come to rest."""
         self.target_body = self._object.load(client)

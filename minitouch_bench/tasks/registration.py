@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.objects import CUBE, ObjectPool
 from minitouch_bench.tasks.opening import Opening
@@ -56,4 +57,4 @@ def object_names(task: str) -> tuple[str, ...]:
 
 def shape_set_digest() -> str:
     """Return the digest of the shapes that episodes draw from."""
-    return "interim"
+    return canonical_shape_set().digest

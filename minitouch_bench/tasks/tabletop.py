@@ -19,6 +19,9 @@ HAND_CLEARANCE_M = 0.07
 Ours."""
 
 
+SETTLE_TICKS = 30
+"""Shapes are laid down in a rest pose by statics; in this time the last 0.1 mm settle. Ours."""
+
 TABLETOP_PORTRAIT = CameraPreset(
     (0.55, 0.0, 0.14), yaw=56.0, pitch=-24.0, near=0.05, distance=0.92, field_of_view=45.0
 )
@@ -35,8 +38,12 @@ class Placement:
     yaw: float
 
     def load(self, client: PhysicsClient) -> int:
-        """Add the object and return its body's id."""
-        return self.model.load(client, self.x, self.y, self.yaw)
+        """Add the object, let it come to rest, and return its body's id."""
+        body = self.model.load(client, self.x, self.y, self.yaw)
+        if self.model.name != CUBE:
+            for _ in range(SETTLE_TICKS):
+                client.step()
+        return body
 
 
 def draw_yaw(rng: np.random.Generator, model: ObjectModel) -> float:

@@ -1,16 +1,24 @@
 """Pick-up by script: grasp the object where it is narrow between the fingers, and lift."""
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.policies.scripted.controller import Controller
+from minitouch_bench.shapegen.grasps import plan_grasp
+from minitouch_bench.shapegen.mesh import surface_points
+from minitouch_bench.shapegen.poses import rotation_matrix
+from minitouch_bench.tasks.pick_up import PickUp
 
 OPEN, CLOSE = 1.0, -1.0
 HOVER_M = 0.02
 """Height of the fingertips above the object on the way to it."""
 FINGERTIP_M = 0.008
 """How far the fingertips reach below the end effector."""
-NEAR_M = 0.004
+NEAR_M = 0.002
+POINT_SPACING_M = 0.003
+LOST_ABOVE_M, LOST_BELOW_M = 0.08, 0.01
 CLOSING_STEPS = 4
 NUDGE = 0.05
 """A step without motion lasts one tick; one of 3 mm gives the fingers time to close."""
@@ -20,14 +28,17 @@ class PickUpController(Controller):
     """Hover, descend, close, lift."""
 
     _closing = 0
+    _place: NDArray[np.float64] | None = None
+    _top = 0.0
 
     def act(self) -> NDArray[np.float32]:
         """Return the next action, float32 (4,)."""
+        if self._closing > 0 and self._lost():
+            self._closing, self._place = 0, None
         if self._closing > 0:
             return self._close_and_lift()
         grasp = self._grasp()
-        top = self.client.bounds(self.environment.task.target_body)[1][2]
-        hand = self.hand
+        top, hand = self._top, self.hand
         if np.abs(hand[:2] - grasp[:2]).max() > NEAR_M:
             hover = max(top + HOVER_M + FINGERTIP_M, 0.06)
             clear = hand[2] > top + FINGERTIP_M + 0.005
@@ -45,8 +56,21 @@ class PickUpController(Controller):
             return np.array((0.0, 0.0, nudge, CLOSE), np.float32)
         return np.array((0.0, 0.0, 0.5, CLOSE), np.float32)
 
+    def _lost(self) -> bool:
+        """Tell whether the hand has gone up and left the object on the table."""
+        task = cast(PickUp, self.environment.task)
+        lowest = task.model.lowest_point(self.client, task.target_body)
+        return bool(self.hand[2] > LOST_ABOVE_M and lowest < LOST_BELOW_M)
+
     def _grasp(self) -> NDArray[np.float64]:
         """Return where to close the fingers, float64 (3,) in m."""
-        low, high = self.client.bounds(self.environment.task.target_body)
-        height = max(FINGERTIP_M + 0.002, high[2] - 0.025)
-        return np.array(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, height))
+        if self._place is None:
+            task = cast(PickUp, self.environment.task)
+            position, orientation = self.client.pose(task.target_body)
+            points = surface_points(task.model.surface, POINT_SPACING_M)
+            world = points @ rotation_matrix(orientation).T + (0.0, 0.0, position[2])
+            # The planner's pads close along y, the hand's along the world's x.
+            grasp = plan_grasp(world[:, (1, 0, 2)])
+            self._place = np.array((position[0] + grasp.y, position[1] + grasp.x, grasp.z))
+            self._top = float(world[:, 2].max())
+        return self._place
