@@ -1,0 +1,121 @@
+import pytest
+
+from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.protocol.journal import JOURNAL_FILE
+from minitouch_bench.protocol.storage import ACTIONS_FILE
+from minitouch_bench.records import Outcome, Role
+from tests.protocol.runs import digests, request, run
+
+
+def test_a_run_holds_every_episode_in_the_suite_s_order(finished):
+    done, _ = finished
+    assert [record.spec.key for record in done.records] == [
+        "pushing/0",
+        "pushing/1",
+        "opening/0",
+        "opening/1",
+        "pick-up/0",
+        "pick-up/1",
+    ]
+    assert {record.outcome for record in done.records} == {Outcome.SUCCESS}
+    assert done.header.official is False
+    assert done.environment.workers == 1
+    assert done.environment.packages["pybullet"] == "3.2.7"
+
+
+def test_two_workers_give_the_same_bits(finished, tmp_path):
+    one, directory = finished
+    two = run(request(), tmp_path, workers=2)
+    assert digests(two) == digests(one)
+    assert two.header == one.header
+    actions = (tmp_path / ACTIONS_FILE).read_bytes()
+    assert actions == (directory / ACTIONS_FILE).read_bytes()
+
+
+def test_a_policy_s_own_chance_comes_from_the_episode_alone(tmp_path):
+    wanted = request("random", ("opening",), 2)
+    runs = [run(wanted, tmp_path / str(workers), workers) for workers in (1, 2)]
+    assert digests(runs[0]) == digests(runs[1])
+    one, other = (record.trace.actions for record in runs[0].records)
+    assert one[0].tolist() != other[0].tolist()
+
+
+def cut(source, target, lines, extra=b""):
+    """Copy the first lines of a journal, and perhaps a torn one."""
+    content = (source / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
+    (target / JOURNAL_FILE).write_bytes(b"".join(content[:lines]) + extra)
+
+
+@pytest.mark.parametrize("lines", [1, 4, 7])
+def test_resuming_gives_the_same_run(finished, tmp_path, lines):
+    done, directory = finished
+    cut(directory, tmp_path, lines, b'{"crc32":"00' if lines < 7 else b"")
+    again = run(request(), tmp_path, workers=2, resume=True)
+    assert digests(again) == digests(done)
+    assert (tmp_path / ACTIONS_FILE).read_bytes() == (directory / ACTIONS_FILE).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("other", "difference"),
+    [
+        (request(episodes=3), "episodes: 2 there, 3 asked for"),
+        (request(seed=1), "seed: 0 there, 1 asked for"),
+        (request(tasks=("pushing",)), "tasks: "),
+        (request("zero"), "policy: "),
+        (request(exploration="zero"), "exploration: None there"),
+        (request(act_timeout_s=9.0), "act_timeout_s: 5.0 there, 9.0 asked for"),
+    ],
+)
+def test_a_run_of_other_settings_is_not_resumed(finished, tmp_path, other, difference):
+    cut(finished[1], tmp_path, 2)
+    with pytest.raises(RunDirectoryError, match="another run") as caught:
+        run(other, tmp_path, resume=True)
+    assert difference in str(caught.value)
+
+
+def test_a_directory_that_holds_a_run_is_neither_resumed_nor_replaced_unasked(finished, tmp_path):
+    cut(finished[1], tmp_path, 7)
+    with pytest.raises(RunDirectoryError, match=r"--resume.*--fresh"):
+        run(request(), tmp_path)
+    with pytest.raises(UsageError, match="choose one"):
+        run(request(), tmp_path, resume=True, fresh=True)
+    before = (tmp_path / JOURNAL_FILE).read_bytes()
+    assert before == (finished[1] / JOURNAL_FILE).read_bytes()
+
+
+def test_a_fresh_run_replaces_the_old_one_and_leaves_the_rest(finished, tmp_path):
+    cut(finished[1], tmp_path, 7)
+    (tmp_path / "notes.txt").write_text("mine")
+    done = run(request(tasks=("opening",), episodes=1), tmp_path, fresh=True)
+    assert [record.spec.key for record in done.records] == ["opening/0"]
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_resuming_what_never_began_begins(tmp_path):
+    done = run(request(tasks=("opening",), episodes=1), tmp_path, resume=True)
+    assert len(done.records) == 1
+
+
+def test_faults_stay_in_the_denominator_and_the_rest_goes_on(tmp_path, importable):
+    wanted = request("misbehaved:FaultInPushing", ("pushing", "opening"), 1)
+    done = run(wanted, tmp_path)
+    pushing, opening = done.records
+    assert pushing.outcome is Outcome.POLICY_FAULT
+    assert "NaN" in pushing.fault
+    assert len(pushing.trace.actions) == 2
+    assert opening.outcome is Outcome.STEP_LIMIT
+    assert opening.fault == ""
+
+
+def test_exploration_is_run_beside_the_final_policy(tmp_path):
+    wanted = request("scripted", ("playing", "opening"), 1, exploration="zero")
+    done = run(wanted, tmp_path)
+    assert [record.spec.key for record in done.records] == [
+        "playing/0",
+        "opening/0",
+        "exploration/opening/0",
+    ]
+    final, exploration = done.records[1:]
+    assert (final.outcome, exploration.outcome) == (Outcome.SUCCESS, Outcome.STEP_LIMIT)
+    assert exploration.spec.role is Role.EXPLORATION
+    assert exploration.spec.seed == final.spec.seed

@@ -1,0 +1,128 @@
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.protocol.journal import JOURNAL_FILE, Journal, read_journal
+from tests.protocol.runs import digests
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def copy(finished, tmp_path):
+    """The finished run's journal, to be damaged."""
+    shutil.copy(finished[1] / JOURNAL_FILE, tmp_path)
+    return tmp_path / JOURNAL_FILE
+
+
+def test_what_is_written_is_read(finished):
+    run, directory = finished
+    header, records, torn = read_journal(directory)
+    assert header == run.header
+    assert not torn
+    assert {r.spec: r.trace.digest() for r in records} == {
+        r.spec: r.trace.digest() for r in run.records
+    }
+    assert {(r.spec, r.outcome, r.fault) for r in records} == {
+        (r.spec, r.outcome, r.fault) for r in run.records
+    }
+
+
+def test_a_torn_last_line_is_cut_wherever_it_is_torn(copy):
+    content = copy.read_bytes()
+    last = content.rindex(b"\n", 0, -1) + 1
+    count = content.count(b"\n")
+    for end in [*range(last, last + 200), *range(last, len(content), 97), len(content) - 1]:
+        copy.write_bytes(content[:end])
+        _, records, torn = read_journal(copy.parent)
+        assert torn == (end > last)
+        assert len(records) == count - 2
+        assert copy.read_bytes() == content[:last]
+
+
+def test_whatever_is_left_of_a_journal_is_read_or_refused(copy):
+    content = copy.read_bytes()
+    first = content.index(b"\n") + 1
+    for end in range(0, len(content), 997):
+        copy.write_bytes(content[:end])
+        if end < first:
+            with pytest.raises(RunDirectoryError, match="nothing that can be resumed"):
+                read_journal(copy.parent)
+        else:
+            _, records, torn = read_journal(copy.parent)
+            assert len(records) == content.count(b"\n", 0, end) - 1
+            assert torn == (content[end - 1 : end] != b"\n")
+
+
+@pytest.mark.parametrize("line", [1, 3])
+@pytest.mark.parametrize("where", [0, 2, 12, 25, 60, -3])
+def test_damage_before_the_end_is_refused_with_its_line(copy, line, where):
+    lines = copy.read_bytes().splitlines(keepends=True)
+    damaged = bytearray(lines[line - 1])
+    damaged[where] ^= 0x04
+    lines[line - 1] = bytes(damaged)
+    copy.write_bytes(b"".join(lines))
+    before = copy.read_bytes()
+    with pytest.raises(RunDirectoryError, match=rf"line {line} is damaged"):
+        read_journal(copy.parent)
+    assert copy.read_bytes() == before
+
+
+def test_a_line_of_another_version_is_refused(tmp_path):
+    with Journal(tmp_path) as journal:
+        journal._append({"format": "minitouch-journal", "version": 9})
+    with pytest.raises(RunDirectoryError, match="another version"):
+        read_journal(tmp_path)
+
+
+def test_no_journal_is_refused(tmp_path):
+    with pytest.raises(RunDirectoryError, match="cannot be read"):
+        read_journal(tmp_path)
+
+
+COPY = """
+import resource, sys
+from pathlib import Path
+from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.protocol.journal import Journal, read_journal
+source, target, limit = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
+header, records, _ = read_journal(source)
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+with Journal(target) as journal:
+    journal.write_header(header)
+    try:
+        for record in records:
+            journal.write_record(record)
+    except InfrastructureError as error:
+        print(error)
+"""
+
+
+@pytest.mark.parametrize("part", [0.5, 0.8])
+def test_a_full_disk_leaves_a_good_journal(finished, tmp_path, part):
+    run, directory = finished
+    size = int((directory / JOURNAL_FILE).stat().st_size * part)
+    command = [sys.executable, "-c", COPY, str(directory), str(tmp_path), str(size)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "cannot be written" in done.stdout
+    header, records, torn = read_journal(tmp_path)
+    assert header == run.header
+    assert not torn
+    written = [(r.spec.key, r.outcome, r.trace.digest()) for r in records]
+    assert 0 < len(written) < len(run.records)
+    assert set(written) < set(digests(run))
+
+
+def test_it_is_on_disk_before_the_call_returns(finished, tmp_path, monkeypatch):
+    synced = []
+    real = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda handle: synced.append(real(handle)))
+    with Journal(tmp_path) as journal:
+        journal.write_header(finished[0].header)
+        journal.write_record(finished[0].records[0])
+    assert len(synced) == 2

@@ -1,0 +1,102 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minitouch_bench.errors import InvalidActionError, PolicyLoadError, PolicyTimeoutError
+from minitouch_bench.protocol.actors import ScriptedActor, make_actor
+from minitouch_bench.protocol.rollout import run_episode
+from minitouch_bench.protocol.suites import find_suite
+from minitouch_bench.records import Outcome, Role
+from minitouch_bench.tasks.registration import TASKS, make_environment
+from tests.protocol.runs import request
+
+SPECS = {spec.task: spec for spec in find_suite("smoke").episodes(exploration=False)}
+
+
+@pytest.fixture(scope="module", params=list(TASKS))
+def environment(request):
+    made = make_environment(request.param, max_steps=30)
+    yield made
+    made.close()
+
+
+class Failing(ScriptedActor):
+    """Fails in the fourth act, or at the beginning."""
+
+    def __init__(self, error, at_once=False):
+        self._error, self._at_once, self._acts = error, at_once, 0
+
+    def begin(self, environment, spec):
+        if self._at_once:
+            raise self._error
+        super().begin(environment, spec)
+
+    def act(self, observation):
+        self._acts += 1
+        if self._acts == 4:
+            raise self._error
+        return super().act(observation)
+
+
+def test_a_trace_has_one_row_a_step(environment):
+    spec = SPECS[environment.task.preset.name]
+    record = run_episode(environment, ScriptedActor(), spec)
+    trace, steps = record.trace, len(record.trace.actions)
+    size, states = environment.action_space.shape[0], 1 if spec.task == "opening" else 3
+    shapes = {
+        "actions": (np.float32, (steps, size)),
+        "clipped": (np.bool_, (steps,)),
+        "rewards": (np.float32, (steps,)),
+        "ticks": (np.int16, (steps,)),
+        "contact_ticks": (np.int16, (steps,)),
+        "onsets": (np.int16, (steps,)),
+        "touch": (np.float32, (steps + 1, 11)),
+        "object_state": (np.float64, (steps + 1, states)),
+    }
+    for name, (dtype, shape) in shapes.items():
+        array = getattr(trace, name)
+        assert (array.dtype, array.shape) == (dtype, shape)
+    assert 0 < steps <= 30
+    assert record.outcome in (Outcome.SUCCESS, Outcome.STEP_LIMIT)
+    assert record.trace.rewards.sum() == (25.0 if record.outcome is Outcome.SUCCESS else 0.0)
+    assert record.fault == ""
+    again = run_episode(environment, ScriptedActor(), spec)
+    assert again.trace.digest() == trace.digest()
+
+
+@pytest.mark.parametrize(
+    "error", [InvalidActionError("the action holds NaN"), PolicyTimeoutError("late")]
+)
+def test_a_fault_ends_the_episode_and_keeps_what_was(environment, error):
+    spec = SPECS[environment.task.preset.name]
+    record = run_episode(environment, Failing(error), spec)
+    assert record.outcome is Outcome.POLICY_FAULT
+    assert record.fault == str(error)
+    assert len(record.trace.actions) == 3
+    assert len(record.trace.touch) == 4
+
+
+def test_a_fault_before_the_first_action_leaves_an_empty_trace(environment):
+    spec = SPECS[environment.task.preset.name]
+    record = run_episode(environment, Failing(PolicyLoadError("gone"), at_once=True), spec)
+    assert record.outcome is Outcome.POLICY_FAULT
+    assert record.trace.actions.shape == (0, environment.action_space.shape[0])
+    assert record.trace.touch.shape == (1, 11)
+
+
+def test_any_other_error_is_not_the_policy_s(environment):
+    spec = SPECS[environment.task.preset.name]
+    with pytest.raises(ZeroDivisionError):
+        run_episode(environment, Failing(ZeroDivisionError()), spec)
+
+
+def test_a_process_actor_gives_the_same_episode_again(environment):
+    spec = SPECS[environment.task.preset.name]
+    contest = request("random").contest
+    actor = make_actor(contest.policy, Role.FINAL, contest.limits, trust=False)
+    first, other, again = (
+        run_episode(environment, actor, one) for one in (spec, replace(spec, seed=1), spec)
+    )
+    actor.close()
+    assert first.trace.digest() == again.trace.digest() != other.trace.digest()

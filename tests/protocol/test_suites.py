@@ -1,0 +1,69 @@
+from dataclasses import replace
+
+import pytest
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.suites import SUITES, find_suite, parse_tasks
+from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, Role
+from minitouch_bench.tasks.registration import object_names
+
+TABLE4 = find_suite("table4")
+
+
+def test_the_official_suite():
+    specs = TABLE4.episodes(exploration=False)
+    assert TABLE4.rankable
+    assert len(specs) == len(set(specs)) == 400
+    assert [spec.task for spec in specs[::100]] == list(TASK_NAMES)
+    assert [spec.index for spec in specs[:100]] == list(range(100))
+    assert not find_suite("smoke").rankable
+    assert len(find_suite("smoke").episodes(exploration=False)) == 20
+
+
+def test_an_episode_does_not_depend_on_how_many_there_are_nor_on_the_tasks_beside_it():
+    few = replace(TABLE4, tasks=("opening", "pick-up"), episodes_per_task=3)
+    assert set(few.episodes(exploration=True)) < set(TABLE4.episodes(exploration=True))
+
+
+def test_exploration_faces_the_same_episodes_of_the_goals():
+    specs = TABLE4.episodes(exploration=True)
+    exploration = [spec for spec in specs if spec.role is Role.EXPLORATION]
+    assert {spec.task for spec in exploration} == set(GOAL_TASKS)
+    assert [replace(spec, role=Role.FINAL) for spec in exploration] == [
+        spec for spec in specs if spec.role is Role.FINAL and spec.task in GOAL_TASKS
+    ]
+
+
+def test_pick_up_draws_its_shapes_by_seed():
+    specs = [spec for spec in TABLE4.episodes(exploration=False) if spec.task == "pick-up"]
+    shapes = {spec.shape for spec in specs}
+    assert len(shapes) > 1
+    assert shapes <= set(object_names("pick-up"))
+    other = replace(TABLE4, seed=5).episodes(exploration=False)
+    assert [spec.shape for spec in specs] != [s.shape for s in other if s.task == "pick-up"]
+
+
+def test_what_makes_a_run_unofficial_is_said():
+    assert TABLE4.differences(TASK_NAMES, 100, 0) == ()
+    assert TABLE4.differences(("pushing",), 3, 7) == (
+        "tasks pushing only",
+        "3 of 100 episodes a task",
+        "seed 7",
+    )
+    assert SUITES["smoke"].differences(TASK_NAMES, 5, 0) == ("suite smoke",)
+
+
+def test_tasks_are_parsed_in_the_suite_s_order():
+    assert parse_tasks(None, TABLE4) == TASK_NAMES
+    assert parse_tasks(" pick-up, playing,playing", TABLE4) == ("playing", "pick-up")
+
+
+@pytest.mark.parametrize("text", ["flying", "pushing,flying", "", " , "])
+def test_unknown_tasks_are_usage_errors(text):
+    with pytest.raises(UsageError, match="no task '"):
+        parse_tasks(text, TABLE4)
+
+
+def test_an_unknown_suite_is_a_usage_error():
+    with pytest.raises(UsageError, match="table4, smoke"):
+        find_suite("table5")
