@@ -45,7 +45,8 @@ class Role(StrEnum):
 class EpisodeSpec:
     """One episode to run; it fixes everything but the policy.
 
-    ``shape`` names the object ("" for a task that has only its own).
+    ``shape`` names the object ("" where the task has none), ``family`` and ``split`` say
+    what it is in its shape set ("" for a task's own cube).
     """
 
     role: Role
@@ -53,6 +54,8 @@ class EpisodeSpec:
     index: int
     seed: int
     shape: str = ""
+    family: str = ""
+    split: str = ""
 
     @property
     def key(self) -> str:
@@ -106,6 +109,8 @@ class EpisodeRecord:
 class EpisodeMetrics:
     """The metrics of one episode: a row of ``episodes.csv``, in its column order.
 
+    ``family`` and ``split`` of the shape stand in ``run.json`` alone.
+
     ``touch_variance`` is in N², ``object_movement`` in m² (Opening: rad²),
     ``time_to_first_touch`` and ``arm_time`` in s; None where the finger never touched.
     """
@@ -126,6 +131,8 @@ class EpisodeMetrics:
     time_to_first_touch: float | None
     arm_time: float
     clipped_actions: int
+    family: str = ""
+    split: str = ""
 
 
 @dataclass(frozen=True)

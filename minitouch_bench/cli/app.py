@@ -7,6 +7,7 @@ import typer
 from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.evaluate import evaluate
 from minitouch_bench.cli.report import report
+from minitouch_bench.cli.shapes import app as shapes
 from minitouch_bench.cli.tasks import tasks
 from minitouch_bench.errors import MiniTouchError
 
@@ -20,6 +21,7 @@ app = typer.Typer(
 app.command()(evaluate)
 app.command()(report)
 app.command()(tasks)
+app.add_typer(shapes, name="shapes")
 
 
 def main() -> None:

@@ -48,7 +48,7 @@ def evaluate(
         ),
     ],
     *,
-    suite: Annotated[str, typer.Option(help="table4 or smoke.")] = "table4",
+    suite: Annotated[str, typer.Option(help="table4, novel-shapes or smoke.")] = "table4",
     tasks: Annotated[str | None, typer.Option(help="Only these, separated by commas.")] = None,
     exploration: Annotated[
         str | None, typer.Option(help="The policy as of the end of the exploration phase.")

@@ -25,6 +25,8 @@ def measure(record: EpisodeRecord) -> EpisodeMetrics:
         index=spec.index,
         seed=spec.seed,
         shape=spec.shape,
+        family=spec.family,
+        split=spec.split,
         outcome=record.outcome,
         success=record.outcome is Outcome.SUCCESS,
         steps=len(trace.actions),

@@ -19,5 +19,10 @@ def episode_seed(suite: str, task: str, index: int, run_seed: int) -> int:
     return int(sequence.generate_state(1, np.uint32)[0])
 
 
+def suite_generator(suite: str) -> np.random.Generator:
+    """Return the generator of what a suite draws once for all its runs."""
+    return np.random.default_rng([_number(PROTOCOL), _number(suite)])
+
+
 def _number(text: str) -> int:
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")

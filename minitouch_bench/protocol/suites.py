@@ -1,19 +1,24 @@
 """The suites, and the episodes they consist of."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.protocol.seeds import episode_seed
+from minitouch_bench.protocol.seeds import episode_seed, suite_generator
 from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, EpisodeSpec, Role
-from minitouch_bench.tasks.registration import object_names
+from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
+from minitouch_bench.tasks.objects import CUBE
+from minitouch_bench.tasks.registration import TASKS
 
 OFFICIAL_SEED = 0
+SHAPE_TASKS = ("playing", "pushing", "pick-up")
+"""The tasks that can be played with any shape."""
 
 
 @dataclass(frozen=True)
-class Suite:
+class Suite(ABC):
     """A fixed set of episodes: so many of each task. ``rankable`` runs may enter a leaderboard."""
 
     name: str
@@ -22,13 +27,17 @@ class Suite:
     rankable: bool
     seed: int = OFFICIAL_SEED
 
+    @abstractmethod
+    def place_object(self, spec: EpisodeSpec) -> EpisodeSpec:
+        """Return the episode with its object filled in."""
+
     def episodes(self, *, exploration: bool) -> tuple[EpisodeSpec, ...]:
         """Return the episodes, task by task; with ``exploration`` those of that role too.
 
         Both roles face the same episodes. Playing has no exploration figure.
         """
         final = tuple(
-            self._episode(Role.FINAL, task, index)
+            self.place_object(EpisodeSpec(Role.FINAL, task, index, self._seed_of(task, index)))
             for task in self.tasks
             for index in range(self.episodes_per_task)
         )
@@ -37,12 +46,6 @@ class Suite:
         return final + tuple(
             replace(spec, role=Role.EXPLORATION) for spec in final if spec.task in GOAL_TASKS
         )
-
-    def _episode(self, role: Role, task: str, index: int) -> EpisodeSpec:
-        seed = episode_seed(self.name, task, index, self.seed)
-        names = object_names(task)
-        drawn = np.random.default_rng(seed).integers(len(names)) if names else 0
-        return EpisodeSpec(role, task, index, seed, names[drawn] if names else "")
 
     def differences(self, tasks: tuple[str, ...], episodes: int, seed: int) -> tuple[str, ...]:
         """Return what makes a run with these settings unofficial, in words."""
@@ -57,12 +60,52 @@ class Suite:
             found.append(f"seed {seed}")
         return tuple(found)
 
+    def _seed_of(self, task: str, index: int) -> int:
+        return episode_seed(self.name, task, index, self.seed)
 
-SUITES = {
+
+class StandardSuite(Suite):
+    """Each task with its own object; where it draws from a shape set, the seed chooses."""
+
+    def place_object(self, spec: EpisodeSpec) -> EpisodeSpec:
+        """Return the episode with its cube, its train shape, or nothing (Opening)."""
+        objects = TASKS[spec.task].preset.default_objects
+        if objects in ("", CUBE):
+            return replace(spec, shape=objects)
+        shapes = canonical_shape_set().split(objects)
+        return _with_shape(
+            spec, shapes[int(np.random.default_rng(spec.seed).integers(len(shapes)))]
+        )
+
+
+class NovelShapesSuite(Suite):
+    """Each held-out shape once (even indices), beside as many train shapes (odd ones).
+
+    The train shapes are drawn once, without replacement, from the protocol's name alone.
+    """
+
+    def place_object(self, spec: EpisodeSpec) -> EpisodeSpec:
+        """Return the episode with its shape."""
+        shapes = canonical_shape_set()
+        held_out = shapes.split("held-out")
+        train = shapes.split("train")
+        turn = (spec.index // 2) % len(held_out)
+        if spec.index % 2 == 0:
+            return _with_shape(spec, held_out[turn])
+        order = suite_generator(self.name).permutation(len(train))
+        return _with_shape(spec, train[int(order[turn])])
+
+
+def _with_shape(spec: EpisodeSpec, shape: Shape) -> EpisodeSpec:
+    return replace(spec, shape=shape.name, family=shape.family, split=shape.split)
+
+
+SUITES: dict[str, Suite] = {
     suite.name: suite
     for suite in (
-        Suite("table4", TASK_NAMES, 100, rankable=True),
-        Suite("smoke", TASK_NAMES, 5, rankable=False),
+        StandardSuite("table4", TASK_NAMES, 100, rankable=True),
+        NovelShapesSuite("novel-shapes", SHAPE_TASKS, 400, rankable=True),
+        StandardSuite("smoke", TASK_NAMES, 5, rankable=False),
     )
 }
 

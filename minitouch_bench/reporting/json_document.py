@@ -202,4 +202,6 @@ def _episode(node: JsonNode) -> EpisodeMetrics:
         time_to_first_touch=None if first_touch.is_null else first_touch.number(),
         arm_time=node["arm_time"].number(),
         clipped_actions=node["clipped_actions"].count(),
+        family=node["family"].text(),
+        split=node["split"].text(),
     )

@@ -10,7 +10,6 @@ from rich.text import Text
 from minitouch_bench.reporting.report import Report
 from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table
 
-
 PAPER_WIDTH = 9
 """Columns of a paper's figure."""
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import UsageError
 from minitouch_bench.shapegen.mesh import Mesh
 from minitouch_bench.simulation.bodies import cube
 from minitouch_bench.simulation.client import PhysicsClient
@@ -92,13 +91,11 @@ class ObjectPool:
         return self.model(self.names[int(rng.integers(len(self.names)))])
 
     def model(self, name: str) -> ObjectModel:
-        """Return the object called ``name``.
+        """Return the object called ``name``, which need not be one that is drawn.
 
         Raises:
-            UsageError: the pool has none of that name.
+            UsageError: there is none of that name.
         """
-        if name not in self.names:
-            raise UsageError(f"no object '{name}' here (try one of {', '.join(self.names[:5])})")
         if name not in self._models:
             self._models[name] = self._load(name)
         return self._models[name]

@@ -10,7 +10,7 @@ from minitouch_bench.tasks.opening import Opening
 from minitouch_bench.tasks.pick_up import PickUp
 from minitouch_bench.tasks.playing import Playing
 from minitouch_bench.tasks.pushing import Pushing
-from minitouch_bench.tasks.shapes import shape_pool
+from minitouch_bench.tasks.shapes import shape_model, shape_names
 from minitouch_bench.tasks.task import Task
 
 TASKS: dict[str, type[Task]] = {
@@ -44,15 +44,8 @@ def _pool(task: Task, objects: str | Sequence[str] | None) -> ObjectPool | None:
         if chosen:
             raise UsageError(f"{task.preset.name} has no object to choose")
         return None
-    if chosen == CUBE:
-        return ObjectPool((CUBE,), lambda _: own)
-    return shape_pool(chosen)
-
-
-def object_names(task: str) -> tuple[str, ...]:
-    """Return the names of the objects that a task draws from by default, () if it has none."""
-    pool = _pool(TASKS[task](), None)
-    return () if pool is None else pool.names
+    names = (CUBE,) if chosen == CUBE else shape_names(chosen)
+    return ObjectPool(names, lambda name: own if name == CUBE else shape_model(name))
 
 
 def shape_set_digest() -> str:

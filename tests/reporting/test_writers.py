@@ -60,7 +60,7 @@ def test_terminal_prints_both_tables(hac, scripted):
     with console.capture() as captured:
         show_report(build_report([hac, scripted]), console)
     text = captured.get()
-    for expected in ("Pushing", "HaC (paper)", "0.733", "Diagnostics", "reads the simulator's"):
+    for expected in ("Pushing", "(paper)", "0.733", "Diagnostics", "reads the simulator's"):
         assert expected in text
 
 
