@@ -29,7 +29,7 @@ from minitouch_bench.records import (
 )
 
 JOURNAL_FILE = "journal.jsonl"
-_PREFIX, _MIDDLE, _SUFFIX = '{"crc32":"', '","body":', "}"
+_PREFIX, _MIDDLE, _SUFFIX = b'{"crc32":"', b'","body":', b"}\n"
 _BODY_START = len(_PREFIX) + 8 + len(_MIDDLE)
 
 
@@ -65,7 +65,7 @@ class Journal:
 
     def _append(self, body: dict[str, Any]) -> None:
         text = json.dumps(body, separators=(",", ":"), allow_nan=False)
-        line = f"{_PREFIX}{zlib.crc32(text.encode()):08x}{_MIDDLE}{text}{_SUFFIX}\n".encode()
+        line = _framed(text.encode())
         end = os.fstat(self._file).st_size
         try:
             written = os.write(self._file, line)
@@ -122,14 +122,16 @@ def _lines(content: bytes) -> Iterator[tuple[int, int, bytes]]:
         yield number, end, line
 
 
+def _framed(text: bytes) -> bytes:
+    """Return the line of a body's text."""
+    return b"%b%08x%b%b%b" % (_PREFIX, zlib.crc32(text), _MIDDLE, text, _SUFFIX)
+
+
 def _checked(line: bytes) -> dict[str, Any] | None:
-    if not line.startswith(_PREFIX.encode()) or not line.endswith(b"}\n"):
+    text = line[_BODY_START : -len(_SUFFIX)]
+    if line != _framed(text):
         return None
-    text = line[_BODY_START:-2]
     try:
-        expected = int(line[len(_PREFIX) : len(_PREFIX) + 8], 16)
-        if zlib.crc32(text) != expected:
-            return None
         body = json.loads(text)
     except ValueError:
         return None
