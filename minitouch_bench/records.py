@@ -163,10 +163,47 @@ class TaskSummary:
 
 
 @dataclass(frozen=True)
+class Gap:
+    """A metric on the held-out and on the train shapes, and held-out minus train.
+
+    ``difference`` counts the episodes of both.
+    """
+
+    held_out: Estimate
+    train: Estimate
+    difference: Estimate
+
+
+@dataclass(frozen=True)
+class FamilyResult:
+    """A metric on one family's shapes; None for a split without an episode."""
+
+    held_out: Estimate | None
+    train: Estimate | None
+
+
+@dataclass(frozen=True)
+class Generalization:
+    """What a task's figures are on shapes never trained on, beside those trained on.
+
+    ``gaps`` by metric name; ``families`` by name, each estimating ``family_metric``.
+    """
+
+    task: str
+    gaps: Mapping[str, Gap]
+    family_metric: str
+    families: Mapping[str, FamilyResult]
+
+
+@dataclass(frozen=True)
 class Summary:
-    """The estimates of a run, task by task."""
+    """The estimates of a run, task by task.
+
+    ``generalization`` has the tasks that were run on both splits of a shape set.
+    """
 
     tasks: tuple[TaskSummary, ...]
+    generalization: tuple[Generalization, ...] = ()
 
 
 @dataclass(frozen=True)

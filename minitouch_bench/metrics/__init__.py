@@ -2,15 +2,24 @@
 
 from minitouch_bench.metrics.definitions import METRICS, Metric, unit_of
 from minitouch_bench.metrics.episode import measure
-from minitouch_bench.metrics.intervals import bootstrap_mean, wilson
+from minitouch_bench.metrics.generalization import generalize
+from minitouch_bench.metrics.intervals import (
+    bootstrap_difference,
+    bootstrap_mean,
+    newcombe,
+    wilson,
+)
 from minitouch_bench.metrics.summary import measure_run, summarize
 
 __all__ = [
     "METRICS",
     "Metric",
+    "bootstrap_difference",
     "bootstrap_mean",
+    "generalize",
     "measure",
     "measure_run",
+    "newcombe",
     "summarize",
     "unit_of",
     "wilson",

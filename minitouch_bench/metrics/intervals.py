@@ -1,4 +1,4 @@
-"""95 % intervals: Wilson's score for a share, the percentile bootstrap for a mean."""
+"""95 % intervals of a share and of a mean, and of the difference between two of them."""
 
 import math
 from collections.abc import Sequence
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from minitouch_bench.records import Estimate
 
 WILSON = "wilson"
+NEWCOMBE = "newcombe"
 BOOTSTRAP = "bootstrap"
 
 NORMAL_QUANTILE = 1.959963984540054
@@ -38,6 +39,24 @@ def wilson(successes: int, n: int) -> Estimate:
     return Estimate(share, low, high, n, WILSON)
 
 
+def newcombe(first: Estimate, second: Estimate) -> Estimate:
+    """Estimate the difference of two independent shares, first minus second.
+
+    The hybrid score interval: each end joins the distances to the ends of the two Wilson
+    intervals. It stays inside -1 to 1 and has a width at 0 and at 100 % too.
+
+    Errors: ValueError unless both estimates are of ``wilson``.
+    Source: R. G. Newcombe, "Interval estimation for the difference between independent
+    proportions: comparison of eleven methods", Stat. Med. 17 (1998), method 10.
+    """
+    if not first.method == second.method == WILSON:
+        raise ValueError("the score interval of a difference needs two shares")
+    value = first.value - second.value
+    below = math.hypot(first.value - first.low, second.high - second.value)
+    above = math.hypot(first.high - first.value, second.value - second.low)
+    return Estimate(value, value - below, value + above, first.count + second.count, NEWCOMBE)
+
+
 def bootstrap_mean(
     values: Sequence[float] | NDArray[np.float64],
     rng: np.random.Generator,
@@ -53,15 +72,50 @@ def bootstrap_mean(
     Errors: ValueError for no values.
     Source: B. Efron, "Bootstrap methods: another look at the jackknife", Ann. Stat. 7 (1979).
     """
-    sample = np.asarray(values, dtype=np.float64)
-    if sample.ndim != 1 or sample.size == 0:
-        raise ValueError("the bootstrap needs a one-dimensional, non-empty sample")
-    mean = float(sample.mean())
-    if np.all(sample == sample[0]):
+    sample = _as_sample(values)
+    if _is_constant(sample):
         constant = float(sample[0])
         return Estimate(constant, constant, constant, sample.size, BOOTSTRAP)
     low, high = np.percentile(_resampled_means(sample, rng, resamples), PERCENTILES)
-    return Estimate(mean, float(low), float(high), sample.size, BOOTSTRAP)
+    return Estimate(float(sample.mean()), float(low), float(high), sample.size, BOOTSTRAP)
+
+
+def bootstrap_difference(
+    first: Sequence[float] | NDArray[np.float64],
+    second: Sequence[float] | NDArray[np.float64],
+    rng: np.random.Generator,
+    resamples: int = RESAMPLES,
+) -> Estimate:
+    """Estimate the difference of two means, first minus second, over independent episodes.
+
+    Each sample is resampled by itself. Where both have no variation the width is 0, as in
+    ``bootstrap_mean``.
+
+    Errors: ValueError for no values.
+    Source: B. Efron and R. J. Tibshirani, "An introduction to the bootstrap" (1993), ch. 8.
+    """
+    one, other = _as_sample(first), _as_sample(second)
+    count = one.size + other.size
+    if _is_constant(one) and _is_constant(other):
+        constant = float(one[0] - other[0])
+        return Estimate(constant, constant, constant, count, BOOTSTRAP)
+    means = _resampled_means(one, rng, resamples)
+    differences = means - _resampled_means(other, rng, resamples)
+    low, high = np.percentile(differences, PERCENTILES)
+    return Estimate(float(one.mean() - other.mean()), float(low), float(high), count, BOOTSTRAP)
+
+
+def _as_sample(values: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values as float64 (N,)."""
+    sample = np.asarray(values, dtype=np.float64)
+    if sample.ndim != 1 or sample.size == 0:
+        raise ValueError("the bootstrap needs a one-dimensional, non-empty sample")
+    return sample
+
+
+def _is_constant(sample: NDArray[np.float64]) -> bool:
+    """Tell whether all values are equal; rounding would give their mean a width of 1e-17."""
+    return bool(np.all(sample == sample[0]))
 
 
 def _resampled_means(

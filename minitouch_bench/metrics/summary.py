@@ -1,13 +1,14 @@
 """Estimates of a run, task by task."""
 
-import hashlib
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.metrics.episode import measure
+from minitouch_bench.metrics.generalization import generalize
 from minitouch_bench.metrics.intervals import bootstrap_mean, wilson
+from minitouch_bench.metrics.streams import Root, stream
 from minitouch_bench.records import (
     GOAL_TASKS,
     EpisodeMetrics,
@@ -42,7 +43,11 @@ def summarize(run: EvaluationRun, rng: np.random.Generator) -> Summary:
     an estimate does not depend on which other tasks were run.
     """
     root = tuple(int(word) for word in rng.integers(2**32, size=4))
-    return Summary(tuple(_summarize_task(run, task, root) for task in run.header.tasks))
+    tasks = run.header.tasks
+    return Summary(
+        tasks=tuple(_summarize_task(run, task, root) for task in tasks),
+        generalization=generalize(measure_run(run), tasks, root),
+    )
 
 
 def measure_run(run: EvaluationRun, role: Role = Role.FINAL) -> tuple[EpisodeMetrics, ...]:
@@ -50,7 +55,7 @@ def measure_run(run: EvaluationRun, role: Role = Role.FINAL) -> tuple[EpisodeMet
     return tuple(measure(record) for record in run.records if record.spec.role is role)
 
 
-def _summarize_task(run: EvaluationRun, task: str, root: tuple[int, ...]) -> TaskSummary:
+def _summarize_task(run: EvaluationRun, task: str, root: Root) -> TaskSummary:
     """Estimate the metrics of one task; a task without episodes has no estimates."""
     records = [record for record in run.records if record.spec.task == task]
     final = [record for record in records if record.spec.role is Role.FINAL]
@@ -75,7 +80,7 @@ def _summarize_task(run: EvaluationRun, task: str, root: tuple[int, ...]) -> Tas
 
 
 def _goal_estimates(
-    task: str, episodes: Sequence[EpisodeMetrics], root: tuple[int, ...]
+    task: str, episodes: Sequence[EpisodeMetrics], root: Root
 ) -> dict[str, Estimate]:
     """Estimate what only a task with a goal has."""
     if not episodes:
@@ -83,17 +88,17 @@ def _goal_estimates(
     steps = [episode.steps for episode in episodes]
     estimates = {
         "success": _share(episode.success for episode in episodes),
-        "episode_steps": bootstrap_mean(steps, _stream(root, task, "episode_steps")),
+        "episode_steps": bootstrap_mean(steps, stream(root, task, "episode_steps")),
     }
     won = [episode.steps for episode in episodes if episode.success]
     if won:
-        rng = _stream(root, task, "steps_to_success")
+        rng = stream(root, task, "steps_to_success")
         estimates["steps_to_success"] = bootstrap_mean(won, rng)
     return estimates
 
 
 def _touch_estimates(
-    task: str, episodes: Sequence[EpisodeMetrics], root: tuple[int, ...]
+    task: str, episodes: Sequence[EpisodeMetrics], root: Root
 ) -> dict[str, Estimate]:
     """Estimate what every task has."""
     if not episodes:
@@ -101,10 +106,10 @@ def _touch_estimates(
     estimates = {"touched": _share(episode.touch_interaction > 0 for episode in episodes)}
     for metric in MEANS_OF_EVERY_TASK:
         values = [float(getattr(e, _ATTRIBUTES.get(metric, metric))) for e in episodes]
-        estimates[metric] = bootstrap_mean(values, _stream(root, task, metric))
+        estimates[metric] = bootstrap_mean(values, stream(root, task, metric))
     times = [e.time_to_first_touch for e in episodes if e.time_to_first_touch is not None]
     if times:
-        rng = _stream(root, task, "time_to_first_touch")
+        rng = stream(root, task, "time_to_first_touch")
         estimates["time_to_first_touch"] = bootstrap_mean(times, rng)
     return estimates
 
@@ -113,13 +118,6 @@ def _share(flags: Iterable[bool]) -> Estimate:
     """Estimate the share of true flags."""
     listed = list(flags)
     return wilson(sum(listed), len(listed))
-
-
-def _stream(root: tuple[int, ...], task: str, metric: str) -> np.random.Generator:
-    """Return the random stream of one (task, metric) under a root seed."""
-    name = hashlib.sha256(f"{task}/{metric}".encode()).digest()
-    words = np.frombuffer(name, dtype="<u4").tolist()
-    return np.random.default_rng(np.random.SeedSequence([*root, *words]))
 
 
 def _touch_curve(
