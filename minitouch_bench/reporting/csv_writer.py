@@ -1,10 +1,11 @@
-"""CSV files of a run: one row an episode, and Table 4 in long form."""
+"""CSV files of a run: one row an episode; Table 4 and the gaps on novel shapes in long form."""
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
-from minitouch_bench.records import EpisodeMetrics, SavedRun
+from minitouch_bench.metrics.generalization import HELD_OUT, TRAIN
+from minitouch_bench.records import EpisodeMetrics, Estimate, Generalization, SavedRun
 from minitouch_bench.reporting.escaping import printable
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_figure
@@ -39,6 +40,20 @@ TABLE4_COLUMNS = (
     "method",
     "source",
 )
+GENERALIZATION_COLUMNS = (
+    "policy",
+    "task",
+    "family",
+    "metric",
+    "split",
+    "value",
+    "low",
+    "high",
+    "count",
+    "method",
+    "source",
+)
+DIFFERENCE = "held-out minus train"
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 """First characters that make a spreadsheet run a cell."""
@@ -61,6 +76,39 @@ def table4_csv(runs: Sequence[SavedRun]) -> str:
     return _write(TABLE4_COLUMNS, rows)
 
 
+def generalization_csv(runs: Sequence[SavedRun]) -> str:
+    """Write held-out, train and their difference in long form, then each family's figures.
+
+    ``family`` is empty in a row over all families; figures that do not exist have no row.
+    """
+    rows: list[tuple[Cell, ...]] = []
+    for name, run in zip(run_names(runs), runs, strict=True):
+        for result in run.summary.generalization:
+            for family, metric, split, found in _splits(result):
+                interval = (found.value, found.low, found.high)
+                place = (name, result.task, family, metric, split)
+                rows.append((*place, *interval, found.count, found.method, _source(run)))
+    return _write(GENERALIZATION_COLUMNS, rows)
+
+
+def _splits(result: Generalization) -> Iterator[tuple[str, str, str, Estimate]]:
+    """Walk through a task's estimates with their family, metric and split."""
+    for metric, gap in result.gaps.items():
+        yield "", metric, HELD_OUT, gap.held_out
+        yield "", metric, TRAIN, gap.train
+        yield "", metric, DIFFERENCE, gap.difference
+    for family, found in result.families.items():
+        for split, estimate in ((HELD_OUT, found.held_out), (TRAIN, found.train)):
+            if estimate is not None:
+                yield family, result.family_metric, split, estimate
+
+
+def _source(run: SavedRun) -> str:
+    """Say that a row is a run's, with the run's labels."""
+    labels = "; ".join(run_labels(run))
+    return f"run ({labels})" if labels else "run"
+
+
 def _episode_row(episode: EpisodeMetrics) -> tuple[Cell, ...]:
     """Return an episode's cells in the order of EPISODE_COLUMNS."""
     attributes = ("episode_return" if name == "return" else name for name in EPISODE_COLUMNS)
@@ -73,10 +121,8 @@ def _run_rows(runs: Sequence[SavedRun], task: str, metric: str) -> list[tuple[Ce
     for name, run in zip(run_names(runs), runs, strict=True):
         found = find_estimate(run, task, metric)
         if found is not None:
-            labels = "; ".join(run_labels(run))
-            source = f"run ({labels})" if labels else "run"
             interval = (found.value, found.low, found.high)
-            rows.append((name, task, metric, *interval, found.count, found.method, source))
+            rows.append((name, task, metric, *interval, found.count, found.method, _source(run)))
     return rows
 
 

@@ -11,13 +11,16 @@ from typing import Any
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.metrics.definitions import METRICS, unit_of
-from minitouch_bench.metrics.intervals import BOOTSTRAP, WILSON
+from minitouch_bench.metrics.intervals import BOOTSTRAP, NEWCOMBE, WILSON
 from minitouch_bench.metrics.summary import measure_run
 from minitouch_bench.records import (
     TASK_NAMES,
     EpisodeMetrics,
     Estimate,
     EvaluationRun,
+    FamilyResult,
+    Gap,
+    Generalization,
     Outcome,
     PolicyIdentity,
     Role,
@@ -40,7 +43,7 @@ def to_document(run: EvaluationRun, summary: Summary) -> dict[str, Any]:
         "version": VERSION,
         "header": _plain(asdict(run.header)),
         "environment": _plain(asdict(run.environment)),
-        "summary": {"tasks": [_task_document(task) for task in summary.tasks]},
+        "summary": _summary_document(summary),
         "faults": {r.spec.key: r.fault for r in run.records if r.fault},
         "episodes": [_episode_document(e) for e in measure_run(run)],
         "exploration_episodes": [_episode_document(e) for e in measure_run(run, Role.EXPLORATION)],
@@ -59,12 +62,11 @@ def from_document(document: Any, name: str) -> SavedRun:
     """
     node = JsonNode(document, "run.json")
     _check_version(node)
-    summary = Summary(tuple(_task_summary(task) for task in node["summary"]["tasks"]))
     return SavedRun(
         name=name,
         header=_header(node["header"]),
         environment=_environment(node["environment"]),
-        summary=summary,
+        summary=_summary(node["summary"]),
         episodes=tuple(_episode(row) for row in node["episodes"]),
         exploration_episodes=tuple(_episode(row) for row in node["exploration_episodes"]),
         faults=node["faults"].text_mapping(),
@@ -81,18 +83,55 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def _summary_document(summary: Summary) -> dict[str, Any]:
+    """Write the estimates; a run of one split has no generalisation."""
+    document: dict[str, Any] = {"tasks": [_task_document(task) for task in summary.tasks]}
+    if summary.generalization:
+        document["generalization"] = [_gap_document(task) for task in summary.generalization]
+    return document
+
+
 def _task_document(task: TaskSummary) -> dict[str, Any]:
     """Write one task's summary; each estimate carries its unit."""
     return {
         "task": task.task,
         "outcomes": dict(task.outcomes),
         "estimates": {
-            metric: {**asdict(estimate), "unit": unit_of(metric, task.task)}
+            metric: _estimate_document(estimate, unit_of(metric, task.task))
             for metric, estimate in task.estimates.items()
         },
         "touch_curve": {
             "mean_contact_ticks": list(task.touch_curve),
             "episodes": list(task.touch_curve_episodes),
+        },
+    }
+
+
+def _estimate_document(estimate: Estimate, unit: str) -> dict[str, Any]:
+    """Write one estimate with its unit."""
+    return {**asdict(estimate), "unit": unit}
+
+
+def _gap_document(result: Generalization) -> dict[str, Any]:
+    """Write one task's held-out and train figures, the gaps, and the families."""
+    family_unit = unit_of(result.family_metric, result.task)
+    return {
+        "task": result.task,
+        "gaps": {
+            metric: {
+                "held_out": _estimate_document(gap.held_out, unit_of(metric, result.task)),
+                "train": _estimate_document(gap.train, unit_of(metric, result.task)),
+                "difference": _estimate_document(gap.difference, unit_of(metric, result.task)),
+            }
+            for metric, gap in result.gaps.items()
+        },
+        "family_metric": result.family_metric,
+        "families": {
+            family: {
+                split: None if estimate is None else _estimate_document(estimate, family_unit)
+                for split, estimate in (("held_out", found.held_out), ("train", found.train))
+            }
+            for family, found in result.families.items()
         },
     }
 
@@ -157,6 +196,43 @@ def _environment(node: JsonNode) -> RunEnvironment:
     )
 
 
+def _summary(node: JsonNode) -> Summary:
+    """Read the estimates."""
+    generalization = node.mapping().get("generalization")
+    return Summary(
+        tasks=tuple(_task_summary(task) for task in node["tasks"]),
+        generalization=()
+        if generalization is None
+        else tuple(_generalization(task) for task in generalization),
+    )
+
+
+def _generalization(node: JsonNode) -> Generalization:
+    """Read one task's held-out and train figures."""
+    gaps = node["gaps"].mapping()
+    return Generalization(
+        task=node["task"].choice(TASK_NAMES),
+        gaps={name: _gap(gaps[name]) for name in gaps if name in METRICS},
+        family_metric=node["family_metric"].choice(tuple(METRICS)),
+        families={
+            family: FamilyResult(
+                held_out=_estimate_or_none(found["held_out"]),
+                train=_estimate_or_none(found["train"]),
+            )
+            for family, found in node["families"].mapping().items()
+        },
+    )
+
+
+def _gap(node: JsonNode) -> Gap:
+    """Read one metric's gap."""
+    return Gap(
+        held_out=_estimate(node["held_out"]),
+        train=_estimate(node["train"]),
+        difference=_estimate(node["difference"]),
+    )
+
+
 def _task_summary(node: JsonNode) -> TaskSummary:
     """Read one task's summary; metrics of a later minor version are left out."""
     estimates = node["estimates"].mapping()
@@ -178,8 +254,13 @@ def _estimate(node: JsonNode) -> Estimate:
         low=node["low"].number(),
         high=node["high"].number(),
         count=node["count"].count(),
-        method=node["method"].choice((WILSON, BOOTSTRAP)),
+        method=node["method"].choice((WILSON, NEWCOMBE, BOOTSTRAP)),
     )
+
+
+def _estimate_or_none(node: JsonNode) -> Estimate | None:
+    """Read one estimate, null where there is none."""
+    return None if node.is_null else _estimate(node)
 
 
 def _episode(node: JsonNode) -> EpisodeMetrics:

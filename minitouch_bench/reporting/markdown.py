@@ -18,7 +18,7 @@ def to_markdown(report: Report) -> str:
     parts = [f"# {escape(report.title)}", ""]
     for section in report.sections:
         parts += _headline(section)
-    for table in (report.table4, report.diagnostics):
+    for table in (report.table4, *report.novel_shapes, report.diagnostics):
         parts += ["", f"## {table.title}", "", *_table(table), ""]
         parts += [f"- {escape(note)}" for note in table.notes]
     if any(section.faults for section in report.sections):
@@ -72,6 +72,8 @@ def _table(table: Table) -> list[str]:
     lines = [_line([*map(escape, table.corner), *heads]), _line(ruler)]
     for row in table.rows:
         first = [escape(head) for head in row.heads]
+        if row.unit:
+            first[-1] += f"<br>{escape(row.unit)}"
         lines.append(_line([*first, *(escape(str(cell)) for cell in row.cells)]))
     return lines
 

@@ -15,6 +15,7 @@ from minitouch_bench.reporting.labels import (
     run_names,
     tasks_in_order,
 )
+from minitouch_bench.reporting.novel_shapes import novel_shapes
 from minitouch_bench.reporting.tables import Table, diagnostics, table4
 
 
@@ -47,13 +48,17 @@ class Video:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything a writer needs; the writers add only form."""
+    """Everything a writer needs; the writers add only form.
+
+    ``novel_shapes``: the gaps and the families, empty where no run has both splits.
+    """
 
     title: str
     tasks: tuple[str, ...]
     sections: tuple[RunSection, ...]
     table4: Table
     diagnostics: Table
+    novel_shapes: tuple[Table, ...] = ()
     videos: tuple[Video, ...] = ()
 
 
@@ -73,6 +78,7 @@ def build_report(runs: Sequence[SavedRun], videos: Sequence[Video] = ()) -> Repo
         sections=tuple(_section(name, run) for name, run in zip(names, runs, strict=True)),
         table4=table4(runs),
         diagnostics=diagnostics(runs),
+        novel_shapes=novel_shapes(runs),
         videos=tuple(videos),
     )
 

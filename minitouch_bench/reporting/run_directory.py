@@ -7,7 +7,11 @@ from pathlib import Path
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.records import EvaluationRun, SavedRun, Summary
-from minitouch_bench.reporting.csv_writer import episodes_csv, table4_csv
+from minitouch_bench.reporting.csv_writer import (
+    episodes_csv,
+    generalization_csv,
+    table4_csv,
+)
 from minitouch_bench.reporting.html import to_html
 from minitouch_bench.reporting.json_document import from_document, to_document, to_text
 from minitouch_bench.reporting.markdown import to_markdown
@@ -17,7 +21,10 @@ RUN_FILE = "run.json"
 
 
 def write_run(run: EvaluationRun, summary: Summary, directory: Path) -> SavedRun:
-    """Write ``run.json``, ``episodes.csv``, ``table4.csv`` and, if there are, the exploration's.
+    """Write ``run.json``, ``episodes.csv`` and ``table4.csv``.
+
+    ``exploration.csv`` and ``generalization.csv`` come beside them where the run has such
+    figures.
 
     Errors: RunDirectoryError if a file cannot be written.
     """
@@ -27,6 +34,8 @@ def write_run(run: EvaluationRun, summary: Summary, directory: Path) -> SavedRun
     if saved.exploration_episodes:
         _write(directory / "exploration.csv", episodes_csv(saved.exploration_episodes))
     _write(directory / "table4.csv", table4_csv([saved]))
+    if saved.summary.generalization:
+        _write(directory / "generalization.csv", generalization_csv([saved]))
     # Last: a directory with a run.json has everything else.
     _write(directory / RUN_FILE, to_text(document))
     return saved

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from minitouch_bench.metrics.definitions import METRICS, unit_of
+from minitouch_bench.metrics.generalization import MIN_EPISODES, has_both_splits
 from minitouch_bench.records import Estimate, Outcome, SavedRun, TaskSummary
 from minitouch_bench.reporting.labels import run_labels, run_names, task_title, tasks_in_order
 from minitouch_bench.reporting.paper import (
@@ -138,6 +139,7 @@ def table4(runs: Sequence[SavedRun]) -> Table:
     )
     notes = (
         *label_notes(runs),
+        *split_notes(runs),
         "Brackets: 95 % interval, Wilson for shares, bootstrap over episodes for means; "
         "episode variance only (one training seed).",
         f"{', '.join(PAPER_METHODS)}: the paper's own figures, {CAVEAT} ({CITATION}).",
@@ -209,3 +211,14 @@ def label_notes(runs: Sequence[SavedRun]) -> tuple[str, ...]:
         for name, labels in zip(run_names(runs), map(run_labels, runs), strict=True)
         if labels
     )
+
+
+def split_notes(runs: Sequence[SavedRun]) -> tuple[str, ...]:
+    """Say that a figure is over both splits of a shape set, where one is."""
+    mixed = [run for run in runs if has_both_splits(run.episodes)]
+    if not mixed:
+        return ()
+    over = "Figures are over all shapes, held-out and train together"
+    if any(run.summary.generalization for run in mixed):
+        return (f"{over}; “Novel shapes” has them apart.",)
+    return (f"{over}; a gap between the two needs {MIN_EPISODES} episodes of each.",)

@@ -15,20 +15,27 @@ PAPER_WIDTH = 9
 
 
 def show_report(report: Report, console: Console) -> None:
-    """Print Table 4 and the diagnostics; the blocks of Table 4 stand below each other."""
+    """Print the tables; the blocks of one stand below each other."""
     console.print(render_report(report))
 
 
 def render_report(report: Report) -> RenderableType:
     """Return the report's tables as something Rich prints."""
     parts: list[RenderableType] = []
-    for group, _ in report.table4.groups:
-        parts.append(_draw(_block(report.table4, group)))
-    parts += [Text(note, style="dim") for note in report.table4.notes]
-    parts.append(Text())
+    parts += [_draw(_block(report.table4, group)) for group, _ in report.table4.groups]
+    parts += [*_notes(report.table4), Text()]
+    for table in report.novel_shapes:
+        for group, _ in table.groups:
+            parts.append(_draw(replace(_block(table, group), title=f"{table.title}: {group}")))
+        parts += [*_notes(table), Text()]
     parts += [_draw(table) for table in _by_policy(report.diagnostics)]
-    parts += [Text(note, style="dim") for note in report.diagnostics.notes]
+    parts += _notes(report.diagnostics)
     return Group(*parts)
+
+
+def _notes(table: Table) -> list[Text]:
+    """Return the notes below a table."""
+    return [Text(note, style="dim") for note in table.notes]
 
 
 def _block(table: Table, group: str) -> Table:
