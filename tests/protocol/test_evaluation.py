@@ -32,6 +32,7 @@ def test_two_workers_give_the_same_bits(finished, tmp_path):
     assert actions == (directory / ACTIONS_FILE).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_policy_s_own_chance_comes_from_the_episode_alone(tmp_path):
     wanted = request("random", ("opening",), 2)
     runs = [run(wanted, tmp_path / str(workers), workers) for workers in (1, 2)]

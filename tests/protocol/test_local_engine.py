@@ -61,7 +61,7 @@ def test_a_worker_killed_from_outside_is_replaced_and_its_episode_repeated(finis
     assert [records[spec.key] for spec in specs] == digests(finished[0])
 
 
-@pytest.mark.parametrize("deaths", [2, 3])
+@pytest.mark.parametrize("deaths", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_an_episode_is_tried_three_times(tmp_path, monkeypatch, importable, deaths):
     counter = tmp_path / "deaths"
     counter.write_text(str(deaths))

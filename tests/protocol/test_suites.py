@@ -5,7 +5,7 @@ import pytest
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.suites import SUITES, find_suite, parse_tasks
 from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, Role
-from minitouch_bench.tasks.registration import object_names
+from minitouch_bench.shapegen.manifest import canonical_shape_set
 
 TABLE4 = find_suite("table4")
 
@@ -34,13 +34,36 @@ def test_exploration_faces_the_same_episodes_of_the_goals():
     ]
 
 
-def test_pick_up_draws_its_shapes_by_seed():
+def test_pick_up_draws_train_shapes_by_seed():
     specs = [spec for spec in TABLE4.episodes(exploration=False) if spec.task == "pick-up"]
-    shapes = {spec.shape for spec in specs}
-    assert len(shapes) > 1
-    assert shapes <= set(object_names("pick-up"))
+    train = {shape.name for shape in canonical_shape_set().split("train")}
+    shapes = [spec.shape for spec in specs]
+    assert len(set(shapes)) > 10
+    assert set(shapes) <= train
+    assert {spec.split for spec in specs} == {"train"}
     other = replace(TABLE4, seed=5).episodes(exploration=False)
-    assert [spec.shape for spec in specs] != [s.shape for s in other if s.task == "pick-up"]
+    assert shapes != [spec.shape for spec in other if spec.task == "pick-up"]
+
+
+def test_the_other_tasks_have_their_own_objects():
+    shapes = {spec.task: spec.shape for spec in find_suite("smoke").episodes(exploration=False)}
+    assert shapes.pop("pick-up")
+    assert shapes == {"playing": "cube", "pushing": "cube", "opening": ""}
+
+
+def test_novel_shapes_faces_each_held_out_shape_once_and_as_many_others():
+    suite, canonical = find_suite("novel-shapes"), canonical_shape_set()
+    for task in ("playing", "pushing", "pick-up"):
+        specs = [spec for spec in suite.episodes(exploration=False) if spec.task == task]
+        by_split = {
+            split: [spec.shape for spec in specs if spec.split == split]
+            for split in ("held-out", "train")
+        }
+        held_out = [shape.name for shape in canonical.split("held-out")]
+        assert sorted(by_split["held-out"]) == sorted(held_out)
+        assert len(set(by_split["train"])) == len(by_split["train"]) == len(held_out)
+    few = replace(suite, episodes_per_task=4).episodes(exploration=False)
+    assert set(few) < set(suite.episodes(exploration=False))
 
 
 def test_what_makes_a_run_unofficial_is_said():

@@ -1,0 +1,11 @@
+from minitouch_bench.records import TASK_NAMES, gym_id
+from tests.cli.command import run
+
+
+def test_the_tasks_are_listed(tmp_path):
+    done = run("tasks", directory=tmp_path)
+    assert (done.code, done.err) == (0, "")
+    for task in TASK_NAMES:
+        (line,) = [line for line in done.out.splitlines() if gym_id(task) in line]
+        assert task in line
+        assert f"({5 if task == 'opening' else 4},)" in line
