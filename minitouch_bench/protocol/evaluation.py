@@ -19,6 +19,7 @@ from minitouch_bench.protocol.suites import Suite
 from minitouch_bench.records import (
     EpisodeRecord,
     EvaluationRun,
+    PolicyIdentity,
     RunEnvironment,
     RunHeader,
 )
@@ -135,15 +136,24 @@ def evaluate(
 
 
 def _check_same(wanted: RunHeader, found: RunHeader, directory: Path) -> None:
+    pairs = [(f.name, getattr(found, f.name), getattr(wanted, f.name)) for f in fields(RunHeader)]
     differences = [
-        f"{field.name}: {getattr(found, field.name)} there, {getattr(wanted, field.name)} asked for"
-        for field in fields(RunHeader)
-        if getattr(found, field.name) != getattr(wanted, field.name)
+        f"{name}: {_in_words(there)} there, {_in_words(asked)} asked for"
+        for name, there, asked in pairs
+        if there != asked
     ]
     if differences:
         raise RunDirectoryError(
             f"{directory} holds another run and cannot be resumed.\n" + "; ".join(differences)
         )
+
+
+def _in_words(value: object) -> str:
+    if isinstance(value, PolicyIdentity):
+        return f"{value.name} {value.digest[:12]}".rstrip()
+    if isinstance(value, tuple):
+        return ", ".join(map(str, value)) or "none"
+    return "none" if value is None else str(value)
 
 
 def _package_versions() -> dict[str, str]:

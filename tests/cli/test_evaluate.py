@@ -28,8 +28,8 @@ def rows(directory):
         return list(csv.DictReader(file))
 
 
-def same_numbers(one, other):
-    for name in ("actions.npz", "episodes.csv", "table4.csv"):
+def same_numbers(one, other, files=("actions.npz", "episodes.csv", "table4.csv")):
+    for name in files:
         assert (one / name).read_bytes() == (other / name).read_bytes()
 
 
@@ -59,10 +59,16 @@ def test_two_workers_give_the_same_numbers_and_json_alone_on_stdout(scripted, tm
 
 
 def test_the_default_place_is_named_after_the_policy(tmp_path):
-    done = run("evaluate", "zero", *ONE, "--video", 1, directory=tmp_path)
+    done = run("evaluate", "zero", *ONE, directory=tmp_path)
     assert done.code == 0
     assert (tmp_path / "reports" / "zero-table4" / "report.html").exists()
-    assert os.listdir(tmp_path / "reports" / "zero-table4" / "videos") == ["pushing-0.mp4"]
+
+
+@pytest.mark.slow
+def test_the_first_episodes_are_filmed_if_asked_for(tmp_path):
+    run(*SCRIPTED, "--output", "run", "--video", 1, directory=tmp_path)
+    assert sorted(os.listdir(tmp_path / "run" / "videos")) == ["opening-0.mp4", "pushing-0.mp4"]
+    assert "pushing-0.mp4" in (tmp_path / "run" / "report.html").read_text()
 
 
 @pytest.fixture(scope="module")
@@ -88,11 +94,12 @@ def test_one_actor_in_several_formats_gives_the_same_numbers(actor_files, tmp_pa
         done = run("evaluate", policy, *ONE, "--output", places[-1], directory=tmp_path)
         assert done.code == 0, done.err
     for place in places[1:]:
-        same_numbers(places[0], place)
+        same_numbers(places[0], place, ("actions.npz", "episodes.csv"))
     with np.load(places[0] / "actions.npz") as actions:
         assert actions["pushing/0"].any()
 
 
+@pytest.mark.slow
 def test_a_stable_baselines_model_is_evaluated_from_its_zip(tmp_path):
     sb3 = pytest.importorskip("stable_baselines3")
     from tests.policies.recipes import StillEnvironment
@@ -192,12 +199,12 @@ def test_a_directory_that_cannot_be_written(tmp_path):
 
 
 def test_a_directory_that_holds_a_run_is_not_touched(scripted):
-    done, directory = scripted
+    _, directory = scripted
     before = {path.name: path.read_bytes() for path in directory.iterdir()}
     again = run(*SCRIPTED, "--output", directory, directory=directory.parent)
     again.refused(6, "--resume", "--fresh")
     other = run("evaluate", "zero", *ONE, "--output", directory, "--resume", directory=directory)
-    other.refused(6, "another run", "scripted there")
+    other.refused(6, "another run", "policy: scripted there, zero asked for")
     assert {path.name: path.read_bytes() for path in directory.iterdir()} == before
 
 

@@ -61,9 +61,9 @@ def test_resuming_gives_the_same_run(finished, tmp_path, lines):
     [
         (request(episodes=3), "episodes: 2 there, 3 asked for"),
         (request(seed=1), "seed: 0 there, 1 asked for"),
-        (request(tasks=("pushing",)), "tasks: "),
-        (request("zero"), "policy: "),
-        (request(exploration="zero"), "exploration: None there"),
+        (request(tasks=("pushing",)), "tasks: pushing, opening, pick-up there, pushing asked for"),
+        (request("zero"), "policy: scripted there, zero asked for"),
+        (request(exploration="zero"), "exploration: none there, zero asked for"),
         (request(act_timeout_s=9.0), "act_timeout_s: 5.0 there, 9.0 asked for"),
     ],
 )
