@@ -1,6 +1,6 @@
 # `make evaluate` and `make test` set everything up themselves, from nothing.
 
-PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
@@ -36,8 +36,8 @@ clean:
 
 # The +cpu build of torch has no CUDA packages (gigabytes) behind it.
 $(READY): pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; sys.exit(0 if (3, 11) <= sys.version_info < (3, 13) else \
-	"MiniTouch-bench needs Python 3.11 (or 3.12, where PyBullet is compiled for minutes); this is %d.%d. Try: make PYTHON=/path/to/python3.11" % sys.version_info[:2])'
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else \
+	"MiniTouch-bench needs Python 3.11, the last that PyBullet has wheels for; this is %d.%d. Try: make PYTHON=/path/to/python3.11" % v)'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
