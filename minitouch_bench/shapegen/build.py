@@ -31,8 +31,9 @@ GENERATOR_VERSION = 1
 class BuildConfig:
     """How shapes are drawn; lengths in m, density in kg/m³.
 
-    ``density`` runs from balsa and foam to steel. ``widest``: the largest width a shape is given in any direction of a plane of two of its
-    axes, which leaves the open fingers (80 mm) room on both sides.
+    ``density`` runs from foam and balsa to steel. ``widest``: the largest width a shape is
+    given in any direction of a plane of two of its axes, which leaves the open fingers (80 mm)
+    room on both sides.
     """
 
     faces: int = 400
@@ -74,7 +75,6 @@ def make_shape(root: int, index: int, config: BuildConfig) -> MadeShape:
 
     Raises:
         InfrastructureError: no attempt gave a sound shape.
-
     """
     family = family_of(index)
     refused: dict[str, int] = {}
@@ -98,7 +98,6 @@ def sized(solid: Solid, rng: np.random.Generator, config: BuildConfig) -> Mesh:
 
     Raises:
         UnsoundError: it is no single closed body, or no size fits both hand and bounds.
-
     """
     mesh = simplified(to_mesh(solid), config.faces)
     check = to_solid(mesh)
@@ -126,7 +125,6 @@ def with_hulls(mesh: Mesh, rng: np.random.Generator, config: BuildConfig) -> tup
 
     Raises:
         UnsoundError: the density range leaves no mass within bounds.
-
     """
     density = drawn_density(mesh, rng, config)
     return weighed(mesh, density, config.decomposition), density

@@ -31,7 +31,6 @@ def materialised(record_digest: str, files_sha256: str, body: Callable[[], Body]
     Raises:
         UsageError: the shape's record does not give the files the manifest promises.
         InfrastructureError: the cache cannot be written.
-
     """
     names = file_names(record_digest)
     folder = cache_folder() / record_digest[:2]
@@ -59,7 +58,6 @@ def replace_file(path: Path, content: bytes) -> None:
 
     Raises:
         OSError: there is no room, or no permission.
-
     """
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".new-")
     try:

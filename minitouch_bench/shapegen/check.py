@@ -48,7 +48,6 @@ def check_set(
 
     Raises:
         UsageError: the folder holds no readable shape set.
-
     """
     shapes = load_shape_set(folder)
     problems = [*_pack_problems(shapes), *_manifest_problems(shapes)]

@@ -71,7 +71,6 @@ def write_set(
 
     Raises:
         InfrastructureError: the folder cannot be written.
-
     """
     splits = split_of([entry["family"] for entry, _ in made], [digest(r) for _, r in made])
     shapes, offset = [], 0

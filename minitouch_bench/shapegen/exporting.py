@@ -23,7 +23,6 @@ def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) 
     Raises:
         UsageError: the format or the split is unknown.
         InfrastructureError: the folder cannot be written.
-
     """
     if form not in WRITERS:
         raise UsageError(f"unknown format '{form}': {', '.join(WRITERS)}")

@@ -42,7 +42,6 @@ def generate(
     Raises:
         RunDirectoryError: another generator works in the folder, or it holds something else.
         InfrastructureError: the disk is full, or a worker failed.
-
     """
     config = BuildConfig()
     header = {
@@ -96,7 +95,6 @@ def locked(folder: Path) -> Iterator[None]:
 
     Raises:
         RunDirectoryError: another process holds it, or the folder cannot be made.
-
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -119,7 +117,6 @@ def opened_partial(folder: Path, plan: dict[str, Any]) -> Path:
     Raises:
         RunDirectoryError: a finished set, or shapes of another plan, are there already.
         InfrastructureError: it cannot be written.
-
     """
     partial = folder / PARTIAL
     text = json.dumps(plan, sort_keys=True)
@@ -145,7 +142,6 @@ def write_partial(partial: Path, index: int, entry: dict[str, Any], record: byte
 
     Raises:
         InfrastructureError: the disk is full; what was made before stays.
-
     """
     text = json.dumps(entry, allow_nan=False).encode()
     try:

@@ -72,7 +72,6 @@ def import_objects(
         UsageError: there are no objects, or ``folder`` holds a set already.
         RunDirectoryError: another process works there.
         InfrastructureError: the folder cannot be written, or a worker died.
-
     """
     paths = find_objects(source)
     if (folder / MANIFEST).exists():
@@ -112,7 +111,6 @@ def repaired(mesh: Mesh, config: ImportConfig) -> Mesh:
 
     Raises:
         UnreadableError: it holds no solid that can be repaired.
-
     """
     if not np.isfinite(mesh.vertices).all():
         raise UnreadableError("a vertex, mass or moment is not a finite number")
@@ -179,7 +177,6 @@ def _proven(mesh: Mesh, config: ImportConfig) -> tuple[dict[str, Any], bytes]:
 
     Raises:
         UnsoundError: it does not.
-
     """
     build = BuildConfig()
     check_mesh(mesh, build.soundness)

@@ -48,7 +48,6 @@ class Shape:
         Raises:
             UsageError: the set's record of it is damaged.
             InfrastructureError: the cache cannot be written.
-
         """
         return materialised(self.digest, str(self.entry["files_sha256"]), self.body)
 
@@ -57,7 +56,6 @@ class Shape:
 
         Raises:
             UsageError: it is not what the manifest says.
-
         """
         try:
             with self.pack.open("rb") as file:
@@ -89,7 +87,6 @@ class ShapeSet:
 
         Raises:
             UsageError: there is no such split.
-
         """
         found = tuple(shape for shape in self.shapes if shape.split == name)
         if not found:
@@ -101,7 +98,6 @@ class ShapeSet:
 
         Raises:
             UsageError: there is none of that name.
-
         """
         for shape in self.shapes:
             if shape.name == name:
@@ -120,7 +116,6 @@ def load_shape_set(path: Path | str) -> ShapeSet:
 
     Raises:
         UsageError: the folder holds no shape set, or one that is damaged or too new.
-
     """
     folder = Path(path).absolute()
     try:
@@ -145,7 +140,6 @@ def canonical_shape_set() -> ShapeSet:
 
     Raises:
         UsageError: the installation lacks it.
-
     """
     for folder in canonical_places():
         if (folder / MANIFEST).is_file():

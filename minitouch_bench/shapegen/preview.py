@@ -41,7 +41,6 @@ def preview(shapes: ShapeSet, folder: Path, progress: Progress = lambda *_: None
 
     Raises:
         InfrastructureError: the folder cannot be written.
-
     """
     pictures: dict[str, Picture] = {}
     with _renderer() as client:

@@ -28,7 +28,6 @@ def find_objects(folder: Path) -> list[Path]:
 
     Raises:
         UsageError: there are none.
-
     """
     if not folder.is_dir():
         raise UsageError(f"{folder} is no folder")
@@ -48,7 +47,6 @@ def read_object(path: Path) -> Mesh:
 
     Raises:
         UnreadableError: it is no mesh, too large, empty, or has vertices that are not finite.
-
     """
     if path.suffix.lower() == ".urdf":
         meshes = [_scaled(read_object(name), scale) for name, scale in _urdf_meshes(path)]
@@ -114,7 +112,6 @@ def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, tuple[floa
 
     Raises:
         UnreadableError: ``strict`` and it is no URDF of a single link.
-
     """
     try:
         text = path.read_text(encoding="utf-8", errors="replace")[:1_000_000]

@@ -41,7 +41,6 @@ def quantised(vertices: Points) -> Points:
 
     Raises:
         ValueError: a coordinate is not finite, or farther than 65 mm from the origin.
-
     """
     steps = np.rint(vertices / STEP)
     if not np.all(np.abs(steps) <= LIMIT):  # false for NaN too
@@ -73,7 +72,6 @@ def decode(record: bytes) -> Body:
 
     Raises:
         UsageError: the bytes are not a record, too short, too long or inconsistent.
-
     """
     try:
         magic, mass, ixx, iyy, izz, vertices, faces, count = _HEAD.unpack_from(record)

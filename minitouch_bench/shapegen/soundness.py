@@ -112,7 +112,6 @@ def check_mesh(mesh: Mesh, config: SoundnessConfig) -> tuple[int, float]:
 
     Raises:
         UnsoundError: a criterion fails.
-
     """
     if not np.isfinite(mesh.vertices).all():
         raise UnsoundError(Reason.NOT_FINITE)
@@ -141,7 +140,6 @@ def check_hulls(body: Body, config: SoundnessConfig) -> tuple[float, float]:
 
     Raises:
         UnsoundError: a criterion fails.
-
     """
     sizes = [len(hull.vertices) for hull in body.hulls]
     if not 1 <= len(sizes) <= config.max_hulls or max(sizes) > config.max_hull_vertices:
@@ -170,7 +168,6 @@ def check_numbers(body: Body, config: SoundnessConfig) -> None:
 
     Raises:
         UnsoundError: a criterion fails.
-
     """
     numbers = np.array([body.mass, *body.inertia])
     if not np.isfinite(numbers).all():
@@ -187,7 +184,6 @@ def examine(body: Body, config: SoundnessConfig) -> Measures:
 
     Raises:
         UnsoundError: the first criterion that fails.
-
     """
     check_numbers(body, config)
     genus, wall = check_mesh(body.visual, config)
@@ -207,7 +203,6 @@ def statically_sound(hull: Mesh, config: SoundnessConfig) -> Iterator[RestPose]:
 
     Raises:
         UnsoundError: there are fewer than two, or one is too flat or too wide.
-
     """
     poses = rest_poses(hull, config.least_share)
     if len(poses) < 2:
@@ -230,7 +225,6 @@ def settled_poses(
 
     Raises:
         UnsoundError: one jitters or sinks, or fewer than two hold.
-
     """
     held: list[RestPose] = []
     for pose in poses:
@@ -273,7 +267,6 @@ def lifted_share(
 
     Raises:
         UnsoundError: too many fail.
-
     """
     failed = 0.0
     tried = poses[: config.trial_poses]

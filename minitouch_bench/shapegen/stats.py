@@ -61,7 +61,6 @@ def set_stats(shapes: ShapeSet) -> SetStats:
 
     Raises:
         UsageError: a record is damaged.
-
     """
     listed = shapes.shapes
     rows = [_row(listed, name, "all") for name in QUANTITIES]

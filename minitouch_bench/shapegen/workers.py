@@ -34,7 +34,6 @@ def map_in_workers(target: str, tasks: Sequence[Any], workers: int) -> Iterator[
 
     Raises:
         InfrastructureError: a worker died twice on one task, or its function raised.
-
     """
     waiting = list(range(len(tasks)))[::-1]
     died: set[int] = set()

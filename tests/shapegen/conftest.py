@@ -13,15 +13,25 @@ def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MINITOUCH_CACHE", str(tmp_path / "cache"))
 
 
-@pytest.fixture
-def small_set(tmp_path: Path) -> Path:
-    """Return the folder of a set of the first 16 canonical shapes."""
+def subset(folder: Path, count: int) -> Path:
+    """Write a set of the first canonical shapes."""
     made = []
-    for shape in canonical_shape_set().shapes[:16]:
+    for shape in canonical_shape_set().shapes[:count]:
         place = ("split", "offset", "length")
         entry = {key: value for key, value in shape.entry.items() if key not in place}
         made.append((entry, shape.record()))
-    folder = tmp_path / "set"
     folder.mkdir()
     write_set(folder, {"name": "small", "generator": 1, "seed": 0}, made)
     return folder
+
+
+@pytest.fixture
+def small_set(tmp_path: Path) -> Path:
+    """Return the folder of a set of sixteen shapes."""
+    return subset(tmp_path / "set", 16)
+
+
+@pytest.fixture
+def tiny_set(tmp_path: Path) -> Path:
+    """Return the folder of a set of two shapes, for what is slow."""
+    return subset(tmp_path / "tiny", 2)
