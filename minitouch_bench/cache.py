@@ -7,7 +7,8 @@ under its name; a name that holds the content's hash rules that out.
 import hashlib
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from minitouch_bench.errors import InfrastructureError
@@ -33,33 +34,45 @@ def materialise(stem: str, suffix: str, content: bytes) -> Path:
     digest = hashlib.sha256(content).hexdigest()[:16]
     path = cache_directory() / f"{stem}-{digest}{suffix}"
     if not _holds(path, content):
-        write_cached(path, content)
+        with cache_errors(path.parent):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(path, content)
     return path
 
 
-def write_cached(path: Path, content: bytes) -> None:
-    """Write a file of the cache in one step: others see the old one or the new, never half.
+@contextmanager
+def cache_errors(directory: Path) -> Iterator[None]:
+    """Turn a failure to write the cache into one that a user understands.
 
     Raises:
         InfrastructureError: there is no room, or no permission.
     """
-    temporary = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".new-")
+        yield
+    except OSError as error:
+        raise InfrastructureError(
+            f"the cache {directory} cannot be written: {error.strerror}; "
+            f"set {VARIABLE} to another directory"
+        ) from error
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file in one step: other processes see the old one or the new one, never half.
+
+    Raises:
+        OSError: there is no room, or no permission.
+    """
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".new-")
+    try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
-        raise InfrastructureError(
-            f"the cache {path.parent} cannot be written: {error.strerror}; "
-            f"set {VARIABLE} to another directory"
-        ) from error
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except OSError:
+        Path(temporary).unlink(missing_ok=True)
+        raise
 
 
 def content_digest(paths: Iterable[Path]) -> str:

@@ -7,8 +7,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from minitouch_bench.cache import replace_file
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.shapegen.cache import replace_file
 from minitouch_bench.shapegen.files import body_files
 from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA
 from minitouch_bench.shapegen.poses import RestPose

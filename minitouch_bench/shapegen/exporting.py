@@ -7,8 +7,8 @@ from typing import Any
 
 import trimesh
 
+from minitouch_bench.cache import replace_file
 from minitouch_bench.errors import InfrastructureError, UsageError
-from minitouch_bench.shapegen.cache import replace_file
 from minitouch_bench.shapegen.files import FRICTION, obj_text, urdf_text
 from minitouch_bench.shapegen.manifest import ShapeSet
 from minitouch_bench.shapegen.record import Body

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from minitouch_bench.cache import replace_file
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.shapegen.build import GENERATOR_VERSION, BuildConfig, make_shape
-from minitouch_bench.shapegen.cache import replace_file
 from minitouch_bench.shapegen.entries import entry_of, shape_name, versions, write_set
 from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
 from minitouch_bench.shapegen.record import digest, encode

@@ -6,7 +6,6 @@ hand and the fingers, which touch things, keep the stock ones; the arm's links, 
 nothing in any task, take the light meshes.
 """
 
-import os
 import shutil
 import tempfile
 import xml.etree.ElementTree as ET
@@ -17,7 +16,7 @@ import fast_simplification
 import numpy as np
 import trimesh
 
-from minitouch_bench.cache import cache_directory, content_digest
+from minitouch_bench.cache import cache_directory, cache_errors, content_digest
 from minitouch_bench.simulation.client import data_directory
 
 LIGHT_TRIANGLES = 90
@@ -49,20 +48,20 @@ def light_panda() -> Path:
 
 def _build(source: Path, meshes: list[Path], directory: Path) -> None:
     """Write all files beside the final place, then move them there at once."""
-    directory.parent.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(dir=directory.parent))
-    try:
-        for mesh in meshes:
-            _write_meshes(mesh, staging)
-        (staging / "panda.urdf").write_text(_urdf(source), encoding="utf-8")
-        # Another process may have been first; its files are the same.
-        if not directory.exists():
-            os.replace(staging, directory)
-    except OSError:
-        if not (directory / "panda.urdf").is_file():
-            raise
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+    with cache_errors(directory.parent):
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(dir=directory.parent))
+        try:
+            for mesh in meshes:
+                _write_meshes(mesh, staging)
+            (staging / "panda.urdf").write_text(_urdf(source), encoding="utf-8")
+            staging.replace(directory)
+        except OSError:
+            # Another process may have been first; its files are the same.
+            if not (directory / "panda.urdf").is_file():
+                raise
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
 
 
 def _write_meshes(source: Path, directory: Path) -> None:

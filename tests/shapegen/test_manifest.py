@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import InfrastructureError, UsageError
-from minitouch_bench.shapegen import cache
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
 from minitouch_bench.shapegen.record import encode
 
@@ -81,12 +80,6 @@ def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setenv("MINITOUCH_CACHE", str(blocked))
     with pytest.raises(InfrastructureError, match="MINITOUCH_CACHE"):
         _ = canonical_shape_set().shapes[0].urdf
-
-
-def test_the_cache_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("MINITOUCH_CACHE")
-    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
-    assert cache.cache_folder() == Path("/somewhere/minitouch-bench/shapes")
 
 
 def test_what_is_no_set_is_named(tmp_path: Path, small_set: Path) -> None:
