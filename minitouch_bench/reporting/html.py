@@ -7,6 +7,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.records import GOAL_TASKS
 from minitouch_bench.reporting import plots
 from minitouch_bench.reporting.cards import build_cards
@@ -37,6 +38,7 @@ def to_html(report: Report) -> str:
         report=report,
         cards=build_cards(report),
         figures=_figures(report),
+        split_figures=_split_figures(report),
         outcomes=tuple(OUTCOME_TITLES.values()),
         series=len(plots.SERIES),
     )
@@ -82,6 +84,44 @@ def _figures(report: Report) -> tuple[Figure, ...]:
         ),
     )
     return tuple(figure for figure in found if figure.drawings)
+
+
+def _split_figures(report: Report) -> tuple[Figure, ...]:
+    """Draw held-out beside train shapes, as the paper's Figure 11, and by family."""
+    sections = report.sections
+    compared = {result.task for s in sections for result in s.run.summary.generalization}
+    tasks = [task for task in report.tasks if task in compared]
+    if not tasks:
+        return ()
+    overall = [
+        (f"{task_title(task)}: {METRICS[metric].label.lower()}", task, metric)
+        for task in tasks
+        for metric in _figure_11(task)
+    ]
+    return (
+        Figure(
+            "Held-out beside train shapes",
+            "Each with its 95 % interval, in the manner of the paper's Figure 11.",
+            "splits",
+            tuple(
+                (title, Markup(plots.split_plot(task, metric, sections)))
+                for title, task, metric in overall
+            ),
+        ),
+        Figure(
+            "Families of shapes",
+            "Success, in Playing touch-interaction, by family. A ring around a dot: no difference.",
+            "splits",
+            _draw(tasks, lambda task: plots.family_plot(task, sections)),
+        ),
+    )
+
+
+def _figure_11(task: str) -> tuple[str, str]:
+    """Return the two metrics that the paper's Figure 11 and its text compare."""
+    if task in GOAL_TASKS:
+        return ("success", "episode_steps")
+    return ("touch_interaction", "object_movement")
 
 
 def _verdict(task: str) -> str:

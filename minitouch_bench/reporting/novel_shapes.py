@@ -10,6 +10,7 @@ from minitouch_bench.records import (
     Generalization,
     SavedRun,
 )
+from minitouch_bench.reporting.escaping import printable
 from minitouch_bench.reporting.labels import task_title, tasks_in_order
 from minitouch_bench.reporting.tables import (
     ABSENT,
@@ -58,8 +59,8 @@ def gap_table(runs: Sequence[SavedRun]) -> Table:
             "interval, Wilson for a share and Newcombe for the gap of two, else bootstrap over "
             "episodes.",
             f"“{NO_DIFFERENCE}”: the interval holds 0, which does not prove that there is none. "
-            f"Each of the {len(rows)} rows is judged by itself; of 20 such intervals one misses "
-            "0 by chance.",
+            f"Each of the {len(rows)} rows is judged by itself: where there is no gap at all, one "
+            "interval in 20 still misses 0.",
         ),
     )
 
@@ -76,7 +77,7 @@ def family_table(runs: Sequence[SavedRun]) -> Table:
     rows = []
     for family in sorted({name for run in runs for name in _families(run)}):
         for name, run in zip(marked_names(runs), runs, strict=True):
-            heads = (family,) if single else (family, name)
+            heads = (printable(family),) if single else (printable(family), name)
             cells = (cell for task in tasks for cell in _family_cells(run, task, family))
             rows.append(Row(heads, tuple(cells)))
     return Table(

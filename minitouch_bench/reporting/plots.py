@@ -18,8 +18,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from minitouch_bench.metrics.definitions import METRICS, unit_of
-from minitouch_bench.records import EpisodeMetrics, Outcome, TaskSummary
+from minitouch_bench.records import EpisodeMetrics, Estimate, Outcome, TaskSummary
+from minitouch_bench.reporting.escaping import printable
 from minitouch_bench.reporting.labels import task_title
+from minitouch_bench.reporting.novel_shapes import find_generalization
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_figure
 from minitouch_bench.reporting.report import RunSection
 from minitouch_bench.reporting.tables import OUTCOME_TITLES, find_estimate, task_summary
@@ -72,6 +74,12 @@ FEW = 0.1
 
 LONGEST_NAME = 16
 
+FAMILY_HEIGHT = 0.7
+"""Share of a family's row that its runs take."""
+
+SPLIT_OFFSET = 0.17
+"""Half the distance between the held-out and the train mark of a row, rows."""
+
 
 def estimate_plot(task: str, metric: str, sections: Sequence[RunSection]) -> str:
     """Draw an estimate of each run with its interval, and the paper's figures below."""
@@ -93,8 +101,7 @@ def estimate_plot(task: str, metric: str, sections: Sequence[RunSection]) -> str
         names = [_short(section.name) for section in sections]
         axes.set_yticks(range(rows), [*names, *(method for method, _ in paper)])
         axes.set_ylim(rows - 0.5, -0.5)
-        axes.set_xlim(*((-0.02, 1.02) if METRICS[metric].unit.startswith("share") else (0, None)))
-        axes.set_xlabel(f"{METRICS[metric].label} ({unit_of(metric, task)})")
+        _metric_axis(axes, task, metric)
         _quiet_rows(axes, len(sections))
         return _svg(figure, f"{task_title(task)}: {METRICS[metric].label} with 95 % intervals")
 
@@ -128,6 +135,88 @@ def touch_plot(task: str, sections: Sequence[RunSection]) -> str:
         axes.set_ylabel("Contact (ticks per step)")
         axes.grid(axis="y")
         return _svg(figure, f"{task_title(task)}: mean contact ticks at each control step")
+
+
+def split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> str:
+    """Draw a metric on held-out shapes (filled) above train shapes (hollow), a row a run."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, 0.85 + 0.42 * len(sections)), layout="constrained")
+        axes = figure.subplots()
+        for place, section in enumerate(sections):
+            result = find_generalization(section.run, task)
+            gap = result.gaps.get(metric) if result else None
+            if gap is not None:
+                _split_marks(axes, place, place, (gap.held_out, gap.train))
+        _name_rows(axes, [_short(section.name) for section in sections])
+        _metric_axis(axes, task, metric)
+        return _svg(figure, f"{task_title(task)}: {METRICS[metric].label} on each split")
+
+
+def family_plot(task: str, sections: Sequence[RunSection]) -> str:
+    """Draw each family's figure on held-out (filled) and train shapes (hollow)."""
+    results = [find_generalization(section.run, task) for section in sections]
+    found = [result for result in results if result is not None]
+    families = sorted({family for result in found for family in result.families})
+    with mpl.rc_context(STYLE):
+        row = 0.14 + 0.16 * len(sections)
+        figure = Figure(figsize=(WIDTH, 0.85 + row * len(families)), layout="constrained")
+        axes = figure.subplots()
+        # The runs of a family stand close together, so that the families stay apart.
+        runs = (np.arange(len(sections)) - (len(sections) - 1) / 2) * FAMILY_HEIGHT / len(sections)
+        for place, result in enumerate(results):
+            for line, family in enumerate(families):
+                both = result.families.get(family) if result else None
+                if both is not None:
+                    _family_marks(axes, line + runs[place], place, (both.held_out, both.train))
+        _name_rows(axes, [_short(printable(family)) for family in families])
+        _metric_axis(axes, task, found[0].family_metric)
+        return _svg(figure, f"{task_title(task)}: each family on each split")
+
+
+def _split_marks(axes: Axes, row: float, place: int, splits: tuple[Estimate, Estimate]) -> None:
+    """Draw two estimates with their intervals, the first filled and above."""
+    colour, marker = SERIES[place % len(SERIES)], MARKERS[place % len(MARKERS)]
+    offsets = (-SPLIT_OFFSET, SPLIT_OFFSET)
+    for found, offset, fill in zip(splits, offsets, (colour, "none"), strict=True):
+        height = row + offset
+        axes.plot([found.low, found.high], [height, height], color=colour, lw=1.6, alpha=0.55)
+        style: dict[str, Any] = {
+            "color": colour,
+            "mfc": fill,
+            "ms": 7,
+            "mew": 1.5,
+            "clip_on": False,
+        }
+        axes.plot(found.value, height, marker, **style)
+
+
+def _family_marks(
+    axes: Axes, row: float, place: int, splits: tuple[Estimate | None, Estimate | None]
+) -> None:
+    """Draw two figures of a family joined by a line; a ring around a dot means equal."""
+    colour, marker = SERIES[place % len(SERIES)], MARKERS[place % len(MARKERS)]
+    # A mark at the end of the axis is drawn whole.
+    style: dict[str, Any] = {"color": colour, "clip_on": False}
+    held_out, train = splits
+    if held_out is not None and train is not None:
+        axes.plot([held_out.value, train.value], [row, row], color=colour, lw=1.2, alpha=0.4)
+    if train is not None:
+        axes.plot(train.value, row, marker, mfc="none", ms=8.5, mew=1.3, **style)
+    if held_out is not None:
+        axes.plot(held_out.value, row, marker, ms=4.5, **style)
+
+
+def _name_rows(axes: Axes, names: Sequence[str]) -> None:
+    """Name the rows from the top down, in full ink."""
+    axes.set_yticks(range(len(names)), names)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    _quiet_rows(axes, len(names))
+
+
+def _metric_axis(axes: Axes, task: str, metric: str) -> None:
+    """Name the axis of a metric and start it at 0; a share runs to 1."""
+    axes.set_xlim(*((-0.02, 1.02) if METRICS[metric].unit.startswith("share") else (0, None)))
+    axes.set_xlabel(f"{METRICS[metric].label} ({unit_of(metric, task)})")
 
 
 def _quiet_rows(axes: Axes, runs: int) -> None:

@@ -1,7 +1,12 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.metrics.intervals import bootstrap_mean, wilson
+from minitouch_bench.metrics.intervals import (
+    bootstrap_difference,
+    bootstrap_mean,
+    newcombe,
+    wilson,
+)
 
 
 @pytest.mark.parametrize(
@@ -87,3 +92,73 @@ def test_bootstrap_draws_in_blocks_for_a_large_sample(monkeypatch):
 def test_bootstrap_refuses_what_is_no_sample(values):
     with pytest.raises(ValueError, match="sample"):
         bootstrap_mean(values, np.random.default_rng(0))
+
+
+def test_newcombe_gives_the_published_values():
+    # Newcombe 1998, Table II, method 10: 56/70 - 48/80, 9/10 - 3/10, 5/56 - 0/29.
+    for first, second, low, high in (
+        ((56, 70), (48, 80), 0.0524, 0.3339),
+        ((9, 10), (3, 10), 0.1705, 0.8090),
+        ((5, 56), (0, 29), -0.0381, 0.1926),
+    ):
+        found = newcombe(wilson(*first), wilson(*second))
+        assert found.low == pytest.approx(low, abs=5e-5)
+        assert found.high == pytest.approx(high, abs=5e-5)
+        assert (found.count, found.method) == (first[1] + second[1], "newcombe")
+
+
+@pytest.mark.parametrize("n", [1, 10, 200])
+def test_newcombe_has_a_width_and_stays_in_minus_1_to_1(n):
+    shares = [wilson(successes, n) for successes in range(0, n + 1, max(1, n // 10))]
+    for first in shares:
+        for second in shares:
+            found = newcombe(first, second)
+            assert -1 <= found.low <= found.value <= found.high <= 1
+            assert found.high - found.low > 0
+            turned = newcombe(second, first)
+            assert (turned.low, turned.high) == pytest.approx((-found.high, -found.low))
+
+
+@pytest.mark.parametrize(
+    ("held_out", "train"), [(0.5, 0.5), (0.7, 0.8), (0.9, 0.9), (0.85, 0.95), (0.3, 0.6)]
+)
+def test_newcombe_covers_the_truth_95_percent_of_the_time(held_out, train):
+    rng, n = np.random.default_rng(0), 200
+    pairs = zip(rng.binomial(n, held_out, 4000), rng.binomial(n, train, 4000), strict=True)
+    found = [newcombe(wilson(int(one), n), wilson(int(other), n)) for one, other in pairs]
+    covered = [estimate.low <= held_out - train <= estimate.high for estimate in found]
+    assert 0.93 <= np.mean(covered) <= 0.97
+
+
+def test_newcombe_refuses_what_is_no_share():
+    with pytest.raises(ValueError, match="two shares"):
+        newcombe(wilson(1, 2), bootstrap_mean([1.0, 2.0], np.random.default_rng(0)))
+
+
+def test_bootstrap_of_a_difference_covers_the_truth_95_percent_of_the_time():
+    rng = np.random.default_rng(7)
+    found = [
+        bootstrap_difference(rng.normal(5, 2, 100), rng.poisson(3, 80), rng, resamples=400)
+        for _ in range(800)
+    ]
+    assert 0.93 <= np.mean([e.low <= 2 <= e.high for e in found]) <= 0.97
+
+
+def test_bootstrap_of_a_difference_repeats_and_counts_both():
+    first, second = np.arange(30.0), np.arange(20.0)
+    found = bootstrap_difference(first, second, np.random.default_rng(5))
+    assert found == bootstrap_difference(first, second, np.random.default_rng(5))
+    assert (found.value, found.count, found.method) == (5.0, 50, "bootstrap")
+    assert found.low < 5 < found.high
+
+
+def test_bootstrap_of_a_difference_of_equal_values_has_no_width():
+    found = bootstrap_difference([0.1] * 7, [0.1] * 3, np.random.default_rng(0))
+    assert (found.low, found.value, found.high) == (0, 0, 0)
+    one = bootstrap_difference([0.1] * 7, [0.1, 0.3], np.random.default_rng(0))
+    assert one.low < one.high
+
+
+def test_bootstrap_of_a_difference_refuses_an_empty_sample():
+    with pytest.raises(ValueError, match="sample"):
+        bootstrap_difference([1.0], [], np.random.default_rng(0))

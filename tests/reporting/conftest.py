@@ -1,7 +1,7 @@
 import pytest
 
 from minitouch_bench.records import SavedRun
-from tests.reporting.synthetic import make_run, save
+from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes
 
 
 @pytest.fixture(scope="session")
@@ -21,6 +21,12 @@ def scripted() -> SavedRun:
         official=False,
     )
     return save(run, "scripted-smoke")
+
+
+@pytest.fixture(scope="session")
+def novel() -> SavedRun:
+    run = make_run("hac-seed1", tasks=SHAPE_TASKS, episodes=40, skill=0.7, exploration=False)
+    return save(with_shapes(run), "novel")
 
 
 HOSTILE = "=cmd|' /C calc'!A0 <script>alert(1)</script> $x$ `a` [b](c) \x1b[31m\u202e&"

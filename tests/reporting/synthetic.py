@@ -1,6 +1,7 @@
 """Plausible runs without a simulator: records that look like those of an evaluation."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from minitouch_bench.records import (
 )
 from minitouch_bench.reporting.json_document import from_document, to_document
 
+FAMILIES = ("carved", "extruded", "harmonic", "lathed")
+SHAPE_TASKS = ("playing", "pushing", "pick-up")
 ALL_TASKS = ("playing", "pushing", "opening", "pick-up")
 LIMIT = 200
 
@@ -117,6 +120,32 @@ def make_run(  # noqa: PLR0917 - a fixture with defaults reads best as one call
         wall_s=754.2,
     )
     return EvaluationRun(header, environment, tuple(records))
+
+
+def with_shapes(run: EvaluationRun) -> EvaluationRun:
+    """Give every episode a shape: held-out ones at even indices, train ones at odd ones."""
+    records = []
+    for record in run.records:
+        turn = record.spec.index // 2
+        # Held-out shapes miss the last family, train shapes have all.
+        held_out = record.spec.index % 2 == 0
+        family = FAMILIES[turn % (len(FAMILIES) - held_out)]
+        split = "held-out" if held_out else "train"
+        spec = replace(record.spec, shape=f"{split}-{turn}", family=family, split=split)
+        records.append(replace(record, spec=spec))
+    header = replace(run.header, suite="novel-shapes")
+    return replace(run, header=header, records=tuple(records))
+
+
+def without_success(run: EvaluationRun, split: str) -> EvaluationRun:
+    """Turn every success on one split into a failure at the step limit."""
+    records = (
+        replace(record, outcome=Outcome.STEP_LIMIT)
+        if record.spec.split == split and record.outcome is Outcome.SUCCESS
+        else record
+        for record in run.records
+    )
+    return replace(run, records=tuple(records))
 
 
 def save(run: EvaluationRun, name: str = "a-run", seed: int = 1) -> SavedRun:

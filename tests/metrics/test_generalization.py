@@ -1,0 +1,91 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minitouch_bench.metrics.generalization import MIN_EPISODES, generalize, has_both_splits
+from minitouch_bench.metrics.summary import measure_run, summarize
+from minitouch_bench.records import Role
+from tests.reporting.synthetic import SHAPE_TASKS, make_run, with_shapes, without_success
+
+ROOT = (1, 2, 3, 4)
+
+
+def novel_run(episodes: int = 40, tasks=SHAPE_TASKS):
+    return with_shapes(make_run(tasks=tasks, episodes=episodes, skill=0.7, exploration=False))
+
+
+def of_task(run, task):
+    found = summarize(run, np.random.default_rng(3)).generalization
+    return next(result for result in found if result.task == task)
+
+
+def test_goal_tasks_and_playing_have_their_metrics():
+    found = summarize(novel_run(), np.random.default_rng(3)).generalization
+    assert [(result.task, tuple(result.gaps), result.family_metric) for result in found] == [
+        ("playing", ("touch_interaction", "object_movement"), "touch_interaction"),
+        *(
+            (task, ("success", "episode_steps", "touch_interaction", "object_movement"), "success")
+            for task in ("pushing", "pick-up")
+        ),
+    ]
+
+
+def test_a_gap_is_held_out_minus_train():
+    run = novel_run()
+    for metric, gap in of_task(run, "pushing").gaps.items():
+        assert gap.difference.value == pytest.approx(gap.held_out.value - gap.train.value)
+        assert gap.difference.low < gap.difference.value < gap.difference.high
+        assert (gap.held_out.count, gap.train.count, gap.difference.count) == (20, 20, 40)
+        assert gap.difference.method == ("newcombe" if metric == "success" else "bootstrap")
+
+
+def test_a_policy_that_fails_on_held_out_shapes_has_a_gap():
+    gap = of_task(without_success(novel_run(), "held-out"), "pushing").gaps["success"]
+    assert gap.held_out.value == 0
+    assert gap.difference.high < 0
+
+
+def test_families_divide_the_episodes():
+    result = of_task(novel_run(), "pick-up")
+    assert sum(found.held_out.count for found in result.families.values() if found.held_out) == 20
+    assert sum(found.train.count for found in result.families.values() if found.train) == 20
+    assert result.families["lathed"].held_out is None
+    assert result.families["lathed"].train.count == 5
+
+
+def test_same_seed_same_numbers():
+    run = novel_run()
+    first = summarize(run, np.random.default_rng(3)).generalization
+    assert first == summarize(run, np.random.default_rng(3)).generalization
+    assert first != summarize(run, np.random.default_rng(4)).generalization
+
+
+def test_other_tasks_do_not_change_a_gap():
+    episodes = measure_run(novel_run())
+    alone = generalize([e for e in episodes if e.task == "pick-up"], ("pick-up",), ROOT)
+    assert alone[0] == generalize(episodes, SHAPE_TASKS, ROOT)[-1]
+
+
+@pytest.mark.parametrize("split", ["", "train", "held-out"])
+def test_one_split_alone_has_no_gap(split):
+    run = novel_run()
+    one = tuple(replace(r, spec=replace(r.spec, split=split)) for r in run.records)
+    assert summarize(replace(run, records=one), np.random.default_rng(0)).generalization == ()
+    assert not has_both_splits(measure_run(replace(run, records=one)))
+
+
+def test_a_trivial_number_of_episodes_has_no_gap():
+    enough = novel_run(2 * MIN_EPISODES, ("pushing",))
+    assert generalize(measure_run(enough), ("pushing",), ROOT)
+    assert not generalize(measure_run(enough)[:-1], ("pushing",), ROOT)
+
+
+def test_exploration_episodes_do_not_count():
+    run = novel_run(tasks=("pushing",))
+    twins = tuple(
+        replace(r, spec=replace(r.spec, role=Role.EXPLORATION))
+        for r in without_success(run, "held-out").records
+    )
+    both = replace(run, records=run.records + twins)
+    assert of_task(both, "pushing") == of_task(run, "pushing")

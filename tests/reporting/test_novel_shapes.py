@@ -1,0 +1,211 @@
+"""Held-out beside train shapes, from the run's document to every writer."""
+
+import csv
+import io
+import json
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from rich.console import Console
+
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.records import Estimate
+from minitouch_bench.reporting import plots
+from minitouch_bench.reporting.csv_writer import DIFFERENCE, generalization_csv
+from minitouch_bench.reporting.html import to_html
+from minitouch_bench.reporting.json_document import from_document, to_document, to_text
+from minitouch_bench.reporting.markdown import to_markdown
+from minitouch_bench.reporting.novel_shapes import novel_shapes, verdict
+from minitouch_bench.reporting.report import build_report
+from minitouch_bench.reporting.run_directory import read_run, write_report, write_run
+from minitouch_bench.reporting.tables import ABSENT, table4
+from minitouch_bench.reporting.terminal import show_report
+from tests.reporting.conftest import HOSTILE
+from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes, without_success
+
+SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "run.schema.json").read_text("utf-8"))
+VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
+
+
+def novel_run(name: str = "hac-seed1", **options):
+    return with_shapes(make_run(name, tasks=SHAPE_TASKS, episodes=24, exploration=False, **options))
+
+
+def document_of(run):
+    summary = summarize(run, np.random.default_rng(0))
+    return summary, json.loads(to_text(to_document(run, summary)))
+
+
+def test_the_document_follows_the_schema_and_reads_back():
+    summary, document = document_of(novel_run())
+    VALIDATOR.validate(document)
+    assert len(summary.generalization) == 3
+    assert from_document(document, "x").summary == summary
+
+
+def test_a_run_of_one_split_has_no_generalization_in_its_document():
+    _, document = document_of(make_run(episodes=24))
+    assert "generalization" not in document["summary"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(task="juggling"), "should be one of playing"),
+        (lambda d: d.pop("gaps"), "'gaps' is missing"),
+        (lambda d: d["gaps"]["success"].pop("train"), "'train' is missing"),
+        (lambda d: d["gaps"]["success"]["difference"].update(low="0"), "should be a number"),
+        (lambda d: d["families"]["carved"].update(train=3), "should be an object"),
+    ],
+)
+def test_a_malformed_document_gives_one_clear_line(change, message):
+    _, document = document_of(novel_run())
+    change(document["summary"]["generalization"][1])
+    assert not VALIDATOR.is_valid(document)
+    with pytest.raises(RunDirectoryError, match=message):
+        from_document(document, "x")
+
+
+def test_files_and_equal_bytes(tmp_path):
+    for place in ("one", "two"):
+        run = novel_run()
+        saved = write_run(run, summarize(run, np.random.default_rng(0)), tmp_path / place / "run")
+        write_report([saved], tmp_path / place / "run")
+        assert read_run(tmp_path / place / "run") == saved
+    files = sorted(file.name for file in (tmp_path / "one" / "run").iterdir())
+    assert "generalization.csv" in files
+    for name in files:
+        first = (tmp_path / "one" / "run" / name).read_bytes()
+        assert first == (tmp_path / "two" / "run" / name).read_bytes(), name
+
+
+def test_a_run_of_one_split_has_no_file_and_no_section(tmp_path, hac):
+    run = make_run(episodes=24)
+    saved = write_run(run, summarize(run, np.random.default_rng(0)), tmp_path)
+    assert not (tmp_path / "generalization.csv").exists()
+    report = build_report([saved, hac])
+    assert report.novel_shapes == ()
+    assert "Novel shapes" not in to_html(report) + to_markdown(report)
+    assert "over all shapes" not in "".join(table4([saved]).notes)
+
+
+def test_csv_is_long_and_signed(novel):
+    rows = list(csv.DictReader(io.StringIO(generalization_csv([novel]))))
+    own = [r for r in rows if (r["task"], r["family"], r["metric"]) == ("pushing", "", "success")]
+    assert [row["split"] for row in own] == ["held-out", "train", DIFFERENCE]
+    gap = next(r for r in novel.summary.generalization if r.task == "pushing").gaps["success"]
+    assert float(own[2]["low"]) == gap.difference.low < 0
+    assert own[2]["method"] == "newcombe"
+    lathed = [row for row in rows if row["family"] == "lathed" and row["task"] == "playing"]
+    assert [(row["split"], row["metric"]) for row in lathed] == [("train", "touch_interaction")]
+
+
+def test_hostile_names_are_harmless():
+    run = novel_run(HOSTILE)
+    specs = (replace(r.spec, family=HOSTILE) for r in run.records)
+    records = tuple(replace(r, spec=s) for r, s in zip(run.records, specs, strict=True))
+    saved = save(replace(run, records=records), "x")
+    row = list(csv.DictReader(io.StringIO(generalization_csv([saved]))))[-1]
+    assert row["policy"].startswith("'=")
+    assert row["family"].startswith("'=")
+    report = build_report([saved])
+    assert "<script" not in to_html(report)
+    outside_code = re.sub(r"(`+).*?[^`]\1(?!`)", "", to_markdown(report))
+    assert not re.search(r"(?<!\\)<script", outside_code)
+    assert "\u202e" not in to_html(report) + to_markdown(report)
+
+
+@pytest.mark.parametrize(
+    ("metric", "low", "high", "words"),
+    [
+        ("success", -0.1, 0.1, "no difference seen"),
+        ("success", -0.1, 0.0, "no difference seen"),
+        ("success", -0.2, -0.1, "worse on held-out"),
+        ("success", 0.1, 0.2, "better on held-out"),
+        ("episode_steps", 1.0, 2.0, "worse on held-out"),
+        ("episode_steps", -2.0, -1.0, "better on held-out"),
+        ("object_movement", 1e-4, 2e-4, "more on held-out"),
+        ("object_movement", -2e-4, -1e-4, "less on held-out"),
+    ],
+)
+def test_the_verdict_says_what_the_interval_says(metric, low, high, words):
+    assert verdict(metric, Estimate((low + high) / 2, low, high, 40, "bootstrap")) == words
+
+
+def test_the_gap_table_has_a_row_a_metric(novel):
+    table = novel_shapes([novel])[0]
+    assert [row.heads for row in table.rows][:2] == [
+        ("Pushing", "Success ↑"),
+        ("Pushing", "Episode steps ↓"),
+    ]
+    assert len(table.rows) == 10
+    gap = table.rows[0].cells[2]
+    assert gap.text[0] in "+-"
+    assert re.fullmatch(r"\[[+-]\d\.\d{3}, [+-]\d\.\d{3}\]", gap.interval)
+
+
+def test_a_gap_of_nothing_is_plus_zero(novel):
+    none = save(without_success(without_success(novel_run(), "train"), "held-out"), "none")
+    assert novel_shapes([none])[0].rows[0].cells[2].text == "+0.000"
+
+
+def test_several_runs_stand_side_by_side(novel, hac):
+    other = save(novel_run("other", notes=("remote",)), "other")
+    gaps, families = novel_shapes([novel, other, hac])
+    assert [group for group, _ in gaps.groups] == ["hac-seed1", "other\u00a0*"]
+    assert [row.heads for row in families.rows[:2]] == [
+        ("carved", "hac-seed1"),
+        ("carved", "other\u00a0*"),
+    ]
+    assert families.groups[-1][0] == "Playing: touch-interaction (ticks)"
+    assert families.rows[-1].cells[0].text == ABSENT
+    assert families.rows[-1].cells[1].text == "0"
+    assert "* other: remote." in gaps.notes
+
+
+def test_table4_says_that_it_is_over_both_splits(novel):
+    assert "“Novel shapes” has them apart" in "".join(table4([novel]).notes)
+    few = save(with_shapes(make_run(episodes=4, exploration=False)), "few")
+    assert "needs 10 episodes of each" in "".join(table4([few]).notes)
+
+
+def test_every_writer_has_the_section(novel):
+    report = build_report([novel])
+    console = Console(width=120)
+    with console.capture() as captured:
+        show_report(report, console)
+    for text in (to_html(report), to_markdown(report), captured.get()):
+        for expected in ("Novel shapes", "Held-out", "Gap", "by family", "harmonic"):
+            assert expected in text
+        assert "no difference seen" in text or "on held-out" in text
+
+
+def test_the_page_has_the_figures(novel):
+    page = to_html(build_report([novel]))
+    assert "Held-out beside train shapes" in page
+    assert page.count("on each split") == 9
+    ids = re.findall(r'<h2 id="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+
+
+DRAWINGS = [
+    lambda sections: plots.split_plot("pushing", "success", sections),
+    lambda sections: plots.split_plot("playing", "object_movement", sections),
+    lambda sections: plots.family_plot("pick-up", sections),
+]
+
+
+@pytest.mark.parametrize("draw", DRAWINGS)
+def test_plots_take_the_colours_of_the_page_and_repeat(draw, novel, hac):
+    sections = build_report([novel, hac]).sections
+    drawing = draw(sections)
+    ET.fromstring(drawing)
+    assert "var(--series-0)" in drawing
+    assert "#0103" not in drawing
+    assert drawing == draw(sections)
