@@ -29,7 +29,6 @@ REPORT_LAYERS = {"metrics", "reporting", "regression"}
 """They read files of a run, and draw without a simulator or torch."""
 
 SIMULATOR_FILES = {"simulation/client.py", "simulation/quiet_pybullet.py"}
-SIMULATOR_LAYERS = {"simulation", "shapegen"}
 
 
 def modules():
@@ -94,14 +93,13 @@ def test_the_protocol_names_no_agent():
             assert "agents" not in inner_layers(path), relative
 
 
-def test_only_the_simulation_knows_pybullet():
+def test_only_the_simulation_and_the_checks_of_shapes_know_pybullet():
     for relative, path in MODULES.items():
-        names = {name.split(".")[0] for name in imported_names(path)}
-        if "pybullet" in names:
-            allowed = relative in SIMULATOR_FILES or relative == "shapegen/soundness.py"
-            assert allowed, relative
-        if any(name.endswith("quiet_pybullet.pybullet") for name in imported_names(path)):
-            assert layer_of(relative) in SIMULATOR_LAYERS, relative
+        names = imported_names(path)
+        if "pybullet" in {name.split(".")[0] for name in names}:
+            assert relative in SIMULATOR_FILES or layer_of(relative) == "shapegen", relative
+        if any("quiet_pybullet" in name for name in names):
+            assert relative in SIMULATOR_FILES, relative
 
 
 @pytest.mark.parametrize("relative", MODULES)
@@ -124,6 +122,10 @@ def loaded_by(module):
 )
 def test_reports_are_drawn_without_torch_or_the_simulator(module):
     assert not loaded_by(module) & {"torch", "pybullet", "stable_baselines3", "onnx"}
+
+
+def test_the_shape_set_is_read_without_the_means_to_make_it():
+    assert not loaded_by("minitouch_bench.shapegen.manifest") & {"coacd", "manifold3d", "pybullet"}
 
 
 def test_a_worker_has_the_simulator_and_no_torch():
