@@ -23,6 +23,7 @@ RUN_FILES = (
     "episodes.csv",
     "exploration.csv",
     "table4.csv",
+    "generalization.csv",
     "report.md",
     "report.html",
 )

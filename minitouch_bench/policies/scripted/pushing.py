@@ -20,6 +20,8 @@ LANE_M = 0.012
 TURN_RAD = 0.6
 """Angle covered by one step on the way round."""
 ALIGNED_RAD = 0.4
+STUCK_M = 0.003
+RETREAT_STEPS = 2
 TILTED_M = 0.028
 """A middle this high means that the fingers have got under the cube: back off."""
 
@@ -28,9 +30,22 @@ class PushingController(Controller):
     """Keep behind the object, seen from the target."""
 
     _turn = 0.0
+    _last: NDArray[np.float64] | None = None
+    _retreat = 0
 
     def act(self) -> NDArray[np.float32]:
-        """Return the next action, float32 (4,)."""
+        """Return the next action, float32 (4,); fingers that are stuck back off first."""
+        hand = self.hand
+        if self._last is not None and math.dist(hand, self._last) < STUCK_M:
+            self._retreat, self._turn = RETREAT_STEPS, 0.0
+        self._last = hand
+        if self._retreat > 0:
+            self._retreat -= 1
+            from_object = hand[:2] - self.object_state[:2]
+            return self._to(hand[:2] + REACH_M * from_object / max(np.abs(from_object).max(), 1e-6))
+        return self._push()
+
+    def _push(self) -> NDArray[np.float32]:
         target = np.array(cast(Pushing, self.environment.task).target)
         place, hand = self.object_state, self.hand[:2]
         away = (place[:2] - target) / math.dist(place[:2], target)
