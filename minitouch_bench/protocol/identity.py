@@ -13,6 +13,7 @@ from minitouch_bench.protocol.seeds import PROTOCOL
 from minitouch_bench.sensing import camera, touch
 from minitouch_bench.simulation import bodies, client, panda_arm, panda_kinematics, scene
 from minitouch_bench.simulation.arm_assets import light_panda
+from minitouch_bench.simulation.installed import simulator_version
 from minitouch_bench.tasks import opening, pick_up, playing, pushing, tabletop, task
 from minitouch_bench.tasks.registration import TASKS, shape_set_digest
 
@@ -45,7 +46,7 @@ def protocol_digest() -> str:
     content = {
         "protocol": PROTOCOL,
         "rules": RULES,
-        "simulator": client.simulator_version(),
+        "simulator": simulator_version(),
         "constants": protocol_constants(),
         "presets": {name: _preset(task_class) for name, task_class in TASKS.items()},
         "arm": content_digest(sorted(assets.iterdir())),

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.simulation.client import INVISIBLE, Image, Part, PhysicsClient, View
+from minitouch_bench.simulation.client import PhysicsClient, View
+from minitouch_bench.simulation.values import INVISIBLE, Image, Part
 
 IMAGE_SIZE = 84
 """Width and height in pixels. Source: the paper's supplement."""

@@ -17,7 +17,7 @@ import numpy as np
 import trimesh
 
 from minitouch_bench.cache import cache_directory, cache_errors, content_digest
-from minitouch_bench.simulation.client import data_directory
+from minitouch_bench.simulation.installed import data_directory
 
 LIGHT_TRIANGLES = 90
 """Triangles kept of each link; at 84 x 84 pixels more cannot be told apart."""

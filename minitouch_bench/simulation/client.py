@@ -2,50 +2,19 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-import pybullet_data
-from numpy.typing import NDArray
 
 from minitouch_bench.records import TICKS_PER_SECOND
 from minitouch_bench.simulation.quiet_pybullet import pybullet
+from minitouch_bench.simulation.values import Contact, Image, Part, Pose, Rgba, Vector
 
 GRAVITY_M_S2 = -9.8
 """Source: the released MiniTouch package."""
 
-Vector = Sequence[float]
-Part = tuple[int, int]
-"""A body and one of its links (-1 is the base)."""
-Rgba = tuple[float, float, float, float]
-
-
 ANY_LINK = -2
-INVISIBLE: Rgba = (1.0, 1.0, 1.0, 0.0)
-
-
-class Pose(NamedTuple):
-    """Position (m) and orientation (quaternion x, y, z, w) in the world."""
-
-    position: tuple[float, float, float]
-    orientation: tuple[float, float, float, float]
-
-
-class Contact(NamedTuple):
-    """A contact point seen from the first body: the two links and the normal force (N)."""
-
-    link_a: int
-    link_b: int
-    normal_force: float
-
-
-class Image(NamedTuple):
-    """A rendered picture: ``rgb`` uint8 (H, W, 3) and ``depth`` float32 (H, W), 1 = nothing."""
-
-    rgb: NDArray[np.uint8]
-    depth: NDArray[np.float32]
+"""PyBullet's wildcard for a link."""
 
 
 @dataclass(frozen=True)
@@ -335,13 +304,3 @@ def quaternion_from_euler(angles: Vector) -> tuple[float, float, float, float]:
     """Return the quaternion (x, y, z, w) of fixed-axis roll, pitch, yaw (rad)."""
     quaternion: tuple[float, float, float, float] = pybullet.getQuaternionFromEuler(angles)
     return quaternion
-
-
-def simulator_version() -> str:
-    """Return the version of the installed PyBullet."""
-    return version("pybullet")
-
-
-def data_directory() -> Path:
-    """Return where ``pybullet_data`` keeps its files."""
-    return Path(pybullet_data.getDataPath())

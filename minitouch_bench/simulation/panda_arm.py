@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.simulation.arm_assets import light_panda
-from minitouch_bench.simulation.client import PhysicsClient, Vector, quaternion_from_euler
+from minitouch_bench.simulation.client import PhysicsClient, quaternion_from_euler
 from minitouch_bench.simulation.panda_kinematics import (
     ARM_JOINTS,
     END_EFFECTOR,
     FINGER_JOINTS,
     PandaKinematics,
 )
+from minitouch_bench.simulation.values import Vector
 
 # Constants of the released MiniTouch package, unless a docstring says otherwise.
 REACH_M = 0.06

@@ -4,7 +4,8 @@ import math
 from collections.abc import Sequence
 
 from minitouch_bench.simulation.arm_assets import light_panda
-from minitouch_bench.simulation.client import PhysicsClient, Pose, Vector
+from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.values import Pose, Vector
 
 ARM_JOINTS = (0, 1, 2, 3, 4, 5, 6)
 FINGER_JOINTS = (9, 10)

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from minitouch_bench.simulation.client import PhysicsClient, Rgba
+from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.values import Rgba
 
 TABLE_HALF_EXTENTS = (1.0, 1.0, 0.05)
 TABLE_CENTER = (0.5, 0.0, -0.05)

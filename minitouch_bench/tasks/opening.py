@@ -15,9 +15,10 @@ from minitouch_bench.simulation.bodies import (
     Cabinet,
     cabinet_urdf,
 )
-from minitouch_bench.simulation.client import Part, PhysicsClient
+from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import FACING_DOOR
 from minitouch_bench.simulation.scene import Workspace
+from minitouch_bench.simulation.values import Part
 from minitouch_bench.tasks.objects import ObjectModel
 from minitouch_bench.tasks.task import Task, TaskPreset
 

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from minitouch_bench.records import Outcome
 from minitouch_bench.sensing.camera import CameraPreset
-from minitouch_bench.simulation.client import Part, PhysicsClient
+from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import POINTING_DOWN, PandaArm
 from minitouch_bench.simulation.scene import TARGET_COLOR, Workspace
+from minitouch_bench.simulation.values import Part
 from minitouch_bench.tasks.objects import ObjectModel, cube_model
 from minitouch_bench.tasks.tabletop import TABLETOP_PORTRAIT, Placement, draw_yaw, position_of
 from minitouch_bench.tasks.task import Task, TaskPreset

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from minitouch_bench.records import Outcome
 from minitouch_bench.sensing.camera import CameraPreset
-from minitouch_bench.simulation.client import Part, PhysicsClient
+from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import ArmPreset, PandaArm
 from minitouch_bench.simulation.scene import Workspace
+from minitouch_bench.simulation.values import Part
 from minitouch_bench.tasks.objects import CUBE, ObjectModel
 
 MAX_STEPS = 200

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from minitouch_bench.simulation.bodies import cube
-from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient, View, quaternion_from_euler
+from minitouch_bench.simulation.client import PhysicsClient, View, quaternion_from_euler
 from minitouch_bench.simulation.scene import add_table
+from minitouch_bench.simulation.values import INVISIBLE
 
 RED = (1.0, 0.0, 0.0, 1.0)
 
