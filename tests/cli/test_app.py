@@ -6,10 +6,7 @@ USAGE = [
     (["evaluate"], "POLICY"),
     (["evaluate", "zero", "--episodes", "0"], "--episodes"),
     (["evaluate", "zero", "--act-timeout", "inf"], "--act-timeout"),
-    (["evaluate", "zero", "--isolation", "magic"], "--isolation"),
     (["evaluat", "zero"], "evaluate"),
-    (["evaluate", "zero", "--flying"], "--flying"),
-    (["report"], "runs"),
 ]
 
 

@@ -88,5 +88,5 @@ def test_unknown_tasks_are_usage_errors(text):
 
 
 def test_an_unknown_suite_is_a_usage_error():
-    with pytest.raises(UsageError, match="table4, .*smoke"):
+    with pytest.raises(UsageError, match=r"table4, .*smoke"):
         find_suite("table5")
