@@ -117,31 +117,64 @@ def repaired(mesh: Mesh, config: ImportConfig) -> Mesh:
     solid = _solid_of(mesh)
     if solid.is_empty() or solid.volume() <= 0.0:
         raise UnreadableError("not a closed 2-manifold, and no repair made it one")
-    target = BuildConfig().faces
-    small = simplified(to_mesh(solid), target)
-    if to_solid(small).is_empty() or to_solid(small).volume() <= 0.0:
-        small = to_mesh(solid)  # the soundness check says so if it has too many faces
-    moved = in_body_frame(small)
+    moved = in_body_frame(_simplified_solid(solid, BuildConfig().faces))
     factor = _fitting(moved) if config.fit else config.scale
     try:
-        return Mesh(quantised(moved.vertices * factor), moved.faces)
+        mesh = Mesh(quantised(moved.vertices * factor), moved.faces)
+        # Slivers may have lost their area to the grid; the way through a solid drops them.
+        cleaned = to_mesh(to_solid(mesh))
+        return Mesh(quantised(cleaned.vertices), cleaned.faces)
     except ValueError:
         longest = float(moved.extents.max()) * factor * 1000.0
         raise UnreadableError(f"longest side outside 40-70 mm ({longest:.1f} mm)") from None
+
+
+def _simplified_solid(solid: Solid, faces: int) -> Mesh:
+    """Return a closed mesh of at most about ``faces`` faces, where that can be had."""
+    mesh = to_mesh(solid)
+    for target in (faces, faces * 7 // 8, faces * 3 // 4):
+        small = simplified(mesh, target)
+        check = to_solid(small)
+        if not check.is_empty() and check.volume() > 0.0 and len(check.decompose()) == 1:
+            return small
+    # Slower to shrink and coarser, but it never breaks a closed surface.
+    tolerance = float(mesh.extents.max()) / 1000.0
+    for _ in range(6):
+        if solid.num_tri() <= faces:
+            break
+        solid, tolerance = solid.simplify(tolerance), 1.6 * tolerance
+    return to_mesh(solid)
 
 
 def _solid_of(mesh: Mesh) -> Solid:
     """Return the solid of a mesh: as it is, or mended, and as one body where parts overlap."""
     solid = to_solid(mesh)
     if solid.is_empty():
-        solid = to_solid(_mended(mesh))
+        parts = _mended_parts(mesh)
     elif solid.volume() < 0.0:
-        solid = to_solid(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
-    parts = solid.decompose()
+        return to_solid(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
+    else:
+        parts = list(solid.decompose())
+    if any(part.is_empty() for part in parts):
+        return Solid()
     # A part of negative volume is a cavity, which a union would fill.
-    if len(parts) > 1 and all(part.volume() > 0.0 for part in parts):
-        solid = Solid.batch_boolean(_swollen(parts), manifold3d.OpType.Add)
-    return solid
+    if len(parts) > 1 and any(part.volume() < 0.0 for part in parts):
+        return solid
+    if len(parts) == 1:
+        return parts[0]
+    return Solid.batch_boolean(_swollen(parts), manifold3d.OpType.Add)
+
+
+def _mended_parts(mesh: Mesh) -> list[Solid]:
+    """Split a mesh where more than two faces meet, then close and turn each part outward."""
+    whole: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
+    solids = []
+    for part in whole.split(only_watertight=False, repair=False):
+        trimesh.repair.fill_holes(part)
+        part.fix_normals(multibody=False)  # asking for the bodies would need scipy
+        vertices = np.asarray(part.vertices, dtype=np.float64)
+        solids.append(to_solid(Mesh(vertices, np.asarray(part.faces, dtype=np.int32))))
+    return solids or [Solid()]
 
 
 def _swollen(parts: list[Solid]) -> list[Solid]:
@@ -153,14 +186,6 @@ def _swollen(parts: list[Solid]) -> list[Solid]:
         part_at_zero = part.translate((-middle).tolist()).scale([1.002, 1.002, 1.002])
         grown.append(part_at_zero.translate(middle.tolist()))
     return grown
-
-
-def _mended(mesh: Mesh) -> Mesh:
-    """Fill holes and turn faces outward, part by part."""
-    whole: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
-    trimesh.repair.fill_holes(whole)
-    whole.fix_normals(multibody=True)
-    return Mesh(np.asarray(whole.vertices), np.asarray(whole.faces, dtype=np.int32))
 
 
 def _fitting(mesh: Mesh) -> float:
