@@ -25,8 +25,8 @@ from minitouch_bench.tasks.task import Task, TaskPreset
 SUCCESS_ANGLE_RAD = math.radians(30.0)
 """Source: text (the release has 33 degrees)."""
 FRONT_M = (0.755, 0.77)
-"""Range of the door's outer face, x. Ours: the handle's whole arc to 30 degrees then lies
-inside the workspace."""
+"""Range of the door's outer face, x. Ours: from the closed door to 30 degrees the fingers
+can then stand beside the handle inside the workspace."""
 MIDDLE_M = (-0.05, 0.05)
 """Range of the cabinet's middle, y. Ours."""
 CABINET = Cabinet()
