@@ -9,7 +9,7 @@ from typing import NoReturn
 import numpy as np
 import numpy.random  # loaded lazily otherwise, so in every child anew
 
-from minitouch_bench.errors import MissingExtraError, PolicyLoadError
+from minitouch_bench.errors import MissingExtraError, PolicyLoadError, PolicyRaisedError
 from minitouch_bench.policies.isolation.sandbox import Sandbox
 from minitouch_bench.policies.loading import load_policy
 from minitouch_bench.policies.policy import Checkpoint, Policy
@@ -92,7 +92,7 @@ def _reset(policy: Policy, episode: Episode, answers: int) -> bool:
     except SystemExit:
         raise
     except BaseException as error:
-        write_frame(answers, Frame.RAISED, describe(error).encode())
+        write_frame(answers, Frame.RAISED, _tell(error))
         return False
     write_frame(answers, Frame.READY)
     return True
@@ -112,12 +112,18 @@ def _serve(policy: Policy, requests: int, answers: int) -> None:
         except SystemExit:
             raise
         except BaseException as error:
-            write_frame(answers, Frame.RAISED, describe(error).encode())
+            write_frame(answers, Frame.RAISED, _tell(error))
         else:
             write_frame(answers, Frame.ACTION, answer)
     close = getattr(policy, "close", None)
     if callable(close):
         close()
+
+
+def _tell(error: BaseException) -> bytes:
+    """Return what is said of an exception; a loader's own words need no type before them."""
+    text = str(error) if isinstance(error, PolicyRaisedError) else describe(error)
+    return text.encode()
 
 
 def _exit_code(stop: SystemExit) -> int:

@@ -17,8 +17,10 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
+from minitouch_bench.policies.holding import probe
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.policy import zero_observation
-from minitouch_bench.policies.process import PolicyLimits, PolicyProcess, probe
+from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
 from minitouch_bench.policies.sources import PolicySource, parse_source
 from tests.policies.conftest import load
 from tests.policies.misbehaving import RESET_EXITS, RESET_RAISES, RESET_SLEEPS, SEEDS
@@ -47,7 +49,7 @@ def importable():
 @pytest.fixture(scope="module")
 def bad():
     """One host for all these tests: that it goes on working is part of what they show."""
-    with PolicyProcess(factory("Misbehaving"), LIMITS, trust=True) as policy:
+    with PolicyProcess(factory("Misbehaving"), LIMITS, Isolation.PROCESS, trust=True) as policy:
         yield policy
 
 
