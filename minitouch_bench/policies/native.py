@@ -92,7 +92,10 @@ def _read_form(checkpoint: Checkpoint) -> tuple[str, int]:
     try:
         (length,) = struct.unpack_from("<Q", checkpoint.content)
         if length > min(MAX_HEADER_BYTES, len(checkpoint.content)):
-            raise PolicyLoadError(f"{checkpoint.target} declares a header of {length} bytes")
+            raise PolicyLoadError(
+                f"{checkpoint.target} is no native checkpoint: it declares a header of "
+                f"{length} bytes"
+            )
         header = json.loads(checkpoint.content[8 : 8 + length])
         form = json.loads(header["__metadata__"][METADATA_KEY])
         architecture, action_size = form["architecture"], form["action_size"]

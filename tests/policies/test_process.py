@@ -42,7 +42,7 @@ def factory(attribute):
 def importable():
     """Let policy processes import ``misbehaving`` from here."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(HERE))
+        patch.setenv("PYTHONPATH", str(HERE), prepend=os.pathsep)
         yield
 
 
@@ -270,7 +270,7 @@ def test_missing_extra_is_named(monkeypatch, tmp_path):
     (tmp_path / "blocked" / "onnx.py").write_text(
         "raise ModuleNotFoundError('no onnx', name='onnx')"
     )
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "blocked"))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "blocked"), prepend=os.pathsep)
     (tmp_path / "x.onnx").write_bytes(b"anything")
     from minitouch_bench.errors import MissingExtraError
 

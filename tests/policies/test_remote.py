@@ -9,9 +9,9 @@ import pytest
 
 from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError
 from minitouch_bench.policies import server as server_module
+from minitouch_bench.policies.holding import hold
 from minitouch_bench.policies.loading import load_policy
 from minitouch_bench.policies.policy import Checkpoint
-from minitouch_bench.policies.holding import hold
 from minitouch_bench.policies.server import PolicyServer
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.policies.wire import OBSERVATION_BYTES

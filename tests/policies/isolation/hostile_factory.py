@@ -103,15 +103,15 @@ DEEDS = {
     "trace its parent": lambda: call(101, 16, os.getppid(), 0, 0),
     "peek into its parent": peek,
     "read its parent's memory": read_parents_memory,
-    "read its parent's environment": lambda: open(f"/proc/{os.getppid()}/environ").read(),
-    "read its own environment": lambda: open("/proc/self/environ").read(),
+    "read its parent's environment": lambda: Path(f"/proc/{os.getppid()}/environ").read_bytes(),
+    "read its own environment": lambda: Path("/proc/self/environ").read_bytes(),
     "list processes": lambda: os.listdir("/proc"),
-    "write a file": lambda: open(CANARY, "w"),
-    "write into the temporary folder": lambda: open("/tmp/minitouch-canary", "w"),
+    "write a file": lambda: Path(CANARY).write_text("x"),
+    "write into the temporary folder": lambda: Path("/tmp/minitouch-canary").write_text("x"),
     "change its code's rights": lambda: os.chmod(__file__, 0o777),
     "make a folder": lambda: os.mkdir(CANARY),
     "remove its code": lambda: os.unlink(__file__),
-    "read /etc/passwd": lambda: open("/etc/passwd"),
+    "read /etc/passwd": lambda: Path("/etc/passwd").read_bytes(),
     "list the root folder": lambda: os.listdir("/"),
     "find open descriptors": find_descriptors,
     "find the simulator": find_simulator,
@@ -140,9 +140,9 @@ DEEDS = {
 }
 FATAL = {"x32": x32_call}
 HARMLESS = {
-    "read its own code": lambda: open(__file__).read(),
+    "read its own code": lambda: Path(__file__).read_bytes(),
     "import a package": lambda: __import__("wave"),
-    "throw away output": lambda: open(os.devnull, "w").write("x"),
+    "throw away output": lambda: Path(os.devnull).write_text("x"),
     "start a thread": lambda: threading.Thread(target=int).start(),
 }
 ALL = {**DEEDS, **FATAL, **HARMLESS}

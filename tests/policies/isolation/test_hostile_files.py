@@ -17,6 +17,7 @@ import torch
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.policies.holding import hold
 from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
 from minitouch_bench.policies.sources import MAX_FILE_BYTES, parse_source
 from tests.policies.isolation import hostile_modules
@@ -226,8 +227,12 @@ def test_onnx_that_grows_when_it_is_optimised_gets_no_memory(policy, tmp_path):
     add = onnx.helper.make_node("ReduceSum", ["large"], ["extra"])
     give(policy, tmp_path, "onnx", graph([grow, add], [shape]))
     with pytest.raises((PolicyLoadError, PolicyFaultError), match=r"(?i)alloc|memory"):
-        policy.reset(0, "pushing")
-        policy.act({"image": np.zeros((1, 84, 84), np.uint8), "touch": np.zeros(11, np.float32)})
+        play_one_step(policy)
+
+
+def play_one_step(policy):
+    policy.reset(0, "pushing")
+    policy.act(zero_observation())
 
 
 @pytest.mark.parametrize("where", ["secret.bin", "/etc/passwd", "../../etc/passwd"])
