@@ -14,7 +14,6 @@ from minitouch_bench.policies.native import as_array, to_tensors
 from minitouch_bench.policies.policy import Checkpoint, Observation
 from minitouch_bench.policies.wire import plain_line
 
-
 RAN = "failed in the TorchScript interpreter"
 """What torch says where a file's code failed, and not the reading of the file."""
 

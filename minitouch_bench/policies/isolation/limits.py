@@ -62,7 +62,7 @@ def set_limits(limits: Limits) -> None:
 
 
 def be_first_to_go() -> None:
-    """Have the kernel take this process first where the whole machine runs out of memory."""
+    """Have the kernel take this process and its children first where memory runs out."""
     with open("/proc/self/oom_score_adj", "w", encoding="ascii") as file:
         file.write("1000")
 

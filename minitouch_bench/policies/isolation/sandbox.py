@@ -40,7 +40,6 @@ class Sandbox:
             OSError: the kernel refused a part of it; the process must end then.
 
         """
-        limits.be_first_to_go()
         limits.set_limits(self.limits)
         limits.forget_environment()
         limits.close_others((*kept, self.ruleset))
@@ -55,6 +54,8 @@ def prepare(
     allowed: limits.Limits, readable: tuple[str, ...] = (), *, threads: bool = False
 ) -> Sandbox:
     """Return a sandbox in which ``readable`` may be read beside what Python needs.
+
+    The calling process becomes one that the kernel ends first where memory runs out.
 
     Raises:
         IsolationError: this machine cannot have one, or it does not hold.
@@ -74,6 +75,7 @@ def prepare(
     except OSError as error:
         raise _unavailable(f"Landlock refused its rules: {error.strerror}") from error
     sandbox = Sandbox(machine, abi, ruleset, allowed, threads)
+    limits.be_first_to_go()  # children inherit it, and a write each would cost more than the rest
     check_holds(sandbox)
     return sandbox
 
