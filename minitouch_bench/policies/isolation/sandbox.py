@@ -75,7 +75,7 @@ def prepare(
     except OSError as error:
         raise _unavailable(f"Landlock refused its rules: {error.strerror}") from error
     sandbox = Sandbox(machine, abi, ruleset, allowed, threads)
-    limits.be_first_to_go()  # children inherit it, and a write each would cost more than the rest
+    limits.be_first_to_go()  # children inherit it
     check_holds(sandbox)
     return sandbox
 
