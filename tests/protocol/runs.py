@@ -20,6 +20,7 @@ def request(
     tasks=TASKS,
     episodes=2,
     seed=0,
+    *,
     exploration=None,
     isolation=Isolation.SANDBOX,
     **limits,
