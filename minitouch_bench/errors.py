@@ -5,6 +5,7 @@
     MiniTouchError                  root; carries the exit code of the command line
     ├── UsageError                  2   a wrong option, task, suite or shape set
     ├── MissingExtraError           3   an optional package is needed and not installed
+    ├── IsolationError              3   a policy cannot be held as asked on this machine
     ├── PolicyError                 3   a policy cannot be used
     │   ├── PolicyLoadError         3   the file is unreadable, unsafe or of the wrong form
     │   └── PolicyFaultError        4   the policy failed inside an episode
@@ -32,6 +33,12 @@ class UsageError(MiniTouchError):
 
 class MissingExtraError(MiniTouchError):
     """An optional package is not installed."""
+
+    exit_code = 3
+
+
+class IsolationError(MiniTouchError):
+    """A policy cannot be held as was asked on this machine."""
 
     exit_code = 3
 

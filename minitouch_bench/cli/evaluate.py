@@ -2,9 +2,8 @@
 
 import os
 import re
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
@@ -13,8 +12,10 @@ from minitouch_bench.cli.consoles import data_console, notes
 from minitouch_bench.cli.progress import EvaluationProgress
 from minitouch_bench.errors import InfrastructureError, InterruptedRunError, UsageError
 from minitouch_bench.metrics import summarize
-from minitouch_bench.policies.process import PolicyLimits, probe
-from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.policies.holding import probe
+from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.process import PolicyLimits
+from minitouch_bench.policies.sources import PolicySource, parse_source
 from minitouch_bench.protocol.engine import Contest
 from minitouch_bench.protocol.evaluation import Begun, Request, begin
 from minitouch_bench.protocol.evaluation import evaluate as run_evaluation
@@ -30,12 +31,6 @@ FINISHED_WITH_FAULTS = 4
 MAX_EPISODES = 100_000
 MAX_WORKERS = 1024
 MAX_ACT_TIMEOUT_S = 86400.0
-
-
-class Isolation(StrEnum):
-    """How a policy is held."""
-
-    PROCESS = "process"
 
 
 def evaluate(
@@ -64,9 +59,10 @@ def evaluate(
     video: Annotated[int, typer.Option(min=0, help="Film the first N episodes of each task.")] = 0,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run there.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Replace the run there.")] = False,
-    isolation: Annotated[Isolation, typer.Option(help="How the policy is held.")] = (
-        Isolation.PROCESS
-    ),
+    isolation: Annotated[
+        Isolation,
+        typer.Option(help="How the policy is held: see docs/isolation.md. none needs --trust."),
+    ] = Isolation.SANDBOX,
     trust: Annotated[
         bool, typer.Option("--trust", help="Run a policy's own Python code on this machine.")
     ] = False,
@@ -90,8 +86,7 @@ def evaluate(
         tasks=chosen,
         episodes=episodes or published.episodes_per_task,
         seed=seed,
-        contest=_contest(policy, exploration, chosen, limits, trust=trust),
-        isolation=isolation,
+        contest=_contest(policy, exploration, chosen, Holding(limits, isolation, trust)),
     )
     directory = output or Path("reports") / _run_name(request)
     with lock_directory(directory):
@@ -104,25 +99,42 @@ def evaluate(
         raise typer.Exit(FINISHED_WITH_FAULTS)
 
 
+class Holding(NamedTuple):
+    """How policies are held."""
+
+    limits: PolicyLimits
+    isolation: Isolation
+    trust: bool
+
+
 def _contest(
-    policy: str,
-    exploration: str | None,
-    tasks: tuple[str, ...],
-    limits: PolicyLimits,
-    *,
-    trust: bool,
+    policy: str, exploration: str | None, tasks: tuple[str, ...], holding: Holding
 ) -> Contest:
     """Find the policies and load each once, so that a bad file is refused before any episode."""
-    source = parse_source(policy, tasks, trust=trust)
-    probe(source, tasks, limits, trust=trust)
+    limits, isolation, trust = holding
+    if isolation is Isolation.NONE and not trust:
+        raise UsageError("--isolation none runs the policy in this very process: add --trust")
+    source = _find_policy(policy, tasks, holding)
     if exploration is None:
-        return Contest(source, limits=limits, trust=trust)
+        return Contest(source, limits=limits, trust=trust, isolation=isolation)
     goals = tuple(task for task in tasks if task in GOAL_TASKS)
     if not goals:
         raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
-    explorer = parse_source(exploration, goals, trust=trust)
-    probe(explorer, goals, limits, deterministic=False, trust=trust)
-    return Contest(source, explorer, limits, trust)
+    explorer = _find_policy(exploration, goals, holding, deterministic=False)
+    return Contest(source, explorer, limits, trust, isolation)
+
+
+def _find_policy(
+    text: str, tasks: tuple[str, ...], holding: Holding, *, deterministic: bool = True
+) -> PolicySource:
+    limits, isolation, trust = holding
+    source = parse_source(text, tasks, trust=trust)
+    if source.kind == "remote" and isolation is Isolation.SANDBOX:
+        notes.print(
+            "a policy server needs the network: its client is held at level process", markup=False
+        )
+    probe(source, tasks, limits, isolation, deterministic=deterministic, trust=trust)
+    return source
 
 
 def _worker_count(text: str) -> int:

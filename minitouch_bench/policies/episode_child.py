@@ -1,9 +1,7 @@
 """One episode of a policy, in a process that is forked for it and ends with it."""
 
-import ctypes
 import os
 import random
-import signal
 import sys
 from dataclasses import dataclass
 from typing import NoReturn
@@ -11,7 +9,8 @@ from typing import NoReturn
 import numpy as np
 import numpy.random  # loaded lazily otherwise, so in every child anew
 
-from minitouch_bench.errors import MissingExtraError, PolicyLoadError
+from minitouch_bench.errors import MissingExtraError, PolicyLoadError, PolicyRaisedError
+from minitouch_bench.policies.isolation.sandbox import Sandbox
 from minitouch_bench.policies.loading import load_policy
 from minitouch_bench.policies.policy import Checkpoint, Policy
 from minitouch_bench.policies.wire import (
@@ -24,26 +23,16 @@ from minitouch_bench.policies.wire import (
     write_frame,
 )
 
-PR_SET_PDEATHSIG = 1
-
 
 @dataclass(frozen=True)
 class Episode:
-    """What a child is forked for: which policy, which task, which seed."""
+    """What a child is forked for: which policy, which task, which seed, and what holds it."""
 
     kind: str
     checkpoint: Checkpoint
     task: str
     seed: int
-
-
-def die_with(parent: int) -> None:
-    """Ask the kernel to kill this process when its parent ends, or end now if it has."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0:
-        raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG) failed")
-    if os.getppid() != parent:  # it ended before the request was made
-        os._exit(0)
+    sandbox: Sandbox | None = None
 
 
 def run_episode(episode: Episode, requests: int, answers: int) -> NoReturn:
@@ -53,7 +42,7 @@ def run_episode(episode: Episode, requests: int, answers: int) -> NoReturn:
     """
     code = 1
     try:
-        policy = _load(episode, answers)
+        policy = _load(episode, requests, answers)
         if policy is not None and _reset(policy, episode, answers):
             _serve(policy, requests, answers)
         code = 0
@@ -75,10 +64,15 @@ def seed_everything(seed: int) -> None:
         sys.modules["onnxruntime"].set_seed(seed % 2**63)
 
 
-def _load(episode: Episode, answers: int) -> Policy | None:
+def _load(episode: Episode, requests: int, answers: int) -> Policy | None:
     seed_everything(episode.seed)
-    # Everything above is ours, everything below may be a stranger's: whatever confines this
-    # process has to be in force from here on.
+    if episode.sandbox is not None:
+        try:
+            episode.sandbox.enter((requests, answers))
+        except OSError as error:
+            write_frame(answers, Frame.UNCONFINED, describe(error).encode())
+            return None
+    # Everything above is ours, everything below may be a stranger's.
     try:
         policy = load_policy(episode.kind, episode.checkpoint)
     except PolicyLoadError as error:
@@ -98,7 +92,7 @@ def _reset(policy: Policy, episode: Episode, answers: int) -> bool:
     except SystemExit:
         raise
     except BaseException as error:
-        write_frame(answers, Frame.RAISED, describe(error).encode())
+        write_frame(answers, Frame.RAISED, _tell(error))
         return False
     write_frame(answers, Frame.READY)
     return True
@@ -118,12 +112,18 @@ def _serve(policy: Policy, requests: int, answers: int) -> None:
         except SystemExit:
             raise
         except BaseException as error:
-            write_frame(answers, Frame.RAISED, describe(error).encode())
+            write_frame(answers, Frame.RAISED, _tell(error))
         else:
             write_frame(answers, Frame.ACTION, answer)
     close = getattr(policy, "close", None)
     if callable(close):
         close()
+
+
+def _tell(error: BaseException) -> bytes:
+    """Return what is said of an exception; a loader's own words need no type before them."""
+    text = str(error) if isinstance(error, PolicyRaisedError) else describe(error)
+    return text.encode()
 
 
 def _exit_code(stop: SystemExit) -> int:

@@ -3,8 +3,9 @@
 Started by ``host_connection`` as ``python -m minitouch_bench.policies.host FD PARENT``. FD is a
 socket on which every packet is one JSON object::
 
-    {"do": "start", kind, target, digest, deterministic, trust, seed, task} + two descriptors
-        -> {"pid": 123}  or  {"error": "...", "missing_extra": false}
+    {"do": "start", kind, target, digest, deterministic, trust, seed, task, isolation,
+     memory_bytes, cpu_s} + two descriptors
+        -> {"pid": 123}  or  {"error": "...", "class": "PolicyLoadError"}
     {"do": "stop", "grace_s": 0.2}
         -> {"status": -9, "killed": true}   status as in Popen.returncode, null without a child
 
@@ -24,9 +25,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from minitouch_bench.errors import MiniTouchError, MissingExtraError, PolicyLoadError
-from minitouch_bench.policies.episode_child import Episode, die_with, run_episode
-from minitouch_bench.policies.loading import FORMATS, find_loader
+from minitouch_bench.errors import MiniTouchError, PolicyLoadError
+from minitouch_bench.policies.episode_child import Episode, run_episode
+from minitouch_bench.policies.isolation.kernel import die_with
+from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolation.limits import Limits
+from minitouch_bench.policies.isolation.readable import factory_paths
+from minitouch_bench.policies.isolation.sandbox import Sandbox, prepare
+from minitouch_bench.policies.loading import FORMATS, check_permitted, find_loader
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.policies.sources import read_checkpoint
 from minitouch_bench.policies.wire import MAX_PAYLOAD, describe
@@ -42,6 +48,7 @@ class Host:
         self._child = 0
         self._contents: dict[str, bytes] = {}
         self._imported: set[str] = set()
+        self._sandboxes: dict[str, Sandbox] = {}
 
     def serve(self) -> None:
         """Obey until the other side closes."""
@@ -64,14 +71,15 @@ class Host:
             episode = self._prepare(order)
             return {"pid": self._fork(episode, *descriptors)}
         except MiniTouchError as error:
-            return {"error": str(error), "missing_extra": isinstance(error, MissingExtraError)}
+            return {"error": str(error), "class": type(error).__name__}
         finally:
             for descriptor in descriptors:
                 os.close(descriptor)
 
     def _prepare(self, order: dict[str, Any]) -> Episode:
-        """Import what the kind needs and read its file, each once."""
+        """Import what the kind needs, read its file and prepare its sandbox, each once."""
         kind, target = order["kind"], order["target"]
+        check_permitted(kind, target, Isolation(order["isolation"]), trust=order["trust"])
         if kind not in self._imported:
             _import_format(kind)
             self._imported.add(kind)
@@ -83,7 +91,19 @@ class Host:
         checkpoint = Checkpoint(
             target, self._contents.get(target, b""), order["deterministic"], order["trust"]
         )
-        return Episode(kind, checkpoint, order["task"], order["seed"])
+        return Episode(kind, checkpoint, order["task"], order["seed"], self._sandbox(order))
+
+    def _sandbox(self, order: dict[str, Any]) -> Sandbox | None:
+        """Return the sandbox for an order's kind of policy, which is tried out once."""
+        if order["isolation"] != Isolation.SANDBOX:
+            return None
+        kind = order["kind"]
+        if kind not in self._sandboxes:
+            own = factory_paths(order["target"]) if kind == "factory" else ()
+            allowed = Limits(order["memory_bytes"], order["cpu_s"])
+            # The formats compute on one thread; what else a file starts is not counted by time.
+            self._sandboxes[kind] = prepare(allowed, own, threads=order["trust"])
+        return self._sandboxes[kind]
 
     def _fork(self, episode: Episode, requests: int, answers: int) -> int:
         host = os.getpid()

@@ -10,6 +10,8 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolation.limits import HOST_VARIABLES
 from minitouch_bench.policies.wire import MAX_PAYLOAD, plain_line
 
 KEPT_OUTPUT = 4096
@@ -35,6 +37,15 @@ From 1.29 on, onnxruntime's Linux packages start a thread that reports models to
 """
 
 
+def _environment(isolation: Isolation) -> dict[str, str]:
+    """Return a host's environment, in the sandbox without what a policy must not learn."""
+    sandboxed = isolation is Isolation.SANDBOX
+    kept = {
+        name: value for name, value in os.environ.items() if not sandboxed or name in HOST_VARIABLES
+    }
+    return {**kept, **HOST_SETTINGS}
+
+
 class HostGoneError(Exception):
     """The host process ended or does not answer."""
 
@@ -45,7 +56,7 @@ class HostConnection:
     The kernel kills the host when the thread that made it ends: make it in a lasting thread.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, isolation: Isolation) -> None:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._output, output = os.pipe()
         os.set_blocking(self._output, False)
@@ -60,7 +71,7 @@ class HostConnection:
                 stderr=output,
                 pass_fds=(theirs.fileno(),),
                 start_new_session=True,  # Ctrl-C on a terminal is the evaluation's to handle
-                env={**os.environ, **HOST_SETTINGS},
+                env=_environment(isolation),
             )
         os.close(output)
 

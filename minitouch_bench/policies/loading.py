@@ -6,6 +6,7 @@ from typing import Any
 
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError
 from minitouch_bench.optional import look_up, require
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.policy import Checkpoint, Policy
 from minitouch_bench.policies.wire import describe
 
@@ -17,19 +18,23 @@ class Format:
     """One way to hand in a policy.
 
     ``loader`` names a function as ``module:name``, so that no process imports torch but the
-    policy's own. ``packages`` are (module, extra) pairs to import beforehand.
+    policy's own. ``packages`` are (module, extra) pairs to import beforehand. ``runs_code``
+    marks a file that can do whatever its process can, as opposed to data that is computed with.
     """
 
     loader: str
     suffixes: tuple[str, ...] = ()
     packages: tuple[tuple[str, str], ...] = ()
+    runs_code: bool = False
 
 
 FORMATS: Mapping[str, Format] = {
     "random": Format("minitouch_bench.policies.builtin:load_random"),
     "zero": Format("minitouch_bench.policies.builtin:load_zero"),
     "native": Format("minitouch_bench.policies.native:load_native", (".safetensors",)),
-    "torchscript": Format("minitouch_bench.policies.torchscript:load_torchscript", (".pt", ".ts")),
+    "torchscript": Format(
+        "minitouch_bench.policies.torchscript:load_torchscript", (".pt", ".ts"), runs_code=True
+    ),
     "onnx": Format(
         "minitouch_bench.policies.onnx_policy:load_onnx",
         (".onnx",),
@@ -50,6 +55,20 @@ BUILT_IN = ("random", "zero", "scripted")
 KIND_BY_SUFFIX: Mapping[str, str] = {
     suffix: kind for kind, form in FORMATS.items() for suffix in form.suffixes
 }
+
+
+def check_permitted(kind: str, target: str, isolation: Isolation, *, trust: bool) -> None:
+    """Refuse a policy that would run code of its own where nothing holds it.
+
+    Raises:
+        PolicyLoadError: it is neither in the sandbox nor trusted.
+
+    """
+    if FORMATS[kind].runs_code and isolation is not Isolation.SANDBOX and not trust:
+        raise PolicyLoadError(
+            f"{target} is {kind}, which can run code of its own on this machine.\n"
+            "Leave it to --isolation sandbox, or if you trust it, add --trust"
+        )
 
 
 def find_loader(kind: str) -> Loader:

@@ -16,6 +16,7 @@ from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.policy import ACTION_SIZES, Checkpoint, Observation
 
 METADATA_KEY = "minitouch"
+MAX_HEADER_BYTES = 2**20
 
 
 class NativePolicy:
@@ -90,6 +91,11 @@ def load_native(checkpoint: Checkpoint) -> NativePolicy:
 def _read_form(checkpoint: Checkpoint) -> tuple[str, int]:
     try:
         (length,) = struct.unpack_from("<Q", checkpoint.content)
+        if length > min(MAX_HEADER_BYTES, len(checkpoint.content)):
+            raise PolicyLoadError(
+                f"{checkpoint.target} is no native checkpoint: it declares a header of "
+                f"{length} bytes"
+            )
         header = json.loads(checkpoint.content[8 : 8 + length])
         form = json.loads(header["__metadata__"][METADATA_KEY])
         architecture, action_size = form["architecture"], form["action_size"]

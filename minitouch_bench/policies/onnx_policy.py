@@ -1,5 +1,6 @@
 """ONNX checkpoints: inputs ``image`` and ``touch``, output ``action``. Runs as exported."""
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -8,10 +9,12 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.optional import require
+from minitouch_bench.policies.declared_sizes import check_bytes
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Checkpoint, Observation
 
 INPUT_SHAPES = {"image": (1, *IMAGE_SHAPE), "touch": (1, *TOUCH_SHAPE)}
 OUTPUT = "action"
+MAX_ITEM_BYTES = 16
 
 
 class OnnxPolicy:
@@ -57,18 +60,23 @@ def load_onnx(checkpoint: Checkpoint) -> OnnxPolicy:
 
 
 def check_model(onnx: Any, model: Any, target: str) -> None:
-    """Refuse a graph that reads other files or has other inputs and output.
+    """Refuse a graph that reads other files, declares too much, or has other inputs and output.
 
     Raises:
         PolicyLoadError: saying which.
 
     """
     external = onnx.TensorProto.EXTERNAL
+    declared = 0
+    for sparse in _messages(model, onnx.SparseTensorProto):
+        declared += MAX_ITEM_BYTES * math.prod(sparse.dims)
     for tensor in _messages(model, onnx.TensorProto):
+        declared += math.prod(tensor.dims)  # at least: some types pack two into a byte
         if tensor.data_location == external or tensor.external_data:
             raise PolicyLoadError(
                 f"{target} keeps weights in another file; export with external_data=False"
             )
+    check_bytes(declared // 2, model.ByteSize(), target)
     weights = {tensor.name for tensor in model.graph.initializer}
     inputs = {value.name: value for value in model.graph.input if value.name not in weights}
     if set(inputs) != set(INPUT_SHAPES):

@@ -1,10 +1,11 @@
 """A policy in a process of its own: the trusted side, which never imports torch."""
 
 import contextlib
+import math
 import os
 import signal
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, NoReturn
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import (
     InfrastructureError,
+    IsolationError,
+    MiniTouchError,
     MissingExtraError,
     PolicyExitError,
     PolicyFaultError,
@@ -23,11 +26,11 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.policies.episode_pipes import EpisodePipes
 from minitouch_bench.policies.host_connection import HostConnection, HostGoneError
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.policy import (
     Observation,
     action_size,
     validate_action,
-    zero_observation,
 )
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.policies.wire import (
@@ -47,13 +50,30 @@ END_GRACE_S = {"remote": 1.0}
 
 STOP_TIMEOUT_S = 10.0
 
+MAX_ACTS = 256
+"""More than the 200 of an episode, for the limit of processor time."""
+
+REFUSALS: Mapping[str, type[MiniTouchError]] = {
+    error.__name__: error for error in (IsolationError, MissingExtraError, PolicyLoadError)
+}
+"""What a host may answer to the order to start an episode."""
+
 
 @dataclass(frozen=True)
 class PolicyLimits:
-    """How long a policy may take, in s: to load and reset, and to give one action."""
+    """How long a policy may take, in s: to load and reset, and to give one action.
+
+    In the sandbox its memory is limited too, in MiB beyond what the format's packages take.
+    """
 
     load_timeout_s: float = 60.0
     act_timeout_s: float = 5.0
+    memory_mb: int = 8192
+
+    @property
+    def cpu_s(self) -> int:
+        """Return the processor time that one thread could use within the deadlines."""
+        return math.ceil(self.load_timeout_s + MAX_ACTS * self.act_timeout_s)
 
 
 class PolicyProcess:
@@ -67,6 +87,7 @@ class PolicyProcess:
         self,
         source: PolicySource,
         limits: PolicyLimits | None = None,
+        isolation: Isolation = Isolation.SANDBOX,
         *,
         deterministic: bool = True,
         trust: bool = False,
@@ -75,6 +96,7 @@ class PolicyProcess:
             raise ValueError("the scripted policy reads the simulator: it runs beside it")
         self._source = source
         self._limits = limits or PolicyLimits()
+        self._isolation = isolation
         self._deterministic = deterministic
         self._trust = trust
         self._host: HostConnection | None = None
@@ -101,6 +123,7 @@ class PolicyProcess:
 
         Raises:
             PolicyLoadError: the checkpoint cannot be loaded.
+            IsolationError: this machine has no sandbox to hold it in.
             MissingExtraError: an optional package is not installed.
             PolicyFaultError: the policy's own ``reset`` failed; see its subclasses.
             InfrastructureError: no host process can be started.
@@ -116,6 +139,9 @@ class PolicyProcess:
             "trust": self._trust,
             "task": task,
             "seed": seed,
+            "isolation": self._isolation,
+            "memory_bytes": self._limits.memory_mb * 2**20,
+            "cpu_s": self._limits.cpu_s,
         }
         limit_s = self._limits.load_timeout_s
         deadline = time.monotonic() + limit_s
@@ -169,7 +195,7 @@ class PolicyProcess:
         """Have a child forked; a host that has ended is replaced, once."""
         for _ in range(2):
             if self._host is None:
-                self._host = HostConnection()
+                self._host = HostConnection(self._isolation)
             requests, ours = os.pipe()
             answers, theirs = os.pipe()
             pipes = EpisodePipes(self._host, ours, answers)
@@ -187,8 +213,7 @@ class PolicyProcess:
             raise InfrastructureError(f"the policy's host process cannot work ({problem})")
         if "error" in answer:
             pipes.close()
-            kind = MissingExtraError if answer["missing_extra"] else PolicyLoadError
-            raise kind(answer["error"])
+            raise REFUSALS.get(answer["class"], PolicyLoadError)(answer["error"])
         pipes.watch(answer["pid"])
         return pipes
 
@@ -201,8 +226,10 @@ class PolicyProcess:
         if kind is Frame.LOADED:
             return
         self._stop(0.0)
-        failure = MissingExtraError if kind is Frame.MISSING_EXTRA else PolicyLoadError
-        raise failure(plain_line(payload.decode(errors="replace")))
+        text = plain_line(payload.decode(errors="replace"))
+        if kind is Frame.UNCONFINED:
+            raise InfrastructureError(f"the policy's process could not enter its sandbox: {text}")
+        raise (MissingExtraError if kind is Frame.MISSING_EXTRA else PolicyLoadError)(text)
 
     def _ask(self, deadline: float, late: str) -> tuple[Frame, bytes]:
         """Return the child's next frame, or end the child and raise what went wrong."""
@@ -264,36 +291,6 @@ class PolicyProcess:
         with contextlib.suppress(InfrastructureError):
             self._stop(self._end_grace_s if self._pipes is not None else 0.0)
             self._host.forget_output()
-
-
-def probe(
-    source: PolicySource,
-    tasks: Sequence[str],
-    limits: PolicyLimits | None = None,
-    *,
-    deterministic: bool = True,
-    trust: bool = False,
-) -> None:
-    """Load every checkpoint of a source once, so that a bad one is refused before any episode.
-
-    One action is asked for as well, but a fault in it is left to the episodes.
-
-    Raises:
-        PolicyLoadError: it cannot be loaded or reset.
-        MissingExtraError: an optional package is not installed.
-
-    """
-    if source.kind == "scripted":
-        return
-    first_task = {source.for_task(task): task for task in reversed(tasks)}
-    with PolicyProcess(source, limits, deterministic=deterministic, trust=trust) as policy:
-        for part, task in first_task.items():
-            try:
-                policy.reset(0, task)
-            except PolicyFaultError as fault:
-                raise PolicyLoadError(f"{part.target} cannot be reset: {fault}") from fault
-            with contextlib.suppress(PolicyFaultError):
-                policy.act(zero_observation())
 
 
 def _signal_name(number: int) -> str:

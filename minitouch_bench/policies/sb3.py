@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.optional import look_up, require
+from minitouch_bench.policies.declared_sizes import check_zip
 from minitouch_bench.policies.policy import (
     ACTION_SIZES,
     IMAGE_SHAPE,
@@ -99,6 +100,7 @@ def load_sb3(checkpoint: Checkpoint) -> Sb3Policy:
 
     """
     require("stable_baselines3", "sb3")
+    check_zip(checkpoint.content, checkpoint.target)
     try:
         with zipfile.ZipFile(io.BytesIO(checkpoint.content)) as archive:
             settings = json.loads(_read_member(archive, "data", MAX_SETTINGS_BYTES))

@@ -8,9 +8,20 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError
+from minitouch_bench.policies.declared_sizes import check_zip
 from minitouch_bench.policies.native import as_array, to_tensors
 from minitouch_bench.policies.policy import Checkpoint, Observation
+from minitouch_bench.policies.wire import plain_line
+
+RAN = "failed in the TorchScript interpreter"
+"""What torch says where a file's code failed, and not the reading of the file."""
+
+
+def last_line(error: Exception) -> str:
+    """Return the end of torch's message, where it says what went wrong."""
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    return plain_line(lines[-1]) if lines else type(error).__name__
 
 
 class TorchScriptPolicy:
@@ -28,7 +39,10 @@ class TorchScriptPolicy:
         # The optimising executor rewrites the graph after two calls, which costs seconds and
         # can change the last bit within an episode.
         with torch.jit.optimized_execution(False):  # type: ignore[attr-defined]
-            return as_array(self._module(*to_tensors(observation)))
+            try:
+                return as_array(self._module(*to_tensors(observation)))
+            except RuntimeError as error:  # whose message begins with the whole source
+                raise PolicyRaisedError(last_line(error)) from error
 
 
 def load_torchscript(checkpoint: Checkpoint) -> TorchScriptPolicy:
@@ -38,11 +52,16 @@ def load_torchscript(checkpoint: Checkpoint) -> TorchScriptPolicy:
         PolicyLoadError: no TorchScript file, or a forward of other arguments.
 
     """
+    check_zip(checkpoint.content, checkpoint.target)
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "`?torch.jit", DeprecationWarning)
             module = torch.jit.load(io.BytesIO(checkpoint.content), map_location="cpu")  # type: ignore[no-untyped-call]
     except (RuntimeError, ValueError) as error:
+        if RAN in str(error):
+            raise PolicyLoadError(
+                f"{checkpoint.target} failed in code of its own: {last_line(error)}"
+            ) from error
         raise PolicyLoadError(
             f"{checkpoint.target} is no TorchScript file. Weights alone are not enough: "
             "save a module with torch.jit.trace(...).save, or use .safetensors"

@@ -46,6 +46,7 @@ class Frame(IntEnum):
     RAISED = 5
     REFUSED = 6
     MISSING_EXTRA = 7
+    UNCONFINED = 8
 
 
 class WireError(Exception):

@@ -3,6 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.policies.holding import hold
+from minitouch_bench.policies.in_process import InProcessPolicy
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.policy import Observation
 from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
 from minitouch_bench.policies.scripted import Controller, make_controller
@@ -13,9 +16,9 @@ from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
 class ProcessActor:
-    """A policy in its own process."""
+    """A policy that is held away from the simulator, or loaded beside it for debugging."""
 
-    def __init__(self, process: PolicyProcess) -> None:
+    def __init__(self, process: PolicyProcess | InProcessPolicy) -> None:
         self._process = process
 
     def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
@@ -49,13 +52,18 @@ class ScriptedActor:
 
 
 def make_actor(
-    source: PolicySource, role: Role, limits: PolicyLimits, *, trust: bool
+    source: PolicySource,
+    role: Role,
+    limits: PolicyLimits,
+    isolation: Isolation = Isolation.SANDBOX,
+    *,
+    trust: bool,
 ) -> ProcessActor | ScriptedActor:
     """Return the actor of a policy; exploration policies act stochastically."""
     if source.kind == "scripted":
         return ScriptedActor()
     deterministic = role is Role.FINAL
-    return ProcessActor(PolicyProcess(source, limits, deterministic=deterministic, trust=trust))
+    return ProcessActor(hold(source, limits, isolation, deterministic=deterministic, trust=trust))
 
 
 __all__ = ["Actor", "ProcessActor", "ScriptedActor", "make_actor"]

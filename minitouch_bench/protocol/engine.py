@@ -4,6 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from minitouch_bench.policies.holding import held_level
+from minitouch_bench.policies.isolation.levels import Isolation, weakest
 from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.protocol.actors import ProcessActor, ScriptedActor, make_actor
@@ -27,6 +29,7 @@ class Contest:
     exploration: PolicySource | None = None
     limits: PolicyLimits = DEFAULT_LIMITS
     trust: bool = False
+    isolation: Isolation = Isolation.SANDBOX
 
     def source(self, role: Role) -> PolicySource:
         """Return the policy of a role."""
@@ -34,6 +37,11 @@ class Contest:
             return self.policy
         assert self.exploration is not None
         return self.exploration
+
+    def held_level(self) -> Isolation:
+        """Return the level that every policy of the run was held at, or a stricter one."""
+        sources = [self.policy, *([self.exploration] if self.exploration else [])]
+        return weakest([held_level(source, self.isolation) for source in sources])
 
 
 class Engine(Protocol):
@@ -64,6 +72,7 @@ class EpisodeRunner:
                 self._contest.source(spec.role),
                 spec.role,
                 self._contest.limits,
+                self._contest.isolation,
                 trust=self._contest.trust,
             )
         return run_episode(self._environments[spec.task], self._actors[spec.role], spec)

@@ -36,7 +36,6 @@ class Request:
     episodes: int
     seed: int
     contest: Contest
-    isolation: str = "process"
 
     def header(self) -> RunHeader:
         """Return what fixes the run's numbers."""
@@ -54,7 +53,7 @@ class Request:
             policy=identify(self.contest.policy),
             exploration=None if exploration is None else identify(exploration),
             act_timeout_s=self.contest.limits.act_timeout_s,
-            isolation=self.isolation,
+            isolation=self.contest.held_level(),
         )
 
     def chosen(self) -> Suite:

@@ -17,8 +17,10 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
+from minitouch_bench.policies.holding import probe
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.policy import zero_observation
-from minitouch_bench.policies.process import PolicyLimits, PolicyProcess, probe
+from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
 from minitouch_bench.policies.sources import PolicySource, parse_source
 from tests.policies.conftest import load
 from tests.policies.misbehaving import RESET_EXITS, RESET_RAISES, RESET_SLEEPS, SEEDS
@@ -40,14 +42,14 @@ def factory(attribute):
 def importable():
     """Let policy processes import ``misbehaving`` from here."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(HERE))
+        patch.setenv("PYTHONPATH", str(HERE), prepend=os.pathsep)
         yield
 
 
 @pytest.fixture(scope="module")
 def bad():
     """One host for all these tests: that it goes on working is part of what they show."""
-    with PolicyProcess(factory("Misbehaving"), LIMITS, trust=True) as policy:
+    with PolicyProcess(factory("Misbehaving"), LIMITS, Isolation.PROCESS, trust=True) as policy:
         yield policy
 
 
@@ -268,7 +270,7 @@ def test_missing_extra_is_named(monkeypatch, tmp_path):
     (tmp_path / "blocked" / "onnx.py").write_text(
         "raise ModuleNotFoundError('no onnx', name='onnx')"
     )
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "blocked"))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "blocked"), prepend=os.pathsep)
     (tmp_path / "x.onnx").write_bytes(b"anything")
     from minitouch_bench.errors import MissingExtraError
 

@@ -18,4 +18,4 @@ def finished(tmp_path_factory) -> tuple[EvaluationRun, Path]:
 @pytest.fixture
 def importable(monkeypatch):
     """Let policy processes import ``misbehaved`` from here."""
-    monkeypatch.setenv("PYTHONPATH", str(HERE))
+    monkeypatch.setenv("PYTHONPATH", str(HERE), prepend=":")

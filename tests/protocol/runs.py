@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.engine import Contest
@@ -14,12 +15,22 @@ from minitouch_bench.records import EvaluationRun
 TASKS = ("pushing", "opening", "pick-up")
 
 
-def request(policy="scripted", tasks=TASKS, episodes=2, seed=0, exploration=None, **limits):
+def request(
+    policy="scripted",
+    tasks=TASKS,
+    episodes=2,
+    seed=0,
+    *,
+    exploration=None,
+    isolation=Isolation.SANDBOX,
+    **limits,
+):
     contest = Contest(
         parse_source(policy, trust=True),
         None if exploration is None else parse_source(exploration, trust=True),
         PolicyLimits(**limits),
         trust=True,
+        isolation=isolation,
     )
     return Request(find_suite("table4"), tasks, episodes, seed, contest)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.protocol.journal import JOURNAL_FILE, read_journal
 from minitouch_bench.protocol.local_engine import LocalEngine
 from minitouch_bench.protocol.suites import find_suite
@@ -66,7 +67,8 @@ def test_an_episode_is_tried_three_times(tmp_path, monkeypatch, importable, deat
     counter = tmp_path / "deaths"
     counter.write_text(str(deaths))
     monkeypatch.setenv("DEATHS", str(counter))
-    wanted = request("misbehaved:KillsItsWorkerOnce", ("opening",), 1)
+    deadly = "misbehaved:KillsItsWorkerOnce"
+    wanted = request(deadly, ("opening",), 1, isolation=Isolation.PROCESS)
     directory = tmp_path / "run"
     if deaths < 3:
         done = run(wanted, directory)

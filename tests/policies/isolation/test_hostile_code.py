@@ -1,0 +1,213 @@
+"""Code that wants out: a Python factory and TorchScript modules, in real children."""
+
+import errno
+import shutil
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minitouch_bench.errors import (
+    InvalidActionError,
+    PolicyExitError,
+    PolicyLoadError,
+    PolicyRaisedError,
+    PolicyTimeoutError,
+)
+from minitouch_bench.policies.holding import hold
+from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.policy import zero_observation
+from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
+from minitouch_bench.policies.sources import parse_source
+from tests.policies.isolation import hostile_factory, hostile_modules
+
+LIMITS = PolicyLimits(act_timeout_s=10.0)
+IMPATIENT = PolicyLimits(act_timeout_s=0.5)
+OTHER_ERRORS = {
+    "find open descriptors": errno.EMFILE,
+    "find the simulator": errno.ENOENT,
+    "find secrets": errno.ENOENT,
+    "allocate 10 GB": errno.ENOMEM,
+    "use clone3": errno.ENOSYS,
+    "use a call of the future": errno.ENOSYS,
+    "type into a terminal": errno.ENOTTY,
+}
+x86_64_only = pytest.mark.skipif(
+    hostile_factory.MACHINE != "x86_64", reason="the calls' numbers are those of x86_64"
+)
+
+
+def doing(deed):
+    observation = zero_observation()
+    observation["touch"][0] = list(hostile_factory.ALL).index(deed)
+    return observation
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    """Where the factory lies, in folders that Landlock has to know as the factory's."""
+    directory = tmp_path_factory.mktemp("home")
+    shutil.copy(hostile_factory.__file__, directory)
+    return directory
+
+
+@pytest.fixture(scope="module")
+def factory(home):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(home), prepend=":")
+        patch.setenv("MINITOUCH_SECRET", "s3cret")
+        source = parse_source("hostile_factory:Hostile", trust=True)
+        with PolicyProcess(source, LIMITS, trust=True) as policy:
+            policy.reset(0, "pushing")
+            yield policy
+
+
+@x86_64_only
+@pytest.mark.parametrize("deed", hostile_factory.DEEDS)
+def test_a_factory_cannot(factory, home, deed):
+    wanted = {OTHER_ERRORS[deed]} if deed in OTHER_ERRORS else {errno.EPERM, errno.EACCES}
+    assert factory.act(doing(deed))[0] in wanted
+    assert not (home / "canary").exists()
+    assert not Path("/tmp/minitouch-canary").exists()
+
+
+@pytest.mark.parametrize("deed", hostile_factory.HARMLESS)
+def test_a_factory_can(factory, deed):
+    assert factory.act(doing(deed))[0] == 0
+
+
+def test_a_host_in_the_sandbox_never_had_the_users_secrets(factory):
+    environment = Path(f"/proc/{factory._host.pid}/environ").read_bytes()
+    assert b"s3cret" not in environment
+    assert b"PYTHONPATH" in environment
+
+
+@x86_64_only
+def test_calls_by_other_numbers_kill(factory):
+    with pytest.raises(PolicyExitError, match="killed by SIGSYS"):
+        factory.act(doing("x32"))
+    factory.reset(0, "pushing")
+
+
+@pytest.fixture(scope="module")
+def scripts():
+    """One host for all modules."""
+    with PolicyProcess(parse_source("zero"), LIMITS) as policy:
+        yield policy
+
+
+def begin(policy, module, directory, monkeypatch, limits=LIMITS):
+    path = directory / "policy.pt"
+    path.write_bytes(hostile_modules.saved(module))
+    monkeypatch.setattr(policy, "_source", parse_source(str(path)))
+    monkeypatch.setattr(policy, "_limits", limits)
+    policy.reset(0, "pushing")
+
+
+def test_a_module_that_writes_at_load_writes_nothing(scripts, tmp_path, monkeypatch):
+    canary = tmp_path / "canary"
+    begin(scripts, hostile_modules.WritesAtLoad(str(canary)), tmp_path, monkeypatch)
+    assert not canary.exists()
+
+
+def test_the_same_module_writes_where_nothing_holds_it(tmp_path):
+    canary = tmp_path / "canary"
+    (tmp_path / "x.pt").write_bytes(
+        hostile_modules.saved(hostile_modules.WritesAtLoad(str(canary)))
+    )
+    source = parse_source(str(tmp_path / "x.pt"))
+    with hold(source, LIMITS, Isolation.PROCESS, trust=True) as policy:
+        policy.reset(0, "pushing")
+    assert canary.exists()  # so the test above tests something
+
+
+def test_a_module_that_writes_in_act_writes_nothing(scripts, tmp_path, monkeypatch):
+    canary = tmp_path / "canary"
+    begin(scripts, hostile_modules.WritesInAct(str(canary)), tmp_path, monkeypatch)
+    scripts.act(zero_observation())  # torch does not look whether it was written
+    assert not canary.exists()
+
+
+@pytest.mark.parametrize("target", ["/etc/passwd", "README.md", "/proc/self/environ"])
+def test_a_module_that_reads_a_file_is_refused_it(scripts, tmp_path, monkeypatch, target):
+    path = str(Path(__file__).parents[3] / target)  # an absolute target stays as it is
+    begin(scripts, hostile_modules.ReadsInAct(path), tmp_path, monkeypatch)
+    with pytest.raises(PolicyRaisedError, match=r"Permission denied \(13\)"):
+        scripts.act(zero_observation())
+
+
+def test_a_module_that_maps_a_file_makes_none(scripts, tmp_path, monkeypatch):
+    canary = tmp_path / "canary"
+    begin(scripts, hostile_modules.Maps(str(canary)), tmp_path, monkeypatch)
+    with pytest.raises(PolicyRaisedError, match="Permission denied"):
+        scripts.act(zero_observation())
+    assert not canary.exists()
+
+
+@pytest.mark.parametrize("module", [hostile_modules.Loops, hostile_modules.Floods])
+def test_a_module_that_never_answers_is_ended(scripts, tmp_path, monkeypatch, module):
+    begin(scripts, module(""), tmp_path, monkeypatch, PolicyLimits())
+    monkeypatch.setattr(scripts, "_limits", IMPATIENT)
+    with pytest.raises(PolicyTimeoutError, match=r"no action within 0\.5 s"):
+        scripts.act(zero_observation())
+
+
+def test_processor_time_is_limited_too(scripts, tmp_path, monkeypatch):
+    short = PolicyLimits(act_timeout_s=30.0)
+    monkeypatch.setattr(PolicyLimits, "cpu_s", 1)
+    with PolicyProcess(parse_source("zero"), short) as policy:  # limits are a host's for good
+        begin(policy, hostile_modules.Loops(""), tmp_path, monkeypatch, short)
+        with pytest.raises(PolicyExitError, match=signal.SIGXCPU.name):
+            policy.act(zero_observation())
+
+
+def test_a_module_that_allocates_10_gb_gets_none(scripts, tmp_path, monkeypatch):
+    begin(scripts, hostile_modules.Allocates(""), tmp_path, monkeypatch)
+    with pytest.raises(PolicyRaisedError, match="allocate"):
+        scripts.act(zero_observation())
+
+
+def test_a_module_that_forks_gets_no_thread(scripts, tmp_path, monkeypatch):
+    begin(scripts, hostile_modules.Forks(""), tmp_path, monkeypatch)
+    with pytest.raises(PolicyRaisedError, match="not permitted"):
+        scripts.act(zero_observation())
+
+
+def test_a_module_that_counts_begins_anew_each_episode(scripts, tmp_path, monkeypatch):
+    for _ in range(2):
+        begin(scripts, hostile_modules.Counts(""), tmp_path, monkeypatch)
+        assert [scripts.act(zero_observation())[0] for _ in range(2)] == [1.0, 2.0]
+
+
+def test_a_module_that_mutates_its_observation_changes_its_copy(
+    scripts, tmp_path, monkeypatch, observation
+):
+    begin(scripts, hostile_modules.Mutates(""), tmp_path, monkeypatch)
+    before = {name: value.copy() for name, value in observation.items()}
+    for _ in range(2):
+        assert np.array_equal(scripts.act(observation), before["touch"][:4])
+    assert all(np.array_equal(before[name], observation[name]) for name in before)
+
+
+@pytest.mark.parametrize(
+    ("which", "text"),
+    list(enumerate(["NaN", "infinity", "infinity", "3 numbers", "int64"])),
+    ids=["NaN", "infinite", "1e308", "wrong shape", "wrong dtype"],
+)
+def test_what_is_no_action_is_a_fault(scripts, tmp_path, monkeypatch, which, text):
+    begin(scripts, hostile_modules.Gives(""), tmp_path, monkeypatch)
+    observation = zero_observation()
+    observation["touch"][0] = which
+    with pytest.raises(InvalidActionError, match=text):
+        scripts.act(observation)
+
+
+def test_torchscript_out_of_the_sandbox_needs_trust(tmp_path, monkeypatch):
+    path = tmp_path / "policy.pt"
+    path.write_bytes(hostile_modules.saved(hostile_modules.Counts("")))
+    for level in (Isolation.PROCESS, Isolation.NONE):
+        policy = hold(parse_source(str(path)), LIMITS, level)
+        with pytest.raises(PolicyLoadError, match="add --trust"):
+            policy.reset(0, "pushing")
+        policy.close()

@@ -1,0 +1,116 @@
+"""Whether this machine's kernel holds what the sandbox promises, and what is said if not."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from minitouch_bench.errors import IsolationError
+from minitouch_bench.policies.holding import held_level, hold, probe
+from minitouch_bench.policies.in_process import InProcessPolicy
+from minitouch_bench.policies.isolation import landlock, sandbox
+from minitouch_bench.policies.isolation.levels import Isolation, weakest
+from minitouch_bench.policies.isolation.limits import Limits
+from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.protocol.engine import Contest
+
+ROOMY = Limits(memory_bytes=2**33, cpu_s=60)
+
+WITHOUT = """
+import errno, os, struct, sys
+from minitouch_bench.policies.isolation import kernel, seccomp
+denied, argument = int(sys.argv[1]), int(sys.argv[2])
+kernel.prctl(kernel.PR_SET_NO_NEW_PRIVS, 1)
+seccomp.install([
+    (seccomp.LOAD, 0, 0, 0), (seccomp.IF_EQUAL, 1, 0, denied), (seccomp.RETURN, 0, 0, 0x7FFF0000),
+    (seccomp.LOAD, 0, 0, 16), (seccomp.IF_EQUAL, 0, 1, argument),
+    (seccomp.RETURN, 0, 0, seccomp.ERRNO | errno.EINVAL), (seccomp.RETURN, 0, 0, 0x7FFF0000),
+])
+os.execv(sys.executable, [sys.executable, "-m", "minitouch_bench.cli.app", *sys.argv[3:]])
+"""
+"""A kernel without a call, or without one option of it; then the command line."""
+
+
+def evaluate_without(call, argument, directory, *options):
+    command = [sys.executable, "-c", WITHOUT, str(call), str(argument), "evaluate", "zero"]
+    settings = ["--tasks", "pushing", "--episodes", "1", "--workers", "1", "--output", directory]
+    return subprocess.run(
+        [*command, *settings, *options], capture_output=True, text=True, check=False
+    )
+
+
+def test_the_sandbox_holds_on_this_machine():
+    made = sandbox.prepare(ROOMY)
+    os.close(made.ruleset)
+    assert made.abi == landlock.supported_abi() > 0
+
+
+@pytest.mark.parametrize("deed", sandbox.ESCAPES)
+def test_a_sandbox_that_does_not_hold_is_found_out(monkeypatch, deed):
+    made = sandbox.prepare(ROOMY)
+    monkeypatch.setattr(sandbox.seccomp, "install", lambda program: None)
+    monkeypatch.setattr(sandbox.landlock, "restrict_self", lambda ruleset, abi: None)
+    monkeypatch.setattr(sandbox, "ESCAPES", {deed: lambda: None})
+    with pytest.raises(IsolationError, match=f"a process in it can {deed}"):
+        sandbox.check_holds(made)
+    os.close(made.ruleset)
+
+
+@pytest.mark.skipif(os.uname().machine != "x86_64", reason="the call's number is of x86_64")
+def test_without_seccomp_the_policy_is_refused(tmp_path):
+    done = evaluate_without(157, 22, str(tmp_path / "run"))
+    assert done.returncode == 3
+    assert "refused a part of it" in done.stderr
+
+
+def test_without_landlock_the_policy_is_refused_and_the_price_of_less_is_named(monkeypatch):
+    monkeypatch.setattr(landlock, "supported_abi", lambda: 0)
+    with pytest.raises(IsolationError, match="no Landlock") as caught:
+        sandbox.prepare(ROOMY)
+    assert caught.value.exit_code == 3
+    assert len(str(caught.value).splitlines()) == 2
+    assert "--isolation process" in str(caught.value)
+
+
+def test_another_processor_is_refused(monkeypatch):
+    monkeypatch.setattr(sandbox.platform, "machine", lambda: "riscv64")
+    with pytest.raises(IsolationError, match="not riscv64"):
+        sandbox.prepare(ROOMY)
+
+
+def test_an_old_kernel_is_asked_for_no_more_than_it_knows(monkeypatch):
+    asked = []
+
+    def record(number, *arguments):
+        asked.append(arguments[0]._obj)
+        return os.open("/dev/null", os.O_RDONLY)
+
+    monkeypatch.setattr(landlock, "system_call", record)
+    for abi in range(1, 9):
+        os.close(landlock.make_ruleset(abi, ()))
+    files = [one.handled_access_fs.bit_length() for one in asked]
+    assert files == [13, 14, 15, 15, 16, 16, 16, 16]
+    assert [one.handled_access_net for one in asked] == [0, 0, 0, 3, 3, 3, 3, 3]
+    assert [one.scoped for one in asked] == [0, 0, 0, 0, 0, 3, 3, 3]
+
+
+def test_levels_that_cannot_be_had_are_named_as_they_are():
+    remote, scripted, zero = map(parse_source, ("http://127.0.0.1:1", "scripted", "zero"))
+    assert held_level(remote, Isolation.SANDBOX) is Isolation.PROCESS
+    assert held_level(scripted, Isolation.SANDBOX) is Isolation.NONE
+    assert held_level(zero, Isolation.SANDBOX) is Isolation.SANDBOX
+    assert weakest([Isolation.SANDBOX, Isolation.PROCESS]) is Isolation.PROCESS
+    assert Contest(zero).held_level() is Isolation.SANDBOX
+    assert Contest(zero, remote).held_level() is Isolation.PROCESS
+
+
+def test_level_none_is_this_process(observation):
+    policy = hold(parse_source("zero"), None, Isolation.NONE)
+    assert isinstance(policy, InProcessPolicy)
+    with pytest.raises(RuntimeError, match="no episode"):
+        policy.act(observation)
+    policy.reset(0, "opening")
+    assert policy.act(observation).tolist() == [0.0] * 5
+    policy.close()
+    probe(parse_source("random"), ["pushing"], None, Isolation.NONE)

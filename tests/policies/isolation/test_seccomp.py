@@ -1,0 +1,129 @@
+"""The filter, run instruction by instruction for both architectures, as the kernel would."""
+
+import errno
+import struct
+
+import pytest
+
+from minitouch_bench.policies.isolation import seccomp
+from minitouch_bench.policies.isolation.syscalls import ALLOWED, ARCHITECTURES, JUDGED
+
+PID = 4321
+DENIED = seccomp.ERRNO | errno.EPERM
+ABSENT = seccomp.ERRNO | errno.ENOSYS
+FORBIDDEN = {
+    "socket": (41, 198), "connect": (42, 203), "execve": (59, 221), "execveat": (322, 281),
+    "ptrace": (101, 117), "process_vm_readv": (310, 270), "process_vm_writev": (311, 271),
+    "io_uring_setup": (425, 425), "bpf": (321, 280), "perf_event_open": (298, 241),
+    "keyctl": (250, 219), "add_key": (248, 217), "mount": (165, 40), "umount2": (166, 39),
+    "pivot_root": (155, 41), "chroot": (161, 51), "unshare": (272, 97), "setns": (308, 268),
+    "userfaultfd": (323, 282), "memfd_create": (319, 279), "personality": (135, 92),
+    "pidfd_send_signal": (424, 424), "pidfd_open": (434, 434), "pidfd_getfd": (438, 438),
+    "rt_sigqueueinfo": (129, 138), "shmget": (29, 194), "semget": (64, 190), "msgget": (68, 186),
+    "setpriority": (140, 140), "sched_setaffinity": (203, 122), "setpgid": (109, 154),
+    "fchmod": (91, 52), "fchown": (93, 55), "ftruncate": (77, 46), "fallocate": (285, 47),
+    "unlinkat": (263, 35), "mkdirat": (258, 34), "setxattr": (188, 5), "utimensat": (280, 88),
+    "seccomp": (317, 277), "setuid": (105, 146), "init_module": (175, 105), "flock": (73, 32),
+}  # fmt: skip
+
+
+def decide(program, number, arguments=(), architecture=0xC000003E):
+    """Return the filter's answer to a call."""
+    padded = [value % 2**64 for value in (*arguments, 0, 0, 0, 0, 0, 0)[:6]]
+    data = struct.pack("<IIQ6Q", number, architecture, 0, *padded)
+    accumulator, at = 0, 0
+    while True:
+        code, if_true, if_false, constant = program[at]
+        if code == seccomp.RETURN:
+            return constant
+        if code == seccomp.LOAD:
+            (accumulator,) = struct.unpack_from("<I", data, constant)
+            at += 1
+            continue
+        holds = {
+            seccomp.IF_EQUAL: accumulator == constant,
+            seccomp.IF_AT_LEAST: accumulator >= constant,
+            seccomp.IF_ANY_BIT: bool(accumulator & constant),
+        }[code]
+        at += 1 + (if_true if holds else if_false)
+
+
+@pytest.fixture(params=ARCHITECTURES)
+def judge(request):
+    column = ARCHITECTURES.index(request.param)
+    programs = {
+        threads: seccomp.make_filter(request.param, PID, threads=threads)
+        for threads in (False, True)
+    }
+    tables = {**ALLOWED, **JUDGED, **FORBIDDEN}
+
+    def judge(call, *arguments, threads=False, architecture=seccomp.AUDIT_ARCH[request.param]):
+        number = tables[call][column] if isinstance(call, str) else call
+        if number is None:
+            return None
+        return decide(programs[threads], number, arguments, architecture)
+
+    return judge
+
+
+def test_what_computing_needs_is_allowed(judge):
+    assert {judge(name) for name in ALLOWED} <= {seccomp.ALLOW, None}
+
+
+@pytest.mark.parametrize("name", FORBIDDEN)
+def test_what_reaches_beyond_the_process_is_denied(judge, name):
+    assert judge(name) == DENIED
+
+
+def test_threads_only_where_they_are_asked_for_and_processes_never(judge):
+    thread, process = 0x3D0F00, 0x1200011
+    assert judge("clone", thread) == DENIED
+    assert judge("clone", thread, threads=True) == seccomp.ALLOW
+    assert judge("clone", process, threads=True) == DENIED
+    assert judge("clone3", threads=True) == ABSENT
+
+
+@pytest.mark.parametrize("name", ["kill", "tkill", "tgkill"])
+def test_signals_go_to_oneself_only(judge, name):
+    assert judge(name, PID, 6) == seccomp.ALLOW
+    assert judge(name, PID + 2**32, 6) == seccomp.ALLOW  # the kernel takes 32 bits, and so ours
+    for other in (0, 1, -1, -PID, PID + 1):
+        assert judge(name, other, 9) == DENIED
+
+
+def test_limits_are_read_and_never_set(judge):
+    assert judge("prlimit64", 0, 7, 0, 1000) == seccomp.ALLOW
+    assert judge("prlimit64", PID, 7, 0, 1000) == seccomp.ALLOW
+    assert judge("prlimit64", PID + 1, 7, 0, 1000) == DENIED
+    assert judge("prlimit64", 0, 7, 1000, 0) == DENIED
+    assert judge("prlimit64", 0, 7, 2**32, 0) == DENIED
+
+
+def test_options_that_reach_others_are_denied(judge):
+    assert judge("prctl", 15) == judge("prctl", seccomp.PR_SET_VMA) == seccomp.ALLOW
+    assert {judge("prctl", option) for option in (1, 4, 8, 22, 24, 38, 47, 1499557217)} == {DENIED}
+    assert judge("fcntl", 3, 2) == judge("fcntl", 3, 1030) == seccomp.ALLOW
+    assert {judge("fcntl", 3, option) for option in (6, 8, 10, 15, 1024, 1026)} == {DENIED}
+    assert judge("ioctl", 0, 0x5401) == seccomp.ALLOW
+    assert judge("ioctl", 0, 0x5412) == seccomp.ERRNO | errno.ENOTTY
+
+
+def test_calls_of_another_kind_kill(judge):
+    assert judge("read", architecture=0x40000003) == seccomp.KILL_PROCESS  # i386
+    assert judge("read", architecture=0xC0000015) == seccomp.KILL_PROCESS  # ppc64le
+    program = seccomp.make_filter("x86_64", PID, threads=True)
+    assert decide(program, seccomp.X32_BIT) == seccomp.KILL_PROCESS
+
+
+def test_calls_of_the_future_are_absent(judge):
+    assert judge(450) == judge(1000) == ABSENT
+    assert judge(425) == DENIED
+
+
+def test_no_jump_leaves_the_program():
+    for machine in ARCHITECTURES:
+        program = seccomp.make_filter(machine, PID, threads=True)
+        for at, (code, if_true, if_false, _) in enumerate(program):
+            assert max(if_true, if_false) < 256
+            assert code == seccomp.RETURN or at + 1 + max(if_true, if_false) < len(program)
+        assert len(program) < 4096
