@@ -77,10 +77,9 @@ def measure_steps(task: str, seed: int) -> Run:
     steps = play(environment, actions)
     seconds = time.perf_counter() - start
 
+    environment.reset(seed=seed)
     environment.client.drive_joints = lambda *args: (calls.append([args, 0]), drive(*args))
     environment.client.step = lambda: (calls[-1].__setitem__(1, calls[-1][1] + 1), step())
-    environment.reset(seed=seed)
-    calls.clear()
     play(environment, actions)
     environment.client.drive_joints, environment.client.step = drive, step
 
