@@ -173,11 +173,6 @@ class PhysicsClient:
         linear, angular = pybullet.getBaseVelocity(body, physicsClientId=self._id)
         return sum(v * v for v in linear) ** 0.5, sum(v * v for v in angular) ** 0.5
 
-    def bounds(self, body: int) -> tuple[Vector, Vector]:
-        """Return the axis-aligned bounding box of a body (m), its collision margin included."""
-        low, high = pybullet.getAABB(body, -1, physicsClientId=self._id)
-        return low, high
-
     def lowest_point(self, body: int) -> float:
         """Return the height of a body's lowest point (m), its collision margin included."""
         return float(pybullet.getAABB(body, -1, physicsClientId=self._id)[0][2])
