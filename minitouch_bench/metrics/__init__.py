@@ -9,7 +9,7 @@ from minitouch_bench.metrics.intervals import (
     newcombe,
     wilson,
 )
-from minitouch_bench.metrics.summary import measure_run, summarize
+from minitouch_bench.metrics.summary import measure_run, summarize, summarize_episodes
 
 __all__ = [
     "METRICS",
@@ -21,6 +21,7 @@ __all__ = [
     "measure_run",
     "newcombe",
     "summarize",
+    "summarize_episodes",
     "unit_of",
     "wilson",
 ]

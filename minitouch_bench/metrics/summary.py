@@ -1,6 +1,7 @@
 """Estimates of a run, task by task."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +43,22 @@ def summarize(run: EvaluationRun, rng: np.random.Generator) -> Summary:
     ``rng`` gives one root seed. Each (task, metric) draws from its own stream under it, so
     an estimate does not depend on which other tasks were run.
     """
+    episodes, exploration = measure_run(run), measure_run(run, Role.EXPLORATION)
+    summary = summarize_episodes(run.header.tasks, episodes, exploration, rng)
+    return replace(summary, tasks=tuple(_with_touch_curve(task, run) for task in summary.tasks))
+
+
+def summarize_episodes(
+    tasks: Sequence[str],
+    episodes: Sequence[EpisodeMetrics],
+    exploration: Sequence[EpisodeMetrics],
+    rng: np.random.Generator,
+) -> Summary:
+    """Estimate what ``summarize`` does from measured episodes: all but the touch curves."""
     root = tuple(int(word) for word in rng.integers(2**32, size=4))
-    tasks = run.header.tasks
     return Summary(
-        tasks=tuple(_summarize_task(run, task, root) for task in tasks),
-        generalization=generalize(measure_run(run), tasks, root),
+        tasks=tuple(_summarize_task(task, episodes, exploration, root) for task in tasks),
+        generalization=generalize(episodes, tasks, root),
     )
 
 
@@ -55,28 +67,31 @@ def measure_run(run: EvaluationRun, role: Role = Role.FINAL) -> tuple[EpisodeMet
     return tuple(measure(record) for record in run.records if record.spec.role is role)
 
 
-def _summarize_task(run: EvaluationRun, task: str, root: Root) -> TaskSummary:
+def _summarize_task(
+    task: str,
+    episodes: Sequence[EpisodeMetrics],
+    exploration: Sequence[EpisodeMetrics],
+    root: Root,
+) -> TaskSummary:
     """Estimate the metrics of one task; a task without episodes has no estimates."""
-    records = [record for record in run.records if record.spec.task == task]
-    final = [record for record in records if record.spec.role is Role.FINAL]
-    exploration = [record for record in records if record.spec.role is Role.EXPLORATION]
-    episodes = [measure(record) for record in final]
+    own = [episode for episode in episodes if episode.task == task]
+    explored = [episode for episode in exploration if episode.task == task]
     estimates: dict[str, Estimate] = {}
     if task in GOAL_TASKS:
-        if exploration:
-            estimates["exploration"] = _share(
-                record.outcome is Outcome.SUCCESS for record in exploration
-            )
-        estimates.update(_goal_estimates(task, episodes, root))
-    estimates.update(_touch_estimates(task, episodes, root))
-    curve, counts = _touch_curve(final)
-    return TaskSummary(
-        task=task,
-        estimates=estimates,
-        outcomes={o.value: sum(e.outcome is o for e in episodes) for o in Outcome},
-        touch_curve=curve,
-        touch_curve_episodes=counts,
+        if explored:
+            estimates["exploration"] = _share(episode.success for episode in explored)
+        estimates.update(_goal_estimates(task, own, root))
+    estimates.update(_touch_estimates(task, own, root))
+    outcomes = {outcome.value: sum(e.outcome is outcome for e in own) for outcome in Outcome}
+    return TaskSummary(task=task, estimates=estimates, outcomes=outcomes, touch_curve=())
+
+
+def _with_touch_curve(summary: TaskSummary, run: EvaluationRun) -> TaskSummary:
+    """Add what only the trajectories tell."""
+    curve, counts = _touch_curve(
+        [r for r in run.records if r.spec.task == summary.task and r.spec.role is Role.FINAL]
     )
+    return replace(summary, touch_curve=curve, touch_curve_episodes=counts)
 
 
 def _goal_estimates(

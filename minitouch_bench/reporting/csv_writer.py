@@ -63,7 +63,7 @@ Cell = str | int | float | bool | None
 
 def episodes_csv(episodes: Iterable[EpisodeMetrics]) -> str:
     """Write one row an episode; a time that does not exist is an empty cell."""
-    return _write(EPISODE_COLUMNS, (_episode_row(episode) for episode in episodes))
+    return write_csv(EPISODE_COLUMNS, (_episode_row(episode) for episode in episodes))
 
 
 def table4_csv(runs: Sequence[SavedRun]) -> str:
@@ -73,7 +73,7 @@ def table4_csv(runs: Sequence[SavedRun]) -> str:
         for metric in TABLE4_METRICS:
             rows += _run_rows(runs, task, metric)
             rows += _paper_rows(task, metric)
-    return _write(TABLE4_COLUMNS, rows)
+    return write_csv(TABLE4_COLUMNS, rows)
 
 
 def generalization_csv(runs: Sequence[SavedRun]) -> str:
@@ -88,7 +88,7 @@ def generalization_csv(runs: Sequence[SavedRun]) -> str:
                 interval = (found.value, found.low, found.high)
                 place = (name, result.task, family, metric, split)
                 rows.append((*place, *interval, found.count, found.method, _source(run)))
-    return _write(GENERALIZATION_COLUMNS, rows)
+    return write_csv(GENERALIZATION_COLUMNS, rows)
 
 
 def _splits(result: Generalization) -> Iterator[tuple[str, str, str, Estimate]]:
@@ -137,7 +137,7 @@ def _paper_rows(task: str, metric: str) -> list[tuple[Cell, ...]]:
     return rows
 
 
-def _write(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
+def write_csv(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
     """Write a CSV table with newlines of one form on every machine."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

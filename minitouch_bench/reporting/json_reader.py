@@ -20,10 +20,11 @@ class JsonNode:
 
     def __getitem__(self, key: str) -> "JsonNode":
         """Return a member of an object."""
-        members = self.mapping()
-        if key not in members:
+        if not isinstance(self._value, dict):
+            raise self._mistake("an object")
+        if key not in self._value:
             raise RunDirectoryError(f"{self._place}: '{key}' is missing")
-        return members[key]
+        return JsonNode(self._value[key], f"{self._place}.{key}")
 
     def __iter__(self) -> Iterator["JsonNode"]:
         """Walk through a list."""

@@ -1,0 +1,1 @@
+"""Submissions: packed, checked without trust, ranked, and shown as a site."""

@@ -1,0 +1,141 @@
+"""The board as data: every writer draws the same rows."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from minitouch_bench.leaderboard.entries import Entry
+from minitouch_bench.leaderboard.failures import Ending, count_endings
+from minitouch_bench.leaderboard.gaps import score_gaps
+from minitouch_bench.leaderboard.ranking import Rank, rank
+from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, Figures, score
+from minitouch_bench.leaderboard.submission import MAIN_SUITE
+from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.protocol.identity import protocol_digest
+from minitouch_bench.protocol.seeds import PROTOCOL
+from minitouch_bench.records import TASK_NAMES, Estimate, Gap, Role
+from minitouch_bench.reporting.paper import PAPER_METHODS, paper_figure
+from minitouch_bench.reporting.tables import TABLE4_METRICS
+
+CALIBRATION = ("scripted", "random", "zero")
+"""The calibration rows in the order of every table: the ceiling, then the floors."""
+
+TOUCH_METRICS = ("touched", "touch_onsets", "time_to_first_touch")
+"""The touch diagnostics of every task."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One submission on the board. ``ranks`` by task and OVERALL, none for a calibration.
+
+    ``twins`` are other submissions with the very same episodes, bit for bit.
+    """
+
+    entry: Entry
+    figures: Figures
+    ranks: Mapping[str, Rank]
+    gaps: Mapping[str, Gap]
+    endings: Mapping[str, Mapping[Ending, int]]
+    twins: tuple[str, ...] = ()
+
+    def estimate(self, task: str, metric: str) -> Estimate | None:
+        """Return an estimate, None where there is none."""
+        return self.figures.get((task, metric))
+
+
+@dataclass(frozen=True)
+class PaperRow:
+    """A row of the paper's Table 4, as printed; never ranked."""
+
+    method: str
+    figures: Mapping[tuple[str, str], str]
+
+
+@dataclass(frozen=True)
+class Board:
+    """Everything a writer needs: ``ranked`` from the best down, ``calibration`` in its order."""
+
+    protocol: str
+    protocol_digest: str
+    ranked: tuple[Row, ...]
+    calibration: tuple[Row, ...]
+    missing_calibration: tuple[str, ...]
+    paper: tuple[PaperRow, ...]
+    apart: tuple[Verdict, ...]
+    refused: tuple[Verdict, ...]
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """The rows of this protocol, ranked ones first."""
+        return (*self.ranked, *self.calibration)
+
+
+def make_board(
+    entries: Sequence[Entry], apart: Sequence[Verdict] = (), refused: Sequence[Verdict] = ()
+) -> Board:
+    """Score and rank the submissions of one protocol."""
+    ordered = sorted(entries, key=lambda entry: entry.name)
+    contenders = [entry for entry in ordered if not entry.is_calibration]
+    calibration = sorted(
+        (entry for entry in ordered if entry.is_calibration),
+        key=lambda entry: CALIBRATION.index(entry.name),
+    )
+    ranks = rank(contenders)
+    everyone = [*contenders, *calibration]
+    figures, gaps = score(everyone), score_gaps(everyone)
+    twins = _twins(everyone)
+    no_ranks: list[Mapping[str, Rank]] = [{} for _ in calibration]
+    rows = [
+        Row(entry, own, places, lost, _endings(entry), twins.get(entry.name, ()))
+        for entry, own, places, lost in zip(
+            everyone, figures, [*ranks, *no_ranks], gaps, strict=True
+        )
+    ]
+    ranked = sorted(rows[: len(contenders)], key=_standing)
+    return Board(
+        protocol=PROTOCOL,
+        protocol_digest=protocol_digest(),
+        ranked=tuple(ranked),
+        calibration=tuple(rows[len(contenders) :]),
+        missing_calibration=tuple(
+            name for name in CALIBRATION if name not in {entry.name for entry in calibration}
+        ),
+        paper=tuple(map(_paper_row, PAPER_METHODS)),
+        apart=tuple(apart),
+        refused=tuple(refused),
+    )
+
+
+def _standing(row: Row) -> tuple[int, float, str]:
+    """Order by rank, rows of one rank by mean success, then by name."""
+    score = row.figures[OVERALL, MEAN_SUCCESS].value
+    return row.ranks[OVERALL].best, -score, row.entry.name
+
+
+def _endings(entry: Entry) -> dict[str, dict[Ending, int]]:
+    return {
+        task: count_endings(entry.episodes(MAIN_SUITE, Role.FINAL, task), task)
+        for task in TASK_NAMES
+    }
+
+
+def _twins(entries: Sequence[Entry]) -> dict[str, tuple[str, ...]]:
+    """Return by name the other entries whose episodes of the main suite are the same bits."""
+    owners: dict[str, list[str]] = {}
+    for entry in entries:
+        for seed in entry.seeds:
+            owners.setdefault(seed.runs[MAIN_SUITE].digest, []).append(entry.name)
+    found: dict[str, set[str]] = {}
+    for names in owners.values():
+        for name in names:
+            found.setdefault(name, set()).update(other for other in names if other != name)
+    return {name: tuple(sorted(others)) for name, others in found.items() if others}
+
+
+def _paper_row(method: str) -> PaperRow:
+    figures = {
+        (task, metric): figure
+        for task in TASK_NAMES
+        for metric in TABLE4_METRICS
+        if (figure := paper_figure(task, metric, method)) is not None
+    }
+    return PaperRow(method, figures)

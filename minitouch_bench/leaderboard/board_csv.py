@@ -1,0 +1,76 @@
+"""``leaderboard.csv``: one row a figure, in long form."""
+
+from minitouch_bench.leaderboard.board import Board, Row
+from minitouch_bench.leaderboard.ranking import RANKED_BY
+from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
+from minitouch_bench.leaderboard.views import CALIBRATION, PAPER, RANKED
+from minitouch_bench.reporting.csv_writer import Cell, write_csv
+
+COLUMNS = (
+    "name",
+    "kind",
+    "method",
+    "proof",
+    "modalities",
+    "training_steps",
+    "training_seeds",
+    "suite",
+    "task",
+    "metric",
+    "value",
+    "low",
+    "high",
+    "count",
+    "interval",
+    "rank",
+    "worst_rank",
+)
+GAP = "held-out minus train"
+
+
+def board_csv(board: Board) -> str:
+    """Write every figure of a board; those that do not exist have no row."""
+    rows: list[tuple[Cell, ...]] = []
+    for row in board.rows:
+        rows += _figures(row)
+        rows += _gaps(row)
+    for paper in board.paper:
+        head: tuple[Cell, ...] = (paper.method, PAPER, "", "", "", None, None)
+        for (task, metric), text in paper.figures.items():
+            rows.append((*head, "", task, metric, float(text), *(None,) * 3, "", None, None))
+    return write_csv(COLUMNS, rows)
+
+
+def _head(row: Row) -> tuple[Cell, ...]:
+    about = row.entry.about
+    return (
+        about.name,
+        CALIBRATION if row.entry.is_calibration else RANKED,
+        about.method,
+        row.entry.level.value,
+        " ".join(about.modalities),
+        about.training_steps,
+        len(row.entry.seeds),
+    )
+
+
+def _figures(row: Row) -> list[tuple[Cell, ...]]:
+    rows: list[tuple[Cell, ...]] = []
+    for (task, metric), found in row.figures.items():
+        is_ranked = metric == (MEAN_SUCCESS if task == OVERALL else RANKED_BY[task])
+        rank = row.ranks.get(task) if is_ranked else None
+        places = (rank.best, rank.worst) if rank else (None, None)
+        interval = (found.value, found.low, found.high, found.count, found.method)
+        rows.append((*_head(row), "table4", task, metric, *interval, *places))
+    return rows
+
+
+def _gaps(row: Row) -> list[tuple[Cell, ...]]:
+    rows: list[tuple[Cell, ...]] = []
+    for task, gap in row.gaps.items():
+        splits = (("held-out", gap.held_out), ("train", gap.train), (GAP, gap.difference))
+        for split, found in splits:
+            interval = (found.value, found.low, found.high, found.count, found.method)
+            metric = f"{RANKED_BY[task]}, {split}"
+            rows.append((*_head(row), "novel-shapes", task, metric, *interval, None, None))
+    return rows

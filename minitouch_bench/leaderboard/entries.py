@@ -1,0 +1,169 @@
+"""A checked submission in the compact form that a board of a thousand keeps in memory."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.leaderboard.proof import Proof, ProofLevel, holds, level_of
+from minitouch_bench.leaderboard.submission import About, Submission, TrainingSeed
+from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.policies.loading import BUILT_IN
+from minitouch_bench.records import (
+    EpisodeMetrics,
+    Outcome,
+    Role,
+    RunEnvironment,
+    RunHeader,
+    SavedRun,
+)
+
+OUTCOMES = tuple(Outcome)
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """One task's episodes of one role in one run, a column a field, in the suite's order.
+
+    ``outcome`` holds places in OUTCOMES; ``first_touch`` is in s, NaN where there was none;
+    ``held_out`` marks episodes with a held-out shape.
+    """
+
+    index: NDArray[np.int32]
+    outcome: NDArray[np.int8]
+    steps: NDArray[np.int32]
+    touch: NDArray[np.int32]
+    onsets: NDArray[np.int32]
+    first_touch: Floats
+    held_out: NDArray[np.bool_]
+    shapes: tuple[str, ...]
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        """Which episodes succeeded."""
+        return np.equal(self.outcome, OUTCOMES.index(Outcome.SUCCESS))
+
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """Which episodes had any contact."""
+        return np.greater(self.touch, 0)
+
+
+@dataclass(frozen=True)
+class RunData:
+    """One run: its header, its episodes by role and task, and the touch curves by task."""
+
+    place: str
+    digest: str
+    header: RunHeader
+    environment: RunEnvironment
+    episodes: Mapping[tuple[Role, str], Episodes]
+    touch_curves: Mapping[str, tuple[float, ...]]
+    faults: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class SeedData:
+    """One training seed: its files and its runs by suite."""
+
+    seed: TrainingSeed
+    runs: Mapping[str, RunData]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A submission that may stand on the board. ``videos`` are paths in its directory."""
+
+    directory: Path
+    submission: Submission
+    level: ProofLevel
+    proof: Proof | None
+    seeds: tuple[SeedData, ...]
+    videos: tuple[str, ...]
+
+    @property
+    def about(self) -> About:
+        """What the submission tells."""
+        return self.submission.about
+
+    @property
+    def name(self) -> str:
+        """The submission's name."""
+        return self.submission.about.name
+
+    @property
+    def is_calibration(self) -> bool:
+        """Whether it is one of the built-in policies, which are shown and never ranked."""
+        return self.name in BUILT_IN
+
+    def all_have(self, suite: str, role: Role, task: str) -> bool:
+        """Tell whether every training seed has these episodes."""
+        return all(
+            suite in seed.runs and (role, task) in seed.runs[suite].episodes for seed in self.seeds
+        )
+
+    def episodes(self, suite: str, role: Role, task: str) -> tuple[Episodes, ...]:
+        """Return these episodes of every training seed."""
+        return tuple(seed.runs[suite].episodes[role, task] for seed in self.seeds)
+
+
+def make_entry(verdict: Verdict, proof: Proof | None) -> Entry:
+    """Compact a submission that passed."""
+    assert verdict.submission is not None
+    seeds = tuple(
+        SeedData(
+            seed,
+            {suite: _run(verdict.runs[place], place) for suite, place in seed.runs.items()},
+        )
+        for seed in verdict.submission.seeds
+    )
+    places = [place for seed in verdict.submission.seeds for place in seed.runs.values()]
+    videos = tuple(
+        path.relative_to(verdict.directory).as_posix()
+        for place in places
+        for path in sorted((verdict.directory / place / "videos").glob("*.mp4"))
+    )
+    kept = proof if proof is not None and holds(proof, verdict) else None
+    level = level_of(verdict, kept)
+    return Entry(verdict.directory, verdict.submission, level, kept, seeds, videos)
+
+
+def _run(saved: SavedRun, place: str) -> RunData:
+    episodes: dict[tuple[Role, str], Episodes] = {}
+    for role, rows in (
+        (Role.FINAL, saved.episodes),
+        (Role.EXPLORATION, saved.exploration_episodes),
+    ):
+        by_task: dict[str, list[EpisodeMetrics]] = {}
+        for row in rows:
+            by_task.setdefault(row.task, []).append(row)
+        episodes |= {(role, task): _columns(own) for task, own in by_task.items()}
+    return RunData(
+        place,
+        saved.digest,
+        saved.header,
+        saved.environment,
+        episodes,
+        {task.task: task.touch_curve for task in saved.summary.tasks},
+        dict(saved.faults),
+    )
+
+
+def _columns(rows: Iterable[EpisodeMetrics]) -> Episodes:
+    listed = list(rows)
+    places = {outcome: place for place, outcome in enumerate(OUTCOMES)}
+    first = [np.nan if e.time_to_first_touch is None else e.time_to_first_touch for e in listed]
+    return Episodes(
+        index=np.array([e.index for e in listed], np.int32),
+        outcome=np.array([places[e.outcome] for e in listed], np.int8),
+        steps=np.array([e.steps for e in listed], np.int32),
+        touch=np.array([e.touch_interaction for e in listed], np.int32),
+        onsets=np.array([e.touch_onsets for e in listed], np.int32),
+        first_touch=np.array(first, np.float64),
+        held_out=np.array([e.split == "held-out" for e in listed], np.bool_),
+        shapes=tuple(e.shape for e in listed),
+    )

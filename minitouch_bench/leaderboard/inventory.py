@@ -1,0 +1,115 @@
+"""The files of a submission: only known ones, plain, and no larger than they can honestly be."""
+
+import os
+import re
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.leaderboard.faults import Faults
+from minitouch_bench.leaderboard.submission import SUBMISSION_FILE, Submission
+from minitouch_bench.records import TASK_NAMES
+
+KIB, MIB, GIB = 2**10, 2**20, 2**30
+
+RUN_LIMITS = {
+    "run.json": 16 * MIB,
+    "actions.npz": 12 * MIB,
+    "episodes.csv": 4 * MIB,
+    "exploration.csv": 4 * MIB,
+    "table4.csv": MIB,
+    "generalization.csv": 4 * MIB,
+    "report.md": 4 * MIB,
+}
+"""The files of a run in a submission, and the most bytes each may have."""
+
+REQUIRED_RUN_FILES = ("run.json", "actions.npz", "episodes.csv", "table4.csv", "report.md")
+
+MAX_SUBMISSION_FILE = 64 * KIB
+MAX_CHECKPOINT = GIB
+MAX_VIDEO = 20 * MIB
+MAX_FILES = 2000
+MAX_DEPTH = 4
+
+VIDEO = re.compile(rf"videos/(?:exploration-)?(?:{'|'.join(TASK_NAMES)})-\d{{1,4}}\.mp4")
+
+
+def list_files(directory: Path, faults: Faults) -> dict[str, int]:
+    """Return every plain file by its path inside the directory, with its size in bytes.
+
+    Links and special files are faults; nothing is followed and nothing is opened.
+    """
+    if not stat.S_ISDIR(os.lstat(directory).st_mode):
+        faults.add(str(directory), "it is a link, not a directory", "give the directory itself")
+        return {}
+    found: dict[str, int] = {}
+    for entry in _walk(directory, 0):
+        place = Path(entry.path).relative_to(directory).as_posix()
+        status = entry.stat(follow_symlinks=False)
+        if stat.S_ISLNK(status.st_mode):
+            faults.add(place, "it is a symbolic link", "put the file itself there")
+        elif stat.S_ISREG(status.st_mode):
+            found[place] = status.st_size
+        elif not stat.S_ISDIR(status.st_mode):
+            faults.add(place, "it is no plain file", "remove it")
+        elif place.count("/") >= MAX_DEPTH - 1:
+            faults.add(place, f"it is a directory more than {MAX_DEPTH} levels deep", "remove it")
+        if len(found) > MAX_FILES:
+            faults.add(str(directory), f"it has more than {MAX_FILES} files", "remove some")
+            break
+    return found
+
+
+def _walk(directory: Path | str, depth: int) -> Iterator[os.DirEntry[str]]:
+    with os.scandir(directory) as entries:
+        for entry in sorted(entries, key=lambda entry: entry.name):
+            yield entry
+            if entry.is_dir(follow_symlinks=False) and depth < MAX_DEPTH - 1:
+                yield from _walk(entry.path, depth + 1)
+
+
+def check_files(submission: Submission, found: dict[str, int], faults: Faults) -> None:
+    """Hold the files against those that a submission has; the rest is unknown."""
+    limits = {SUBMISSION_FILE: MAX_SUBMISSION_FILE}
+    for seed in submission.seeds:
+        for place in seed.runs.values():
+            limits |= {f"{place}/{name}": limit for name, limit in RUN_LIMITS.items()}
+            for name in REQUIRED_RUN_FILES:
+                if f"{place}/{name}" not in found:
+                    faults.add(f"{place}/{name}", "it is missing", "pack the run again")
+        for file in seed.checkpoints:
+            if file.path:
+                limits[file.path] = MAX_CHECKPOINT
+                if file.path not in found:
+                    faults.add(file.path, "it is missing", 'add it, or set its path to ""')
+    places = [place for seed in submission.seeds for place in seed.runs.values()]
+    for path, size in found.items():
+        limit = limits.get(path, MAX_VIDEO if _is_video(path, places) else None)
+        if limit is None:
+            faults.add(path, "a submission has no such file", "remove it")
+        elif size > limit:
+            faults.add(path, f"it has {size} bytes; the limit is {limit}", "make it smaller")
+
+
+def _is_video(path: str, places: list[str]) -> bool:
+    return any(
+        path.startswith(f"{place}/") and VIDEO.fullmatch(path[len(place) + 1 :]) for place in places
+    )
+
+
+def read_plain(directory: Path, place: str, limit: int) -> bytes:
+    """Return a file's bytes, never through a link.
+
+    Raises:
+        RunDirectoryError: it cannot be read, or is larger than ``limit``.
+    """
+    try:
+        handle = os.open(directory / place, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+        with os.fdopen(handle, "rb") as file:
+            content = file.read(limit + 1)
+    except OSError as error:
+        raise RunDirectoryError(f"it cannot be read: {error.strerror}") from error
+    if len(content) > limit:
+        raise RunDirectoryError(f"it has more than {limit} bytes")
+    return content

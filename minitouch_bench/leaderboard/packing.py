@@ -1,0 +1,160 @@
+"""Make a submission's directory of finished runs and their checkpoints."""
+
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.leaderboard.faults import Faults
+from minitouch_bench.leaderboard.inventory import MAX_SUBMISSION_FILE, RUN_LIMITS, read_plain
+from minitouch_bench.leaderboard.submission import (
+    ALL_TASKS,
+    CHECKPOINTS,
+    SUBMISSION_FILE,
+    About,
+    CheckpointFile,
+    Submission,
+    TrainingSeed,
+    checkpoint_place,
+)
+from minitouch_bench.leaderboard.submission_reader import read_submission
+from minitouch_bench.leaderboard.submission_writer import submission_text
+from minitouch_bench.leaderboard.texts import check_file_name
+from minitouch_bench.policies.sources import DIRECTORY, PolicySource
+from minitouch_bench.protocol.journal import JOURNAL_FILE
+from minitouch_bench.protocol.storage import ACTIONS_FILE, LOCK_FILE
+from minitouch_bench.records import Role
+from minitouch_bench.reporting import derived_files, read_run
+from minitouch_bench.reporting.run_directory import RUN_FILE
+
+LEFT_BEHIND = (JOURNAL_FILE, LOCK_FILE, "report.html")
+"""What an evaluation writes and a submission does not need."""
+
+
+def begun_submission(directory: Path) -> Submission | None:
+    """Return the submission that the directory holds already, None if there is none.
+
+    Raises:
+        UsageError: its ``submission.toml`` has a fault.
+    """
+    if not (directory / SUBMISSION_FILE).exists():
+        return None
+    faults = Faults()
+    content = read_plain(directory, SUBMISSION_FILE, MAX_SUBMISSION_FILE)
+    submission = read_submission(content, faults)
+    for fault in faults:
+        raise UsageError(str(fault))
+    return submission
+
+
+def add_seed(
+    directory: Path, begun: Submission | None, about: About, seed: TrainingSeed
+) -> Submission:
+    """Write ``submission.toml`` with this training seed added, or put in place of its old entry.
+
+    Raises:
+        UsageError: the result would be refused.
+        RunDirectoryError: it cannot be written.
+    """
+    others = [other for other in (begun.seeds if begun else ()) if other.seed != seed.seed]
+    seeds = tuple(sorted((*others, seed), key=lambda one: one.seed))
+    submission = Submission(about, seeds)
+    text = submission_text(submission)
+    check_about(about, seeds)
+    partial = directory / f".{SUBMISSION_FILE}.partial"
+    try:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+        os.replace(partial, directory / SUBMISSION_FILE)
+    except OSError as error:
+        raise RunDirectoryError(f"{partial} cannot be written: {error.strerror}") from error
+    return submission
+
+
+def check_about(about: About, seeds: Sequence[TrainingSeed] = ()) -> None:
+    """Refuse what ``validate`` would refuse, before any episode is run.
+
+    Raises:
+        UsageError: the first fault.
+    """
+    placeholder = TrainingSeed(0, {"table4": "seed-0/table4"})
+    faults = Faults()
+    read_submission(
+        submission_text(Submission(about, tuple(seeds) or (placeholder,))).encode(), faults
+    )
+    for fault in faults:
+        raise UsageError(str(fault))
+
+
+def tidy(directory: Path) -> None:
+    """Turn the directory of a finished evaluation into that of a submission's run.
+
+    Raises:
+        RunDirectoryError: it is no run, or cannot be written.
+    """
+    saved = read_run(directory)
+    try:
+        for name, text in derived_files(saved, directory).items():
+            (directory / name).write_text(text, encoding="utf-8", newline="\n")
+        for name in LEFT_BEHIND:
+            (directory / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise RunDirectoryError(f"{directory} cannot be written: {error.strerror}") from error
+
+
+def copy_run(run: Path, place: Path) -> None:
+    """Copy what a submission needs of a finished run.
+
+    Raises:
+        RunDirectoryError: it is no run, or cannot be read or written.
+    """
+    read_run(run)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        for name in (ACTIONS_FILE, RUN_FILE):
+            if (run / name).stat().st_size > RUN_LIMITS[name]:
+                raise RunDirectoryError(f"{run / name} is larger than a submission's may be")
+            shutil.copyfile(run / name, place / name)
+        for video in sorted((run / "videos").glob("*.mp4")):
+            (place / "videos").mkdir(exist_ok=True)
+            shutil.copyfile(video, place / "videos" / video.name)
+    except OSError as error:
+        raise RunDirectoryError(f"{run} cannot be copied: {error.strerror or error}") from error
+    tidy(place)
+
+
+def name_files(
+    directory: Path, source: PolicySource, role: Role, seed: int, *, include: bool
+) -> tuple[CheckpointFile, ...]:
+    """Return the checkpoint files of a policy; with ``include`` they are copied as well.
+
+    Raises:
+        UsageError: a file's name is not plain.
+        RunDirectoryError: one cannot be copied.
+    """
+    if source.kind == DIRECTORY:
+        parts = [(task, part) for task, part in source.parts]
+    else:
+        parts = [(ALL_TASKS, source)] if source.digest else []
+    files = []
+    for task, part in parts:
+        name = Path(part.target).name
+        check_file_name(name)
+        file = CheckpointFile(role, task, name, part.digest)
+        if include:
+            file = replace(file, path=checkpoint_place(seed, role, name))
+            _copy(Path(part.target), directory / file.path)
+        files.append(file)
+    if not include:
+        stale = directory / CHECKPOINTS / f"seed-{seed}" / role.value
+        shutil.rmtree(stale, ignore_errors=True)
+    return tuple(files)
+
+
+def _copy(file: Path, place: Path) -> None:
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, place)
+    except OSError as error:
+        raise RunDirectoryError(f"{file} cannot be copied: {error.strerror}") from error

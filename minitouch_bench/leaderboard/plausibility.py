@@ -1,0 +1,61 @@
+"""What no episode can be: figures that contradict each other or the rules of the tasks."""
+
+from collections.abc import Iterator
+
+from minitouch_bench.records import GOAL_TASKS, TICKS_PER_SECOND, EpisodeMetrics, Outcome
+from minitouch_bench.simulation.panda_arm import MAX_TICKS
+from minitouch_bench.tasks.task import MAX_STEPS, SUCCESS_REWARD
+
+FINGERS = 2
+TASKS_THAT_CAN_BE_LEFT = ("pushing", "pick-up")
+"""Where the object can leave the workspace and end the episode."""
+
+
+def contradictions(row: EpisodeMetrics) -> Iterator[str]:
+    """Yield what cannot be true of one episode, in words."""
+    yield from _outcome(row)
+    yield from _length(row)
+    yield from _touch(row)
+
+
+def _outcome(row: EpisodeMetrics) -> Iterator[str]:
+    if row.success != (row.outcome is Outcome.SUCCESS):
+        yield f"success is {row.success} and the outcome '{row.outcome}'"
+    if row.outcome is Outcome.SUCCESS and row.task not in GOAL_TASKS:
+        yield f"{row.task} has no goal and cannot succeed"
+    if row.outcome is Outcome.LEFT_WORKSPACE and row.task not in TASKS_THAT_CAN_BE_LEFT:
+        yield f"in {row.task} nothing can leave the workspace"
+    reward = SUCCESS_REWARD if row.success else 0.0
+    if row.episode_return != reward:
+        yield f"the return is {row.episode_return:g}, not {reward:g}"
+
+
+def _length(row: EpisodeMetrics) -> Iterator[str]:
+    least = 0 if row.outcome is Outcome.POLICY_FAULT else 1
+    if not least <= row.steps <= MAX_STEPS:
+        yield f"{row.steps} steps, not {least} to {MAX_STEPS}"
+    if row.outcome is Outcome.STEP_LIMIT and row.steps != MAX_STEPS:
+        yield f"it ended at the step limit after {row.steps} of {MAX_STEPS} steps"
+    if not row.steps <= row.arm_time * TICKS_PER_SECOND <= row.steps * MAX_TICKS:
+        yield f"{row.arm_time:g} s are not {row.steps} steps of 1 to {MAX_TICKS} ticks"
+    if row.clipped_actions > row.steps:
+        yield f"{row.clipped_actions} clipped actions in {row.steps} steps"
+
+
+def _touch(row: EpisodeMetrics) -> Iterator[str]:
+    ticks = row.arm_time * TICKS_PER_SECOND
+    if row.touch_interaction > ticks:
+        yield f"{row.touch_interaction} ticks of contact in {ticks:g} ticks"
+    if not row.touch_steps <= min(row.steps, row.touch_interaction):
+        yield f"{row.touch_steps} steps with contact, {row.touch_interaction} ticks of contact"
+    if row.touch_onsets > FINGERS * row.touch_interaction:
+        yield f"{row.touch_onsets} contacts begun in {row.touch_interaction} ticks of contact"
+    touched = row.touch_interaction > 0
+    if touched != (row.touch_steps > 0) or touched != (row.touch_onsets > 0):
+        yield "some of its figures of contact are 0 and others are not"
+    if touched != (row.time_to_first_touch is not None):
+        yield f"first touch is {row.time_to_first_touch}, contact {row.touch_interaction} ticks"
+    elif row.time_to_first_touch is not None and not (0 <= row.time_to_first_touch < row.arm_time):
+        yield f"first touch at {row.time_to_first_touch:g} s of {row.arm_time:g} s"
+    if row.touch_variance < 0 or row.object_movement < 0:
+        yield "a variance is below 0"

@@ -1,0 +1,166 @@
+"""How well a submission's figures are proved, and the maintainer's note that says so.
+
+A proof lies beside the submissions, in ``_proofs/NAME.json``, never inside one: a change that
+adds a submission has no reason to touch it. It binds a level to the bytes of each run.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib.metadata import version
+from pathlib import Path
+
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
+from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.protocol.identity import protocol_digest
+from minitouch_bench.protocol.storage import ACTIONS_FILE
+from minitouch_bench.records import SavedRun
+from minitouch_bench.reporting.json_reader import JsonNode
+from minitouch_bench.reporting.run_directory import RUN_FILE
+
+FORMAT = "minitouch-proof"
+VERSION = 1
+PROOFS = "_proofs"
+"""A submission's name begins with a letter or digit, so none can be called this."""
+
+PROVED_FILES = (RUN_FILE, ACTIONS_FILE)
+MAX_PROOF = 2**16
+
+
+class ProofLevel(StrEnum):
+    """What stands behind a row's figures, from the weakest up; ``remote`` stands apart."""
+
+    SELF_REPORTED = "self-reported"
+    REPLAYED = "replay-verified"
+    RERUN = "re-run-verified"
+    REMOTE = "remote"
+
+
+MEANINGS: Mapping[ProofLevel, str] = {
+    ProofLevel.SELF_REPORTED: "the submitter's own figures, consistent with their episodes",
+    ProofLevel.REPLAYED: "a maintainer replayed the recorded actions: the simulator gives "
+    "exactly these figures",
+    ProofLevel.RERUN: "a maintainer also ran drawn episodes with the checkpoint: the same actions",
+    ProofLevel.REMOTE: "the actions came from a server: nobody else can run this policy",
+}
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What a maintainer has proved: the level, and the digests of the files it holds for."""
+
+    level: ProofLevel
+    files: Mapping[str, str]
+    protocol_digest: str
+    rerun_episodes: int
+    package: str
+
+
+def make_proof(verdict: Verdict, level: ProofLevel, rerun_episodes: int = 0) -> Proof:
+    """Bind a level to the runs of a submission as they are now.
+
+    Raises:
+        RunDirectoryError: a file cannot be read.
+    """
+    return Proof(
+        level,
+        file_digests(verdict.directory, tuple(verdict.runs)),
+        protocol_digest(),
+        rerun_episodes,
+        version("minitouch-bench"),
+    )
+
+
+def file_digests(directory: Path, places: tuple[str, ...]) -> dict[str, str]:
+    """Return the SHA-256 of the files that a proof is about, by path.
+
+    Raises:
+        RunDirectoryError: one of them cannot be read.
+    """
+    paths = [(f"{place}/{name}", RUN_LIMITS[name]) for place in places for name in PROVED_FILES]
+    return {
+        path: hashlib.sha256(read_plain(directory, path, limit)).hexdigest()
+        for path, limit in paths
+    }
+
+
+def proof_path(directory: Path, proofs: Path | None = None) -> Path:
+    """Return where the proof of a submission lies; by default beside the submissions."""
+    return (proofs or directory.parent / PROOFS) / f"{directory.name}.json"
+
+
+def write_proof(proof: Proof, path: Path) -> None:
+    """Write a proof as a whole.
+
+    Raises:
+        RunDirectoryError: it cannot be written.
+    """
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "level": proof.level.value,
+        "protocol_digest": proof.protocol_digest,
+        "package": proof.package,
+        "rerun_episodes": proof.rerun_episodes,
+        "files": dict(proof.files),
+    }
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        os.replace(partial, path)
+    except OSError as error:
+        raise RunDirectoryError(f"{path} cannot be written: {error.strerror}") from error
+
+
+def read_proof(path: Path) -> Proof | None:
+    """Read a proof, None where there is none.
+
+    Raises:
+        RunDirectoryError: the file is something else.
+    """
+    if not path.exists():
+        return None
+    try:
+        document = json.loads(read_plain(path.parent, path.name, MAX_PROOF))
+    except (ValueError, RecursionError) as error:
+        raise RunDirectoryError(f"{path} is not JSON: {error}") from error
+    node = JsonNode(document, path.name)
+    if node["format"].text() != FORMAT or node["version"].integer() != VERSION:
+        raise RunDirectoryError(f"{path} is no proof of version {VERSION}")
+    return Proof(
+        level=ProofLevel(node["level"].choice((ProofLevel.REPLAYED, ProofLevel.RERUN))),
+        files=node["files"].text_mapping(),
+        protocol_digest=node["protocol_digest"].text(),
+        rerun_episodes=node["rerun_episodes"].count(),
+        package=node["package"].text(),
+    )
+
+
+def level_of(verdict: Verdict, proof: Proof | None) -> ProofLevel:
+    """Return a submission's level; a proof counts only for the very bytes it was made of.
+
+    A remote policy stays "remote" whatever was replayed: nobody else can run it.
+    """
+    if any(map(_is_remote, verdict.runs.values())):
+        return ProofLevel.REMOTE
+    return proof.level if proof and holds(proof, verdict) else ProofLevel.SELF_REPORTED
+
+
+def holds(proof: Proof, verdict: Verdict) -> bool:
+    """Tell whether a proof is about a submission's runs as they are now, and this protocol."""
+    if proof.protocol_digest != protocol_digest():
+        return False
+    try:
+        return proof.files == file_digests(verdict.directory, tuple(verdict.runs))
+    except RunDirectoryError:
+        return False
+
+
+def _is_remote(run: SavedRun) -> bool:
+    policies = (run.header.policy, run.header.exploration)
+    return any(policy is not None and policy.kind == "remote" for policy in policies)

@@ -1,0 +1,109 @@
+"""Prove a submission: replay its recorded actions, and run drawn episodes with its checkpoint."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.leaderboard.faults import Faults
+from minitouch_bench.leaderboard.submission import CHECKPOINTS, TrainingSeed
+from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.policies.loading import BUILT_IN
+from minitouch_bench.policies.process import PolicyLimits
+from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
+from minitouch_bench.protocol.engine import Contest, Engine
+from minitouch_bench.records import PolicyIdentity, Role
+from minitouch_bench.verification.recorded_run import RecordedRun, open_run
+from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun
+from minitouch_bench.verification.verify import verify_run
+
+
+@dataclass(frozen=True)
+class Proving:
+    """How to prove: on which engine, drawing from ``rng``, reporting each episode done."""
+
+    engine: Engine
+    rng: np.random.Generator = field(default_factory=np.random.default_rng)
+    progress: Callable[[], None] = lambda: None
+
+
+def replay(verdict: Verdict, proving: Proving) -> Faults:
+    """Replay the actions of every run; each difference is a fault. No checkpoint is opened."""
+    faults = Faults()
+    for place in verdict.runs:
+        with faults.caught(place):
+            found = verify_run(verdict.directory / place, proving.engine, proving.progress)
+            for difference in found.differences:
+                faults.add(
+                    f"{place}, {difference.place}",
+                    difference.what,
+                    "the recorded actions do not give these figures",
+                )
+    return faults
+
+
+def run_again(verdict: Verdict, count: int, proving: Proving) -> Faults:
+    """Run ``count`` drawn episodes of each run with the checkpoint, held in the sandbox."""
+    faults = Faults()
+    assert verdict.submission is not None
+    for seed in verdict.submission.seeds:
+        for place in seed.runs.values():
+            with faults.caught(place):
+                _run_again(verdict.directory, seed, place, count, proving, faults)
+    return faults
+
+
+def _run_again(  # noqa: PLR0917 - one run of one seed of a submission
+    directory: Path, seed: TrainingSeed, place: str, count: int, proving: Proving, faults: Faults
+) -> None:
+    run, differences = open_run(directory / place)
+    for difference in differences:
+        faults.add(f"{place}, {difference.place}", difference.what)
+    if run is None:
+        return
+    contest = _contest(directory, seed, run)
+    specs = draw_episodes(run, count, proving.rng)
+    for _, found in rerun(run, contest, specs, proving.engine):
+        proving.progress()
+        for difference in found:
+            faults.add(
+                f"{place}, {difference.place}",
+                difference.what,
+                "the checkpoint does not act as recorded",
+            )
+
+
+def _contest(directory: Path, seed: TrainingSeed, run: RecordedRun) -> Contest:
+    header = run.saved.header
+    exploration = header.exploration
+    return Contest(
+        _source(directory, seed, Role.FINAL, header.policy),
+        None if exploration is None else _source(directory, seed, Role.EXPLORATION, exploration),
+        PolicyLimits(act_timeout_s=header.act_timeout_s),
+    )
+
+
+def _source(
+    directory: Path, seed: TrainingSeed, role: Role, recorded: PolicyIdentity
+) -> PolicySource:
+    """Find a policy's checkpoint in the submission.
+
+    Raises:
+        UsageError: it is not there, or is another one.
+        PolicyLoadError: it cannot be read.
+    """
+    files = seed.files(role)
+    if recorded.kind in BUILT_IN:
+        return parse_source(recorded.kind)
+    if not files or not all(file.path for file in files):
+        raise UsageError(
+            f"the {role} checkpoint of seed {seed.seed} is not in the submission: "
+            "it cannot be run again"
+        )
+    places = directory / CHECKPOINTS / f"seed-{seed.seed}" / role.value
+    path = places if recorded.kind == DIRECTORY else directory / files[0].path
+    source = parse_source(str(path))
+    check_identity(recorded, source)
+    return source

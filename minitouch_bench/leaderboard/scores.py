@@ -1,0 +1,195 @@
+"""The figures of a board: every one computed here from the episodes, with its interval.
+
+All rows share one set of resamples, so equal episodes give equal intervals.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.leaderboard.entries import Entry, Episodes
+from minitouch_bench.leaderboard.submission import MAIN_SUITE
+from minitouch_bench.metrics import wilson
+from minitouch_bench.metrics.intervals import BOOTSTRAP
+from minitouch_bench.metrics.shared_bootstrap import (
+    mean_intervals,
+    resample_weights,
+    stratified_intervals,
+)
+from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, Estimate, Role
+
+ROOT = (0,)
+"""Root of the board's random streams: the same submissions give the same board."""
+
+OVERALL = "overall"
+MEAN_SUCCESS = "mean_success"
+"""The board's own metric: the mean of the success rates of the tasks with a goal."""
+
+OVER_SEEDS = "bootstrap over training seeds"
+SHARE_OVER_SEEDS = "bootstrap over training seeds, no narrower than Wilson over all episodes"
+OVER_TASKS = "Wilson intervals of the tasks, added in quadrature"
+
+Floats = NDArray[np.float64]
+Figures = dict[tuple[str, str], Estimate]
+"""A row's estimates by (task, metric)."""
+
+
+def _success(episodes: Episodes) -> Floats:
+    return episodes.success.astype(np.float64)
+
+
+def _touched(episodes: Episodes) -> Floats:
+    return episodes.touched.astype(np.float64)
+
+
+SHARES: Mapping[str, tuple[Role, Callable[[Episodes], Floats]]] = {
+    "success": (Role.FINAL, _success),
+    "exploration": (Role.EXPLORATION, _success),
+    "touched": (Role.FINAL, _touched),
+}
+MEANS: Mapping[str, Callable[[Episodes], Floats]] = {
+    "episode_steps": lambda episodes: episodes.steps.astype(np.float64),
+    "touch_interaction": lambda episodes: episodes.touch.astype(np.float64),
+    "touch_onsets": lambda episodes: episodes.onsets.astype(np.float64),
+    "time_to_first_touch": lambda episodes: episodes.first_touch,
+}
+GOAL_METRICS = ("success", "exploration", "episode_steps")
+
+
+def score(entries: Sequence[Entry]) -> list[Figures]:
+    """Estimate every figure of the main suite, one mapping an entry in their order."""
+    figures: list[Figures] = [{} for _ in entries]
+    for task in TASK_NAMES:
+        for metric, (role, read) in SHARES.items():
+            if task in GOAL_TASKS or metric not in GOAL_METRICS:
+                _score(entries, figures, task, metric, role, read)
+        for metric, read in MEANS.items():
+            if task in GOAL_TASKS or metric not in GOAL_METRICS:
+                _score(entries, figures, task, metric, Role.FINAL, read)
+    _score_overall(entries, figures)
+    return figures
+
+
+def seed_means(entry: Entry, task: str, role: Role, read: Callable[[Episodes], Floats]) -> Floats:
+    """Return a metric's mean of each training seed, (S,); NaN where no episode has a value."""
+    found = []
+    for episodes in entry.episodes(MAIN_SUITE, role, task):
+        values = read(episodes)
+        kept = values[~np.isnan(values)]
+        found.append(float(kept.mean()) if kept.size else math.nan)
+    return np.array(found)
+
+
+def _score(  # noqa: PLR0917 - one figure of all entries
+    entries: Sequence[Entry],
+    figures: list[Figures],
+    task: str,
+    metric: str,
+    role: Role,
+    read: Callable[[Episodes], Floats],
+) -> None:
+    """Estimate one metric of one task for all entries that have it."""
+    present = [i for i, entry in enumerate(entries) if entry.all_have(MAIN_SUITE, role, task)]
+    single = [i for i in present if len(entries[i].seeds) == 1]
+    rows = [read(entries[i].episodes(MAIN_SUITE, role, task)[0]) for i in single]
+    for i, values, found in zip(single, rows, _over_episodes(rows, task, metric), strict=True):
+        if found is not None:
+            figures[i][task, metric] = found
+        assert values.size
+    means = {
+        i: seed_means(entries[i], task, role, read) for i in present if len(entries[i].seeds) > 1
+    }
+    known = {i: found for i, found in means.items() if not np.isnan(found).any()}
+    for i, found in _over_seeds(known, f"{task}/{metric}").items():
+        if metric in SHARES:
+            pooled = _pooled(entries[i].episodes(MAIN_SUITE, role, task), read)
+            figures[i][task, metric] = _widened(found, pooled)
+        else:
+            figures[i][task, metric] = found
+
+
+def _over_episodes(rows: Sequence[Floats], task: str, metric: str) -> list[Estimate | None]:
+    """Estimate over the episodes of one seed: Wilson for a share, bootstrap for a mean."""
+    if metric in SHARES:
+        return [wilson(int(values.sum()), values.size) for values in rows]
+    found: list[Estimate | None] = [None] * len(rows)
+    for size in sorted({values.size for values in rows}):
+        own = [i for i, values in enumerate(rows) if values.size == size]
+        table = np.array([rows[i] for i in own])
+        there = ~np.isnan(table)
+        weights = resample_weights(size, ROOT, task)
+        filled = np.where(there, table, 0.0)
+        limits = mean_intervals(filled, weights, None if there.all() else there)
+        for i, values, marked, (low, high) in zip(own, table, there, limits, strict=True):
+            if marked.any():
+                mean = float(values[marked].mean())
+                # One value alone, or equal ones, vary by rounding only.
+                low, high = min(low, mean), max(high, mean)  # noqa: PLW2901
+                count = int(marked.sum())
+                found[i] = Estimate(mean, float(low), float(high), count, BOOTSTRAP)
+    return found
+
+
+def _over_seeds(means: Mapping[int, Floats], name: str) -> dict[int, Estimate]:
+    """Estimate over training seeds, for rows of every number of them."""
+    found: dict[int, Estimate] = {}
+    for size in sorted({values.size for values in means.values()}):
+        own = [i for i, values in means.items() if values.size == size]
+        table = np.array([means[i] for i in own])
+        limits = mean_intervals(table, resample_weights(size, ROOT, f"seeds/{name}"))
+        for i, values, (low, high) in zip(own, table, limits, strict=True):
+            found[i] = Estimate(float(values.mean()), float(low), float(high), size, OVER_SEEDS)
+    return found
+
+
+def _pooled(listed: Sequence[Episodes], read: Callable[[Episodes], Floats]) -> Estimate:
+    """Estimate a share over the episodes of all training seeds together."""
+    values = np.concatenate([read(episodes) for episodes in listed])
+    return wilson(int(values.sum()), values.size)
+
+
+def _widened(found: Estimate, pooled: Estimate) -> Estimate:
+    """Keep an interval over a few equal seeds from having no width."""
+    low, high = min(found.low, pooled.low), max(found.high, pooled.high)
+    return Estimate(found.value, low, high, found.count, SHARE_OVER_SEEDS)
+
+
+def _score_overall(entries: Sequence[Entry], figures: list[Figures]) -> None:
+    """Estimate the mean success over the tasks with a goal."""
+    for entry, own in zip(entries, figures, strict=True):
+        parts = [own.get((task, "success")) for task in GOAL_TASKS]
+        known = [part for part in parts if part is not None]
+        if len(known) < len(GOAL_TASKS):
+            continue
+        if len(entry.seeds) == 1:
+            own[OVERALL, MEAN_SUCCESS] = _quadrature(known)
+        else:
+            own[OVERALL, MEAN_SUCCESS] = _stratified(entry)
+
+
+def _quadrature(parts: Sequence[Estimate]) -> Estimate:
+    """Join independent shares into their mean; the interval keeps a width at 0 and at 100 %.
+
+    Source: G. Y. Zou and A. Donner, "Construction of confidence limits about effect measures:
+    a general approach", Stat. Med. 27 (2008), with Wilson's limits of each share.
+    """
+    number = len(parts)
+    value = sum(part.value for part in parts) / number
+    below = math.sqrt(sum((part.value - part.low) ** 2 for part in parts)) / number
+    above = math.sqrt(sum((part.high - part.value) ** 2 for part in parts)) / number
+    count = sum(part.count for part in parts)
+    return Estimate(value, value - below, value + above, count, OVER_TASKS)
+
+
+def _stratified(entry: Entry) -> Estimate:
+    strata = [seed_means(entry, task, Role.FINAL, _success)[None] for task in GOAL_TASKS]
+    size = len(entry.seeds)
+    weights = [resample_weights(size, ROOT, f"seeds/{task}/success") for task in GOAL_TASKS]
+    low, high = stratified_intervals(strata, weights)[0]
+    pooled = _quadrature(
+        [_pooled(entry.episodes(MAIN_SUITE, Role.FINAL, task), _success) for task in GOAL_TASKS]
+    )
+    found = Estimate(pooled.value, float(low), float(high), size, OVER_SEEDS)
+    return _widened(found, pooled)

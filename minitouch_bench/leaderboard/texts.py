@@ -1,0 +1,98 @@
+"""Which names, texts and links of a stranger are let in."""
+
+import re
+import unicodedata
+from urllib.parse import urlsplit
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.reporting.csv_writer import FORMULA_STARTS
+from minitouch_bench.reporting.escaping import printable
+
+NAME = re.compile(r"[a-z0-9](?:[a-z0-9._-]{0,62}[a-z0-9])?")
+"""A submission's name: it becomes a directory and an address on every system."""
+
+FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,126}[A-Za-z0-9]")
+LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+ ()-]{0,62}")
+LINK = re.compile(r"[A-Za-z0-9._~:/?#\[\]@!$&'()*+,;=%-]+")
+MAX_LINK = 300
+SHOWN = 40
+
+
+def check_name(text: str) -> None:
+    """Refuse a name that could not be a directory everywhere.
+
+    Raises:
+        UsageError: saying what a name looks like.
+    """
+    if not NAME.fullmatch(text) or ".." in text:
+        raise UsageError(
+            f"{_shown(text)} is no name: 1 to 64 of a-z, 0-9, '.', '_', '-', "
+            "with a letter or digit at both ends"
+        )
+
+
+def check_file_name(text: str) -> None:
+    """Refuse a file name that holds more than letters, digits, '.', '_' and '-'.
+
+    Raises:
+        UsageError: it does.
+    """
+    if not FILE_NAME.fullmatch(text) or ".." in text:
+        raise UsageError(f"{_shown(text)} is no plain file name of letters, digits, '.', '_', '-'")
+
+
+def check_text(text: str, longest: int) -> None:
+    """Refuse text that is too long or that a page, table or terminal could take for more.
+
+    Raises:
+        UsageError: saying why.
+    """
+    if len(text) > longest:
+        raise UsageError(f"it has {len(text)} characters; the limit is {longest}")
+    if printable(text) != text or "  " in text:
+        raise UsageError(
+            f"{_shown(text)} has control characters, line breaks or spare spaces; "
+            "write it on one line"
+        )
+    if unicodedata.normalize("NFC", text) != text:
+        raise UsageError(f"{_shown(text)} is not in Unicode's composed form (NFC)")
+    if "<" in text or ">" in text:
+        raise UsageError(f"{_shown(text)} holds < or >, as HTML does")
+    if text.startswith(FORMULA_STARTS):
+        raise UsageError(f"{_shown(text)} begins like a spreadsheet's formula")
+
+
+def check_licence(text: str) -> None:
+    """Refuse a licence that is no SPDX expression such as "Apache-2.0".
+
+    Raises:
+        UsageError: it is something else.
+    """
+    if text and not LICENCE.fullmatch(text):
+        raise UsageError(f"{_shown(text)} is no SPDX licence such as Apache-2.0 or MIT")
+
+
+def check_link(text: str) -> None:
+    """Refuse a link that is not plain https to a named host; "" is none.
+
+    Raises:
+        UsageError: saying what a link looks like.
+    """
+    if not text:
+        return
+    try:
+        parts = urlsplit(text)
+        plain = parts.scheme == "https" and bool(parts.hostname) and "." in str(parts.hostname)
+        plain = plain and parts.username is None and parts.password is None
+    except ValueError:
+        plain = False
+    if not plain or len(text) > MAX_LINK or not LINK.fullmatch(text):
+        raise UsageError(
+            f"{_shown(text)} is no link: https://HOST/..., at most {MAX_LINK} ASCII characters, "
+            "no user name"
+        )
+
+
+def _shown(text: str) -> str:
+    plain = printable(text)
+    return f"'{plain if len(plain) <= SHOWN else plain[:SHOWN] + '…'}'"
