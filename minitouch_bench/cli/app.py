@@ -7,9 +7,11 @@ import typer
 from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.doctor import doctor
 from minitouch_bench.cli.evaluate import evaluate
+from minitouch_bench.cli.leaderboard import app as leaderboard
 from minitouch_bench.cli.replay import replay
 from minitouch_bench.cli.report import report
 from minitouch_bench.cli.shapes import app as shapes
+from minitouch_bench.cli.submit import submit
 from minitouch_bench.cli.tasks import tasks
 from minitouch_bench.cli.verify import verify
 from minitouch_bench.errors import MiniTouchError
@@ -27,6 +29,8 @@ app.command()(tasks)
 app.command()(verify)
 app.command()(replay)
 app.command()(doctor)
+app.command()(submit)
+app.add_typer(leaderboard, name="leaderboard")
 app.add_typer(shapes, name="shapes")
 
 

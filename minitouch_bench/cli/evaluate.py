@@ -89,7 +89,7 @@ def evaluate(
         begun = begin(request, directory, resume=resume, fresh=fresh)
         if begun.torn:
             notes.print("the journal's last line was torn and has been cut off", markup=False)
-        run = _run(request, begun, directory, count)
+        run = run_episodes(request, begun, directory, count)
         _report(run, directory, video, as_json=as_json)
     if any(record.outcome is Outcome.POLICY_FAULT for record in run.records):
         raise typer.Exit(FINISHED_WITH_FAULTS)
@@ -101,7 +101,8 @@ def _run_name(request: Request) -> str:
     return f"{name[:80] or 'policy'}-{request.suite.name}"
 
 
-def _run(request: Request, begun: Begun, directory: Path, workers: int) -> EvaluationRun:
+def run_episodes(request: Request, begun: Begun, directory: Path, workers: int) -> EvaluationRun:
+    """Run what is missing, with a progress display; what is done survives a break."""
     suite = request.chosen()
     total = len(suite.episodes(exploration=request.contest.exploration is not None))
     try:

@@ -57,7 +57,8 @@ FILE_KEYS = ("role", "task", "file", "sha256", "path")
 SEE = "see docs/submitting.md"
 
 Value = TypeVar("Value")
-NOTHING: dict[str, str] = {}
+NO_RUNS: dict[str, str] = {}
+NO_NODES: tuple[JsonNode, ...] = ()
 
 
 def read_submission(content: bytes, faults: Faults) -> Submission | None:
@@ -133,7 +134,7 @@ def _about(reader: _Reader, node: JsonNode) -> About:
 
 
 def _seeds(reader: _Reader, node: JsonNode) -> tuple[TrainingSeed, ...]:
-    entries = reader.get(node, "seeds", _nodes, ())
+    entries = reader.get(node, "seeds", _nodes, NO_NODES)
     if not entries:
         reader.faults.add(SUBMISSION_FILE, "it has no training seed", "add a [[seeds]] table")
     if len(entries) > MAX_SEEDS:
@@ -151,9 +152,9 @@ def _seed(reader: _Reader, node: JsonNode) -> TrainingSeed:
     if not members:
         return TrainingSeed(-1, {})
     seed = reader.get(node, "seed", lambda value: _count(value, MAX_SEED), -1)
-    runs = reader.get(node, "runs", JsonNode.text_mapping, NOTHING)
+    runs = reader.get(node, "runs", JsonNode.text_mapping, NO_RUNS)
     _check_runs(reader, seed, runs)
-    files = reader.get(node, "checkpoints", _nodes, ())
+    files = reader.get(node, "checkpoints", _nodes, NO_NODES)
     return TrainingSeed(
         seed,
         {suite: run_place(seed, suite) for suite in SUBMITTED_SUITES if suite in runs},

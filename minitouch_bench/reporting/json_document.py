@@ -53,6 +53,21 @@ def to_document(run: EvaluationRun, summary: Summary) -> dict[str, Any]:
     }
 
 
+def saved_document(run: SavedRun) -> dict[str, Any]:
+    """Write a run that was read back: the document it was read from, if that is as published."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "digest": run.digest,
+        "header": _plain(asdict(run.header)),
+        "environment": _plain(asdict(run.environment)),
+        "summary": _summary_document(run.summary),
+        "faults": dict(run.faults),
+        "episodes": [_episode_document(e) for e in run.episodes],
+        "exploration_episodes": [_episode_document(e) for e in run.exploration_episodes],
+    }
+
+
 def to_text(document: Mapping[str, Any]) -> str:
     """Write a document as the text of ``run.json``; NaN and infinity are refused."""
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
