@@ -8,7 +8,7 @@ from minitouch_bench.leaderboard.gaps import GAP_TASKS
 from minitouch_bench.leaderboard.ranking import RANKED_BY, Rank
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.records import GOAL_TASKS, Estimate
+from minitouch_bench.records import GOAL_TASKS, Estimate, Gap
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_TASKS
 from minitouch_bench.reporting.tables import ABSENT, TABLE4_METRICS, format_figure
@@ -151,25 +151,22 @@ def _novel(board: Board) -> View:
     return View(NOVEL, "Novel shapes", lead, headings, lines)
 
 
+def gap_figures(metric: str, gap: Gap) -> tuple[Figure, Figure, Figure]:
+    """Write a gap as three cells: held-out, train and the difference with its sign."""
+    found = gap.difference
+    value, low, high = (
+        format(number, f"+z{METRICS[metric].number_format}")
+        for number in (found.value, found.low, found.high)
+    )
+    title = f"95 % interval: {found.method}"
+    difference = Figure(value, f"[{low}, {high}]", title, found.value)
+    return figure(metric, gap.held_out), figure(metric, gap.train), difference
+
+
 def _gap_cells(row: Row | None) -> Iterator[Figure]:
     for task in GAP_TASKS:
         gap = row.gaps.get(task) if row else None
-        if gap is None:
-            yield from (Figure(), Figure(), Figure())
-            continue
-        metric = RANKED_BY[task]
-        yield figure(metric, gap.held_out)
-        yield figure(metric, gap.train)
-        signed = [
-            format(value, f"+z{METRICS[metric].number_format}")
-            for value in (gap.difference.value, gap.difference.low, gap.difference.high)
-        ]
-        yield Figure(
-            signed[0],
-            f"[{signed[1]}, {signed[2]}]",
-            f"95 % interval: {gap.difference.method}",
-            gap.difference.value,
-        )
+        yield from gap_figures(RANKED_BY[task], gap) if gap else (Figure(),) * 3
 
 
 def _view(  # noqa: PLR0917 - one table
