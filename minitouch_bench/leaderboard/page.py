@@ -14,7 +14,7 @@ from minitouch_bench.leaderboard.entries import Entry, RunData
 from minitouch_bench.leaderboard.failures import ENDINGS, MEANINGS, endings
 from minitouch_bench.leaderboard.proof import MEANINGS as PROOF_MEANINGS
 from minitouch_bench.leaderboard.proof import ProofLevel
-from minitouch_bench.leaderboard.ranking import RANKED_BY
+from minitouch_bench.leaderboard.ranking import RANKED_BY, Rank
 from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.submission import MAIN_SUITE
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, Figure, figure, gap_figures
@@ -41,6 +41,7 @@ class Card:
     gauge: tuple[float, float, float, float | None]
     paper: str
     beside: tuple[tuple[str, str], ...]
+    rank: Rank | None
 
 
 def page_context(row: Row, ranked: int) -> dict[str, Any]:
@@ -59,7 +60,7 @@ def page_context(row: Row, ranked: int) -> dict[str, Any]:
         "modalities": ", ".join(entry.about.modalities) or "sees nothing",
         "seeds_in_words": f"{len(entry.seeds)} training seeds" if several else "one training seed",
         "variance": "Bootstrap over training seeds" if several else EPISODE_VARIANCE.capitalize(),
-        "cards": tuple(_card(row, task, ranked) for task in PAPER_TASKS),
+        "cards": tuple(_card(row, task) for task in PAPER_TASKS),
         "legend": _legend(row),
         "bars": _bars(row),
         "tasks": tuple(map(task_title, PAPER_TASKS)),
@@ -71,7 +72,7 @@ def page_context(row: Row, ranked: int) -> dict[str, Any]:
     }
 
 
-def _card(row: Row, task: str, ranked: int) -> Card:
+def _card(row: Row, task: str) -> Card:
     metric = RANKED_BY[task]
     estimate = row.figures[task, metric]
     printed = paper_figure(task, metric, PAPER_METHODS[0])
@@ -81,9 +82,7 @@ def _card(row: Row, task: str, ranked: int) -> Card:
         round(100 * value / end, 2) for value in (estimate.value, estimate.low, estimate.high)
     ]
     beside = ("episode_steps", "touch_interaction") if task in GOAL_TASKS else TOUCH_METRICS[::2]
-    figures = [(METRICS[m].label, figure(m, row.estimate(task, m)).text) for m in beside]
-    rank = row.ranks.get(task)
-    standing = [("Rank", f"{rank.best} of {ranked}")] if rank else []
+    figures = [(METRICS[m].label, _beside(row, task, m)) for m in beside]
     return Card(
         task=task,
         title=task_title(task),
@@ -96,8 +95,15 @@ def _card(row: Row, task: str, ranked: int) -> Card:
             None if paper is None else round(100 * paper / end, 2),
         ),
         paper=f"{PAPER_METHODS[0]} in the paper: {printed}" if printed else "",
-        beside=tuple(standing + figures[: 3 - len(standing)]),
+        beside=tuple(figures),
+        rank=row.ranks.get(task),
     )
+
+
+def _beside(row: Row, task: str, metric: str) -> str:
+    estimate = row.estimate(task, metric)
+    unit = " s" if estimate and METRICS[metric].unit == "s" else ""
+    return figure(metric, estimate).text + unit
 
 
 def _legend(row: Row) -> tuple[tuple[int, str, str], ...]:

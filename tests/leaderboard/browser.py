@@ -1,0 +1,166 @@
+"""A real Chromium, driven over its own protocol: what a reader's hands and eyes do."""
+
+import base64
+import json
+import shutil
+import subprocess
+import time
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import websocket
+
+CHROMIUM = shutil.which("chromium")
+QUIET = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",
+    "--remote-allow-origins=*",
+)
+
+
+class Browser:
+    """One tab. Everything that the page reports to its console is kept in ``messages``."""
+
+    def __init__(self, profile: Path) -> None:
+        command = [str(CHROMIUM), *QUIET, f"--user-data-dir={profile}", "about:blank"]
+        self._process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        self.messages: list[str] = []
+        self.requests: list[str] = []
+        self._number = 0
+        self._socket = websocket.create_connection(self._address(profile), timeout=60)
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def _address(self, profile: Path) -> str:
+        port_file = profile / "DevToolsActivePort"
+        deadline = time.monotonic() + 60
+        while not port_file.exists() or not port_file.read_text().strip():
+            assert time.monotonic() < deadline, "the browser does not start"
+            time.sleep(0.05)
+        port = port_file.read_text().splitlines()[0]
+        while True:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as answer:
+                tabs = [tab for tab in json.load(answer) if tab["type"] == "page"]
+            if tabs:
+                return str(tabs[0]["webSocketDebuggerUrl"])
+            assert time.monotonic() < deadline, "the browser has no tab"
+            time.sleep(0.05)
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Give one command and return its result."""
+        self._number += 1
+        self._socket.send(
+            json.dumps({"id": self._number, "method": method, "params": parameters})
+        )
+        while True:
+            message = json.loads(self._socket.recv())
+            if message.get("id") == self._number:
+                assert "error" not in message, message
+                return dict(message["result"])
+            self._note(message)
+
+    def _note(self, message: dict[str, Any]) -> None:
+        method = message.get("method", "")
+        if method in ("Log.entryAdded", "Runtime.exceptionThrown", "Runtime.consoleAPICalled"):
+            self.messages.append(json.dumps(message["params"]))
+        if method == "Network.requestWillBeSent":
+            self.requests.append(message["params"]["request"]["url"])
+
+    def open(self, page: Path, fragment: str = "") -> None:
+        """Open a file and wait until it is there."""
+        self.call("Page.navigate", url=page.as_uri() + fragment)
+        deadline = time.monotonic() + 60
+        while self.run("document.readyState") != "complete" or self.run("location.href") == (
+            "about:blank"
+        ):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+
+    def run(self, script: str) -> Any:
+        """Evaluate an expression in the page and return its value."""
+        result = self.call(
+            "Runtime.evaluate",
+            expression=script,
+            returnByValue=True,
+            awaitPromise=True,
+            userGesture=True,
+        )
+        assert "exceptionDetails" not in result, result
+        return result["result"].get("value")
+
+    def click(self, selector: str) -> None:
+        """Click where an element is, as a hand does."""
+        place = self.run(
+            f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
+            "e.scrollIntoView({block: 'center', behavior: 'instant'});"
+            "const r = e.getBoundingClientRect();"
+            "return [r.x + r.width / 2, r.y + r.height / 2]; })()"
+        )
+        for kind in ("mousePressed", "mouseReleased"):
+            self.call(
+                "Input.dispatchMouseEvent",
+                type=kind,
+                x=place[0],
+                y=place[1],
+                button="left",
+                clickCount=1,
+            )
+
+    def press(self, key: str) -> None:
+        """Press a key."""
+        codes = {"Tab": 9, "Enter": 13, " ": 32, "ArrowRight": 39, "ArrowLeft": 37, "End": 35}
+        text = {"text": "\r"} if key == "Enter" else {"text": " "} if key == " " else {}
+        for kind in ("keyDown", "keyUp"):
+            self.call(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=key,
+                code="Space" if key == " " else key,
+                windowsVirtualKeyCode=codes[key],
+                **(text if kind == "keyDown" else {}),
+            )
+
+    def write(self, text: str) -> None:
+        """Type into what has the focus."""
+        self.call("Input.insertText", text=text)
+
+    def screen(self, width: int, height: int, *, dark: bool = False) -> None:
+        """Set the size of the screen and whether its owner wants it dark."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=width < 600,
+        )
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.call("Emulation.setEmulatedMedia", features=[scheme])
+
+    def picture(self, file: Path, *, whole: bool = False) -> None:
+        """Save what is on the screen, or the whole page, as a PNG."""
+        result = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
+        file.write_bytes(base64.b64decode(result["data"]))
+
+    def close(self) -> None:
+        """End the browser."""
+        try:
+            self.call("Browser.close")
+            self._socket.close()
+        except (OSError, websocket.WebSocketException, AssertionError):
+            pass
+        try:
+            self._process.wait(15)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait(15)
