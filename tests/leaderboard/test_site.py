@@ -1,0 +1,322 @@
+"""The site as a reader meets it: in a real browser, and as text for what a browser hides."""
+
+import json
+import re
+import time
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from minitouch_bench.leaderboard.build import build_board
+from minitouch_bench.leaderboard.proof import ProofLevel, make_proof, proof_path, write_proof
+from minitouch_bench.leaderboard.validation import validate
+from tests.leaderboard.browser import CHROMIUM, Browser
+from tests.leaderboard.synthetic import ABOUT, make_submission
+
+needs_browser = pytest.mark.skipif(
+    CHROMIUM is None, reason="needs a browser: apt-get install chromium"
+)
+ROWS = ".view:not([hidden]) tbody.ranked tr[data-name]:not([hidden])"
+
+
+@pytest.fixture(scope="module")
+def board(tmp_path_factory) -> Path:
+    """A board of four submissions and a calibration, one of them proved."""
+    root = tmp_path_factory.mktemp("site")
+    submissions = root / "submissions"
+    touch = replace(ABOUT, method="Touch alone", modalities=("touch",), training_steps=500_000)
+    vision = replace(ABOUT, method="Vision alone", modalities=("vision",), training_steps=10**7)
+    both = ("table4", "novel-shapes")
+    best = make_submission(submissions, "hac", 0.9, suites=both, exploration=True, faults=2)
+    make_submission(submissions, "touch", 0.6, about=touch)
+    make_submission(submissions, "vision", 0.3, about=vision, kind="remote")
+    make_submission(submissions, "seeds", 0.75, seeds=(0, 1))
+    make_submission(submissions, "random", 0.1, kind="random")
+    (best / "seed-0/table4/videos").mkdir()
+    (best / "seed-0/table4/videos/pushing-0.mp4").write_bytes(b"no real film")
+    write_tables_again(best / "seed-0/table4")
+    verdict = validate(best)
+    assert verdict.passed, verdict.faults
+    write_proof(make_proof(verdict, ProofLevel.REPLAYED), proof_path(best))
+    build_board(submissions, root / "board")
+    return root / "board"
+
+
+def write_tables_again(run: Path) -> None:
+    from minitouch_bench.leaderboard.packing import tidy
+
+    tidy(run)
+
+
+@pytest.fixture
+def browser(tmp_path):
+    opened = Browser(tmp_path / "profile")
+    yield opened
+    opened.close()
+
+
+def names(browser: Browser) -> list[str]:
+    script = f"[...document.querySelectorAll({json.dumps(ROWS)})].map(r => r.cells[1].dataset.key)"
+    return list(browser.run(script))
+
+
+def text(browser: Browser, selector: str) -> str:
+    return str(browser.run(f"document.querySelector({json.dumps(selector)}).textContent"))
+
+
+# In a browser
+
+
+@needs_browser
+def test_the_board_opens_without_a_complaint_and_loads_nothing_else(browser, board):
+    browser.screen(1280, 900)
+    browser.open(board / "index.html")
+    assert names(browser) == ["hac", "seeds", "touch", "vision"]
+    assert text(browser, ".count") == "4 ranked submissions"
+    assert browser.messages == []
+    assert {url.split(":")[0] for url in browser.requests} <= {"file", "data"}
+    assert [url for url in browser.requests if url.startswith("file")] == [
+        (board / "index.html").as_uri()
+    ]
+
+
+@needs_browser
+def test_columns_are_sorted_by_hand_and_by_keyboard(browser, board):
+    browser.screen(1280, 900)
+    browser.open(board / "index.html")
+    training = "#overall th:nth-last-child(2)"
+    browser.click(f"{training} .sort")
+    assert names(browser)[0] == "touch"
+    assert names(browser)[-1] == "vision"
+    assert browser.run(f"document.querySelector('{training}').ariaSort") == "ascending"
+    browser.run(f"document.querySelector('{training} .sort').focus()")
+    browser.press("Enter")
+    assert names(browser)[0] == "vision"
+    assert browser.run(f"document.querySelector('{training}').ariaSort") == "descending"
+    assert browser.run("document.querySelectorAll('#overall [aria-sort=none]').length") == 8
+    browser.click("#overall th.who .sort")
+    assert names(browser) == ["hac", "seeds", "touch", "vision"]
+
+
+@needs_browser
+def test_rows_without_a_figure_come_last_either_way(browser, board):
+    browser.screen(1280, 900)
+    browser.open(board / "index.html", "#pushing")
+    for first in ("hac", "hac"):
+        browser.click("#pushing th:nth-child(4) .sort")
+        assert names(browser)[0] == first
+
+
+@needs_browser
+def test_rows_are_filtered_by_modality_proof_and_words(browser, board):
+    browser.screen(1280, 900)
+    browser.open(board / "index.html")
+    browser.click("input[value=touch]")
+    assert names(browser) == ["hac", "seeds", "touch"]
+    browser.click("input[value=vision]")
+    assert names(browser) == ["hac", "seeds"]
+    browser.click("input[value='replay-verified']")
+    assert names(browser) == ["hac"]
+    assert text(browser, ".count") == "1 of 4 submissions"
+    for value in ("touch", "vision", "replay-verified"):
+        browser.click(f"input[value='{value}']")
+    browser.click("input[value=remote]")
+    assert names(browser) == ["vision"]
+    browser.click("input[value=remote]")
+    browser.click(".search")
+    browser.write("alone TOUCH")
+    assert names(browser) == ["touch"]
+
+
+@needs_browser
+def test_tables_are_chosen_by_keyboard(browser, board):
+    browser.screen(1280, 900)
+    browser.open(board / "index.html")
+    browser.run("document.querySelector('#tab-overall').focus()")
+    for key, chosen in (("ArrowRight", "pushing"), ("End", "touch"), ("ArrowRight", "overall")):
+        browser.press(key)
+        visible = "document.querySelector('.view:not([hidden])').id"
+        assert browser.run(visible) == chosen
+        assert browser.run("document.activeElement.id") == f"tab-{chosen}"
+        assert browser.run("document.querySelectorAll('.view:not([hidden])').length") == 1
+    assert browser.run("document.querySelectorAll('[role=tab][tabindex=\"0\"]').length") == 1
+
+
+@needs_browser
+def test_a_row_is_opened_and_a_replay_command_followed(browser, board):
+    browser.screen(1280, 900)
+    browser.open(board / "index.html")
+    browser.click("#overall tbody.ranked a")
+    wait_for(browser, "location.pathname.endsWith('submission/hac.html')")
+    wait_for(browser, "document.querySelectorAll('.episodes tbody tr').length === 700")
+    browser.run("document.getElementById('by-task').value = 'pushing'")
+    browser.run("document.getElementById('by-task').dispatchEvent(new Event('change'))")
+    assert text(browser, ".episode-section .count") == "100 episodes"
+    browser.click(".episodes tbody tr:nth-child(4) .pick")
+    command = text(browser, "#replay-command")
+    assert command == (
+        "minitouch-bench replay submissions/hac/seed-0/table4 pushing/3 --film pushing-3.gif"
+    )
+    assert browser.run("document.querySelectorAll('[aria-selected=true]').length") == 1
+    assert [line for line in browser.messages if "hac.html" in line and "mp4" not in line] == []
+
+
+@needs_browser
+def test_failures_are_found_by_their_kind(browser, board):
+    browser.screen(1280, 900)
+    browser.open(board / "submission" / "hac.html")
+    fault = (
+        "[...document.querySelectorAll('#by-ending option')].find(o => o.text == 'policy fault')"
+    )
+    browser.run(f"document.getElementById('by-ending').value = {fault}.value")
+    browser.run("document.getElementById('by-ending').dispatchEvent(new Event('change'))")
+    rows = browser.run(
+        "[...document.querySelectorAll('.episodes tbody tr')].map(r => r.cells[0].textContent)"
+    )
+    assert rows == ["pushing/0", "pushing/1"]
+
+
+@needs_browser
+@pytest.mark.parametrize("page", ["index.html", "submission/hac.html", "submission/seeds.html"])
+def test_a_phone_s_width_needs_no_sideways_scrolling(browser, board, page):
+    for width in (360, 768, 1280):
+        browser.screen(width, 800)
+        browser.open(board / page)
+        assert browser.run("document.documentElement.scrollWidth") <= width
+        assert browser.run("document.querySelector('.scroll').scrollWidth") >= 300
+
+
+@needs_browser
+def test_light_and_dark_are_the_reader_s_choice(browser, board):
+    background = "getComputedStyle(document.body).backgroundColor"
+    browser.screen(1280, 900, dark=True)
+    browser.open(board / "index.html")
+    assert browser.run(background) == "rgb(20, 22, 26)"
+    browser.click(".theme")
+    assert browser.run(background) == "rgb(251, 251, 249)"
+    browser.open(board / "submission" / "seeds.html")
+    assert browser.run(background) == "rgb(251, 251, 249)"
+    assert text(browser, ".theme") == "Dark"
+    assert browser.messages == []
+
+
+@needs_browser
+def test_the_policy_of_the_page_stops_an_injected_script(browser, board):
+    browser.open(board / "index.html")
+    browser.run(
+        "document.body.insertAdjacentHTML('beforeend', '<img src=x onerror=\"window.hit=1\">');"
+        "const s = document.createElement('script'); s.textContent = 'window.hit = 2';"
+        "document.body.append(s)"
+    )
+    time.sleep(0.3)
+    assert browser.run("window.hit") is None
+    assert any("Content Security Policy" in line for line in browser.messages)
+
+
+def wait_for(browser: Browser, condition: str) -> None:
+    deadline = time.monotonic() + 20
+    while not browser.run(condition):
+        assert time.monotonic() < deadline, condition
+        time.sleep(0.05)
+
+
+# As text
+
+
+class Page(HTMLParser):
+    VOID = frozenset({"meta", "link", "img", "br", "input"})
+
+    def __init__(self, content: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.attributes: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(content)
+
+    def handle_starttag(self, tag, attrs):
+        self.attributes.append((tag, dict(attrs)))
+        self.ids += [value for name, value in attrs if name == "id"]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.attributes.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag, tag
+
+
+@pytest.mark.parametrize("page", ["index.html", "submission/hac.html", "submission/random.html"])
+def test_pages_are_well_formed_and_hold_no_handlers_or_styles(board, page):
+    parsed = Page((board / page).read_text())
+    assert parsed.open == []
+    assert len(parsed.ids) == len(set(parsed.ids))
+    for tag, attributes in parsed.attributes:
+        assert "style" not in attributes, tag
+        assert not [name for name in attributes if name.startswith("on")], tag
+        for name in ("src", "href"):
+            assert not (attributes.get(name) or "").startswith(("javascript:", "http:", "//"))
+    policy = next(a["content"] for t, a in parsed.attributes if "http-equiv" in a)
+    assert policy.startswith("default-src 'none'")
+    assert "unsafe" not in policy
+
+
+def test_calibration_and_paper_are_marked_and_never_ranked(board):
+    page = (board / "index.html").read_text()
+    overall = page[page.index('id="overall"') : page.index('id="pushing"')]
+    reference = overall[overall.index('class="reference"') :]
+    for name in ("random", "scripted", "zero", "HaC", "RND+touch", "RND"):
+        assert f">{name}</" in reference
+    assert reference.count('class="place">—') == 6
+    assert "not submitted yet" in reference
+    assert "calibration: " in reference
+
+
+def test_a_page_tells_all_of_a_submission(board):
+    page = (board / "submission" / "hac.html").read_text()
+    for words in (
+        "replay-verified",
+        "Episode variance only (one training seed)",
+        "the action holds NaN or infinity",
+        "Novel shapes",
+        "Apache-2.0",
+        "https://example.org/paper",
+        "minitouch-bench leaderboard validate submissions/hac --replay",
+        'src="hac/seed-0-table4-pushing-0.mp4"',
+        "policy fault: 2 of 100",
+    ):
+        assert words in page, words
+    assert "2 training seeds" in (board / "submission" / "seeds.html").read_text()
+
+
+def test_hostile_texts_of_a_run_are_only_text(tmp_path):
+    hostile = "</script><script>alert(1)</script>\u202e=cmd()"
+    directory = make_submission(tmp_path / "submissions", "hac", faults=1)
+    run = directory / "seed-0/table4"
+    document = json.loads((run / "run.json").read_text())
+    document["faults"]["pushing/0"] = hostile
+    document["header"]["policy"]["name"] = hostile
+    (run / "run.json").write_text(json.dumps(document))
+    write_tables_again(run)
+    built = build_board(tmp_path / "submissions", tmp_path / "board")
+    assert built.refused == ()
+    page = (tmp_path / "board" / "submission" / "hac.html").read_text()
+    assert Page(page).open == []
+    assert "<script>alert" not in page
+    assert "\u202e" not in page
+    assert "&lt;/script&gt;&lt;script&gt;alert(1)" in page
+
+
+def test_pages_of_submissions_that_are_gone_are_removed(tmp_path):
+    from shutil import rmtree
+
+    make_submission(tmp_path / "submissions", "one")
+    make_submission(tmp_path / "submissions", "two", seeds=(1,))
+    build_board(tmp_path / "submissions", tmp_path / "board")
+    rmtree(tmp_path / "submissions" / "two")
+    build_board(tmp_path / "submissions", tmp_path / "board")
+    pages = sorted(path.name for path in (tmp_path / "board" / "submission").iterdir())
+    assert pages == ["one.html"]
+    assert not re.search("two", (tmp_path / "board" / "leaderboard.csv").read_text())
