@@ -1,6 +1,9 @@
 """From a directory of submissions to the files of a board."""
 
+import multiprocessing
+import os
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +17,9 @@ from minitouch_bench.leaderboard.proof import PROOFS, read_proof
 from minitouch_bench.leaderboard.site import write_site
 from minitouch_bench.leaderboard.validation import Depth, Verdict, validate
 from minitouch_bench.leaderboard.writing import write_file
+
+MANY = 64
+"""Submissions from which on the start of worker processes is worth its second."""
 
 
 @dataclass(frozen=True)
@@ -39,15 +45,13 @@ def build_board(
     entries: list[Entry] = []
     apart: list[Verdict] = []
     refused: list[Verdict] = []
-    for directory in find_submissions(submissions):
-        verdict = validate(directory, Depth.BOARD)
-        if verdict.passed:
-            proof = read_proof(submissions / PROOFS / f"{directory.name}.json")
-            entries.append(make_entry(verdict, proof))
-        elif verdict.is_other_protocol:
-            apart.append(_light(verdict))
+    for found in _read_all(find_submissions(submissions)):
+        if isinstance(found, Entry):
+            entries.append(found)
+        elif found.is_other_protocol:
+            apart.append(found)
         else:
-            refused.append(_light(verdict))
+            refused.append(found)
     log(f"{len(entries)} submissions read")
     board = make_board(entries, apart, refused)
     write_file(output / "leaderboard.md", board_markdown(board))
@@ -72,6 +76,18 @@ def find_submissions(directory: Path) -> list[Path]:
     )
 
 
-def _light(verdict: Verdict) -> Verdict:
-    """Return a verdict without its runs, which nobody shows."""
-    return Verdict(verdict.directory, verdict.submission, {}, verdict.faults)
+def _read_all(directories: list[Path]) -> list[Entry | Verdict]:
+    """Check every submission, many of them on every core; the result does not depend on it."""
+    if len(directories) < MANY:
+        return list(map(_read, directories))
+    workers = len(os.sched_getaffinity(0))
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        return list(pool.map(_read, directories, chunksize=MANY // 4))
+
+
+def _read(directory: Path) -> Entry | Verdict:
+    """Check one submission; one that does not pass is told by its verdict, without its runs."""
+    verdict = validate(directory, Depth.BOARD)
+    if not verdict.passed:
+        return Verdict(verdict.directory, verdict.submission, {}, verdict.faults)
+    return make_entry(verdict, read_proof(directory.parent / PROOFS / f"{directory.name}.json"))

@@ -37,8 +37,8 @@ def share_p_values(samples: Sequence[Sample]) -> Floats:
     Source: Q. McNemar, "Note on the sampling error of the difference between correlated
     proportions or percentages", Psychometrika 12 (1947), with the exact binomial tail.
     """
-    found = mean_p_values([samples])
     single = np.array([sample.is_single for sample in samples], bool)
+    found = np.ones((len(samples),) * 2) if single.all() else mean_p_values([samples])
     if single.any():
         won = np.array([sample.values[0] for sample in samples if sample.is_single])
         only_one = np.rint(won @ (1 - won).T).astype(int)

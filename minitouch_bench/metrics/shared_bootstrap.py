@@ -58,7 +58,7 @@ def stratified_intervals(
     for start in range(0, len(found), COLUMNS_PER_BLOCK):
         block = slice(start, start + COLUMNS_PER_BLOCK)
         means = np.mean([_means(v[block], w) for v, w in zip(strata, weights, strict=True)], axis=0)
-        found[block] = np.percentile(means, PERCENTILES, axis=0).T
+        found[block] = _limits(means)
     return found
 
 
@@ -69,15 +69,32 @@ def _block(
         means = _means(values, weights)
     else:
         with np.errstate(invalid="ignore"):  # a resample, or a sample, without a marked value
-            means = (weights @ (values * mask).T) / (weights @ mask.T)
-    limits: NDArray[np.float64] = np.nanpercentile(means, PERCENTILES, axis=0).T
+            means = ((values * mask) @ weights.T) / (mask @ weights.T)
+    limits = _limits(means)
     constant = np.ptp(values, axis=1) == 0  # rounding would give it a width of 1e-17
     if mask is None:
         limits[constant] = values[constant, :1]
     return limits
 
 
+def _limits(means: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the percentiles of each row, (N, 2), without its NaN; linear between two values.
+
+    One sort of a row takes a fifth of the time of numpy's percentile.
+    """
+    ordered = np.sort(means, axis=1)  # NaN last
+    last = np.maximum(np.count_nonzero(~np.isnan(ordered), axis=1) - 1, 0)
+    rows = np.arange(len(ordered))
+    limits = np.empty((len(ordered), len(PERCENTILES)))
+    for column, percentile in enumerate(PERCENTILES):
+        place = last * (percentile / 100)
+        below = np.floor(place).astype(int)
+        low, high = ordered[rows, below], ordered[rows, np.minimum(below + 1, last)]
+        limits[:, column] = low + (high - low) * (place - below)
+    return limits
+
+
 def _means(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the resampled means, (RESAMPLES, N)."""
-    means: NDArray[np.float64] = weights @ values.T / values.shape[1]
+    """Return the resampled means, (N, RESAMPLES)."""
+    means: NDArray[np.float64] = values @ weights.T / values.shape[1]
     return means

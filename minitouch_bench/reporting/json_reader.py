@@ -14,9 +14,21 @@ class JsonNode:
     Every method raises RunDirectoryError where the value is missing or of another type.
     """
 
-    def __init__(self, value: Any, place: str) -> None:
+    __slots__ = ("_inside", "_name", "_value")
+
+    def __init__(self, value: Any, name: str | int, inside: "JsonNode | None" = None) -> None:
         self._value = value
-        self._place = place
+        self._name = name
+        self._inside = inside
+
+    @property
+    def _place(self) -> str:
+        """Where the value stands; put together only where it is told."""
+        if self._inside is None:
+            return str(self._name)
+        if isinstance(self._name, int):
+            return f"{self._inside._place}[{self._name}]"
+        return f"{self._inside._place}.{self._name}"
 
     def __getitem__(self, key: str) -> "JsonNode":
         """Return a member of an object."""
@@ -24,20 +36,20 @@ class JsonNode:
             raise self._mistake("an object")
         if key not in self._value:
             raise RunDirectoryError(f"{self._place}: '{key}' is missing")
-        return JsonNode(self._value[key], f"{self._place}.{key}")
+        return JsonNode(self._value[key], key, self)
 
     def __iter__(self) -> Iterator["JsonNode"]:
         """Walk through a list."""
         if not isinstance(self._value, list):
             raise self._mistake("a list")
         for position, value in enumerate(self._value):
-            yield JsonNode(value, f"{self._place}[{position}]")
+            yield JsonNode(value, position, self)
 
     def mapping(self) -> dict[str, "JsonNode"]:
         """Return an object's members by name."""
         if not isinstance(self._value, dict):
             raise self._mistake("an object")
-        return {key: JsonNode(value, f"{self._place}.{key}") for key, value in self._value.items()}
+        return {key: JsonNode(value, key, self) for key, value in self._value.items()}
 
     @property
     def is_null(self) -> bool:
@@ -64,9 +76,10 @@ class JsonNode:
 
     def count(self) -> int:
         """Return a whole number that is not negative."""
-        if self.integer() < 0:
+        value = self.integer()
+        if value < 0:
             raise self._mistake("0 or more")
-        return self.integer()
+        return value
 
     def number(self) -> float:
         """Return a finite number."""

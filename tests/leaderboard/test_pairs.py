@@ -1,0 +1,122 @@
+import math
+
+import numpy as np
+import pytest
+
+from minitouch_bench.leaderboard.pairs import Sample, mean_p_values, share_p_values
+from minitouch_bench.leaderboard.ranking import ranks_of
+
+
+def single(values) -> Sample:
+    return Sample(np.asarray(values, float)[None])
+
+
+def test_mcnemar_is_the_exact_binomial_of_the_discordant_episodes():
+    one, other = np.zeros(100), np.zeros(100)
+    one[:12], other[10:13] = 1, 1  # 10 won by the first alone, 1 by the second alone
+    p = share_p_values([single(one), single(other)])
+    assert p[0, 1] == pytest.approx(2 * (1 + 11) / 2**11)
+    assert p[0, 1] == p[1, 0]
+    assert p[0, 0] == 1
+
+
+def test_equal_rows_cannot_be_told_apart():
+    won = np.random.default_rng(0).random(100) < 0.5
+    assert (share_p_values([single(won), single(won)]) == 1).all()
+    assert (mean_p_values([[single(won), single(won)]]) == 1).all()
+
+
+def test_a_constant_difference_is_certain():
+    values = np.random.default_rng(0).random(100)
+    p = mean_p_values([[single(values), single(values + 1)]])
+    assert p[0, 1] == pytest.approx(0)
+
+
+def test_means_are_paired_by_episode():
+    rng = np.random.default_rng(1)
+    hard = rng.normal(0, 50, 100)  # what an episode costs every policy
+    one, other = hard + rng.normal(0, 1, 100), hard + 2 + rng.normal(0, 1, 100)
+    assert mean_p_values([[single(one), single(other)]])[0, 1] < 1e-9
+    shuffled = rng.permutation(other)
+    assert mean_p_values([[single(one), single(shuffled)]])[0, 1] > 0.05
+
+
+def test_a_paired_t_test_by_hand():
+    difference = np.array([1.0, 2.0, 0.0, 3.0, -1.0])
+    base = np.array([5.0, 1.0, 9.0, 4.0, 2.0])
+    t = difference.mean() / (difference.std(ddof=1) / math.sqrt(5))
+    assert t == pytest.approx(1.41421356)
+    p = mean_p_values([[single(base + difference), single(base)]])[0, 1]
+    assert p == pytest.approx(0.2302, abs=1e-4)  # of Student's t, 4 degrees of freedom
+
+
+def test_training_seeds_add_their_own_doubt():
+    rng = np.random.default_rng(3)
+    base = rng.normal(0, 1, 100)
+    sure = Sample(np.array([base + 1, base + 1.0001, base + 0.9999]))
+    unsure = Sample(np.array([base + 3, base - 1, base + 1]))
+    zero = Sample(np.array([base, base + 0.0001, base - 0.0001]))
+    p = mean_p_values([[sure, unsure, zero]])
+    assert p[0, 2] < 1e-6
+    assert p[1, 2] > 0.05
+
+
+def false_alarms(strata, compare) -> float:
+    """Return the share of 1,000 independent pairs of equal policies that are told apart."""
+    rng = np.random.default_rng(4)
+    found = []
+    for _ in range(20):
+        # Both of a pair meet the same easy and hard episodes.
+        ease = rng.random((strata, 100))
+        rows = [[single(rng.random(100) < own) for _ in range(100)] for own in ease]
+        p = compare(rows)
+        found += [p[place, place + 1] <= 0.05 for place in range(0, 100, 2)]
+    return float(np.mean(found))
+
+
+def test_false_alarms_of_mcnemar_stay_below_one_in_twenty():
+    assert false_alarms(1, lambda rows: share_p_values(rows[0])) <= 0.05
+
+
+@pytest.mark.parametrize("strata", [1, 3])
+def test_false_alarms_of_means_are_one_in_twenty(strata):
+    assert 0.03 <= false_alarms(strata, mean_p_values) <= 0.07
+
+
+# Ranks
+
+
+def test_rows_that_cannot_be_told_apart_share_a_rank():
+    p = np.ones((4, 4))
+    for one in (0, 1):
+        for other in (2, 3):
+            p[one, other] = p[other, one] = 1e-6
+    ranks = ranks_of(np.array([0.9, 0.85, 0.3, 0.25]), p)
+    assert [(rank.best, rank.worst) for rank in ranks] == [(1, 2), (1, 2), (3, 4), (3, 4)]
+
+
+def test_a_row_between_two_that_differ_shares_both_their_ranks():
+    p = np.ones((3, 3))
+    p[0, 2] = p[2, 0] = 1e-6
+    ranks = ranks_of(np.array([0.9, 0.7, 0.5]), p)
+    assert [(rank.best, rank.worst) for rank in ranks] == [(1, 2), (1, 3), (2, 3)]
+
+
+def test_a_row_alone_is_first():
+    (rank,) = ranks_of(np.array([0.2]), np.ones((1, 1)))
+    assert (rank.best, rank.worst) == (1, 1)
+
+
+def test_the_range_of_ranks_holds_the_true_rank():
+    """Nineteen rows in twenty: the true success rates are known and all differ."""
+    rng = np.random.default_rng(7)
+    truth = np.linspace(0.3, 0.9, 12)
+    true_ranks = 12 - np.arange(12)
+    held = []
+    for _ in range(150):
+        ease = rng.random(100)
+        rows = [single((rng.random(100) + ease) / 2 < rate) for rate in truth]
+        means = np.array([row.values.mean() for row in rows])
+        ranks = ranks_of(means, share_p_values(rows))
+        held += [rank.best <= r <= rank.worst for rank, r in zip(ranks, true_ranks, strict=True)]
+    assert np.mean(held) >= 0.95
