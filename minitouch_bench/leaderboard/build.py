@@ -1,9 +1,6 @@
 """From a directory of submissions to the files of a board."""
 
-import multiprocessing
-import os
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,14 +9,12 @@ from minitouch_bench.leaderboard.board import make_board
 from minitouch_bench.leaderboard.board_csv import board_csv
 from minitouch_bench.leaderboard.board_json import board_json
 from minitouch_bench.leaderboard.board_markdown import board_markdown
+from minitouch_bench.leaderboard.crew import crew_for
 from minitouch_bench.leaderboard.entries import Entry, make_entry
 from minitouch_bench.leaderboard.proof import PROOFS, read_proof
 from minitouch_bench.leaderboard.site import write_site
 from minitouch_bench.leaderboard.validation import Depth, Verdict, validate
 from minitouch_bench.leaderboard.writing import write_file
-
-MANY = 64
-"""Submissions from which on the start of worker processes is worth its second."""
 
 
 @dataclass(frozen=True)
@@ -45,19 +40,21 @@ def build_board(
     entries: list[Entry] = []
     apart: list[Verdict] = []
     refused: list[Verdict] = []
-    for found in _read_all(find_submissions(submissions)):
-        if isinstance(found, Entry):
-            entries.append(found)
-        elif found.is_other_protocol:
-            apart.append(found)
-        else:
-            refused.append(found)
-    log(f"{len(entries)} submissions read")
-    board = make_board(entries, apart, refused)
-    write_file(output / "leaderboard.md", board_markdown(board))
-    write_file(output / "leaderboard.csv", board_csv(board))
-    write_file(output / "leaderboard.json", board_json(board))
-    write_site(board, output)
+    directories = find_submissions(submissions)
+    with crew_for(len(directories)) as crew:
+        for found in crew(_read, directories):
+            if isinstance(found, Entry):
+                entries.append(found)
+            elif found.is_other_protocol:
+                apart.append(found)
+            else:
+                refused.append(found)
+        log(f"{len(entries)} submissions read")
+        board = make_board(entries, apart, refused)
+        write_file(output / "leaderboard.md", board_markdown(board))
+        write_file(output / "leaderboard.csv", board_csv(board))
+        write_file(output / "leaderboard.json", board_json(board))
+        write_site(board, output, crew)
     return Built(len(board.ranked), len(apart), tuple(refused))
 
 
@@ -74,15 +71,6 @@ def find_submissions(directory: Path) -> list[Path]:
         for path in directory.iterdir()
         if not path.name.startswith(("_", ".")) and (path.is_dir() or path.is_symlink())
     )
-
-
-def _read_all(directories: list[Path]) -> list[Entry | Verdict]:
-    """Check every submission, many of them on every core; the result does not depend on it."""
-    if len(directories) < MANY:
-        return list(map(_read, directories))
-    workers = len(os.sched_getaffinity(0))
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        return list(pool.map(_read, directories, chunksize=MANY // 4))
 
 
 def _read(directory: Path) -> Entry | Verdict:

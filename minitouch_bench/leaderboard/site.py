@@ -6,7 +6,7 @@ No page loads a script, a style or a font; a policy with hashes forbids all but 
 import base64
 import hashlib
 import shutil
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from markupsafe import Markup
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.leaderboard.board import Board, Row
 from minitouch_bench.leaderboard.board_markdown import notes
+from minitouch_bench.leaderboard.crew import Crew
 from minitouch_bench.leaderboard.drawings import amount, efficiency_plot
 from minitouch_bench.leaderboard.page import page_context
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
@@ -34,7 +35,7 @@ PAGES = "submission"
 """Directory of the submissions' pages in the site."""
 
 
-def write_site(board: Board, output: Path) -> None:
+def write_site(board: Board, output: Path, crew: Crew) -> None:
     """Write the index, the pages, and the pictures and videos they show.
 
     Pages of submissions that are gone are removed.
@@ -44,9 +45,8 @@ def write_site(board: Board, output: Path) -> None:
     """
     write_file(output / "index.html", index_html(board))
     pages = output / PAGES
-    for row in board.rows:
-        videos = _copy_videos(row, pages)
-        write_file(pages / f"{row.entry.name}.html", page_html(board, row, videos))
+    write = partial(_write_page, pages, board.protocol, len(board.ranked))
+    crew(write, board.rows)
     _remove_others(pages, {row.entry.name for row in board.rows})
     try:
         (output / "pictures").mkdir(exist_ok=True)
@@ -82,14 +82,12 @@ def index_html(board: Board) -> str:
     )
 
 
-def page_html(board: Board, row: Row, videos: tuple[tuple[str, str], ...] = ()) -> str:
-    """Write the page of one submission; ``videos`` are addresses and captions."""
-    context = page_context(row, len(board.ranked))
-    return _render(
-        "submission.html.j2",
-        "submission.js",
-        {**context, "protocol": board.protocol, "videos": videos},
-    )
+def _write_page(pages: Path, protocol: str, ranked: int, row: Row) -> None:
+    """Write the page of one submission of ``ranked``, and its videos."""
+    context = page_context(row, ranked)
+    context |= {"protocol": protocol, "videos": _copy_videos(row, pages)}
+    text = _render("submission.html.j2", "submission.js", context)
+    write_file(pages / f"{row.entry.name}.html", text)
 
 
 def _render(template: str, script: str, context: dict[str, Any]) -> str:
