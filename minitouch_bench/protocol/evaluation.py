@@ -125,8 +125,8 @@ def evaluate(
             records[record.spec] = record
             on_record(record)
     environment = RunEnvironment(
-        packages=_package_versions(),
-        machine={"system": platform.platform(), "processor": _processor()},
+        packages=package_versions(),
+        machine={"system": platform.platform(), "processor": processor_model()},
         workers=workers,
         started=started.isoformat(timespec="seconds"),
         wall_s=round(time.monotonic() - clock, 3),
@@ -155,7 +155,8 @@ def _in_words(value: object) -> str:
     return "none" if value is None else str(value)
 
 
-def _package_versions() -> dict[str, str]:
+def package_versions() -> dict[str, str]:
+    """Return the versions of the packages that a run's numbers may depend on."""
     found = {}
     for name in PACKAGES:
         try:
@@ -165,7 +166,7 @@ def _package_versions() -> dict[str, str]:
     return found
 
 
-def _processor() -> str:
+def processor_model() -> str:
     """Return the processor's model, whose class bit-identity is promised for."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

@@ -1,0 +1,175 @@
+"""The near side of the Ray engine: the workers that Ray has placed, and what they are doing."""
+
+import contextlib
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.protocol.engine import MAX_ATTEMPTS
+from minitouch_bench.protocol.parcel import Parcel
+from minitouch_bench.protocol.ray_worker import EpisodeWorker, Machine, Report, this_machine
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec
+
+LOOK_S = 5.0
+"""How often to look whether nodes have joined while no episode ends, in s."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """An episode that was begun and gave no record."""
+
+    reason: str
+    node_id: str
+
+
+@dataclass
+class _Worker:
+    """One actor; with no ``spec`` it is waiting for its place or getting ready."""
+
+    actor: Any
+    spec: EpisodeSpec | None = None
+    report: Report | None = None
+
+
+class Crew:
+    """As many workers as the cluster has CPUs for, nodes that join included.
+
+    Workers on nodes that cannot give the same numbers keep their place and get no episode, so
+    that Ray puts none there again.
+    """
+
+    def __init__(
+        self, ray: ModuleType, parcel: Parcel, limit: int | None, note: Callable[[str], None]
+    ) -> None:
+        self._ray = ray
+        self._make = ray.remote(EpisodeWorker).options(num_cpus=1).remote
+        self._parcel = ray.put(parcel)
+        self._machine = this_machine()
+        self._limit = limit
+        self._note = note
+        self._told: set[str] = set()
+        self._busy: dict[Any, _Worker] = {}
+        self._idle: list[_Worker] = []
+        self._refused: list[_Worker] = []
+        self._false_starts = 0
+
+    def is_busy(self) -> bool:
+        """Tell whether an episode is being run."""
+        return any(worker.spec for worker in self._busy.values())
+
+    def hire(self, episodes: int) -> None:
+        """Ask for workers that there is room for, no more than there are episodes.
+
+        Raises:
+            InfrastructureError: every node was refused.
+        """
+        cpus = int(self._ray.cluster_resources().get("CPU", 0))
+        room = max(cpus, 1) - len(self._refused)
+        if room <= 0 and not self._busy and not self._idle:
+            raise InfrastructureError("no node of the cluster can run these episodes")
+        crew = len(self._busy) + len(self._idle)
+        coming = sum(worker.spec is None for worker in self._busy.values()) + len(self._idle)
+        wanted = room if self._limit is None else min(room, self._limit)
+        for _ in range(min(wanted - crew, episodes - coming)):
+            worker = _Worker(self._make())
+            self._busy[worker.actor.begin.remote(self._machine, [self._parcel])] = worker
+
+    def hand_out(self, episodes: deque[EpisodeSpec]) -> None:
+        """Give each idle worker an episode."""
+        while self._idle and episodes:
+            worker = self._idle.pop()
+            worker.spec = episodes.popleft()
+            self._busy[worker.actor.run.remote(worker.spec)] = worker
+
+    def results(self) -> Iterator[tuple[EpisodeSpec, EpisodeRecord | Loss]]:
+        """Wait a while and yield what has ended since.
+
+        Raises:
+            InfrastructureError: workers cannot be started.
+        """
+        done, _ = self._ray.wait(list(self._busy), timeout=LOOK_S)
+        for reference in done:
+            worker = self._busy.pop(reference)
+            if worker.report is None:
+                self._welcome(worker, reference)
+            else:
+                spec, worker.spec = worker.spec, None
+                assert spec is not None
+                yield spec, self._result(worker, worker.report, reference)
+
+    def count(self, losses: Sequence[Loss]) -> int:
+        """Return how many of an episode's losses were on nodes that are still there."""
+        alive = {node["NodeID"] for node in self._ray.nodes() if node["Alive"]}
+        return sum(loss.node_id in alive for loss in losses)
+
+    def dismiss(self) -> None:
+        """End every worker; what it was doing is lost."""
+        for worker in (*self._busy.values(), *self._idle, *self._refused):
+            self._end(worker)
+
+    def _result(self, worker: _Worker, report: Report, reference: Any) -> EpisodeRecord | Loss:
+        try:
+            result: EpisodeRecord | str = self._ray.get(reference)
+        except self._ray.exceptions.RayError as error:
+            result = f"its worker on {report.address} was lost ({type(error).__name__})"
+            self._tell(f"a worker on {report.address} was lost: what it was doing is run again")
+        else:
+            if isinstance(result, EpisodeRecord):
+                self._idle.append(worker)
+                return result
+            result = f"{result} (on {report.address})"
+        self._end(worker)
+        return Loss(result, report.node_id)
+
+    def _welcome(self, worker: _Worker, reference: Any) -> None:
+        """Take in a worker that has been placed, unless its node cannot do."""
+        try:
+            report: Report = self._ray.get(reference)
+        except self._ray.exceptions.RayError as error:
+            self._end(worker)
+            self._count_false_start(error)
+            return
+        self._false_starts = 0
+        worker.report = report
+        if report.problem:
+            self._refused.append(worker)
+            self._tell(f"node {report.address} is refused: {report.problem}")
+            return
+        self._idle.append(worker)
+        if unlike := _unlike(report.machine, self._machine):
+            self._tell(
+                f"node {report.address} has {unlike}: a network's numbers may differ in their "
+                "last bits there"
+            )
+
+    def _count_false_start(self, error: Exception) -> None:
+        """Give up where workers do not even start; a node lost meanwhile is no reason to."""
+        self._false_starts += 1
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        if getattr(error, "actor_init_failed", False) or self._false_starts > MAX_ATTEMPTS:
+            raise InfrastructureError(f"workers cannot be started on the cluster: {lines[-1]}")
+
+    def _end(self, worker: _Worker) -> None:
+        with contextlib.suppress(self._ray.exceptions.RayError, ValueError):
+            self._ray.kill(worker.actor)
+
+    def _tell(self, text: str) -> None:
+        """Note each thing once: a node has many workers."""
+        if text not in self._told:
+            self._told.add(text)
+            self._note(text)
+
+
+def _unlike(there: Machine, here: Machine) -> str:
+    """Say in what a machine differs that plays the same protocol."""
+    found = [
+        f"{name} {version or 'missing'} (here {here.packages.get(name, 'missing')})"
+        for name, version in there.packages.items()
+        if version != here.packages.get(name)
+    ]
+    if there.processor != here.processor:
+        found.append(f"the processor {there.processor} (here {here.processor})")
+    return ", ".join(found)
