@@ -126,7 +126,7 @@ def evaluate(
             on_record(record)
     environment = RunEnvironment(
         packages=package_versions(),
-        machine={"system": platform.platform(), "processor": processor_model()},
+        machine={"system": platform.platform(), "processor": _processor()},
         workers=workers,
         started=started.isoformat(timespec="seconds"),
         wall_s=round(time.monotonic() - clock, 3),
@@ -166,7 +166,7 @@ def package_versions() -> dict[str, str]:
     return found
 
 
-def processor_model() -> str:
+def _processor() -> str:
     """Return the processor's model, whose class bit-identity is promised for."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

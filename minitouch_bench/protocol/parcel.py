@@ -8,7 +8,7 @@ from pathlib import Path
 from minitouch_bench.cache import materialise
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.sources import PolicySource, read_checkpoint
-from minitouch_bench.protocol.engine import Contest
+from minitouch_bench.protocol.engine import ActorSource, Contest
 
 STEM = "policy"
 """Checkpoints lie in a machine's cache under this name and their digest."""
@@ -16,57 +16,61 @@ STEM = "policy"
 
 @dataclass(frozen=True)
 class Parcel:
-    """A contest as it was named where the run began, and its checkpoints' bytes by SHA-256."""
+    """A source of actors as it is where the run began, and its checkpoints' bytes by SHA-256."""
 
-    contest: Contest
+    source: ActorSource
     files: Mapping[str, bytes]
 
 
-def pack(contest: Contest) -> Parcel:
-    """Read the checkpoints of a contest.
+def pack(source: ActorSource) -> Parcel:
+    """Read the checkpoints of a contest; what is no contest has none.
 
     Raises:
         PolicyLoadError: one cannot be read, or is no longer what it was.
     """
     files = {}
-    for source in _files_of(contest):
-        content = read_checkpoint(Path(source.target))
-        if hashlib.sha256(content).hexdigest() != source.digest:
-            raise PolicyLoadError(f"{source.target} was changed since this evaluation began")
-        files[source.digest] = content
-    return Parcel(contest, files)
+    for policy in _files_of(source):
+        content = read_checkpoint(Path(policy.target))
+        if hashlib.sha256(content).hexdigest() != policy.digest:
+            raise PolicyLoadError(f"{policy.target} was changed since this evaluation began")
+        files[policy.digest] = content
+    return Parcel(source, files)
 
 
-def unpack(parcel: Parcel) -> tuple[Contest, dict[str, str]]:
-    """Return the contest with its checkpoints in this machine's cache, and their old names.
+def unpack(parcel: Parcel) -> tuple[ActorSource, dict[str, str]]:
+    """Return the source with its checkpoints in this machine's cache, and their old names.
 
     The bytes in the cache are compared with the parcel's. The names are by the new ones.
 
     Raises:
         InfrastructureError: the cache cannot be written.
     """
-    contest = parcel.contest
+    source = parcel.source
+    if not isinstance(source, Contest):
+        return source, {}
     places = {
-        source.target: str(
-            materialise(STEM, Path(source.target).suffix, parcel.files[source.digest])
+        policy.target: str(
+            materialise(STEM, Path(policy.target).suffix, parcel.files[policy.digest])
         )
-        for source in _files_of(contest)
+        for policy in _files_of(source)
     }
     here = replace(
-        contest,
-        policy=_moved(contest.policy, places),
-        exploration=contest.exploration and _moved(contest.exploration, places),
+        source,
+        policy=_moved(source.policy, places),
+        exploration=source.exploration and _moved(source.exploration, places),
     )
     return here, {new: old for old, new in places.items()}
 
 
-def _files_of(contest: Contest) -> Iterator[PolicySource]:
-    for source in (contest.policy, contest.exploration):
-        if source is not None:
-            leaves = [part for _, part in source.parts] or [source]
+def _files_of(source: ActorSource) -> Iterator[PolicySource]:
+    if not isinstance(source, Contest):
+        return
+    for policy in (source.policy, source.exploration):
+        if policy is not None:
+            leaves = [part for _, part in policy.parts] or [policy]
             yield from (leaf for leaf in leaves if leaf.digest)
 
 
-def _moved(source: PolicySource, places: Mapping[str, str]) -> PolicySource:
-    parts = tuple((task, _moved(part, places)) for task, part in source.parts)
-    return replace(source, target=places.get(source.target, source.target), parts=parts)
+def _moved(policy: PolicySource, places: Mapping[str, str]) -> PolicySource:
+    parts = tuple((task, _moved(part, places)) for task, part in policy.parts)
+    return replace(policy, target=places.get(policy.target, policy.target), parts=parts)

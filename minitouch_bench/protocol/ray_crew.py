@@ -1,12 +1,14 @@
 """The near side of the Ray engine: the workers that Ray has placed, and what they are doing."""
 
 import contextlib
+import re
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
+from minitouch_bench.arithmetic import SETTINGS
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.protocol.engine import MAX_ATTEMPTS
 from minitouch_bench.protocol.parcel import Parcel
@@ -15,6 +17,12 @@ from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 LOOK_S = 5.0
 """How often to look whether nodes have joined while no episode ends, in s."""
+
+NODE_LABEL = "ray.io/node-id"
+"""Label that Ray gives every node."""
+
+NODE_IN_ERROR = re.compile(r"\bip=([^,)\s]+)")
+"""Where Ray's account of a worker that could not be made names the node."""
 
 
 @dataclass(frozen=True)
@@ -37,15 +45,17 @@ class _Worker:
 class Crew:
     """As many workers as the cluster has CPUs for, nodes that join included.
 
-    Workers on nodes that cannot give the same numbers keep their place and get no episode, so
-    that Ray puts none there again.
+    Nodes that cannot give the same numbers are barred: no worker is placed there again.
     """
 
     def __init__(
         self, ray: ModuleType, parcel: Parcel, limit: int | None, note: Callable[[str], None]
     ) -> None:
         self._ray = ray
-        self._make = ray.remote(EpisodeWorker).options(num_cpus=1).remote
+        # Numeric libraries read these when they are loaded, so before the process's first line.
+        self._worker_class = ray.remote(EpisodeWorker).options(
+            num_cpus=1, runtime_env={"env_vars": SETTINGS}
+        )
         self._parcel = ray.put(parcel)
         self._machine = this_machine()
         self._limit = limit
@@ -53,7 +63,7 @@ class Crew:
         self._told: set[str] = set()
         self._busy: dict[Any, _Worker] = {}
         self._idle: list[_Worker] = []
-        self._refused: list[_Worker] = []
+        self._barred: set[str] = set()
         self._false_starts = 0
 
     def is_busy(self) -> bool:
@@ -66,15 +76,14 @@ class Crew:
         Raises:
             InfrastructureError: every node was refused.
         """
-        cpus = int(self._ray.cluster_resources().get("CPU", 0))
-        room = max(cpus, 1) - len(self._refused)
-        if room <= 0 and not self._busy and not self._idle:
+        room = self._room()
+        if room == 0 and not self._busy and not self._idle:
             raise InfrastructureError("no node of the cluster can run these episodes")
         crew = len(self._busy) + len(self._idle)
         coming = sum(worker.spec is None for worker in self._busy.values()) + len(self._idle)
         wanted = room if self._limit is None else min(room, self._limit)
         for _ in range(min(wanted - crew, episodes - coming)):
-            worker = _Worker(self._make())
+            worker = _Worker(self._make_actor())
             self._busy[worker.actor.begin.remote(self._machine, [self._parcel])] = worker
 
     def hand_out(self, episodes: deque[EpisodeSpec]) -> None:
@@ -107,8 +116,21 @@ class Crew:
 
     def dismiss(self) -> None:
         """End every worker; what it was doing is lost."""
-        for worker in (*self._busy.values(), *self._idle, *self._refused):
+        for worker in (*self._busy.values(), *self._idle):
             self._end(worker)
+
+    def _room(self) -> int:
+        """Return the CPUs of the nodes that may be used; 1 to wait for the first node."""
+        nodes = [node for node in self._ray.nodes() if node["Alive"]]
+        cpus = {node["NodeID"]: int(node["Resources"].get("CPU", 0)) for node in nodes}
+        room = sum(count for node_id, count in cpus.items() if node_id not in self._barred)
+        return room if self._barred else max(room, 1)
+
+    def _make_actor(self) -> Any:
+        if not self._barred:
+            return self._worker_class.remote()
+        others = {NODE_LABEL: f"!in({','.join(sorted(self._barred))})"}
+        return self._worker_class.options(label_selector=others).remote()
 
     def _result(self, worker: _Worker, report: Report, reference: Any) -> EpisodeRecord | Loss:
         try:
@@ -135,22 +157,35 @@ class Crew:
         self._false_starts = 0
         worker.report = report
         if report.problem:
-            self._refused.append(worker)
-            self._tell(f"node {report.address} is refused: {report.problem}")
+            self._bar({report.node_id}, report.address, report.problem)
+            self._end(worker)
             return
         self._idle.append(worker)
         if unlike := _unlike(report.machine, self._machine):
             self._tell(
-                f"node {report.address} has {unlike}: a network's numbers may differ in their "
-                "last bits there"
+                f"node {report.address} has {unlike}: numbers may differ in their last bits there"
             )
 
     def _count_false_start(self, error: Exception) -> None:
-        """Give up where workers do not even start; a node lost meanwhile is no reason to."""
+        """Bar a node that cannot even read our code, or give up where no worker starts.
+
+        A worker whose node is lost meanwhile counts as well, so more are allowed than attempts.
+        """
+        text = str(error)
+        place = NODE_IN_ERROR.search(text)
+        if place and getattr(error, "actor_init_failed", False):
+            address = place[1]
+            there = {n["NodeID"] for n in self._ray.nodes() if n["NodeManagerAddress"] == address}
+            self._bar(there, address, text.strip().splitlines()[-1])
+            return
         self._false_starts += 1
-        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        if getattr(error, "actor_init_failed", False) or self._false_starts > MAX_ATTEMPTS:
-            raise InfrastructureError(f"workers cannot be started on the cluster: {lines[-1]}")
+        if self._false_starts > MAX_ATTEMPTS * max(1, self._room()):
+            reason = text.strip().splitlines()[-1].strip()
+            raise InfrastructureError(f"workers cannot be started on the cluster: {reason}")
+
+    def _bar(self, node_ids: set[str], address: str, problem: str) -> None:
+        self._barred |= node_ids
+        self._tell(f"node {address} is refused: {problem}")
 
     def _end(self, worker: _Worker) -> None:
         with contextlib.suppress(self._ray.exceptions.RayError, ValueError):
@@ -165,11 +200,8 @@ class Crew:
 
 def _unlike(there: Machine, here: Machine) -> str:
     """Say in what a machine differs that plays the same protocol."""
-    found = [
-        f"{name} {version or 'missing'} (here {here.packages.get(name, 'missing')})"
-        for name, version in there.packages.items()
-        if version != here.packages.get(name)
-    ]
-    if there.processor != here.processor:
-        found.append(f"the processor {there.processor} (here {here.processor})")
-    return ", ".join(found)
+    return ", ".join(
+        f"{name} {value} (here {here.parts.get(name, 'missing')})"
+        for name, value in there.parts.items()
+        if value != here.parts.get(name)
+    )

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.protocol.engine import MAX_ATTEMPTS, Contest
+from minitouch_bench.protocol.engine import MAX_ATTEMPTS, ActorSource
 from minitouch_bench.protocol.parcel import pack
 from minitouch_bench.protocol.ray_crew import Crew, Loss
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
@@ -32,7 +32,7 @@ class RayEngine:
         cpus = int(self._ray.cluster_resources().get("CPU", 0))
         return max(1, cpus if self._workers is None else min(cpus, self._workers))
 
-    def run(self, contest: Contest, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
         """Yield records as episodes end; what a lost worker was doing goes to another one.
 
         A node that is lost takes nothing from an episode's three attempts.
@@ -43,7 +43,7 @@ class RayEngine:
         """
         waiting = deque(specs)
         losses: defaultdict[EpisodeSpec, list[Loss]] = defaultdict(list)
-        crew = Crew(self._ray, pack(contest), self._workers, self._note)
+        crew = Crew(self._ray, pack(source), self._workers, self._note)
         try:
             while waiting or crew.is_busy():
                 crew.hire(len(waiting))

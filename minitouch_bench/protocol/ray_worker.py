@@ -1,24 +1,27 @@
 """The far side of the Ray engine: what runs in an actor's process on a node of the cluster."""
 
+import platform
 import socket
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from minitouch_bench.optional import require
 from minitouch_bench.protocol.engine import EpisodeRunner
-from minitouch_bench.protocol.evaluation import package_versions, processor_model
+from minitouch_bench.protocol.evaluation import package_versions
 from minitouch_bench.protocol.identity import protocol_digest
 from minitouch_bench.protocol.parcel import unpack
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
+PACKAGE = "minitouch-bench"
+
 
 @dataclass(frozen=True)
 class Machine:
-    """What the numbers of an episode depend on beside the episode and the policy."""
+    """What an episode's bits depend on beside the episode and the policy, by name."""
 
     protocol_digest: str
-    packages: dict[str, str]
-    processor: str
+    parts: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,21 @@ class Report:
 
 def this_machine() -> Machine:
     """Describe the machine that this is called on."""
-    return Machine(protocol_digest(), package_versions(), processor_model())
+    parts = {
+        **package_versions(),
+        "the C library": " ".join(platform.libc_ver()),
+        "the processor": _processor_class(),
+    }
+    return Machine(protocol_digest(), parts)
+
+
+def _processor_class() -> str:
+    """Return the class of processors that give the same bits: see ``arithmetic``."""
+    kind = platform.machine()
+    if kind != "x86_64":
+        return kind
+    words = Path("/proc/cpuinfo").read_text(encoding="utf-8").split()
+    return f"{kind} {'with' if 'avx2' in words else 'without'} AVX2"
 
 
 class EpisodeWorker:
@@ -43,7 +60,7 @@ class EpisodeWorker:
     _old_names: dict[str, str]
 
     def begin(self, asked: Machine, parcel: list[Any]) -> Report:
-        """Check that this machine plays the protocol asked for, and unpack the contest.
+        """Check that this machine plays the protocol asked for, and unpack the policies.
 
         ``parcel`` holds Ray's reference to it: another version could not even read it.
         """
@@ -52,8 +69,8 @@ class EpisodeWorker:
         problem = _difference(here, asked)
         if not problem:
             try:
-                contest, self._old_names = unpack(ray.get(parcel[0]))
-                self._runner = EpisodeRunner(contest)
+                source, self._old_names = unpack(ray.get(parcel[0]))
+                self._runner = EpisodeRunner(source)
             except Exception as error:
                 problem = f"{type(error).__name__}: {error}"
         address = f"{ray.util.get_node_ip_address()} ({socket.gethostname()})"
@@ -75,7 +92,7 @@ class EpisodeWorker:
 
 
 def _difference(here: Machine, asked: Machine) -> str:
-    ours, theirs = (m.packages.get("minitouch-bench", "") for m in (asked, here))
+    ours, theirs = asked.parts.get(PACKAGE, ""), here.parts.get(PACKAGE, "")
     if ours != theirs:
         return f"it has minitouch-bench {theirs}, and {ours} is asked for"
     if here.protocol_digest != asked.protocol_digest:

@@ -3,10 +3,7 @@
 import contextlib
 import os
 import signal
-import socket
-import sys
 import threading
-import time
 import warnings
 from pathlib import Path
 
@@ -15,7 +12,7 @@ import torch
 
 from minitouch_bench.agents.networks import TouchActor
 from minitouch_bench.cache import VARIABLE
-from minitouch_bench.errors import InfrastructureError, MissingExtraError, UsageError
+from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.protocol.journal import JOURNAL_FILE
 from minitouch_bench.protocol.ray_cluster import ray_cluster
@@ -23,7 +20,7 @@ from minitouch_bench.protocol.ray_engine import RayEngine
 from minitouch_bench.protocol.storage import ACTIONS_FILE
 from minitouch_bench.records import TASK_NAMES
 from tests.protocol import ray_nodes
-from tests.protocol.ray_nodes import command_line, descendants, holds_a_policy
+from tests.protocol.ray_nodes import command_line, holds_a_policy
 from tests.protocol.runs import digests, request, run
 
 HERE = Path(__file__).parent
