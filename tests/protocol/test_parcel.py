@@ -78,5 +78,5 @@ def test_a_checkpoint_that_changed_meanwhile_is_not_sent(tmp_path, content):
         file.unlink()
     else:
         file.write_bytes(content)
-    with pytest.raises(PolicyLoadError, match="was changed since|does not exist"):
+    with pytest.raises(PolicyLoadError, match=r"was changed since|does not exist"):
         pack(contest)

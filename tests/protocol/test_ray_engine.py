@@ -2,8 +2,12 @@
 
 import contextlib
 import os
+import re
 import signal
+import socket
+import sys
 import threading
+import time
 import warnings
 from pathlib import Path
 
@@ -12,7 +16,7 @@ import torch
 
 from minitouch_bench.agents.networks import TouchActor
 from minitouch_bench.cache import VARIABLE
-from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.errors import InfrastructureError, MissingExtraError, UsageError
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.protocol.journal import JOURNAL_FILE
 from minitouch_bench.protocol.ray_cluster import ray_cluster
@@ -22,10 +26,9 @@ from minitouch_bench.records import TASK_NAMES
 from tests.protocol import ray_nodes
 from tests.protocol.ray_nodes import command_line, holds_a_policy
 from tests.protocol.runs import digests, request, run
+from tests.protocol.test_local_engine import wait_until
 
 HERE = Path(__file__).parent
-
-needs_ray = pytest.mark.skipif("not __import__('importlib').util.find_spec('ray')")
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +50,7 @@ def cluster(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, contextlib.ExitStack() as stack:
         patch.setenv("PYTHONPATH", str(HERE))
         patch.setenv(VARIABLE, str(tmp_path_factory.mktemp("nodes")))
+        patch.setenv("DEATHS", str(tmp_path_factory.mktemp("deaths") / "counter"))
         address = stack.enter_context(ray_nodes.head())
         stack.enter_context(ray_nodes.joined(address, 2))
         patch.delenv(VARIABLE)
@@ -112,7 +116,7 @@ def test_the_checkpoint_may_go_once_the_episodes_have_begun(cluster, script, tmp
 
 @pytest.mark.slow
 def test_a_node_that_joins_is_used_and_its_loss_costs_time_only(cluster, tmp_path):
-    wanted = request("zero", TASK_NAMES, 4)
+    wanted = request("zero", TASK_NAMES, 6)
     here = run(wanted, tmp_path, workers=2)
     specs = wanted.chosen().episodes(exploration=False)
     found, used = {}, False
@@ -124,7 +128,7 @@ def test_a_node_that_joins_is_used_and_its_loss_costs_time_only(cluster, tmp_pat
                 third = stack.enter_context(ray_nodes.joined(cluster, 3))
             elif not used and holds_a_policy(third.process.pid):
                 used = True
-                third.kill()
+                threading.Timer(0.3, third.kill).start()  # in the midst of an episode
     assert used
     assert [found[spec.key] for spec in specs] == digests(here)
     assert ["was lost" in note for note in notes] == [True]
@@ -164,17 +168,118 @@ def kill_workers(hosts):
 @pytest.mark.slow
 @pytest.mark.parametrize("deaths", [2, 3])
 def test_an_episode_is_tried_three_times_where_its_node_stays(cluster, tmp_path, deaths):
-    counter = Path("/tmp") / f"deaths-{os.getpid()}"
+    counter = Path(os.environ["DEATHS"])
     counter.write_text(str(deaths))
     wanted = request("misbehaved:KillsItsWorkerOnce", ("opening",), 1, isolation=Isolation.PROCESS)
     specs = wanted.chosen().episodes(exploration=False)
-    try:
-        with engine_on(cluster) as (engine, _):
-            if deaths < 3:
-                assert len(list(engine.run(wanted.contest, specs))) == 1
-            else:
-                with pytest.raises(InfrastructureError, match=r"opening/0 failed 3 times.*lost"):
-                    list(engine.run(wanted.contest, specs))
-        assert counter.read_text() == "0"
-    finally:
-        counter.unlink()
+    with engine_on(cluster) as (engine, _):
+        if deaths < 3:
+            assert len(list(engine.run(wanted.contest, specs))) == 1
+        else:
+            with pytest.raises(InfrastructureError, match=r"opening/0 failed 3 times.*was lost"):
+                list(engine.run(wanted.contest, specs))
+    assert counter.read_text() == "0"
+
+
+@pytest.mark.slow
+def test_breaking_off_ends_the_workers(cluster):
+    specs = request("zero", TASK_NAMES, 4).chosen().episodes(exploration=False)
+    before = policy_hosts()
+    with engine_on(cluster) as (engine, _):
+        records = engine.run(request("zero").contest, specs)
+        next(records)
+        records.close()
+        wait_until(lambda: policy_hosts() <= before)
+
+
+# Nodes that cannot do
+
+OTHER_PROTOCOL = """
+    import minitouch_bench.protocol.seeds as seeds
+    seeds.PROTOCOL = "minitouch-v0"
+"""
+NO_PACKAGE = """
+    sys.modules["minitouch_bench"] = None
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        (OTHER_PROTOCOL, r"refused: its protocol is \w{12}, and \w{12} is asked for"),
+        (NO_PACKAGE, r"refused: ModuleNotFoundError: .*minitouch_bench"),
+    ],
+)
+def test_a_node_that_cannot_give_the_same_bits_is_refused(finished, tmp_path, fault, told):
+    pytest.importorskip("ray")
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\nif any('default_worker.py' in word for word in sys.orig_argv):" + fault
+    )
+    wanted = request(episodes=12)
+    here = run(wanted, tmp_path / "here", workers=2)
+    with (
+        ray_nodes.head() as address,
+        ray_nodes.joined(address, 2, PYTHONPATH=str(tmp_path)),
+        engine_on(address) as (engine, notes),
+    ):
+        there = run(wanted, tmp_path / "there", engine=engine)
+    assert digests(there) == digests(here)
+    assert len(notes) == 1
+    assert re.fullmatch(rf"node \d+\.\d+\.\d+\.\d+.* is {told}.*", notes[0])
+
+
+@pytest.mark.slow
+def test_where_every_node_is_refused_nothing_runs(tmp_path):
+    pytest.importorskip("ray")
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\nif any('default_worker.py' in word for word in sys.orig_argv):"
+        + OTHER_PROTOCOL
+    )
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.ExitStack() as stack,
+    ):
+        patch.setenv("PYTHONPATH", str(tmp_path))
+        address = stack.enter_context(ray_nodes.head())
+        engine, notes = stack.enter_context(engine_on(address))
+        with pytest.raises(InfrastructureError, match=r"no node of the cluster can run"):
+            list(engine.run(request().contest, request().chosen().episodes(exploration=False)))
+        assert len(notes) == 1
+
+
+# Addresses
+
+
+@pytest.mark.parametrize("address", ["10.0.0.1", "ray://10.0.0.1:10001", ":6379", "a:b", "a:70000"])
+def test_what_is_no_address_is_a_mistake(address):
+    with pytest.raises(UsageError, match=r"HOST:PORT") as caught, ray_cluster(address):
+        pass
+    assert address in str(caught.value)
+
+
+def test_where_nobody_answers_is_said_at_once():
+    pytest.importorskip("ray")
+    address = f"127.0.0.1:{ray_nodes.free_port()}"
+    told = pytest.raises(InfrastructureError, match=r"no Ray cluster answers")
+    with told as caught, ray_cluster(address):
+        pass
+    assert address in str(caught.value)
+
+
+@pytest.mark.slow
+def test_another_server_is_not_waited_for_for_ever():
+    pytest.importorskip("ray")
+    told = pytest.raises(InfrastructureError, match=r"is no head of a Ray cluster")
+    began = time.monotonic()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        with told, ray_cluster(f"127.0.0.1:{port}"):
+            pass
+    assert time.monotonic() - began < 30.0
+
+
+def test_without_ray_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(MissingExtraError, match=r"minitouch-bench\[ray\]"), ray_cluster(None):
+        pass
