@@ -4,10 +4,12 @@ import contextlib
 import logging
 import os
 import secrets
+import signal
 import socket
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator
 from types import ModuleType
 from typing import Any
@@ -57,8 +59,9 @@ def ray_cluster(address: str | None, workers: int | None = None) -> Iterator[Mod
         else:
             _reach(*host_and_port)
             options = {"address": address}
-        stack.callback(ray.shutdown, wait_for_processes=True)
-        _init(ray, options)
+        stack.callback(_shut_down, ray)
+        with _interrupts_held():
+            _init(ray, options)
         yield ray
 
 
@@ -131,3 +134,24 @@ def _init(ray: ModuleType, options: dict[str, Any]) -> None:
             f"the Ray cluster at {place} cannot be joined: {told}.\n"
             "This machine must be one of its nodes: ray start --address=HOST:PORT --num-cpus=0"
         ) from error
+
+
+def _shut_down(ray: ModuleType) -> None:
+    with _interrupts_held():
+        ray.shutdown(wait_for_processes=True)
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back: a Ray that is broken off while it starts or ends may crash."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        raise KeyboardInterrupt

@@ -86,7 +86,7 @@ def test_after_ctrl_c_nothing_is_left_and_the_run_goes_on_without_ray(home, tmp_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("moment", [2.0, 4.0, 6.0])
+@pytest.mark.parametrize("moment", [2.0, 3.0, 4.0, 5.0])
 def test_ctrl_c_while_ray_starts_ends_it_as_well(home, tmp_path, moment):
     process = start(*LONG, "--engine", "ray", directory=tmp_path)
     time.sleep(moment)
