@@ -64,8 +64,8 @@ def show(firsts: dict[str, list[float]], rates: dict[str, list[float]]) -> None:
     table = Table(title=f"{WORKERS} workers, {ROUNDS} rounds, medians [lowest, highest]")
     for heading in ("engine", "first episode, s", "control steps/s"):
         table.add_column(heading, justify="right" if heading != "engine" else "left")
-    for name in firsts:
-        table.add_row(name, cell(firsts[name], 1), cell(rates[name], 0))
+    for name, seconds in firsts.items():
+        table.add_row(name, cell(seconds, 1), cell(rates[name], 0))
     ratios = [there / here for here, there in zip(rates["local"], rates["ray"], strict=True)]
     table.add_row("ray / local", "", cell(ratios, 2))
     Console(width=90).print(table)
