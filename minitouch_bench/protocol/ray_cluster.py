@@ -20,7 +20,7 @@ from minitouch_bench.optional import require
 ANSWER_S = 5.0
 """Time in which the address of a cluster must accept a connection, in s."""
 
-HEALTH_S = 10.0
+HEALTH_S = 20.0
 """Time for Ray's own check, in s; it must import Ray."""
 
 HEALTH_CHECK = (
@@ -49,15 +49,16 @@ def ray_cluster(address: str | None, workers: int | None = None) -> Iterator[Mod
         UsageError: the address is no HOST:PORT.
         InfrastructureError: no cluster answers there, or none can be started.
     """
-    host_and_port = None if address is None else check_address(address)
+    if address is not None:
+        check_address(address)
     _prepare_environment(local=address is None)
     ray = require("ray", "ray")
     with contextlib.ExitStack() as stack:
-        if host_and_port is None:
+        if address is None:
             folder = tempfile.TemporaryDirectory(prefix="ray-", ignore_cleanup_errors=True)
             options = _local_options(workers, stack.enter_context(folder))
         else:
-            _reach(*host_and_port)
+            _reach(address)
             options = {"address": address}
         stack.callback(_shut_down, ray)
         with _interrupts_held():
@@ -101,24 +102,24 @@ def _local_options(workers: int | None, folder: str) -> dict[str, Any]:
     }
 
 
-def _reach(host: str, port: int) -> None:
+def _reach(address: str) -> None:
     """Make sure that a Ray cluster answers: Ray itself tries for ever where another server does.
 
     Raises:
         InfrastructureError: nobody answers there, or not as Ray does.
     """
     try:
-        socket.create_connection((host, port), ANSWER_S).close()
+        socket.create_connection(check_address(address), ANSWER_S).close()
     except OSError as error:
         reason = error.strerror or str(error)
-        raise InfrastructureError(f"no Ray cluster answers at {host}:{port}: {reason}") from error
+        raise InfrastructureError(f"no Ray cluster answers at {address}: {reason}") from error
     try:
         subprocess.run(
-            [*HEALTH_CHECK, f"{host}:{port}"], check=True, capture_output=True, timeout=HEALTH_S
+            [*HEALTH_CHECK, address], check=True, capture_output=True, timeout=HEALTH_S
         )
     except (subprocess.TimeoutExpired, subprocess.CalledProcessError) as error:
         raise InfrastructureError(
-            f"what answers at {host}:{port} is no head of a Ray cluster, or not a healthy one"
+            f"what answers at {address} is no head of a Ray cluster, or not a healthy one"
         ) from error
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from minitouch_bench.arithmetic import SETTINGS
 from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.policies.wire import plain_line
 from minitouch_bench.protocol.engine import MAX_ATTEMPTS
 from minitouch_bench.protocol.parcel import Parcel
 from minitouch_bench.protocol.ray_worker import EpisodeWorker, Machine, Report, this_machine
@@ -180,7 +181,7 @@ class Crew:
             return
         self._false_starts += 1
         if self._false_starts > MAX_ATTEMPTS * max(1, self._room()):
-            reason = text.strip().splitlines()[-1].strip()
+            reason = plain_line(text.strip().splitlines()[-1])
             raise InfrastructureError(f"workers cannot be started on the cluster: {reason}")
 
     def _bar(self, node_ids: set[str], address: str, problem: str) -> None:
@@ -192,7 +193,8 @@ class Crew:
             self._ray.kill(worker.actor)
 
     def _tell(self, text: str) -> None:
-        """Note each thing once: a node has many workers."""
+        """Note each thing once: a node has many workers. Ray colours some of its words."""
+        text = plain_line(text)
         if text not in self._told:
             self._told.add(text)
             self._note(text)

@@ -53,7 +53,7 @@ class RayEngine:
                         yield result
                         continue
                     losses[spec].append(result)
-                    if crew.count(losses[spec]) == MAX_ATTEMPTS:
+                    if crew.count(losses[spec]) >= MAX_ATTEMPTS:
                         raise InfrastructureError(
                             f"episode {spec.key} failed {MAX_ATTEMPTS} times: {result.reason}"
                         )
