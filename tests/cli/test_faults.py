@@ -41,7 +41,7 @@ def place(uninterrupted, tmp_path) -> Path:
 
 
 def same_results(one: Path, other: Path) -> None:
-    """Compare two runs; only what their ``run.json`` says of the machine and the time may differ."""
+    """Compare two runs; only what they say of the machine and the time may differ."""
     for name in RESULTS:
         assert (one / name).read_bytes() == (other / name).read_bytes(), name
     documents = [json.loads((directory / "run.json").read_text()) for directory in (one, other)]
