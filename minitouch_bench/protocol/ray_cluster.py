@@ -114,9 +114,7 @@ def _reach(address: str) -> None:
         reason = error.strerror or str(error)
         raise InfrastructureError(f"no Ray cluster answers at {address}: {reason}") from error
     try:
-        subprocess.run(
-            [*HEALTH_CHECK, address], check=True, capture_output=True, timeout=HEALTH_S
-        )
+        subprocess.run([*HEALTH_CHECK, address], check=True, capture_output=True, timeout=HEALTH_S)
     except (subprocess.TimeoutExpired, subprocess.CalledProcessError) as error:
         raise InfrastructureError(
             f"what answers at {address} is no head of a Ray cluster, or not a healthy one"
