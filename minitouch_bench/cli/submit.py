@@ -10,6 +10,7 @@ import typer
 
 from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.contests import Holding, make_contest, worker_count
+from minitouch_bench.cli.engines import Place
 from minitouch_bench.cli.evaluate import run_episodes
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.leaderboard.packing import (
@@ -39,6 +40,7 @@ from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_sour
 from minitouch_bench.protocol.engine import Contest
 from minitouch_bench.protocol.evaluation import Request, begin
 from minitouch_bench.protocol.journal import JOURNAL_FILE
+from minitouch_bench.protocol.local_engine import LocalEngine
 from minitouch_bench.protocol.storage import clear_run, lock_directory, write_actions
 from minitouch_bench.protocol.suites import OFFICIAL_SEED, find_suite
 from minitouch_bench.records import PolicyIdentity, Role, SavedRun
@@ -109,7 +111,8 @@ def submit(
         raise UsageError("give a POLICY to evaluate, or finished runs with --run")
     if policy is not None:
         contest = _contest(policy, exploration, _suites(suites), trust)
-        seed = _evaluate(job, contest, _suites(suites), worker_count(workers))
+        count = worker_count(workers)
+        seed = _evaluate(job, contest, _suites(suites), Place(LocalEngine(count), count))
     else:
         seed = _pack(job, [read_run(path) for path in run or ()], run or ())
     add_seed(place, begun, about, seed)
@@ -162,7 +165,7 @@ def _contest(policy: str, exploration: str | None, suites: Sequence[str], trust:
     )
 
 
-def _evaluate(job: _Job, contest: Contest, suites: Sequence[str], workers: int) -> TrainingSeed:
+def _evaluate(job: _Job, contest: Contest, suites: Sequence[str], engine: Place) -> TrainingSeed:
     """Run the suites into the submission, and return the entry of the training seed."""
     files = _files(job, contest.policy, contest.exploration)
     for name in suites:
@@ -176,11 +179,11 @@ def _evaluate(job: _Job, contest: Contest, suites: Sequence[str], workers: int) 
             OFFICIAL_SEED,
             replace(contest, exploration=explorer),
         )
-        _run_suite(job, request, job.place / run_place(job.seed, name), workers)
+        _run_suite(job, request, job.place / run_place(job.seed, name), engine)
     return TrainingSeed(job.seed, {s: run_place(job.seed, s) for s in suites}, files)
 
 
-def _run_suite(job: _Job, request: Request, place: Path, workers: int) -> None:
+def _run_suite(job: _Job, request: Request, place: Path, engine: Place) -> None:
     """Run one suite, or what is missing of it; a finished run is kept or replaced as asked."""
     with lock_directory(place):
         finished = (place / RUN_FILE).exists() and not (place / JOURNAL_FILE).exists()
@@ -191,7 +194,7 @@ def _run_suite(job: _Job, request: Request, place: Path, workers: int) -> None:
             clear_run(place)
         begun = begin(request, place, resume=job.resume, fresh=False)
         notes.print(f"suite {request.suite.name}", markup=False)
-        run = run_episodes(request, begun, place, workers)
+        run = run_episodes(request, begun, place, engine)
         write_actions(run.records, place)
         write_run(run, summarize(run, np.random.default_rng(run.header.seed)), place)
         tidy(place)
