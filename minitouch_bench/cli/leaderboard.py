@@ -44,7 +44,7 @@ def validate(
     """
     count = worker_count(workers)
     valid = [_validate(directory, replay_actions, rerun, count) for directory in directories]
-    notes.print(f"{sum(valid)} of {len(valid)} submissions are valid", markup=False)
+    notes.print(f"{sum(valid)} of {len(valid)} valid", markup=False)
     if not all(valid):
         raise typer.Exit(INVALID)
 

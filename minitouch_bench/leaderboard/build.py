@@ -49,7 +49,7 @@ def build_board(
                 apart.append(found)
             else:
                 refused.append(found)
-        log(f"{len(entries)} submissions read")
+        log(f"{len(directories)} read")
         board = make_board(entries, apart, refused)
         write_file(output / "leaderboard.md", board_markdown(board))
         write_file(output / "leaderboard.csv", board_csv(board))

@@ -1,9 +1,9 @@
-"""A policy that fails in every episode, so that an official suite takes seconds."""
+"""A policy that fails at every first step, so that an official suite takes seconds."""
 
 
 class Policy:
     def reset(self, seed, task):
-        raise RuntimeError(f"nothing learned of {task}")
+        self.task = task
 
     def act(self, observation):
-        raise AssertionError
+        raise RuntimeError(f"nothing learned of {self.task}")

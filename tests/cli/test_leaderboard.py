@@ -1,0 +1,77 @@
+"""Checking submissions and drawing the board, as a maintainer types it."""
+
+import shutil
+
+import pytest
+
+from tests.cli.command import run
+from tests.leaderboard.synthetic import make_submission
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    root = tmp_path_factory.mktemp("board")
+    make_submission(root / "submissions", "hac")
+    make_submission(root / "submissions", "zero", 0.1, kind="zero")
+    return root
+
+
+@pytest.fixture
+def root(sound, tmp_path):
+    return shutil.copytree(sound, tmp_path / "root")
+
+
+def test_valid_submissions_are_named_with_their_level(root):
+    done = run("leaderboard", "validate", "submissions/hac", "submissions/zero", directory=root)
+    assert done.code == 0
+    assert done.out == "hac: valid, self-reported\nzero: valid, self-reported\n"
+
+
+def test_every_fault_has_a_line_and_the_exit_code_is_1(root):
+    (root / "submissions/hac/notes.txt").write_text("hello")
+    (root / "submissions/hac/seed-0/table4/table4.csv").write_text("policy\n")
+    done = run("leaderboard", "validate", "submissions/hac", "submissions/zero", directory=root)
+    assert done.code == 1
+    lines = done.out.splitlines()
+    assert lines[-1] == "zero: valid, self-reported"
+    assert "hac: notes.txt: a submission has no such file; remove it" in lines
+    assert any("table4.csv: it is not what run.json gives" in line for line in lines)
+    assert "1 of 2 valid" in done.err
+
+
+def test_nothing_is_replayed_where_the_files_are_at_fault_already(root):
+    (root / "submissions/hac/notes.txt").write_text("hello")
+    done = run("leaderboard", "validate", "submissions/hac", "--replay", directory=root)
+    assert done.code == 1
+    assert len(done.out.splitlines()) == 1
+    assert not (root / "submissions" / "_proofs").exists()
+
+
+@pytest.mark.slow
+def test_invented_actions_do_not_replay(root):
+    done = run("leaderboard", "validate", "submissions/zero", "--replay", directory=root)
+    assert done.code == 1
+    assert "do not give these figures" in done.out
+    assert not (root / "submissions" / "_proofs").exists()
+
+
+def test_a_board_is_built_and_a_bad_submission_does_not_stop_it(root):
+    shutil.copytree(root / "submissions" / "hac", root / "submissions" / "bad")
+    done = run("leaderboard", "build", directory=root)
+    assert done.code == 0
+    assert "bad: submission.toml: the name is 'hac', the directory 'bad'" in done.out
+    assert done.out.splitlines()[-1] == "reports/leaderboard/index.html"
+    assert "1 ranked, 0 of another protocol, 1 refused" in done.err
+    names = {path.name for path in (root / "reports" / "leaderboard").iterdir()}
+    assert {"index.html", "leaderboard.md", "leaderboard.csv", "leaderboard.json"} <= names
+
+
+def test_the_same_submissions_give_the_same_board(root):
+    for place in ("one", "two"):
+        assert run("leaderboard", "build", "--output", place, directory=root).code == 0
+    for name in ("index.html", "leaderboard.md", "leaderboard.csv", "leaderboard.json"):
+        assert (root / "one" / name).read_bytes() == (root / "two" / name).read_bytes()
+
+
+def test_no_directory_of_submissions(tmp_path):
+    run("leaderboard", "build", directory=tmp_path).refused(2, "no directory of submissions")

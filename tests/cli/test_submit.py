@@ -1,0 +1,138 @@
+"""From a policy to a packed submission, as a user types it."""
+
+import os
+import signal
+import time
+import tomllib
+
+import pytest
+
+from tests.cli.command import finish, run, start
+from tests.leaderboard.synthetic import CHECKPOINT, official_run, write_official
+
+HOPELESS = ("submit", "hopeless:Policy", "--trust", "--name", "hopeless", "--workers", 2)
+"""A policy that fails at every first step: the official episodes take seconds."""
+
+FILES = {"run.json", "actions.npz", "episodes.csv", "table4.csv", "report.md"}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A finished official run, and the checkpoint that it says it evaluated."""
+    root = tmp_path_factory.mktemp("finished")
+    write_official(official_run(), root / "reports" / "hac-table4")
+    (root / "hac.safetensors").write_bytes(CHECKPOINT)
+    return root
+
+
+def pack(directory, *options):
+    reports = directory / "reports" / "hac-table4"
+    return run("submit", "--run", reports, "--name", "hac", *options, directory=directory)
+
+
+def test_a_finished_run_is_packed_with_its_checkpoint(finished):
+    done = pack(finished, "--training-steps", 1000, "--method", "HaC", "--authors", "A. B, C. D")
+    assert done.code == 0, done.err
+    assert done.out == "submissions/hac\n"
+    assert "leaderboard validate submissions/hac" in done.err
+    place = finished / "submissions" / "hac"
+    assert set(os.listdir(place / "seed-0" / "table4")) == FILES
+    told = tomllib.loads((place / "submission.toml").read_text())
+    assert (told["method"], told["training_steps"]) == ("HaC", 1000)
+    assert told["authors"] == ["A. B", "C. D"]
+    (file,) = told["seeds"][0]["checkpoints"]
+    assert (place / file["path"]).read_bytes() == CHECKPOINT
+
+
+def test_another_training_seed_is_added_and_what_was_told_is_kept(finished):
+    again = pack(finished, "--training-seed", 0, "--method", "HaC")
+    assert again.code == 6
+    assert "--fresh" in again.err
+    run_again = official_run(seed=5)
+    write_official(run_again, finished / "reports" / "five")
+    done = run(
+        "submit", "--run", "reports/five", "--name", "hac", "--training-seed", 5,
+        "--no-include-checkpoint", "--notes", "two seeds", directory=finished,
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    told = tomllib.loads((finished / "submissions/hac/submission.toml").read_text())
+    assert (told["method"], told["notes"]) == ("HaC", "two seeds")
+    assert [seed["seed"] for seed in told["seeds"]] == [0, 5]
+    assert [seed["checkpoints"][0]["path"] != "" for seed in told["seeds"]] == [True, False]
+
+
+def test_a_checkpoint_that_is_gone_is_named_by_its_digest(finished, tmp_path):
+    write_official(official_run(), tmp_path / "reports" / "hac-table4")
+    done = pack(tmp_path)
+    assert done.code == 0, done.err
+    assert "only its SHA-256 is kept" in done.err
+    told = tomllib.loads((tmp_path / "submissions/hac/submission.toml").read_text())
+    assert told["seeds"][0]["checkpoints"][0]["path"] == ""
+
+
+def test_an_unofficial_run_is_refused(scripted, tmp_path):
+    done = run("submit", "--run", scripted[1], "--name", "scripted", directory=tmp_path)
+    done.refused(2, "no official run", "2 of 100 episodes a task")
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("zero", "--name", "../up"), ("is no name",)),
+        (("zero", "--name", "x" * 10_000), ("is no name",)),
+        (("zero", "--name", "zero", "--paper", "javascript:1"), ("paper", "is no link")),
+        (("zero", "--name", "zero", "--method", "=1+1"), ("method", "formula")),
+        (("zero", "--name", "zero", "--method", "<script>"), ("method", "HTML")),
+        (("zero", "--name", "zero", "--modalities", "smell"), ("smell",)),
+        (("zero", "--name", "zero", "--suites", "smoke"), ("--suites",)),
+        (("--name", "zero"), ("POLICY", "--run")),
+    ],
+)
+def test_mistakes_are_told_before_anything_is_run(tmp_path, options, words):
+    run("submit", *options, directory=tmp_path).refused(2, *words)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.slow
+def test_three_commands_lead_from_a_policy_to_a_row(tmp_path):
+    done = run(*HOPELESS, "--method", "Hopeless", directory=tmp_path)
+    assert done.code == 0, done.err
+    assert "400 faults" in done.err
+    place = tmp_path / "submissions" / "hopeless" / "seed-0" / "table4"
+    assert set(os.listdir(place)) == FILES
+    proved = run("leaderboard", "validate", "submissions/hopeless", "--replay", directory=tmp_path)
+    assert (proved.code, proved.out) == (0, "hopeless: valid, replay-verified\n")
+    built = run("leaderboard", "build", directory=tmp_path)
+    assert built.code == 0, built.err
+    page = (tmp_path / "reports" / "leaderboard" / "index.html").read_text()
+    assert 'href="submission/hopeless.html"' in page
+    assert 'data-proof="replay-verified"' in page
+    again = run(*HOPELESS, directory=tmp_path)
+    again.refused(6, "finished run", "--training-seed")
+    kept = run(*HOPELESS, "--resume", directory=tmp_path)
+    assert kept.code == 0, kept.err
+    other = run("submit", "zero", *HOPELESS[3:], "--resume", directory=tmp_path)
+    assert other.code == 6
+    assert "another policy" in other.err
+
+
+@pytest.mark.slow
+def test_a_submission_that_was_broken_off_is_resumed(tmp_path):
+    process = start(*HOPELESS, directory=tmp_path)
+    journal = tmp_path / "submissions" / "hopeless" / "seed-0" / "table4" / "journal.jsonl"
+    deadline = time.monotonic() + 60
+    while not journal.exists() or journal.read_bytes().count(b"\n") < 20:
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    broken = finish(process)
+    assert broken.code == 130
+    assert "--resume continues" in broken.err
+    invalid = run("leaderboard", "validate", "submissions/hopeless", directory=tmp_path)
+    assert invalid.code == 1
+    assert "this is no submission" in invalid.out
+    done = run(*HOPELESS, "--resume", directory=tmp_path)
+    assert done.code == 0, done.err
+    assert set(os.listdir(journal.parent)) == FILES

@@ -1,0 +1,139 @@
+"""Replaying and running again: real episodes in the simulator, a few of them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from minitouch_bench.leaderboard.proof import (
+    ProofLevel,
+    level_of,
+    make_proof,
+    proof_path,
+    read_proof,
+    write_proof,
+)
+from minitouch_bench.leaderboard.proving import Proving, replay, run_again
+from minitouch_bench.leaderboard.submission import About, Submission, TrainingSeed
+from minitouch_bench.leaderboard.validation import Verdict, validate
+from minitouch_bench.metrics import summarize
+from minitouch_bench.protocol.local_engine import LocalEngine
+from minitouch_bench.protocol.storage import write_actions
+from minitouch_bench.reporting import write_run
+from minitouch_bench.reporting.json_document import to_text
+from tests.protocol.runs import request, run
+
+PLACE = "seed-0/table4"
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    return run(request("scripted", ("opening",), 2), tmp_path_factory.mktemp("run") / "run")
+
+
+@pytest.fixture
+def verdict(records, tmp_path):
+    """A run of two episodes as if it were a submission's: only its replay is looked at here."""
+    directory = tmp_path / "submissions" / "scripted"
+    place = directory / PLACE
+    place.mkdir(parents=True)
+    write_actions(records.records, place)
+    saved = write_run(records, summarize(records, np.random.default_rng(0)), place)
+    submission = Submission(
+        About("scripted", "scripted", modalities=("state",)),
+        (TrainingSeed(0, {"table4": PLACE}),),
+    )
+    return Verdict(directory, submission, {PLACE: saved}, ())
+
+
+@pytest.fixture
+def proving():
+    return Proving(LocalEngine(1), np.random.default_rng(3))
+
+
+def change_actions(verdict, change):
+    file = verdict.directory / PLACE / "actions.npz"
+    with np.load(file) as archive:
+        actions = dict(archive.items())
+    change(actions)
+    np.savez_compressed(file, **actions)
+
+
+def test_an_honest_run_replays(verdict, proving):
+    done = []
+    assert (
+        list(replay(verdict, dataclasses.replace(proving, progress=lambda: done.append(1)))) == []
+    )
+    assert len(done) == 2
+
+
+def test_swapped_actions_do_not_give_the_figures(verdict, proving):
+    def swap(actions):
+        actions["opening/0"], actions["opening/1"] = actions["opening/1"], actions["opening/0"]
+
+    change_actions(verdict, swap)
+    found = [str(fault) for fault in replay(verdict, proving)]
+    assert any("opening/0" in line and "do not give these figures" in line for line in found)
+
+
+def test_one_changed_bit_of_an_action_is_found(verdict, proving):
+    def nudge(actions):
+        actions["opening/1"][3, 0] = np.nextafter(actions["opening/1"][3, 0], np.float32(0))
+
+    change_actions(verdict, nudge)
+    assert any("opening/1" in str(fault) for fault in replay(verdict, proving))
+
+
+def test_episodes_run_again_with_the_policy_give_the_same_actions(verdict, proving):
+    assert list(run_again(verdict, 1, proving)) == []
+
+
+def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, proving):
+    document = dict(verdict.runs[PLACE].document)
+    document["header"] = {
+        **document["header"],
+        "policy": {**document["header"]["policy"], "kind": "native", "digest": "0" * 64},
+    }
+    (verdict.directory / PLACE / "run.json").write_text(to_text(document))
+    found = [str(fault) for fault in run_again(verdict, 1, proving)]
+    assert any("checkpoint of seed 0 is not in the submission" in line for line in found)
+
+
+# Proofs
+
+
+def test_a_proof_counts_for_the_very_bytes_alone(sound, tmp_path):
+    verdict = validate(sound)
+    proof = make_proof(verdict, ProofLevel.REPLAYED)
+    path = tmp_path / "_proofs" / "hac.json"
+    write_proof(proof, path)
+    assert read_proof(path) == proof
+    assert level_of(verdict, proof) is ProofLevel.REPLAYED
+    assert level_of(verdict, None) is ProofLevel.SELF_REPORTED
+
+
+def test_a_proof_of_other_bytes_or_of_another_protocol_is_ignored(submission):
+    verdict = validate(submission)
+    proof = make_proof(verdict, ProofLevel.RERUN, 5)
+    other = dataclasses.replace(proof, protocol_digest="0" * 64)
+    assert level_of(verdict, other) is ProofLevel.SELF_REPORTED
+    file = submission / PLACE / "run.json"
+    file.write_bytes(file.read_bytes() + b"\n")
+    assert level_of(verdict, proof) is ProofLevel.SELF_REPORTED
+
+
+def test_a_proof_lies_beside_the_submissions(submission):
+    assert proof_path(submission) == submission.parent / "_proofs" / "hac.json"
+
+
+def test_a_remote_policy_stays_remote(verdict):
+    saved = verdict.runs[PLACE]
+    policy = dataclasses.replace(saved.header.policy, kind="remote")
+    saved = dataclasses.replace(saved, header=dataclasses.replace(saved.header, policy=policy))
+    remote = dataclasses.replace(verdict, runs={PLACE: saved})
+    assert level_of(remote, make_proof(remote, ProofLevel.RERUN)) is ProofLevel.REMOTE
+
+
+def test_a_proof_inside_a_submission_is_an_unknown_file(submission):
+    (submission / "proof.json").write_text("{}")
+    assert any("proof.json" in str(fault) for fault in validate(submission).faults)

@@ -1,0 +1,126 @@
+"""``submission.toml``: written, read back, and as its published schema describes it."""
+
+import json
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.leaderboard.build import build_board
+from minitouch_bench.leaderboard.faults import Faults
+from minitouch_bench.leaderboard.packing import add_seed, check_about
+from minitouch_bench.leaderboard.submission import (
+    CheckpointFile,
+    Submission,
+    TrainingSeed,
+    checkpoint_place,
+)
+from minitouch_bench.leaderboard.submission_reader import read_submission
+from minitouch_bench.leaderboard.submission_writer import submission_text
+from minitouch_bench.records import Role
+from tests.leaderboard.synthetic import ABOUT, make_submission
+
+DOCS = Path(__file__).parents[2] / "docs"
+SEEDS = (
+    TrainingSeed(
+        0,
+        {"table4": "seed-0/table4", "novel-shapes": "seed-0/novel-shapes"},
+        (
+            CheckpointFile(
+                Role.FINAL,
+                "all",
+                "hac.onnx",
+                "ab" * 32,
+                checkpoint_place(0, Role.FINAL, "hac.onnx"),
+            ),
+            CheckpointFile(Role.EXPLORATION, "pushing", "pushing.pt", "cd" * 32),
+        ),
+    ),
+    TrainingSeed(3, {"table4": "seed-3/table4"}),
+)
+
+
+def schema(name: str) -> jsonschema.Draft202012Validator:
+    document = json.loads((DOCS / name).read_text())
+    jsonschema.Draft202012Validator.check_schema(document)
+    return jsonschema.Draft202012Validator(document)
+
+
+def read(text: str) -> tuple[Submission | None, list[str]]:
+    faults = Faults()
+    return read_submission(text.encode(), faults), [str(fault) for fault in faults]
+
+
+@pytest.mark.parametrize(
+    "about",
+    [
+        ABOUT,
+        replace(
+            ABOUT, method='A "quoted" \\ method; ü, 触', notes="", authors=(), paper="", code=""
+        ),
+        replace(ABOUT, training_steps=0, modalities=("touch",), licence=""),
+    ],
+)
+def test_what_is_written_is_read_back(about):
+    submission = Submission(about, SEEDS)
+    assert read(submission_text(submission)) == (submission, [])
+
+
+def test_the_published_schema_describes_what_is_written():
+    validator = schema("submission.schema.json")
+    validator.validate(tomllib.loads(submission_text(Submission(ABOUT, SEEDS))))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("name", "../x"),
+        ("name", "x" * 65),
+        ("paper", "http://example.org"),
+        ("training_steps", -1),
+        ("modalities", ["smell"]),
+        ("seeds", []),
+        ("extra", 1),
+        ("method", "<b>"),
+    ],
+)
+def test_the_schema_refuses_what_the_reader_refuses(key, value):
+    document = tomllib.loads(submission_text(Submission(ABOUT, SEEDS)))
+    document[key] = value
+    assert not schema("submission.schema.json").is_valid(document)
+
+
+def test_the_board_s_json_is_as_its_schema_says(tmp_path):
+    both = ("table4", "novel-shapes")
+    make_submission(tmp_path / "submissions", "hac", suites=both, exploration=True, faults=1)
+    make_submission(tmp_path / "submissions", "zero", 0.05, kind="zero")
+    broken = make_submission(tmp_path / "submissions", "broken")
+    (broken / "x").write_text("x")
+    build_board(tmp_path / "submissions", tmp_path / "board")
+    document = json.loads((tmp_path / "board" / "leaderboard.json").read_text())
+    schema("leaderboard.schema.json").validate(document)
+    assert [row["name"] for row in document["ranked"]] == ["hac"]
+    assert [row["name"] for row in document["calibration"]] == ["zero"]
+    assert document["missing_calibration"] == ["scripted", "random"]
+    (refused,) = document["refused"]
+    assert refused == {
+        "name": "broken",
+        "reasons": ["x: a submission has no such file; remove it"],
+    }
+
+
+def test_another_training_seed_is_added_and_the_same_one_replaced(tmp_path):
+    first = add_seed(tmp_path, None, ABOUT, SEEDS[1])
+    both = add_seed(tmp_path, first, ABOUT, SEEDS[0])
+    assert [seed.seed for seed in both.seeds] == [0, 3]
+    again = add_seed(tmp_path, both, ABOUT, replace(SEEDS[0], checkpoints=()))
+    assert [len(seed.checkpoints) for seed in again.seeds] == [0, 0]
+
+
+def test_mistakes_are_told_before_any_episode_is_run():
+    with pytest.raises(UsageError, match="paper"):
+        check_about(replace(ABOUT, paper="ftp://example.org"))
+    check_about(ABOUT)
