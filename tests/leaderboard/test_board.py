@@ -1,0 +1,206 @@
+"""What stands on a board: the figures against the runs' own, ranks, twins, who is left out."""
+
+import csv
+import io
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minitouch_bench.leaderboard.board import make_board
+from minitouch_bench.leaderboard.board_csv import board_csv
+from minitouch_bench.leaderboard.board_markdown import board_markdown
+from minitouch_bench.leaderboard.build import build_board
+from minitouch_bench.leaderboard.entries import make_entry
+from minitouch_bench.leaderboard.failures import Ending
+from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
+from minitouch_bench.leaderboard.validation import validate
+from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, Role
+from minitouch_bench.reporting import read_run
+from tests.leaderboard.synthetic import ABOUT, make_submission
+
+BOTH = ("table4", "novel-shapes")
+
+
+@pytest.fixture(scope="module")
+def submissions(tmp_path_factory):
+    root = tmp_path_factory.mktemp("board") / "submissions"
+    make_submission(root, "hac", 0.9, suites=BOTH, exploration=True, faults=4)
+    make_submission(root, "near", 0.87)
+    make_submission(root, "seeds", 0.6, seeds=(0, 1, 2), suites=BOTH)
+    make_submission(root, "perfect", 1.0, seeds=(3, 4))
+    make_submission(root, "scripted", 1.0, kind="scripted")
+    return root
+
+
+def entry(directory):
+    verdict = validate(directory)
+    assert verdict.faults == ()
+    return make_entry(verdict, None)
+
+
+@pytest.fixture(scope="module")
+def board(submissions):
+    return make_board([entry(path) for path in sorted(submissions.iterdir())])
+
+
+@pytest.fixture(scope="module")
+def rows(board):
+    return {row.entry.name: row for row in board.rows}
+
+
+def test_figures_of_one_seed_are_those_of_its_run(submissions, rows):
+    run = read_run(submissions / "hac" / "seed-0" / "table4")
+    for task in run.summary.tasks:
+        for metric in ("success", "exploration", "touched"):
+            if metric in task.estimates:
+                assert rows["hac"].estimate(task.task, metric) == task.estimates[metric]
+        for metric in ("episode_steps", "touch_interaction", "touch_onsets", "time_to_first_touch"):
+            if metric in task.estimates:
+                mine, theirs = rows["hac"].estimate(task.task, metric), task.estimates[metric]
+                width = theirs.high - theirs.low
+                assert mine.value == pytest.approx(theirs.value, rel=1e-12)
+                assert mine.count == theirs.count
+                assert mine.low == pytest.approx(theirs.low, abs=0.08 * width)
+                assert mine.high == pytest.approx(theirs.high, abs=0.08 * width)
+
+
+def test_the_gap_of_one_seed_is_that_of_its_run(submissions, rows):
+    run = read_run(submissions / "hac" / "seed-0" / "novel-shapes")
+    for result in run.summary.generalization:
+        mine, theirs = rows["hac"].gaps[result.task], next(iter(result.gaps.values()))
+        if result.task in GOAL_TASKS:
+            assert mine == theirs
+        else:
+            width = theirs.difference.high - theirs.difference.low
+            assert mine.difference.value == pytest.approx(theirs.difference.value, rel=1e-9)
+            assert mine.difference.low == pytest.approx(theirs.difference.low, abs=0.08 * width)
+
+
+def test_several_seeds_are_averaged_and_resampled(submissions, rows):
+    rates = [
+        np.mean([e.success for e in read_run(place).episodes if e.task == "pushing"])
+        for place in sorted((submissions / "seeds").glob("seed-*/table4"))
+    ]
+    found = rows["seeds"].estimate("pushing", "success")
+    assert found.value == pytest.approx(np.mean(rates))
+    assert found.count == 3
+    assert "training seeds" in found.method
+    assert found.low <= min(rates) + 1e-12
+    assert found.high >= max(rates) - 1e-12
+    steps = rows["seeds"].estimate("pushing", "episode_steps")
+    means = [
+        np.mean([e.steps for e in read_run(place).episodes if e.task == "pushing"])
+        for place in sorted((submissions / "seeds").glob("seed-*/table4"))
+    ]
+    assert (steps.low, steps.high) == pytest.approx((min(means), max(means)))
+
+
+def test_no_share_is_ever_certain(rows):
+    for row in rows.values():
+        for (_, metric), found in row.figures.items():
+            if metric in ("success", "touched", MEAN_SUCCESS):
+                assert found.low < found.high
+
+
+def test_the_mean_success_is_over_the_three_tasks_with_a_goal(rows):
+    row = rows["hac"]
+    parts = [row.estimate(task, "success") for task in GOAL_TASKS]
+    found = row.estimate(OVERALL, MEAN_SUCCESS)
+    assert found.value == pytest.approx(np.mean([part.value for part in parts]))
+    assert found.low > np.mean([part.low for part in parts])  # three errors do not add up
+    assert found.count == 300
+
+
+def test_ranks_are_shared_where_rows_cannot_be_told_apart(board, rows):
+    names = [row.entry.name for row in board.ranked]
+    assert (names[0], {*names[1:3]}, names[3]) == ("perfect", {"hac", "near"}, "seeds")
+    assert rows["hac"].ranks[OVERALL] == rows["near"].ranks[OVERALL]
+    assert rows["seeds"].ranks[OVERALL].best == 4
+    assert set(rows["hac"].ranks) == {OVERALL, *TASK_NAMES}
+
+
+def test_calibrations_have_no_rank(board, rows):
+    assert [row.entry.name for row in board.calibration] == ["scripted"]
+    assert rows["scripted"].ranks == {}
+    assert board.missing_calibration == ("random", "zero")
+
+
+def test_every_episode_has_one_ending(rows):
+    counts = rows["hac"].endings
+    assert all(sum(own.values()) == 100 for own in counts.values())
+    assert counts["pushing"][Ending.FAULT] == 4
+    won = rows["hac"].entry.episodes("table4", Role.FINAL, "pushing")[0].success.sum()
+    assert counts["pushing"][Ending.SUCCEEDED] == won
+    assert sum(rows["seeds"].endings["opening"].values()) == 300
+    assert set(counts["playing"]) <= {Ending.TOUCHED, Ending.NEVER_TOUCHED}
+
+
+def test_the_same_episodes_under_another_name_are_told(submissions, tmp_path):
+    root = tmp_path / "submissions"
+    shutil.copytree(submissions / "near", root / "near")
+    copied = make_submission(root, "copied", 0.5)
+    shutil.rmtree(copied / "seed-0")
+    shutil.copytree(root / "near" / "seed-0", copied / "seed-0")
+    twins = {r.entry.name: r.twins for r in make_board([entry(p) for p in root.iterdir()]).ranked}
+    assert twins == {"near": ("copied",), "copied": ("near",)}
+
+
+def test_another_protocol_is_listed_apart_and_a_bad_one_left_out(submissions, tmp_path):
+    root = tmp_path / "submissions"
+    shutil.copytree(submissions, root)
+    file = root / "near" / "seed-0" / "table4" / "run.json"
+    run = json.loads(file.read_text())
+    run["header"]["protocol_digest"] = "0" * 64
+    file.write_text(json.dumps(run))
+    (root / "hac" / "submission.toml").unlink()
+    (root / "_proofs").mkdir()
+    (root / "README.md").write_text("hello")
+    built = build_board(root, tmp_path / "board")
+    assert (built.ranked, built.apart, len(built.refused)) == (2, 1, 1)
+    text = (tmp_path / "board" / "leaderboard.md").read_text()
+    assert "## Other protocols, not ranked\n\n- **near**" in text
+    assert "## Left out\n\n- **hac**" in text
+    page = (tmp_path / "board" / "index.html").read_text()
+    assert "Other protocols, not ranked" in page
+    assert "submission/near.html" not in page
+
+
+def test_an_empty_board_still_has_its_reference_rows(tmp_path):
+    (tmp_path / "submissions").mkdir()
+    build_board(tmp_path / "submissions", tmp_path / "board")
+    page = (tmp_path / "board" / "index.html").read_text()
+    assert "No ranked submission yet" in page
+    assert page.count("not submitted yet") >= 3
+    assert "0.891" in page
+
+
+def test_csv_has_a_row_a_figure_and_guards_formulas(board):
+    table = list(csv.DictReader(io.StringIO(board_csv(board))))
+    (row,) = [
+        row
+        for row in table
+        if (row["name"], row["task"], row["metric"]) == ("hac", "pushing", "success")
+    ]
+    assert row["rank"]
+    assert float(row["low"]) < float(row["value"]) < float(row["high"])
+    assert {row["kind"] for row in table} == {"ranked", "calibration", "paper"}
+    assert not any(row["rank"] for row in table if row["kind"] != "ranked")
+    hostile = replace(board.ranked[0], entry=with_method(board.ranked[0].entry, "=cmd()"))
+    text = board_csv(replace(board, ranked=(hostile,)))
+    assert ",'=cmd()," in text
+    assert "<script" not in board_markdown(
+        replace(board, ranked=(replace(hostile, entry=with_method(hostile.entry, "<script>|`x`")),))
+    ).replace("\\<script", "")
+
+
+def with_method(own, method):
+    about = replace(ABOUT, name=own.name, method=method)
+    return replace(own, submission=replace(own.submission, about=about))
+
+
+def test_the_board_does_not_depend_on_the_order_of_submissions(submissions, board):
+    entries = [entry(path) for path in sorted(submissions.iterdir(), reverse=True)]
+    assert board_csv(make_board(entries)) == board_csv(board)
