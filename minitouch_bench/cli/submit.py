@@ -41,7 +41,7 @@ from minitouch_bench.protocol.engine import Contest
 from minitouch_bench.protocol.evaluation import Request, begin
 from minitouch_bench.protocol.journal import JOURNAL_FILE
 from minitouch_bench.protocol.local_engine import LocalEngine
-from minitouch_bench.protocol.storage import clear_run, lock_directory, write_actions
+from minitouch_bench.protocol.storage import LOCK_FILE, clear_run, lock_directory, write_actions
 from minitouch_bench.protocol.suites import OFFICIAL_SEED, find_suite
 from minitouch_bench.records import PolicyIdentity, Role, SavedRun
 from minitouch_bench.reporting import read_run, write_run
@@ -184,20 +184,28 @@ def _evaluate(job: _Job, contest: Contest, suites: Sequence[str], engine: Place)
 
 
 def _run_suite(job: _Job, request: Request, place: Path, engine: Place) -> None:
-    """Run one suite, or what is missing of it; a finished run is kept or replaced as asked."""
+    """Run one suite alone in its directory, and leave no lock in what is then packed."""
     with lock_directory(place):
-        finished = (place / RUN_FILE).exists() and not (place / JOURNAL_FILE).exists()
-        if finished and not job.fresh:
-            _check_kept(job, request, place)
-            return
-        if job.fresh:
-            clear_run(place)
-        begun = begin(request, place, resume=job.resume, fresh=False)
-        notes.print(f"suite {request.suite.name}", markup=False)
-        run = run_episodes(request, begun, place, engine)
-        write_actions(run.records, place)
-        write_run(run, summarize(run, np.random.default_rng(run.header.seed)), place)
-        tidy(place)
+        try:
+            _fill(job, request, place, engine)
+        finally:
+            (place / LOCK_FILE).unlink(missing_ok=True)
+
+
+def _fill(job: _Job, request: Request, place: Path, engine: Place) -> None:
+    """Run one suite, or what is missing of it; a finished run is kept or replaced as asked."""
+    finished = (place / RUN_FILE).exists() and not (place / JOURNAL_FILE).exists()
+    if finished and not job.fresh:
+        _check_kept(job, request, place)
+        return
+    if job.fresh:
+        clear_run(place)
+    begun = begin(request, place, resume=job.resume, fresh=False)
+    notes.print(f"suite {request.suite.name}", markup=False)
+    run = run_episodes(request, begun, place, engine)
+    write_actions(run.records, place)
+    write_run(run, summarize(run, np.random.default_rng(run.header.seed)), place)
+    tidy(place)
 
 
 def _check_kept(job: _Job, request: Request, place: Path) -> None:
