@@ -32,6 +32,9 @@ IDENTITY = ("seed", "shape", "family", "split")
 SHA256 = re.compile(r"[0-9a-f]{64}")
 KINDS = (*FORMATS, "scripted", DIRECTORY)
 MAX_TEXT = 1000
+MAX_NAMED = 50
+"""Packages, or facts of the machine, that an honest run may name."""
+
 NAMED = 3
 """Episodes named in one line; the rest are counted."""
 
@@ -141,14 +144,18 @@ def files_digest(kind: str, files: Sequence[CheckpointFile]) -> str:
 def _check_texts(saved: SavedRun, place: str, faults: Faults) -> None:
     """Refuse texts beyond any honest length; all are escaped wherever they are shown."""
     header, environment = saved.header, saved.environment
-    texts = [header.policy.name, header.policy.source, *saved.faults.values()]
+    texts = [header.policy.name, header.policy.source, environment.started, *saved.faults.values()]
     if header.exploration is not None:
         texts += [header.exploration.name, header.exploration.source]
     for named in (environment.packages, environment.machine):
         texts += [*named.keys(), *named.values()]
+        if len(named) > MAX_NAMED:
+            faults.add(place, f"its environment names {len(named)} things", PACK_AGAIN)
     longest = max(map(len, texts))
     if longest > MAX_TEXT:
-        faults.add(place, f"a text in it has {longest} characters; the limit is {MAX_TEXT}")
+        faults.add(
+            place, f"a text in it has {longest} characters; the limit is {MAX_TEXT}", PACK_AGAIN
+        )
 
 
 def _check_episodes(

@@ -80,9 +80,7 @@ def test_an_unofficial_run_is_refused(scripted, tmp_path):
     ("options", "words"),
     [
         (("zero", "--name", "../up"), ("is no name",)),
-        (("zero", "--name", "x" * 10_000), ("is no name",)),
         (("zero", "--name", "zero", "--paper", "javascript:1"), ("paper", "is no link")),
-        (("zero", "--name", "zero", "--method", "=1+1"), ("method", "formula")),
         (("zero", "--name", "zero", "--method", "<script>"), ("method", "HTML")),
         (("zero", "--name", "zero", "--modalities", "smell"), ("smell",)),
         (("zero", "--name", "zero", "--suites", "smoke"), ("--suites",)),

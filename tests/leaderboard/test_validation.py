@@ -339,6 +339,12 @@ def test_endless_texts_in_a_run(submission):
     refused(submission, RUN, "10000 characters")
 
 
+def test_endless_lists_of_packages(submission):
+    packages = {f"package-{number}": "1" for number in range(10_000)}
+    edit_run(submission, lambda run: run["environment"].update(packages=packages))
+    refused(submission, RUN, "its environment names 10000 things")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
