@@ -52,6 +52,12 @@ def test_the_page_of_a_thousand_answers_at_once(built, tmp_path):
                 "document.body.getBoundingClientRect(); return performance.now() - began; })()"
             )
             assert took < MAX_ANSWER_MS, (action, took)
+        shown = "document.querySelectorAll('#overall tbody.ranked tr:not([hidden])').length"
+        browser.run("document.querySelector('input[value=touch]').click()")
+        assert browser.run(shown) == 100
+        assert browser.run("document.querySelector('.more').textContent") == f"Show all {NUMBER}"
+        browser.run("document.querySelector('.more').click()")
+        assert browser.run(shown) == NUMBER
         assert browser.messages == []
     finally:
         browser.close()

@@ -6,6 +6,20 @@
   const count = document.querySelector(".count");
   const search = document.querySelector(".search");
 
+  const more = document.querySelector(".more");
+  const bodies = [...document.querySelectorAll("tbody.ranked")];
+  const FIRST = 100;
+  let wholly = false;
+
+  // A table of a thousand rows takes a second to lay out; its first hundred are shown at once.
+  const lay = (body) => {
+    let place = 0;
+    for (const row of body.querySelectorAll("tr[data-name]")) {
+      row.hidden = !(row.wanted && (wholly || place < FIRST));
+      place += row.wanted;
+    }
+  };
+
   // Tabs: without this script every view stands below the other.
   const show = (key, focus) => {
     const chosen = views.some((view) => view.dataset.view === key) ? key : views[0].dataset.view;
@@ -56,6 +70,7 @@
     for (const cell of table.querySelectorAll("th[aria-sort]")) cell.setAttribute("aria-sort", "none");
     head.setAttribute("aria-sort", order);
     body.append(...rows.map(({ row }) => row));
+    lay(body);
   };
   for (const button of document.querySelectorAll(".sort")) {
     button.addEventListener("click", () => sort(button.closest("table"), button.closest("th")));
@@ -67,21 +82,27 @@
     const modalities = asked("modality");
     const levels = asked("proof");
     const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
-    for (const row of document.querySelectorAll("tbody.ranked tr[data-name]")) {
-      const has = (row.dataset.modalities || "").split(" ");
-      row.hidden = !(modalities.every((one) => has.includes(one))
-        && (levels.length === 0 || levels.includes(row.dataset.proof))
-        && words.every((word) => row.dataset.name.includes(word)));
+    for (const body of bodies) {
+      for (const row of body.querySelectorAll("tr[data-name]")) {
+        const has = (row.dataset.modalities || "").split(" ");
+        row.wanted = modalities.every((one) => has.includes(one))
+          && (levels.length === 0 || levels.includes(row.dataset.proof))
+          && words.every((word) => row.dataset.name.includes(word));
+      }
+      lay(body);
     }
     tell();
   };
   const tell = () => {
     const view = views.find((one) => !one.hidden) || views[0];
     const rows = [...view.querySelectorAll("tbody.ranked tr[data-name]")];
-    const shown = rows.filter((row) => !row.hidden).length;
-    count.textContent = shown === rows.length
-      ? `${shown} ranked ${shown === 1 ? "submission" : "submissions"}` : `${shown} of ${rows.length} submissions`;
+    const wanted = rows.filter((row) => row.wanted).length;
+    count.textContent = wanted === rows.length
+      ? `${wanted} ranked ${wanted === 1 ? "submission" : "submissions"}` : `${wanted} of ${rows.length} submissions`;
+    more.hidden = wholly || wanted <= FIRST;
+    more.textContent = `Show all ${wanted}`;
   };
+  more.addEventListener("click", () => { wholly = true; bodies.forEach(lay); tell(); });
   controls.addEventListener("change", filter);
   search.addEventListener("input", filter);
   controls.hidden = false;
