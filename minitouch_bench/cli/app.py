@@ -4,8 +4,10 @@ import sys
 
 import typer
 
+from minitouch_bench.cli.compare import compare
 from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.evaluate import evaluate
+from minitouch_bench.cli.regress import regress
 from minitouch_bench.cli.report import report
 from minitouch_bench.cli.shapes import app as shapes
 from minitouch_bench.cli.tasks import tasks
@@ -20,6 +22,8 @@ app = typer.Typer(
 )
 app.command()(evaluate)
 app.command()(report)
+app.command()(compare)
+app.command()(regress)
 app.command()(tasks)
 app.add_typer(shapes, name="shapes")
 

@@ -1,0 +1,195 @@
+"""How many episodes it takes to see a difference, and how small a one can be seen.
+
+Both at a power of 80 %: four times in five, if the difference is the one observed.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Protocol
+
+import numpy as np
+
+from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
+from minitouch_bench.regression.binomial import binomial_pmf, critical_count
+from minitouch_bench.regression.shares import Discordance, score_statistic
+
+POWER = 0.8
+POWER_QUANTILE = NormalDist().inv_cdf(POWER)
+
+EXACT_UP_TO = 2000
+"""Episodes up to which the power of a test of shares is summed exactly."""
+
+MOST_EPISODES = 1_000_000
+"""No larger number of episodes is ever asked for."""
+
+NEGLIGIBLE = 1e-10
+"""Probability of a count that a sum leaves out."""
+
+FEWEST_FOR_A_MEAN = 10
+"""Episodes below which no bound of a mean is believed."""
+
+HALVINGS = 20
+
+
+class Resolution(Protocol):
+    """What a sample tells of the episodes that a clear answer takes."""
+
+    def episodes_to_detect(self, alpha: float) -> int | None:
+        """Return the episodes that show the difference, None for none or too many."""
+
+    def episodes_to_exclude(self, margin: float) -> int | None:
+        """Return the episodes that show the worsening to be below ``margin``, or None."""
+
+    def detectable(self, alpha: float) -> float | None:
+        """Return the smallest difference that as many episodes show, None for none."""
+
+
+@dataclass(frozen=True)
+class ShareResolution:
+    """Of shares, from the pairs that differ.
+
+    Source: the exact unconditional power of McNemar's test and of Tango's score test; beyond
+    EXACT_UP_TO episodes R. J. Connor, "Sample size for testing differences in proportions
+    for the paired-sample design", Biometrics 43 (1987).
+    """
+
+    found: Discordance
+
+    def episodes_to_detect(self, alpha: float) -> int | None:
+        """Count for the exact McNemar test at level ``alpha``."""
+        lost, won = self._rates()
+        if lost == won:
+            return None
+        exact = _least(lambda n: mcnemar_power(n, lost, won, alpha) >= POWER)
+        return exact or _connor(_two_sided(alpha), lost + won, abs(lost - won))
+
+    def episodes_to_exclude(self, margin: float) -> int | None:
+        """Count for the 95 % score interval."""
+        lost, won = self._rates()
+        room = margin + won - lost
+        if room <= 0.0:
+            return None
+        exact = _least(lambda n: exclusion_power(n, lost, won, margin) >= POWER)
+        deviation = math.sqrt(lost + won - (lost - won) ** 2)
+        return exact or _as_count(((NORMAL_QUANTILE + POWER_QUANTILE) * deviation / room) ** 2)
+
+    def detectable(self, alpha: float) -> float | None:
+        """Search with the share of pairs that differ as it is, or larger where it must be."""
+        differing = sum(self._rates())
+
+        def is_seen(difference: float) -> bool:
+            total = max(differing, difference)
+            rates = ((total + difference) / 2.0, (total - difference) / 2.0)
+            return mcnemar_power(self.found.n, *rates, alpha) >= POWER
+
+        if self.found.n > EXACT_UP_TO:
+            needed = _two_sided(alpha) + POWER_QUANTILE
+            return needed * math.sqrt(max(differing, 1.0 / self.found.n) / self.found.n)
+        if not is_seen(1.0):
+            return None
+        low, high = 0.0, 1.0
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2.0
+            low, high = (low, middle) if is_seen(middle) else (middle, high)
+        return high
+
+    def _rates(self) -> tuple[float, float]:
+        return self.found.lost / self.found.n, self.found.won / self.found.n
+
+
+@dataclass(frozen=True)
+class MeanResolution:
+    """Of means, from ``n`` paired differences: their mean as a worsening, and their deviation.
+
+    Source: W. C. Guenther, "Sample size formulas for normal theory t tests", Am. Stat. 35
+    (1981), which adds half the squared quantile to the normal formula.
+    """
+
+    n: int
+    worsening: float
+    deviation: float
+
+    def episodes_to_detect(self, alpha: float) -> int | None:
+        """Count for a paired t test at level ``alpha``; signs alone need a few as well."""
+        found = self._episodes(abs(self.worsening), _two_sided(alpha))
+        return None if found is None else max(found, math.ceil(math.log2(2.0 / alpha)))
+
+    def episodes_to_exclude(self, margin: float) -> int | None:
+        """Count for a 95 % interval."""
+        found = self._episodes(margin - self.worsening, NORMAL_QUANTILE)
+        return None if found is None else max(found, FEWEST_FOR_A_MEAN)
+
+    def detectable(self, alpha: float) -> float | None:
+        """Invert the number of episodes; without any variation nothing can be said."""
+        quantile = _two_sided(alpha)
+        freedom = self.n - quantile**2 / 2.0
+        if freedom <= 0.0 or self.deviation == 0.0:
+            return None
+        return (quantile + POWER_QUANTILE) * self.deviation / math.sqrt(freedom)
+
+    def _episodes(self, distance: float, quantile: float) -> int | None:
+        if distance <= 0.0:
+            return None
+        needed = ((quantile + POWER_QUANTILE) * self.deviation / distance) ** 2
+        return _as_count(needed + quantile**2 / 2.0)
+
+
+def mcnemar_power(n: int, lost: float, won: float, alpha: float) -> float:
+    """Return the chance that the exact McNemar test shows the larger of two rates as such.
+
+    ``lost`` and ``won`` are the shares of pairs of which only one succeeds.
+    """
+    differing = lost + won
+    if differing == 0.0:
+        return 0.0
+    pmf = binomial_pmf(n, min(1.0, differing))
+    share = max(lost, won) / differing
+    return float(
+        sum(
+            pmf[pairs] * binomial_pmf(pairs, share)[critical_count(pairs, alpha) :].sum()
+            for pairs in np.flatnonzero(pmf > NEGLIGIBLE).tolist()
+        )
+    )
+
+
+def exclusion_power(n: int, lost: float, won: float, margin: float) -> float:
+    """Return the chance that Tango's 95 % interval excludes a loss of ``margin``."""
+    pmf = binomial_pmf(n, lost)
+    rest = min(1.0, won / (1.0 - lost)) if lost < 1.0 else 0.0
+    total = 0.0
+    for count in np.flatnonzero(pmf > NEGLIGIBLE).tolist():
+        gains = np.arange(n - count + 1, dtype=np.float64)
+        statistic = score_statistic(np.full_like(gains, count), gains, n, -margin)
+        total += pmf[count] * binomial_pmf(n - count, rest)[statistic > NORMAL_QUANTILE].sum()
+    return float(total)
+
+
+def _least(is_enough: Callable[[int], bool]) -> int | None:
+    """Return the least number of episodes that is enough, None beyond EXACT_UP_TO."""
+    high = 4
+    while not is_enough(high):
+        if high == EXACT_UP_TO:
+            return None
+        high = min(2 * high, EXACT_UP_TO)
+    low = high // 2
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if is_enough(middle) else (middle, high)
+    return high
+
+
+def _connor(quantile: float, differing: float, difference: float) -> int | None:
+    """Return the episodes for McNemar's test in its normal form."""
+    spread = math.sqrt(max(differing - difference**2, 0.0))
+    root = (quantile * math.sqrt(differing) + POWER_QUANTILE * spread) / difference
+    return _as_count(root**2)
+
+
+def _two_sided(alpha: float) -> float:
+    return NormalDist().inv_cdf(1.0 - alpha / 2.0)
+
+
+def _as_count(episodes: float) -> int | None:
+    return math.ceil(episodes) if episodes <= MOST_EPISODES else None
