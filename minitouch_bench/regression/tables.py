@@ -21,6 +21,15 @@ from minitouch_bench.reporting.tables import (
 SMALLEST_P = 0.0001
 """A p-value below is written as such: the bootstrap draws no finer ones."""
 
+VERDICT_COLUMNS = (
+    Column("Baseline"),
+    Column("Candidate"),
+    Column("Difference"),
+    Column("Tolerance"),
+    Column("p"),
+    Column("Judgement", is_text=True),
+)
+
 
 def comparison_tables(versus: Versus) -> tuple[Table, ...]:
     """Lay one run against the first, a table a metric: tasks down."""
@@ -40,16 +49,36 @@ def verdict_table(verdict: Verdict) -> Table:
     return Table(
         title="Candidate minus baseline, on the same episodes",
         corner=("Task", "Metric"),
-        columns=(
-            Column("Baseline"),
-            Column("Candidate"),
-            Column("Difference"),
-            Column("Tolerance"),
-            Column("p"),
-            Column("Judgement", is_text=True),
+        columns=VERDICT_COLUMNS,
+        rows=tuple(
+            Row(
+                (task_title(one.effect.task), metric_label(one.effect.metric)),
+                _judgement_cells(one, verdict),
+            )
+            for one in verdict.judgements
         ),
-        rows=tuple(_judgement_row(one, verdict) for one in verdict.judgements),
         notes=(),
+    )
+
+
+def verdict_tables(verdict: Verdict) -> tuple[Table, ...]:
+    """Lay out what the gate judged in narrow tables, one a metric: tasks down."""
+    found = {
+        metric: [one for one in verdict.judgements if one.effect.metric == metric]
+        for metric in PAIRED_METRICS
+    }
+    return tuple(
+        Table(
+            title=metric_label(metric),
+            corner=("Task",),
+            columns=VERDICT_COLUMNS,
+            rows=tuple(
+                Row((task_title(one.effect.task),), _judgement_cells(one, verdict)) for one in rows
+            ),
+            notes=(),
+        )
+        for metric, rows in found.items()
+        if rows
     )
 
 
@@ -149,20 +178,17 @@ def _metric_table(
     )
 
 
-def _judgement_row(judgement: Judgement, verdict: Verdict) -> Row:
+def _judgement_cells(judgement: Judgement, verdict: Verdict) -> tuple[Cell, ...]:
     effect = judgement.effect
     tolerance = verdict.settings.tolerance(effect.task, effect.metric)
     allowed = format_figure(effect.metric, judgement.allowed)
-    return Row(
-        (task_title(effect.task), metric_label(effect.metric)),
-        (
-            Cell(format_figure(effect.metric, effect.first)),
-            Cell(format_figure(effect.metric, effect.second)),
-            Cell(difference_text(effect)),
-            Cell(f"{allowed} ({tolerance})" if tolerance.relative else allowed),
-            Cell(p_text(judgement.p_value)),
-            Cell(ruling_text(judgement)),
-        ),
+    return (
+        Cell(format_figure(effect.metric, effect.first)),
+        Cell(format_figure(effect.metric, effect.second)),
+        Cell(difference_text(effect)),
+        Cell(f"{allowed} ({tolerance})" if tolerance.relative else allowed),
+        Cell(p_text(judgement.p_value)),
+        Cell(ruling_text(judgement)),
     )
 
 

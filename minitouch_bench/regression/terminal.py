@@ -7,7 +7,7 @@ from rich.text import Text
 
 from minitouch_bench.regression.comparison import Change, Comparison
 from minitouch_bench.regression.gate import Ruling, Verdict
-from minitouch_bench.regression.tables import changes_table, comparison_tables, verdict_table
+from minitouch_bench.regression.tables import changes_table, comparison_tables, verdict_tables
 from minitouch_bench.regression.wording import (
     comparison_notes,
     effort_line,
@@ -44,7 +44,7 @@ def show_verdict(verdict: Verdict, console: Console) -> None:
         Text(side_line("Baseline", verdict.baseline)),
         Text(side_line("Candidate", verdict.candidate)),
         Text(),
-        draw_table(verdict_table(verdict)),
+        *(draw_table(table) for table in verdict_tables(verdict)),
         *_changes(verdict.changes, ("baseline", "candidate")),
         Text(),
         *(Text(note, style="dim") for note in verdict_notes(verdict)),

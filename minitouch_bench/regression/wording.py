@@ -46,7 +46,7 @@ def headline(verdict: Verdict) -> str:
         return "no regression: the run digests are equal, every episode is the same to the last bit"
     if verdict.ruling is Ruling.REGRESSION:
         worse = _named(verdict, Ruling.REGRESSION)
-        return f"regression: {worse} worse beyond the tolerance"
+        return f"regression: worse beyond the tolerance in {worse}"
     if verdict.ruling is Ruling.PASSED:
         return "no regression: a worsening beyond the tolerance is excluded"
     if verdict.needed is None:
