@@ -11,7 +11,7 @@ def binomial_pmf(n: int, share: float) -> NDArray[np.float64]:
     counts = np.arange(n + 1)
     if share in (0.0, 1.0):
         return np.where(counts == share * n, 1.0, 0.0)
-    logs = _log_factorials(n.bit_length())[: n + 1]
+    logs = _log_factorials(int(n).bit_length())[: n + 1]
     exponents = logs[n] - logs - logs[::-1]
     exponents += counts * np.log(share) + (n - counts) * np.log1p(-share)
     pmf: NDArray[np.float64] = np.exp(exponents)

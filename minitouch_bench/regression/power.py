@@ -104,7 +104,7 @@ class MeanResolution:
     """Of means, from ``n`` paired differences: their mean as a worsening, and their deviation.
 
     Source: W. C. Guenther, "Sample size formulas for normal theory t tests", Am. Stat. 35
-    (1981), which adds half the squared quantile to the normal formula.
+    (1981).
     """
 
     n: int
@@ -124,7 +124,7 @@ class MeanResolution:
     def detectable(self, alpha: float) -> float | None:
         """Invert the number of episodes; without any variation nothing can be said."""
         quantile = _two_sided(alpha)
-        freedom = self.n - quantile**2 / 2.0
+        freedom = self.n - _overhead(quantile)
         if freedom <= 0.0 or self.deviation == 0.0:
             return None
         return (quantile + POWER_QUANTILE) * self.deviation / math.sqrt(freedom)
@@ -133,7 +133,7 @@ class MeanResolution:
         if distance <= 0.0:
             return None
         needed = ((quantile + POWER_QUANTILE) * self.deviation / distance) ** 2
-        return _as_count(needed + quantile**2 / 2.0)
+        return _as_count(needed + _overhead(quantile))
 
 
 def mcnemar_power(n: int, lost: float, won: float, alpha: float) -> float:
@@ -185,6 +185,15 @@ def _connor(quantile: float, differing: float, difference: float) -> int | None:
     spread = math.sqrt(max(differing - difference**2, 0.0))
     root = (quantile * math.sqrt(differing) + POWER_QUANTILE * spread) / difference
     return _as_count(root**2)
+
+
+def _overhead(quantile: float) -> float:
+    """Return the episodes beyond those of the normal formula.
+
+    Guenther's, for a deviation that is estimated; and two, for the values of either sign that
+    ``paired_mean`` adds, which draw the mean towards 0.
+    """
+    return quantile**2 / 2.0 + 2.0
 
 
 def _two_sided(alpha: float) -> float:
