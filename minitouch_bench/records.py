@@ -86,9 +86,15 @@ class EpisodeTrace:
     first_touch_tick: int = -1
 
     def digest(self) -> str:
-        """SHA-256 over every array and its shape: equal digests mean equal bits."""
+        """SHA-256 over every array and its shape: equal digests mean equal bits.
+
+        ``clipped`` is left out: it tells what the policy asked for, not what happened, and
+        whoever replays the applied actions must find the same digest.
+        """
         sha = hashlib.sha256()
         for field in fields(self):
+            if field.name == "clipped":
+                continue
             array = np.ascontiguousarray(getattr(self, field.name))
             sha.update(f"{field.name}{array.dtype.str}{array.shape}".encode())
             sha.update(array.tobytes())
@@ -109,7 +115,8 @@ class EpisodeRecord:
 class EpisodeMetrics:
     """The metrics of one episode: a row of ``episodes.csv``, in its column order.
 
-    ``family`` and ``split`` of the shape stand in ``run.json`` alone.
+    ``family`` and ``split`` of the shape, and ``digest``, the trajectory's, stand in
+    ``run.json`` alone.
 
     ``touch_variance`` is in N², ``object_movement`` in m² (Opening: rad²),
     ``time_to_first_touch`` and ``arm_time`` in s; None where the finger never touched.
@@ -133,6 +140,7 @@ class EpisodeMetrics:
     clipped_actions: int
     family: str = ""
     split: str = ""
+    digest: str = ""
 
 
 @dataclass(frozen=True)
@@ -260,9 +268,13 @@ class EvaluationRun:
 
 @dataclass(frozen=True)
 class SavedRun:
-    """A run as read back from its directory: what every report starts from."""
+    """A run as read back from its directory: what every report starts from.
+
+    ``digest`` covers every episode: runs with equal ones hold equal bits.
+    """
 
     name: str
+    digest: str
     header: RunHeader
     environment: RunEnvironment
     summary: Summary

@@ -10,7 +10,7 @@ import pytest
 import minitouch_bench
 
 PACKAGE = Path(minitouch_bench.__file__).parent
-BASE = {"records", "errors", "optional", "cache"}
+BASE = {"records", "errors", "optional", "cache", "arithmetic"}
 LAYERS = (
     "shapegen",
     "simulation",
@@ -22,6 +22,7 @@ LAYERS = (
     "metrics",
     "reporting",
     "regression",
+    "verification",
     "leaderboard",
     "cli",
 )

@@ -6,11 +6,14 @@ import typer
 
 from minitouch_bench.cli.compare import compare
 from minitouch_bench.cli.consoles import notes
+from minitouch_bench.cli.doctor import doctor
 from minitouch_bench.cli.evaluate import evaluate
 from minitouch_bench.cli.regress import regress
+from minitouch_bench.cli.replay import replay
 from minitouch_bench.cli.report import report
 from minitouch_bench.cli.shapes import app as shapes
 from minitouch_bench.cli.tasks import tasks
+from minitouch_bench.cli.verify import verify
 from minitouch_bench.errors import MiniTouchError
 
 app = typer.Typer(
@@ -25,6 +28,9 @@ app.command()(report)
 app.command()(compare)
 app.command()(regress)
 app.command()(tasks)
+app.command()(verify)
+app.command()(replay)
+app.command()(doctor)
 app.add_typer(shapes, name="shapes")
 
 

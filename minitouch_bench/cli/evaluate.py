@@ -1,35 +1,31 @@
 """``minitouch-bench evaluate``: the main job."""
 
-import os
 import re
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 import typer
 
 from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.cli.contests import Holding, make_contest, worker_count
 from minitouch_bench.cli.progress import EvaluationProgress
-from minitouch_bench.errors import InfrastructureError, InterruptedRunError, UsageError
+from minitouch_bench.errors import InfrastructureError, InterruptedRunError
 from minitouch_bench.metrics import summarize
-from minitouch_bench.policies.holding import probe
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.process import PolicyLimits
-from minitouch_bench.policies.sources import PolicySource, parse_source
-from minitouch_bench.protocol.engine import Contest
 from minitouch_bench.protocol.evaluation import Begun, Request, begin
 from minitouch_bench.protocol.evaluation import evaluate as run_evaluation
-from minitouch_bench.protocol.filming import film
+from minitouch_bench.protocol.filming import film, film_name
 from minitouch_bench.protocol.local_engine import LocalEngine
 from minitouch_bench.protocol.storage import lock_directory, write_actions
 from minitouch_bench.protocol.suites import find_suite, parse_tasks
-from minitouch_bench.records import GOAL_TASKS, EvaluationRun, Outcome
+from minitouch_bench.records import EvaluationRun, Outcome
 from minitouch_bench.reporting import show_report, write_report, write_run
 from minitouch_bench.reporting.json_document import to_text
 
 FINISHED_WITH_FAULTS = 4
 MAX_EPISODES = 100_000
-MAX_WORKERS = 1024
 MAX_ACT_TIMEOUT_S = 86400.0
 
 
@@ -79,14 +75,14 @@ def evaluate(
     """Run a policy through the suite and write its Table-4 report."""
     published = find_suite(suite)
     chosen = parse_tasks(tasks, published)
-    count = _worker_count(workers)
+    count = worker_count(workers)
     limits = PolicyLimits(act_timeout_s=act_timeout)
     request = Request(
         suite=published,
         tasks=chosen,
         episodes=episodes or published.episodes_per_task,
         seed=seed,
-        contest=_contest(policy, exploration, chosen, Holding(limits, isolation, trust)),
+        contest=make_contest(policy, exploration, chosen, Holding(limits, isolation, trust)),
     )
     directory = output or Path("reports") / _run_name(request)
     with lock_directory(directory):
@@ -97,53 +93,6 @@ def evaluate(
         _report(run, directory, video, as_json=as_json)
     if any(record.outcome is Outcome.POLICY_FAULT for record in run.records):
         raise typer.Exit(FINISHED_WITH_FAULTS)
-
-
-class Holding(NamedTuple):
-    """How policies are held."""
-
-    limits: PolicyLimits
-    isolation: Isolation
-    trust: bool
-
-
-def _contest(
-    policy: str, exploration: str | None, tasks: tuple[str, ...], holding: Holding
-) -> Contest:
-    """Find the policies and load each once, so that a bad file is refused before any episode."""
-    limits, isolation, trust = holding
-    if isolation is Isolation.NONE and not trust:
-        raise UsageError("--isolation none runs the policy in this very process: add --trust")
-    source = _find_policy(policy, tasks, holding)
-    if exploration is None:
-        return Contest(source, limits=limits, trust=trust, isolation=isolation)
-    goals = tuple(task for task in tasks if task in GOAL_TASKS)
-    if not goals:
-        raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
-    explorer = _find_policy(exploration, goals, holding, deterministic=False)
-    return Contest(source, explorer, limits, trust, isolation)
-
-
-def _find_policy(
-    text: str, tasks: tuple[str, ...], holding: Holding, *, deterministic: bool = True
-) -> PolicySource:
-    limits, isolation, trust = holding
-    source = parse_source(text, tasks, trust=trust)
-    if source.kind == "remote" and isolation is Isolation.SANDBOX:
-        notes.print(
-            "a policy server needs the network: its client is held at level process", markup=False
-        )
-    probe(source, tasks, limits, isolation, deterministic=deterministic, trust=trust)
-    return source
-
-
-def _worker_count(text: str) -> int:
-    """Return the number of workers; "auto" is one a core that this process may use."""
-    if text == "auto":
-        return len(os.sched_getaffinity(0))
-    if not text.isdecimal() or not 1 <= int(text) <= MAX_WORKERS:
-        raise UsageError(f"--workers is a number from 1 to {MAX_WORKERS}, or auto, not '{text}'")
-    return int(text)
 
 
 def _run_name(request: Request) -> str:
@@ -176,8 +125,11 @@ def _report(run: EvaluationRun, directory: Path, video: int, *, as_json: bool) -
     """Derive every file from the records, and print what a person or a program asked for."""
     summary = summarize(run, np.random.default_rng(run.header.seed))
     write_actions(run.records, directory)
-    filmed = [record for record in run.records if record.spec.index < video]
-    videos = [film(record, directory / "videos") for record in filmed]
+    videos = [
+        film(record.spec, record.trace.actions, directory / "videos" / film_name(record.spec.key))
+        for record in run.records
+        if record.spec.index < video
+    ]
     saved = write_run(run, summary, directory)
     report = write_report([saved], directory, videos)
     if as_json:

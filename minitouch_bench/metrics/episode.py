@@ -39,6 +39,7 @@ def measure(record: EpisodeRecord) -> EpisodeMetrics:
         time_to_first_touch=_seconds(trace.first_touch_tick),
         arm_time=int(trace.ticks.sum(dtype=np.int64)) / TICKS_PER_SECOND,
         clipped_actions=int(np.count_nonzero(trace.clipped)),
+        digest=trace.digest(),
     )
 
 

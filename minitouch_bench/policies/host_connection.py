@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from minitouch_bench.arithmetic import SETTINGS
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.isolation.limits import HOST_VARIABLES
 from minitouch_bench.policies.wire import MAX_PAYLOAD, plain_line
@@ -25,9 +26,7 @@ CLOSE_S = 2.0
 """Time in which a host must end by itself once its orders have ended."""
 
 HOST_SETTINGS = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
+    **SETTINGS,
     "ORT_DISABLE_TELEMETRY": "1",
     "PYTHONHASHSEED": "0",
 }

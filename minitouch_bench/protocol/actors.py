@@ -11,6 +11,7 @@ from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
 from minitouch_bench.policies.scripted import Controller, make_controller
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.protocol.rollout import Actor
+from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
@@ -23,7 +24,7 @@ class ProcessActor:
 
     def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
         """Fork and load afresh."""
-        self._process.reset(spec.seed, spec.task)
+        self._process.reset(policy_seed(spec.seed), spec.task)
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Ask the process."""

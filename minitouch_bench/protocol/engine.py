@@ -8,8 +8,8 @@ from minitouch_bench.policies.holding import held_level
 from minitouch_bench.policies.isolation.levels import Isolation, weakest
 from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.policies.sources import PolicySource
-from minitouch_bench.protocol.actors import ProcessActor, ScriptedActor, make_actor
-from minitouch_bench.protocol.rollout import run_episode
+from minitouch_bench.protocol.actors import make_actor
+from minitouch_bench.protocol.rollout import Actor, run_episode
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Role
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registration import make_environment
@@ -43,11 +43,22 @@ class Contest:
         sources = [self.policy, *([self.exploration] if self.exploration else [])]
         return weakest([held_level(source, self.isolation) for source in sources])
 
+    def make_actor(self, role: Role) -> Actor:
+        """Return a new actor, which holds the policy of a role as the contest says."""
+        return make_actor(self.source(role), role, self.limits, self.isolation, trust=self.trust)
+
+
+class ActorSource(Protocol):
+    """Where a worker gets its actors from: a contest's policies, or a run's recorded actions."""
+
+    def make_actor(self, role: Role) -> Actor:
+        """Return a new actor for the episodes of a role."""
+
 
 class Engine(Protocol):
     """Runs episodes somewhere; their results depend on nothing but the episodes."""
 
-    def run(self, contest: Contest, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
         """Yield one record an episode, in whatever order they end.
 
         Raises:
@@ -58,23 +69,17 @@ class Engine(Protocol):
 class EpisodeRunner:
     """Runs episodes one after the other in this process, keeping environments and policies."""
 
-    def __init__(self, contest: Contest) -> None:
-        self._contest = contest
+    def __init__(self, source: ActorSource) -> None:
+        self._source = source
         self._environments: dict[str, MiniTouchEnv] = {}
-        self._actors: dict[Role, ProcessActor | ScriptedActor] = {}
+        self._actors: dict[Role, Actor] = {}
 
     def run(self, spec: EpisodeSpec) -> EpisodeRecord:
         """Run one episode."""
         if spec.task not in self._environments:
             self._environments[spec.task] = make_environment(spec.task)
         if spec.role not in self._actors:
-            self._actors[spec.role] = make_actor(
-                self._contest.source(spec.role),
-                spec.role,
-                self._contest.limits,
-                self._contest.isolation,
-                trust=self._contest.trust,
-            )
+            self._actors[spec.role] = self._source.make_actor(spec.role)
         return run_episode(self._environments[spec.task], self._actors[spec.role], spec)
 
     def close(self) -> None:

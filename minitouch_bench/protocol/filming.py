@@ -1,49 +1,67 @@
-"""Videos of recorded episodes, made by replaying their actions."""
+"""Films of recorded episodes, made by replaying their actions."""
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.optional import require
-from minitouch_bench.records import EpisodeRecord
+from minitouch_bench.records import EpisodeSpec
 from minitouch_bench.tasks.registration import make_environment
 
 FRAMES_PER_SECOND = 8
-"""A control step lasts about a quarter of a second: videos run at twice real time."""
+"""A control step lasts about a quarter of a second: films run at twice real time."""
+
+Frames = Iterator[NDArray[np.uint8]]
 
 
-def film(record: EpisodeRecord, directory: Path) -> Path:
-    """Replay one episode in front of the camera and return its ``.mp4``.
+def film(spec: EpisodeSpec, actions: NDArray[np.float32], path: Path) -> Path:
+    """Replay one episode in front of the camera into an ``.mp4`` or a ``.gif``.
 
     Raises:
-        MissingExtraError: the extra ``video`` is not installed.
+        MissingExtraError: an ``.mp4`` needs the extra ``video``.
+        UsageError: another kind of file.
         RunDirectoryError: the file cannot be written.
     """
-    writer = require("imageio.v2", "video")
-    require("imageio_ffmpeg", "video")
-    path = directory / f"{record.spec.key.replace('/', '-')}.mp4"
+    writers = {".mp4": _write_mp4, ".gif": _write_gif}
+    if path.suffix not in writers:
+        raise UsageError(f"a film is an .mp4 or a .gif, not '{path.name}'")
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-        with writer.get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=16) as video:
-            for frame in _frames(record):
-                video.append_data(frame)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        writers[path.suffix](_frames(spec, actions), path)
     except OSError as error:
         raise RunDirectoryError(f"{path} cannot be written: {error.strerror}") from error
     return path
 
 
-def _frames(record: EpisodeRecord) -> Iterator[NDArray[np.uint8]]:
-    spec = record.spec
+def film_name(key: str, suffix: str = ".mp4") -> str:
+    """Return the file name of an episode's film, as ``pushing-17.mp4``."""
+    return key.replace("/", "-") + suffix
+
+
+def _write_mp4(frames: Frames, path: Path) -> None:
+    writer = require("imageio.v2", "video")
+    require("imageio_ffmpeg", "video")
+    with writer.get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=16) as video:
+        for frame in frames:
+            video.append_data(frame)
+
+
+def _write_gif(frames: Frames, path: Path) -> None:
+    pictures = [Image.fromarray(frame) for frame in frames]
+    milliseconds = 1000 // FRAMES_PER_SECOND
+    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=milliseconds, loop=0)
+
+
+def _frames(spec: EpisodeSpec, actions: NDArray[np.float32]) -> Frames:
     environment = make_environment(spec.task, render_mode="rgb_array")
-    options: dict[str, Any] | None = {"object": spec.shape} if spec.shape else None
     try:
-        environment.reset(seed=spec.seed, options=options)
+        environment.reset(seed=spec.seed, options={"object": spec.shape} if spec.shape else None)
         yield environment.picture()
-        for action in record.trace.actions:
+        for action in actions:
             environment.step(action)
             yield environment.picture()
     finally:

@@ -80,8 +80,10 @@ class Journal:
             raise InfrastructureError(f"{self._path} cannot be written: no space left on device")
 
 
-def read_journal(directory: Path) -> tuple[RunHeader, list[EpisodeRecord], bool]:
-    """Return the header, the records, and whether a torn last line was cut off.
+def read_journal(
+    directory: Path, *, mend: bool = True
+) -> tuple[RunHeader, list[EpisodeRecord], bool]:
+    """Return the header, the records, and whether the last line was torn; ``mend`` cuts it off.
 
     Raises:
         RunDirectoryError: there is no journal, or it is damaged before its end.
@@ -104,7 +106,7 @@ def read_journal(directory: Path) -> tuple[RunHeader, list[EpisodeRecord], bool]
         bodies.append(body)
         good_until = end
     torn = good_until < len(content)
-    if torn:
+    if torn and mend:
         os.truncate(path, good_until)
     if not bodies:
         raise RunDirectoryError(f"{path} holds nothing that can be resumed; start with --fresh")

@@ -11,8 +11,9 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
+from minitouch_bench.arithmetic import same_arithmetic
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.protocol.engine import MAX_ATTEMPTS, Contest, EpisodeRunner
+from minitouch_bench.protocol.engine import MAX_ATTEMPTS, ActorSource, EpisodeRunner
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 PR_SET_PDEATHSIG = 1
@@ -25,14 +26,14 @@ class LocalEngine:
     def __init__(self, workers: int) -> None:
         self._workers = workers
 
-    def run(self, contest: Contest, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
         """Yield records as episodes end; a worker that dies is replaced, its episode retried.
 
         Raises:
             InfrastructureError: an episode failed three times for no fault of the policy.
         """
         waiting = deque((spec, 1) for spec in specs)
-        crew = [_Worker(contest) for _ in range(min(self._workers, len(specs)))]
+        crew = [_Worker(source) for _ in range(min(self._workers, len(specs)))]
         try:
             while waiting or any(worker.job for worker in crew):
                 for worker in crew:
@@ -48,7 +49,7 @@ class LocalEngine:
                     if attempt == MAX_ATTEMPTS:
                         raise InfrastructureError(f"episode {spec.key} failed 3 times: {result}")
                     waiting.appendleft((spec, attempt + 1))
-                    crew[crew.index(worker)] = _Worker(contest)
+                    crew[crew.index(worker)] = _Worker(source)
                     worker.close()
         finally:
             for worker in crew:
@@ -58,13 +59,13 @@ class LocalEngine:
 class _Worker:
     """The parent's side of one worker process."""
 
-    def __init__(self, contest: Contest) -> None:
+    def __init__(self, source: ActorSource) -> None:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
         self.process: BaseProcess = context.Process(
-            target=_serve, args=(theirs, contest, os.getpid()), daemon=True
+            target=_serve, args=(theirs, source, os.getpid()), daemon=True
         )
-        with _interrupts_held():
+        with _interrupts_held(), same_arithmetic():
             self.process.start()
         theirs.close()
         self.job: tuple[EpisodeSpec, int] | None = None
@@ -114,12 +115,12 @@ def _ready(crew: Sequence[_Worker]) -> list[_Worker]:
     return [w for w in busy if w.connection in found or w.process.sentinel in found]
 
 
-def _serve(connection: Connection, contest: Contest, parent: int) -> None:
+def _serve(connection: Connection, source: ActorSource, parent: int) -> None:
     """Run in a worker process: one episode for each spec received, until the pipe closes."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         return
-    runner = EpisodeRunner(contest)
+    runner = EpisodeRunner(source)
     try:
         while True:
             spec = connection.recv()

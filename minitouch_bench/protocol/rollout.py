@@ -28,6 +28,9 @@ class Actor(Protocol):
             PolicyFaultError: the policy failed.
         """
 
+    def close(self) -> None:
+        """Free what it holds."""
+
 
 def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> EpisodeRecord:
     """Run one episode from its seed to its end.

@@ -19,6 +19,16 @@ def episode_seed(suite: str, task: str, index: int, run_seed: int) -> int:
     return int(sequence.generate_state(1, np.uint32)[0])
 
 
+def policy_seed(episode: int) -> int:
+    """Return the seed that a policy is given in the episode with this seed, 0 to 2^32 - 1.
+
+    The world draws from the episode's own seed: a policy that draws from the same stream
+    would be correlated with where things lie.
+    """
+    sequence = np.random.SeedSequence([_number("policy"), episode])
+    return int(sequence.generate_state(1, np.uint32)[0])
+
+
 def suite_generator(suite: str) -> np.random.Generator:
     """Return the generator of what a suite draws once for all its runs."""
     return np.random.default_rng([_number(PROTOCOL), _number(suite)])

@@ -4,18 +4,27 @@ import contextlib
 import fcntl
 import os
 import shutil
+import zipfile
+import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.protocol.journal import JOURNAL_FILE
-from minitouch_bench.records import EpisodeRecord
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec
+from minitouch_bench.tasks.registration import TASKS
+from minitouch_bench.tasks.task import MAX_STEPS
 
 LOCK_FILE = ".lock"
 ACTIONS_FILE = "actions.npz"
+MAX_NPY_HEADER = 256
+"""Bytes before the numbers of an array; numpy writes 128."""
+
+Actions = NDArray[np.float32]
 RUN_FILES = (
     JOURNAL_FILE,
     ACTIONS_FILE,
@@ -64,6 +73,59 @@ def clear_run(directory: Path) -> None:
     for name in RUN_FILES:
         (directory / name).unlink(missing_ok=True)
     shutil.rmtree(directory / "videos", ignore_errors=True)
+
+
+def read_actions(directory: Path, specs: Sequence[EpisodeSpec]) -> dict[str, Actions]:
+    """Read back the actions that ``actions.npz`` has of these episodes, float32 (T, A) each.
+
+    Every declared size is looked at before anything is unpacked.
+
+    Raises:
+        RunDirectoryError: the file is missing or damaged, it holds other episodes too, or
+            what it holds are no actions of their task.
+    """
+    path = directory / ACTIONS_FILE
+    tasks = {spec.key: spec.task for spec in specs}
+    try:
+        with zipfile.ZipFile(path) as archive:
+            actions: dict[str, Actions] = {}
+            for member in archive.infolist():
+                key = member.filename.removesuffix(".npy")
+                if key not in tasks or key in actions:
+                    raise RunDirectoryError(
+                        f"{path} holds {key[:80]!a}, which is no episode of the run"
+                    )
+                actions[key] = _read_array(archive, member, tasks[key])
+            return actions
+    except OSError as error:
+        raise RunDirectoryError(f"{path} cannot be read: {error.strerror or error}") from error
+    except (ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError) as error:
+        raise RunDirectoryError(f"{path} is damaged: {error}") from error
+
+
+def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, task: str) -> Actions:
+    """Unpack one episode's actions.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    size = TASKS[task].preset.arm.action_size
+    longest = MAX_STEPS * size * np.dtype(np.float32).itemsize
+    if member.file_size > longest + MAX_NPY_HEADER:
+        raise ValueError(f"{member.filename} declares {member.file_size} bytes")
+    with archive.open(member) as file:
+        if np.lib.format.read_magic(file) != (1, 0):
+            raise ValueError(f"{member.filename} is an array of another version")
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+        content = file.read()
+    if dtype != np.float32 or fortran or len(shape) != 2 or shape[1] != size:
+        raise ValueError(f"{member.filename} is {dtype} {shape}, not float32 (steps, {size})")
+    if not 0 <= shape[0] <= MAX_STEPS or len(content) != shape[0] * size * 4:
+        raise ValueError(f"{member.filename} does not hold 0 to {MAX_STEPS} actions")
+    actions = np.frombuffer(content, np.float32).reshape(shape).copy()
+    if not (np.abs(actions) <= 1).all():
+        raise ValueError(f"{member.filename} holds actions beyond -1 to 1")
+    return actions
 
 
 def write_actions(records: Sequence[EpisodeRecord], directory: Path) -> None:

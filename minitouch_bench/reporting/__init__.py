@@ -2,12 +2,18 @@
 
 from minitouch_bench.reporting.json_document import from_document, to_document
 from minitouch_bench.reporting.report import Report, build_report
-from minitouch_bench.reporting.run_directory import read_run, write_report, write_run
+from minitouch_bench.reporting.run_directory import (
+    derived_files,
+    read_run,
+    write_report,
+    write_run,
+)
 from minitouch_bench.reporting.terminal import show_report
 
 __all__ = [
     "Report",
     "build_report",
+    "derived_files",
     "from_document",
     "read_run",
     "show_report",

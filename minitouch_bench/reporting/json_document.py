@@ -11,6 +11,7 @@ from typing import Any
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.metrics.definitions import METRICS, unit_of
+from minitouch_bench.metrics.digest import run_digest
 from minitouch_bench.metrics.intervals import BOOTSTRAP, NEWCOMBE, WILSON
 from minitouch_bench.metrics.summary import measure_run
 from minitouch_bench.records import (
@@ -38,15 +39,17 @@ VERSION = 1
 
 def to_document(run: EvaluationRun, summary: Summary) -> dict[str, Any]:
     """Write a run as a JSON document of plain dicts, lists, strings and numbers."""
+    episodes, exploration = measure_run(run), measure_run(run, Role.EXPLORATION)
     return {
         "format": FORMAT,
         "version": VERSION,
+        "digest": run_digest(run.header.protocol_digest, episodes, exploration),
         "header": _plain(asdict(run.header)),
         "environment": _plain(asdict(run.environment)),
         "summary": _summary_document(summary),
         "faults": {r.spec.key: r.fault for r in run.records if r.fault},
-        "episodes": [_episode_document(e) for e in measure_run(run)],
-        "exploration_episodes": [_episode_document(e) for e in measure_run(run, Role.EXPLORATION)],
+        "episodes": [_episode_document(e) for e in episodes],
+        "exploration_episodes": [_episode_document(e) for e in exploration],
     }
 
 
@@ -64,6 +67,7 @@ def from_document(document: Any, name: str) -> SavedRun:
     _check_version(node)
     return SavedRun(
         name=name,
+        digest=node["digest"].text(),
         header=_header(node["header"]),
         environment=_environment(node["environment"]),
         summary=_summary(node["summary"]),
@@ -285,4 +289,5 @@ def _episode(node: JsonNode) -> EpisodeMetrics:
         clipped_actions=node["clipped_actions"].count(),
         family=node["family"].text(),
         split=node["split"].text(),
+        digest=node["digest"].text(),
     )

@@ -30,15 +30,20 @@ def write_run(run: EvaluationRun, summary: Summary, directory: Path) -> SavedRun
     """
     document = to_document(run, summary)
     saved = from_document(document, directory.name)
-    _write(directory / "episodes.csv", episodes_csv(saved.episodes))
-    if saved.exploration_episodes:
-        _write(directory / "exploration.csv", episodes_csv(saved.exploration_episodes))
-    _write(directory / "table4.csv", table4_csv([saved]))
-    if saved.summary.generalization:
-        _write(directory / "generalization.csv", generalization_csv([saved]))
+    for name, text in _tables(saved).items():
+        _write(directory / name, text)
     # Last: a directory with a run.json has everything else.
     _write(directory / RUN_FILE, to_text(document))
     return saved
+
+
+def derived_files(run: SavedRun, directory: Path) -> dict[str, str]:
+    """Return the texts of a run's tables and of ``report.md`` by file name.
+
+    The report links the videos that lie in the directory.
+    """
+    report = build_report([run], find_videos(_videos(directory), directory))
+    return {**_tables(run), "report.md": to_markdown(report)}
 
 
 def read_run(directory: Path) -> SavedRun:
@@ -71,6 +76,20 @@ def write_report(runs: Sequence[SavedRun], directory: Path, videos: Sequence[Pat
     _write(directory / "report.md", to_markdown(report))
     _write(directory / "report.html", to_html(report))
     return report
+
+
+def _tables(run: SavedRun) -> dict[str, str]:
+    """Return the CSV files of a run by name."""
+    tables = {"episodes.csv": episodes_csv(run.episodes), "table4.csv": table4_csv([run])}
+    if run.exploration_episodes:
+        tables["exploration.csv"] = episodes_csv(run.exploration_episodes)
+    if run.summary.generalization:
+        tables["generalization.csv"] = generalization_csv([run])
+    return tables
+
+
+def _videos(directory: Path) -> list[Path]:
+    return sorted((directory / "videos").glob("*.mp4"))
 
 
 def _write(file: Path, text: str) -> None:

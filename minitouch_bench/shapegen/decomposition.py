@@ -1,10 +1,6 @@
 """Convex decomposition by CoACD, with settings measured for meshes of about 400 faces."""
 
-import os
 from dataclasses import dataclass
-
-# CoACD reads this when its library loads; one thread a process is faster than many here.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import coacd
 import numpy as np

@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from minitouch_bench.arithmetic import same_arithmetic
 from minitouch_bench.errors import InfrastructureError, MiniTouchError
 from minitouch_bench.optional import look_up
 
@@ -74,11 +75,9 @@ def map_in_workers(target: str, tasks: Sequence[Any], workers: int) -> Iterator[
 def _start(target: str) -> _Worker:
     context = get_context("spawn")
     ours, theirs = context.Pipe()
-    # Set before the child's libraries load: one process a core beats threads, and the same
-    # sums come out on every machine.
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     process = context.Process(target=_serve, args=(target, theirs, os.getpid()), daemon=True)
-    process.start()
+    with same_arithmetic():
+        process.start()
     theirs.close()
     return _Worker(process, ours)
 

@@ -1,25 +1,21 @@
-from dataclasses import replace
-
 import pytest
+from PIL import Image
 
-from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.protocol.filming import film
-from minitouch_bench.records import EpisodeTrace
-
-imageio = pytest.importorskip("imageio.v2")
-pytest.importorskip("imageio_ffmpeg")
+from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.protocol.filming import film, film_name
 
 
 @pytest.fixture
 def short(finished):
-    """A record of a pick-up, cut to its first steps."""
+    """A pick-up and its first three actions."""
     record = finished[0].records[4]
-    trace = record.trace
-    return replace(record, trace=EpisodeTrace(trace.actions[:3], *list(vars(trace).values())[1:]))
+    return record.spec, record.trace.actions[:3]
 
 
-def test_a_video_has_a_frame_for_the_reset_and_for_each_step(short, tmp_path):
-    path = film(short, tmp_path / "videos")
+def test_an_mp4_has_a_frame_for_the_reset_and_for_each_step(short, tmp_path):
+    imageio = pytest.importorskip("imageio.v2")
+    pytest.importorskip("imageio_ffmpeg")
+    path = film(*short, tmp_path / "videos" / film_name(short[0].key))
     assert path.name == "pick-up-0.mp4"
     with imageio.get_reader(path) as video:
         frames = [video.get_data(index) for index in range(video.count_frames())]
@@ -28,7 +24,18 @@ def test_a_video_has_a_frame_for_the_reset_and_for_each_step(short, tmp_path):
     assert frames[0].std() > 10
 
 
+def test_a_gif_needs_no_extra_and_has_the_same_frames(short, tmp_path):
+    with Image.open(film(*short, tmp_path / "film.gif")) as picture:
+        assert picture.n_frames == 4
+        assert picture.size == (480, 480)
+
+
+def test_another_kind_of_file_is_refused(short, tmp_path):
+    with pytest.raises(UsageError, match=r"mp4 or a \.gif"):
+        film(*short, tmp_path / "film.avi")
+
+
 def test_a_place_that_cannot_be_written_is_said(short, tmp_path):
     (tmp_path / "videos").write_text("no directory")
     with pytest.raises(RunDirectoryError, match="cannot be written"):
-        film(short, tmp_path / "videos")
+        film(*short, tmp_path / "videos" / "film.gif")

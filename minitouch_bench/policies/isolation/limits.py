@@ -5,6 +5,7 @@ import os
 import resource
 from dataclasses import dataclass
 
+from minitouch_bench.arithmetic import SETTINGS
 from minitouch_bench.policies.isolation.kernel import system_call
 
 MAX_DESCRIPTORS = 64
@@ -20,8 +21,7 @@ PAGE = os.sysconf("SC_PAGE_SIZE")
 
 KEPT_VARIABLES = frozenset(
     {
-        "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "ORT_DISABLE_TELEMETRY",
-        "PYTHONHASHSEED", "LANG", "LC_ALL", "LC_CTYPE", "TZ",
+        *SETTINGS, "ORT_DISABLE_TELEMETRY", "PYTHONHASHSEED", "LANG", "LC_ALL", "LC_CTYPE", "TZ",
     }
 )  # fmt: skip
 """What a policy's process keeps of its environment."""

@@ -1,0 +1,50 @@
+"""``minitouch-bench doctor``: whether this machine can be trusted with an evaluation."""
+
+import json
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.cli.contests import worker_count
+from minitouch_bench.errors import InterruptedRunError
+from minitouch_bench.verification.doctor import Check, Verdict, examine
+
+CHECK_FAILED = 1
+SIGNS = {Verdict.OK: "[green]ok[/]", Verdict.NOTE: "[cyan]note[/]", Verdict.FAIL: "[red]FAIL[/]"}
+
+
+def doctor(
+    workers: Annotated[str, typer.Option(help="Worker processes, or auto: one a core.")] = "auto",
+    as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """Check the installation, the sandbox, and that this machine repeats its own bits."""
+    checks: list[Check] = []
+    try:
+        with notes.status("examining") as status:
+            for check in examine(worker_count(workers)):
+                checks.append(check)
+                status.update(f"{check.name}: {check.verdict}")
+    except KeyboardInterrupt as error:
+        raise InterruptedRunError("interrupted") from error
+    failed = [check.name for check in checks if check.verdict is Verdict.FAIL]
+    if as_json:
+        print(json.dumps({"healthy": not failed, "checks": [asdict(c) for c in checks]}, indent=1))
+    else:
+        _show(checks, failed)
+    if failed:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _show(checks: list[Check], failed: list[str]) -> None:
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for check in checks:
+        table.add_row(SIGNS[check.verdict], check.name, check.text)
+    console = data_console()
+    console.print(table)
+    if failed:
+        console.print(f"\nNot to be trusted yet: {', '.join(failed)}", style="bold red")
+    else:
+        console.print("\nThis machine can be trusted with an evaluation.", style="bold green")

@@ -1,0 +1,140 @@
+"""``minitouch-bench verify``: check a run without trusting who made it."""
+
+import json
+import secrets
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.progress import Progress
+
+from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.cli.contests import Holding, make_contest, worker_count
+from minitouch_bench.errors import InterruptedRunError
+from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.process import PolicyLimits
+from minitouch_bench.protocol.engine import Contest, Engine
+from minitouch_bench.protocol.local_engine import LocalEngine
+from minitouch_bench.reporting import read_run
+from minitouch_bench.verification.differences import Difference
+from minitouch_bench.verification.recorded_run import open_run
+from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun
+from minitouch_bench.verification.verify import Verification, verify_run
+
+CHECK_FAILED = 1
+SHOWN = 10
+"""Differences that are listed; the rest is counted."""
+
+
+def verify(
+    run: Annotated[Path, typer.Argument(help="Directory of a finished run.")],
+    *,
+    again: Annotated[
+        int, typer.Option("--rerun", min=0, help="Also run N drawn episodes with the checkpoint.")
+    ] = 0,
+    policy: Annotated[
+        str | None, typer.Option(help="Where the checkpoint lies now; by default where it lay.")
+    ] = None,
+    exploration: Annotated[
+        str | None, typer.Option(help="The same of the exploration checkpoint.")
+    ] = None,
+    draw: Annotated[
+        int | None, typer.Option(min=0, help="Seed of the draw; by default nobody can foresee it.")
+    ] = None,
+    workers: Annotated[str, typer.Option(help="Worker processes, or auto: one a core.")] = "auto",
+    isolation: Annotated[
+        Isolation, typer.Option(help="How the policy of --rerun is held.")
+    ] = Isolation.SANDBOX,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Run a policy's own Python code on this machine.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Replay a run's recorded actions and recompute every figure; exit 1 if any differs."""
+    engine = LocalEngine(worker_count(workers))
+    contest = None
+    if again:
+        held = Holding(PolicyLimits(), isolation, trust)
+        contest = _contest(run, policy, exploration, held)
+    seed = secrets.randbits(32) if draw is None else draw
+    try:
+        result = _replay(run, engine)
+        if contest is not None and result.passed:
+            result = _rerun(run, contest, engine, (again, seed), result)
+    except KeyboardInterrupt as error:
+        raise InterruptedRunError("interrupted; nothing was changed") from error
+    if as_json:
+        print(json.dumps({"passed": result.passed, "draw": seed, **asdict(result)}, indent=1))
+    else:
+        _show(run, result, seed)
+    if not result.passed:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _contest(
+    directory: Path, policy: str | None, exploration: str | None, held: Holding
+) -> Contest:
+    """Find the run's checkpoints and load each once; they must be the ones evaluated."""
+    header = read_run(directory).header
+    limits = PolicyLimits(act_timeout_s=header.act_timeout_s)
+    recorded = header.exploration
+    if recorded is not None and exploration is None:
+        exploration = recorded.source
+    contest = make_contest(
+        policy or header.policy.source, exploration, header.tasks, held._replace(limits=limits)
+    )
+    check_identity(header.policy, contest.policy)
+    if recorded is not None and contest.exploration is not None:
+        check_identity(recorded, contest.exploration)
+    return contest
+
+
+def _replay(directory: Path, engine: Engine) -> Verification:
+    saved = read_run(directory)
+    total = len(saved.episodes) + len(saved.exploration_episodes)
+    with Progress(console=notes) as progress:
+        bar = progress.add_task("replaying", total=total)
+        return verify_run(directory, engine, lambda: progress.advance(bar))
+
+
+def _rerun(
+    directory: Path,
+    contest: Contest,
+    engine: Engine,
+    draw: tuple[int, int],
+    replayed: Verification,
+) -> Verification:
+    """Add what the drawn episodes gave when run with the checkpoint."""
+    run, _ = open_run(directory)
+    assert run is not None
+    count, seed = draw
+    specs = draw_episodes(run, count, np.random.default_rng(seed))
+    found: list[Difference] = []
+    with Progress(console=notes) as progress:
+        bar = progress.add_task("running again", total=len(specs))
+        for _, differences in rerun(run, contest, specs, engine):
+            found += differences
+            progress.advance(bar)
+    return replace(replayed, differences=tuple(found), reran=len(specs))
+
+
+def _show(directory: Path, result: Verification, seed: int) -> None:
+    console = data_console()
+
+    def line(text: str, style: str = "") -> None:
+        console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+
+    for difference in result.differences[:SHOWN]:
+        line(str(difference))
+    if len(result.differences) > SHOWN:
+        line(f"... and {len(result.differences) - SHOWN} more")
+    if result.episodes:
+        line(f"{result.episodes} episodes replayed from their recorded actions")
+    if result.reran:
+        line(f"{result.reran} episodes run again with the checkpoint (--draw {seed})")
+    if result.passed:
+        line(f"{directory} is verified: every figure is what its episodes give", "bold green")
+    else:
+        line(f"{directory} is not verified", "bold red")

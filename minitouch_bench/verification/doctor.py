@@ -1,0 +1,255 @@
+"""Checks of this very machine: installation, isolation, and whether it repeats its own bits."""
+
+import contextlib
+import hashlib
+import json
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from minitouch_bench.cache import cache_directory, materialise
+from minitouch_bench.errors import MiniTouchError
+from minitouch_bench.policies.holding import hold, probe
+from minitouch_bench.policies.isolation import landlock
+from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.policy import zero_observation
+from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.protocol.engine import ActorSource, EpisodeRunner
+from minitouch_bench.protocol.identity import protocol_digest
+from minitouch_bench.protocol.local_engine import LocalEngine
+from minitouch_bench.protocol.replay import RecordedActor, Recording
+from minitouch_bench.protocol.seeds import PROTOCOL
+from minitouch_bench.protocol.storage import Actions
+from minitouch_bench.protocol.suites import SUITES, find_suite
+from minitouch_bench.records import EpisodeSpec, Role
+from minitouch_bench.shapegen.manifest import canonical_shape_set
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.registration import TASKS
+from minitouch_bench.tasks.task import MAX_STEPS
+
+EPISODES_PER_TASK = 2
+STEPS = 25
+"""Random control steps of each trial episode: long enough to reach contact in most tasks."""
+
+POLICY_STEPS = 5
+EXTRAS = {
+    "onnx": "onnxruntime",
+    "sb3": "stable_baselines3",
+    "video": "imageio-ffmpeg",
+    "ray": "ray",
+}
+"""A package that each extra brings."""
+
+Bits = dict[str, str]
+"""The digest of each trial episode by its key."""
+
+
+class Verdict(StrEnum):
+    """What came of a check; a note is worth knowing and no fault."""
+
+    OK = "ok"
+    NOTE = "note"
+    FAIL = "fail"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at."""
+
+    name: str
+    verdict: Verdict
+    text: str
+
+
+def examine(workers: int) -> Iterator[Check]:
+    """Make every check in turn and yield it; nothing is left behind but the cache."""
+    yield _guarded("packages", _packages)
+    yield _guarded("cache", _cache)
+    yield _guarded("protocol and shapes", _protocol)
+    yield _guarded("isolation", _isolation)
+    yield _guarded("policy repeats", _policy_repeats)
+    yield from _simulation(max(workers, 2))
+
+
+def reference_bits() -> str:
+    """Return one digest over the trial episodes, run in this process."""
+    specs, recording = trial_episodes()
+    return _joined(_run_here(recording, specs))
+
+
+def trial_episodes() -> tuple[tuple[EpisodeSpec, ...], Recording]:
+    """Return some episodes of every task, and random actions for them."""
+    specs = tuple(
+        spec
+        for spec in find_suite("smoke").episodes(exploration=False)
+        if spec.index < EPISODES_PER_TASK
+    )
+    actions: dict[str, Actions] = {}
+    for spec in specs:
+        size = TASKS[spec.task].preset.arm.action_size
+        rng = np.random.default_rng(spec.seed)
+        actions[spec.key] = rng.uniform(-1, 1, (STEPS, size)).astype(np.float32)
+    return specs, Recording(actions)
+
+
+@dataclass(frozen=True)
+class CrashingOnce:
+    """A recording whose first episode kills its worker, as a crash of the machine would."""
+
+    recording: Recording
+    marker: Path
+
+    def make_actor(self, role: Role) -> RecordedActor:
+        """Return an actor that looks for the marker, and dies where there is none."""
+        return _Crasher(self.recording.actions, self.marker)
+
+
+class _Crasher(RecordedActor):
+    def __init__(self, actions: Mapping[str, Actions], marker: Path) -> None:
+        super().__init__(actions)
+        self._marker = marker
+
+    def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+        if not self._marker.exists():
+            self._marker.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        super().begin(environment, spec)
+
+
+def _guarded(name: str, check: Callable[[], Check]) -> Check:
+    try:
+        return check()
+    except MiniTouchError as error:
+        return Check(name, Verdict.FAIL, str(error).replace("\n", " "))
+
+
+def _packages() -> Check:
+    names = ("minitouch-bench", "pybullet", "torch", "numpy", "gymnasium")
+    found = ", ".join(f"{name} {version(name)}" for name in names)
+    absent = [extra for extra, package in EXTRAS.items() if not _installed(package)]
+    hint = f"; without the extras {', '.join(absent)}" if absent else "; every extra"
+    return Check("packages", Verdict.OK, found + hint)
+
+
+def _installed(package: str) -> bool:
+    try:
+        return bool(version(package))
+    except PackageNotFoundError:
+        return False
+
+
+def _cache() -> Check:
+    materialise("doctor", ".txt", b"written by minitouch-bench doctor\n")
+    return Check("cache", Verdict.OK, f"{cache_directory()} can be written")
+
+
+def _protocol() -> Check:
+    shapes = canonical_shape_set()
+    text = (
+        f"{PROTOCOL} {protocol_digest()[:12]}; {len(shapes.split('train'))} train and "
+        f"{len(shapes.split('held-out'))} held-out shapes, {shapes.digest[:12]}"
+    )
+    return Check("protocol and shapes", Verdict.OK, text)
+
+
+def _isolation() -> Check:
+    probe(parse_source("zero"), ("pushing",), isolation=Isolation.SANDBOX)
+    text = f"a sandbox was tried and holds: seccomp, Landlock {landlock.supported_abi()}"
+    return Check("isolation", Verdict.OK, text)
+
+
+def _policy_repeats() -> Check:
+    """Load one new checkpoint in two fresh sandboxes, and compare their actions."""
+    from minitouch_bench.agents.networks import TouchActor  # noqa: PLC0415  torch takes seconds
+    from minitouch_bench.policies.native import save_native  # noqa: PLC0415
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "doctor.safetensors"
+        save_native(TouchActor(action_size=4), path)
+        answers = [_answers(path) for _ in range(2)]
+    if answers[0] != answers[1]:
+        return Check("policy repeats", Verdict.FAIL, "a checkpoint gave other bits the second time")
+    text = "a torch checkpoint gave the same bits in two fresh sandboxes"
+    return Check("policy repeats", Verdict.OK, text)
+
+
+def _answers(checkpoint: Path) -> list[bytes]:
+    with contextlib.closing(hold(parse_source(str(checkpoint)))) as policy:
+        policy.reset(7, "pushing")
+        return [policy.act(zero_observation()).tobytes() for _ in range(POLICY_STEPS)]
+
+
+def _simulation(workers: int) -> Iterator[Check]:
+    specs, recording = trial_episodes()
+    here = _run_here(recording, specs)
+    began = time.monotonic()
+    fresh = _run(1, recording, specs)
+    elapsed = time.monotonic() - began
+    yield _same("fresh process repeats", here, fresh, "in another process")
+    shuffled = np.random.default_rng().permutation(len(specs))
+    found = _run(workers, recording, [specs[i] for i in shuffled])
+    yield _same("order and workers", here, found, f"with {workers} workers in another order")
+    with tempfile.TemporaryDirectory() as folder:
+        crashed = _run(1, CrashingOnce(recording, Path(folder) / "died"), specs)
+    yield _same("crash", here, crashed, "after a worker was killed in mid-run")
+    yield _reference(here)
+    yield _speed(len(specs) * STEPS / elapsed, workers)
+
+
+def _run_here(source: ActorSource, specs: Sequence[EpisodeSpec]) -> Bits:
+    runner = EpisodeRunner(source)
+    try:
+        return {spec.key: runner.run(spec).trace.digest() for spec in specs}
+    finally:
+        runner.close()
+
+
+def _run(workers: int, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Bits:
+    engine = LocalEngine(workers)
+    return {record.spec.key: record.trace.digest() for record in engine.run(source, specs)}
+
+
+def _same(name: str, here: Bits, found: Bits, how: str) -> Check:
+    other = sorted(key for key in here if here[key] != found.get(key))
+    if other:
+        return Check(name, Verdict.FAIL, f"other bits {how}: {', '.join(other)}")
+    return Check(name, Verdict.OK, f"{len(here)} episodes of {len(TASKS)} tasks, same bits {how}")
+
+
+def _joined(bits: Bits) -> str:
+    return hashlib.sha256(json.dumps(bits, sort_keys=True).encode()).hexdigest()
+
+
+def _reference(here: Bits) -> Check:
+    """Compare with the bits recorded on the machine that this version was released from."""
+    text = files("minitouch_bench.verification").joinpath("reference.json").read_text("utf-8")
+    reference = json.loads(text)
+    name, processor = "reference bits", reference["processor"]
+    if reference["bits"] == _joined(here):
+        return Check(name, Verdict.OK, f"this machine simulates the bits of an {processor}")
+    return Check(
+        name,
+        Verdict.NOTE,
+        f"other bits than an {processor} gives: success rates compare, digests do not",
+    )
+
+
+def _speed(steps_per_s: float, workers: int) -> Check:
+    suite = SUITES["table4"]
+    steps = len(suite.tasks) * suite.episodes_per_task * MAX_STEPS
+    minutes = steps / steps_per_s / workers / 60
+    return Check(
+        "speed",
+        Verdict.NOTE,
+        f"{steps_per_s:.0f} control steps/s a worker, start included; {suite.name} "
+        f"({steps:,} steps at most) in {minutes:.0f} min at most with {workers} workers",
+    )

@@ -1,0 +1,145 @@
+"""A run checked by replaying its recorded actions, without loading the checkpoint."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.metrics import summarize
+from minitouch_bench.protocol.engine import Engine
+from minitouch_bench.protocol.journal import JOURNAL_FILE, read_journal
+from minitouch_bench.protocol.replay import Recording
+from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EvaluationRun, SavedRun
+from minitouch_bench.reporting import derived_files, from_document, to_document
+from minitouch_bench.verification.differences import Difference, compare_values
+from minitouch_bench.verification.recorded_run import RecordedRun, open_run
+
+EPISODE_LISTS = ("episodes", "exploration_episodes")
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What a check of a run found. ``episodes`` were replayed, ``reran`` run with the policy."""
+
+    episodes: int
+    differences: tuple[Difference, ...]
+    reran: int = 0
+
+    @property
+    def passed(self) -> bool:
+        """Whether everything is as recorded."""
+        return not self.differences
+
+
+def verify_run(
+    directory: Path, engine: Engine, progress: Callable[[], None] = lambda: None
+) -> Verification:
+    """Replay every episode of a run and recompute all that its files say.
+
+    The episodes come from the suite, the actions from ``actions.npz``. From the replayed
+    trajectories every metric, estimate and digest is computed anew and compared bit for bit
+    with ``run.json``; so are the tables, the report and the journal that lie beside it.
+    ``progress`` is called after each episode. The texts of faults, and what the policy and
+    the machine were called, cannot be recomputed and are taken as they are.
+
+    Raises:
+        RunDirectoryError: it is no run, or a file of it is damaged.
+        InfrastructureError: an episode could not be replayed.
+    """
+    run, differences = open_run(directory)
+    if run is None:
+        return Verification(0, differences)
+    records = []
+    for record in engine.run(Recording(run.actions), run.specs):
+        records.append(record)
+        progress()
+    found = tuple(compare_with_replay(run, records))
+    return Verification(len(records), found)
+
+
+def compare_with_replay(run: RecordedRun, records: list[EpisodeRecord]) -> Iterator[Difference]:
+    """Compare everything a run's directory holds with its replayed episodes."""
+    by_spec = {record.spec: record for record in records}
+    replayed = tuple(
+        _with_claims(by_spec[spec], row, run.saved.faults.get(spec.key, ""))
+        for spec, row in run.rows()
+    )
+    evaluation = EvaluationRun(run.saved.header, run.saved.environment, replayed)
+    summary = summarize(evaluation, np.random.default_rng(run.saved.header.seed))
+    document = to_document(evaluation, summary)
+    yield from _documents(run, document)
+    yield from _files(run.directory, from_document(document, run.saved.name))
+    if (run.directory / JOURNAL_FILE).exists():
+        yield from _journal(run, replayed)
+
+
+def _with_claims(record: EpisodeRecord, row: EpisodeMetrics, fault: str) -> EpisodeRecord:
+    """Add to a replayed episode what only the policy's own process knew.
+
+    The recorded actions are clipped already. A clipped one has a component of exactly -1 or
+    1: so many at most are taken from what the row claims.
+    """
+    at_bounds = np.flatnonzero((np.abs(record.trace.actions) == 1).any(axis=1))
+    clipped = np.zeros(len(record.trace.actions), np.bool_)
+    clipped[at_bounds[: row.clipped_actions]] = True
+    return replace(record, trace=replace(record.trace, clipped=clipped), fault=fault)
+
+
+def _documents(run: RecordedRun, found: Mapping[str, Any]) -> Iterator[Difference]:
+    """Compare ``run.json`` with the document of the replayed run, episodes by their names."""
+    recorded = run.saved.document
+    names = [spec.key for spec in run.specs]
+    rows = [row for name in EPISODE_LISTS for row in recorded[name]]
+    again = [row for name in EPISODE_LISTS for row in found[name]]
+    for key, row, replayed in zip(names, rows, again, strict=True):
+        yield from compare_values(key, row, replayed)
+    for name in dict.fromkeys([*recorded, *found]):
+        if name not in ("environment", *EPISODE_LISTS):
+            yield from compare_values(name, recorded.get(name), found.get(name))
+
+
+def _files(directory: Path, saved: SavedRun) -> Iterator[Difference]:
+    """Compare the tables and the report with those that the replayed run gives."""
+    for name, text in derived_files(saved, directory).items():
+        try:
+            content = (directory / name).read_bytes()
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise RunDirectoryError(f"{name} cannot be read: {error.strerror}") from error
+        if content != text.encode():
+            yield Difference(name, _first_line(content, text))
+
+
+def _first_line(content: bytes, text: str) -> str:
+    there, again = content.decode(errors="replace").splitlines(), text.splitlines()
+    for number, (one, other) in enumerate(zip(there, again, strict=False), start=1):
+        if one != other:
+            return f"line {number} is not what the episodes give"
+    return f"{len(there)} lines, the episodes give {len(again)}"
+
+
+def _journal(run: RecordedRun, records: tuple[EpisodeRecord, ...]) -> Iterator[Difference]:
+    """Compare the journal, whose records are whole, with the replayed episodes."""
+    try:
+        header, written, _ = read_journal(run.directory, mend=False)
+    except RunDirectoryError as error:
+        yield Difference(JOURNAL_FILE, str(error).partition("\n")[0])
+        return
+    if header != run.saved.header:
+        yield Difference(JOURNAL_FILE, "its header is not that of run.json")
+    by_spec = {record.spec: record for record in written}
+    for record in records:
+        there = by_spec.get(record.spec)
+        if there is None:
+            yield Difference(JOURNAL_FILE, f"{record.spec.key} is missing")
+        elif _contents(there) != _contents(record):
+            yield Difference(JOURNAL_FILE, f"{record.spec.key} is not what its actions give")
+
+
+def _contents(record: EpisodeRecord) -> tuple[object, ...]:
+    clipped = int(np.count_nonzero(record.trace.clipped))
+    return record.outcome, record.fault, record.trace.digest(), clipped
