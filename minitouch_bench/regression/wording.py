@@ -4,18 +4,19 @@ from collections.abc import Sequence
 
 from minitouch_bench.regression.comparison import Comparison, Entrant, Versus
 from minitouch_bench.regression.gate import Ruling, Side, Verdict
+from minitouch_bench.reporting.escaping import printable
 
 
 def entrant_line(entrant: Entrant) -> str:
     """Say which run a letter stands for, and what must be known of it."""
     labels = f" ({'; '.join(entrant.labels)})" if entrant.labels else ""
-    return f"{entrant.letter}: {entrant.name}, {entrant.place}{labels}"
+    return f"{entrant.letter}: {entrant.name}, {printable(entrant.place)}{labels}"
 
 
 def side_line(role: str, side: Side) -> str:
     """Say which run the baseline or the candidate is."""
     labels = f" ({'; '.join(side.labels)})" if side.labels else ""
-    return f"{role}: {side.name}, {side.place}{labels}"
+    return f"{role}: {side.name}, {printable(side.place)}{labels}"
 
 
 def versus_lines(versus: Versus) -> tuple[str, ...]:

@@ -6,7 +6,9 @@ import pytest
 from minitouch_bench.regression.binomial import binomial_pmf, critical_count, mcnemar_p
 
 
-@pytest.mark.parametrize(("n", "share"), [(0, 0.5), (1, 0.3), (12, 0.5), (40, 0.07), (9, 0), (9, 1)])
+@pytest.mark.parametrize(
+    ("n", "share"), [(0, 0.5), (1, 0.3), (12, 0.5), (40, 0.07), (9, 0), (9, 1)]
+)
 def test_the_distribution_is_the_textbook_s(n, share):
     wanted = [math.comb(n, k) * share**k * (1 - share) ** (n - k) for k in range(n + 1)]
     np.testing.assert_allclose(binomial_pmf(n, share), wanted, rtol=1e-12)
@@ -18,7 +20,14 @@ def test_the_distribution_of_many_draws_sums_to_one():
 
 @pytest.mark.parametrize(
     ("lost", "won", "p_value"),
-    [(0, 0, 1.0), (3, 3, 1.0), (5, 0, 2 / 32), (0, 6, 2 / 64), (1, 5, 14 / 64), (2, 10, 158 / 4096)],
+    [
+        (0, 0, 1.0),
+        (3, 3, 1.0),
+        (5, 0, 2 / 32),
+        (0, 6, 2 / 64),
+        (1, 5, 14 / 64),
+        (2, 10, 158 / 4096),
+    ],
 )
 def test_mcnemar_counts_the_tails_of_a_fair_coin(lost, won, p_value):
     assert mcnemar_p(lost, won) == pytest.approx(p_value)

@@ -58,7 +58,10 @@ REFUSALS = [
     (with_header(OTHER, protocol_digest="ff" * 32), "protocols differ .*ffffffffffff"),
     (with_header(OTHER, suite="smoke"), "suites differ .table4; smoke"),
     (with_header(OTHER, seed=7), "seeds differ .0; 7"),
-    (replace(OTHER, episodes=OTHER.episodes[:-2]), "2 of the first are not in the second.*pushing/3"),
+    (
+        replace(OTHER, episodes=OTHER.episodes[:-2]),
+        "2 of the first are not in the second.*pushing/3",
+    ),
     (with_episode(OTHER, 6, seed=3), "pushing/1 are not the same one: seed '1001'.*'3'"),
     (with_episode(OTHER, 6, shape="mug"), "pushing/1.*shape"),
     (with_episode(OTHER, 6, index=0), "holds the episode pushing/0 twice"),
