@@ -7,8 +7,13 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli.consoles import data_console
+from minitouch_bench.cli.contests import Holding, worker_count
+from minitouch_bench.cli.evaluate import MAX_ACT_TIMEOUT_S
 from minitouch_bench.cli.files import write_text
+from minitouch_bench.cli.gating import Play, play_gate, request_like
 from minitouch_bench.errors import UsageError
+from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.regression.documents import to_text, verdict_document
 from minitouch_bench.regression.gate import Verdict, judge_runs
 from minitouch_bench.regression.junit import verdict_junit
@@ -55,6 +60,25 @@ def regress(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit 1 where the gate is inconclusive too.")
     ] = False,
+    workers: Annotated[str, typer.Option(help="POLICY: worker processes, or auto.")] = "auto",
+    output: Annotated[
+        Path | None,
+        typer.Option(help="POLICY: its run's directory; by default reports/POLICY-SUITE-regress."),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the run there.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Replace the run there.")] = False,
+    isolation: Annotated[
+        Isolation, typer.Option(help="How POLICY is held: see docs/isolation.md.")
+    ] = Isolation.SANDBOX,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Run a policy's own Python code on this machine.")
+    ] = False,
+    act_timeout: Annotated[
+        float,
+        typer.Option(
+            min=0.01, max=MAX_ACT_TIMEOUT_S, help="Seconds a policy may take for one action."
+        ),
+    ] = PolicyLimits().act_timeout_s,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML there.")] = None,
     summary: Annotated[
         Path | None,
@@ -71,9 +95,15 @@ def regress(
         _file_settings(config), tolerance or (), alpha=alpha, strict=strict, metrics=metrics
     )
     known = read_run(baseline)
-    assert candidate is not None
-    places = (str(baseline), str(candidate))
-    verdict = judge_runs(known, read_run(candidate), places, settings)
+    if candidate is not None:
+        places = (str(baseline), str(candidate))
+        verdict = judge_runs(known, read_run(candidate), places, settings)
+    else:
+        assert policy is not None
+        play = Play(output, worker_count(workers), resume=resume, fresh=fresh)
+        holding = Holding(PolicyLimits(act_timeout_s=act_timeout), isolation, trust)
+        request = request_like(known, policy, holding)
+        verdict = play_gate(known, str(baseline), request, settings, play)
     _report(verdict, junit, summary, as_json=as_json)
     if verdict.exit_code:
         raise typer.Exit(verdict.exit_code)

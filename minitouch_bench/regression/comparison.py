@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.records import Outcome, SavedRun
+from minitouch_bench.records import Outcome, RunHeader, SavedRun
 from minitouch_bench.regression.effects import Effect, measure_effect
 from minitouch_bench.regression.multiplicity import holm
 from minitouch_bench.regression.pairing import (
     EpisodePair,
+    are_identical,
     collect_samples,
     pair_runs,
 )
@@ -105,7 +106,7 @@ def compare_runs(runs: Sequence[SavedRun], places: Sequence[str]) -> Comparison:
             Versus(
                 first=entrants[0],
                 second=entrant,
-                identical=runs[0].digest == run.digest,
+                identical=are_identical(runs[0], run, pairs),
                 findings=tuple(
                     _judge(effect, next(adjusted), (entrants[0].letter, entrant.letter))
                     for effect in own
@@ -141,24 +142,25 @@ def replay_command(place: str, key: str) -> str:
 
 def differences_of_making(first: SavedRun, second: SavedRun) -> tuple[str, ...]:
     """Say in what two runs differ that is not the policy, and may matter."""
-    found = []
-    for what, one, other in (
-        ("isolation", first.header.isolation, second.header.isolation),
-        (
-            "seconds for an action",
-            f"{first.header.act_timeout_s:g}",
-            f"{second.header.act_timeout_s:g}",
-        ),
-        *_packages(first, second),
-        (
-            "processor",
-            first.environment.machine.get("processor", "unknown"),
-            second.environment.machine.get("processor", "unknown"),
-        ),
-    ):
-        if one != other:
-            found.append(printable(f"{what}: {one} in the first run, {other} in the second"))
-    return tuple(found)
+    machines = [run.environment.machine.get("processor", "unknown") for run in (first, second)]
+    found = [*_packages(first, second), ("processor", machines[0], machines[1])]
+    return differences_of_holding(first.header, second.header) + _in_words(found)
+
+
+def differences_of_holding(first: RunHeader, second: RunHeader) -> tuple[str, ...]:
+    """Say in what way two policies were held differently."""
+    times = (f"{first.act_timeout_s:g}", f"{second.act_timeout_s:g}")
+    return _in_words(
+        [("isolation", first.isolation, second.isolation), ("seconds for an action", *times)]
+    )
+
+
+def _in_words(facts: Sequence[tuple[str, str, str]]) -> tuple[str, ...]:
+    return tuple(
+        printable(f"{what}: {one} in the first run, {other} in the second")
+        for what, one, other in facts
+        if one != other
+    )
 
 
 def _packages(first: SavedRun, second: SavedRun) -> Iterator[tuple[str, str, str]]:

@@ -16,6 +16,7 @@ from minitouch_bench.regression.multiplicity import holm
 from minitouch_bench.regression.pairing import (
     EpisodePair,
     Sample,
+    are_identical,
     collect_samples,
     pair_runs,
 )
@@ -118,7 +119,7 @@ def judge_runs(
     samples = guarded_samples(pairs, tasks_in_order((baseline,)), settings)
     effects = [measure_effect(sample, (baseline.header.seed,)) for sample in samples]
     judgements = judge_effects(effects, settings)
-    identical = baseline.digest == candidate.digest
+    identical = are_identical(baseline, candidate, pairs)
     if identical:
         judgements = tuple(replace(one, ruling=Ruling.PASSED, needed=None) for one in judgements)
     return Verdict(

@@ -112,6 +112,20 @@ def refuse_other_episode(pair: EpisodePair) -> None:
             )
 
 
+def are_identical(first: SavedRun, second: SavedRun, pairs: Sequence[EpisodePair]) -> bool:
+    """Tell whether every episode of two runs holds the same bits.
+
+    The digests say so; the rows are looked at too, for a digest can be copied.
+    """
+    if first.digest != second.digest:
+        return False
+    return all(_bits_of(pair.first) == _bits_of(pair.second) for pair in pairs)
+
+
+def _bits_of(episode: EpisodeMetrics) -> tuple[object, ...]:
+    return episode.digest, episode.outcome, *(value_of(episode, m) for m in PAIRED_METRICS)
+
+
 def collect_samples(pairs: Sequence[EpisodePair], tasks: Sequence[str]) -> tuple[Sample, ...]:
     """Return the sample of each task and metric that has episodes, task by task."""
     found = []

@@ -84,7 +84,7 @@ class SequentialGate:
 
     def __init__(self, order: Sequence[EpisodeMetrics], settings: GateSettings) -> None:
         self._order = tuple(order)
-        self._settings = settings
+        self.settings = settings
         self._waiting: dict[str, EpisodeMetrics] = {}
         self._pairs: list[EpisodePair] = []
         mirror = [EpisodePair(Role.FINAL, episode, episode) for episode in order]
@@ -115,6 +115,11 @@ class SequentialGate:
         return Ruling.OPEN if found is Ruling.INCONCLUSIVE else found
 
     @property
+    def is_certain(self) -> bool:
+        """Whether there is an answer."""
+        return self.ruling is not Ruling.OPEN
+
+    @property
     def reason(self) -> str:
         """Why the answer is certain, in words."""
         return next(
@@ -129,13 +134,13 @@ class SequentialGate:
         """
         for episode in episodes:
             self._waiting[episode_key(Role.FINAL, episode)] = episode
-        while self.ruling is Ruling.OPEN and self.used < self.planned:
+        while not self.is_certain and self.used < self.planned:
             own = self._order[self.used]
             other = self._waiting.pop(episode_key(Role.FINAL, own), None)
             if other is None:
                 break
             self._count(EpisodePair(Role.FINAL, own, other))
-        return self.ruling is not Ruling.OPEN
+        return self.is_certain
 
     def judgements(self) -> tuple[Judgement, ...]:
         """Return what is known of each metric that has an episode, at an early stop."""
