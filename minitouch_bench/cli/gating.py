@@ -88,8 +88,9 @@ def play_gate(
         notes.print("the baseline's exploration episodes are left out: POLICY has none")
         baseline = final_episodes(baseline)
     directory = play.directory or Path("reports") / f"{run_name(request)}-regress"
-    order = play_order(baseline.episodes, (baseline.header.seed,))
-    gate = SequentialGate(order, settings)
+    root = (baseline.header.seed,)
+    order = play_order(baseline.episodes, root)
+    gate = SequentialGate(order, settings, root)
     with lock_directory(directory):
         run = _play(request, gate, [episode_key(Role.FINAL, one) for one in order], directory, play)
         saved = None if run is None else write_files(run, directory).saved

@@ -18,7 +18,6 @@ from minitouch_bench.records import Estimate
 from minitouch_bench.regression.shares import Discordance
 
 BETTING = "betting confidence sequence"
-ASYMPTOTIC = "asymptotic confidence sequence"
 
 BETS = np.array([0.12, 0.25, 0.37, 0.5, 0.62, 0.75, 0.87, 0.96])
 """Parts of the largest bet that cannot ruin; the wealth is spread evenly over them."""
@@ -62,31 +61,6 @@ def share_sequence(found: Discordance, alpha: float) -> Estimate:
     mirrored = Discordance(found.n, lost=found.won, won=found.lost)
     low, high = _least_worsening(found, wanted), -_least_worsening(mirrored, wanted)
     return Estimate(-found.difference, low, high, found.n, BETTING)
-
-
-def mean_sequence(worsenings: NDArray[np.float64], alpha: float, planned: int) -> Estimate:
-    """Estimate a mean worsening by an interval that holds at every look of a large sample.
-
-    It is narrowest half way to ``planned`` episodes. As in ``means.paired_mean``, a value of
-    either sign is added, so that a few differences do not pass for none.
-
-    Source: I. Waudby-Smith, D. Arbour, R. Sinha, E. H. Kennedy and A. Ramdas, "Time-uniform
-    central limit theory and asymptotic confidence sequences", Ann. Stat. 52 (2024), eq. 7.
-    """
-    own, count = float(worsenings.mean()), len(worsenings)
-    differing = worsenings[worsenings != 0.0]
-    if not differing.size:
-        return Estimate(own, own, own, count, ASYMPTOTIC)
-    scale = math.sqrt(float(np.mean(differing**2)))
-    sample = np.concatenate((worsenings, (scale, -scale)))
-    tuned = 2.0 * math.log(1.0 / alpha)
-    rho2 = (tuned + math.log(tuned) + 1.0) / max(1.0, planned / 2.0)
-    spread = sample.size * rho2 + 1.0
-    radius = float(sample.std()) * math.sqrt(
-        2.0 * spread / (sample.size**2 * rho2) * math.log(math.sqrt(spread) / alpha)
-    )
-    mean = float(sample.mean())
-    return Estimate(own, min(mean - radius, own), max(mean + radius, own), count, ASYMPTOTIC)
 
 
 def _wealth(

@@ -65,11 +65,15 @@ class Side:
 
 @dataclass(frozen=True)
 class Effort:
-    """Episodes that a sequential gate has used, of those it had planned, and why it stopped."""
+    """Episodes that a sequential gate has used, of those it had planned, and why it stopped.
+
+    ``continuation``: the command that finishes an unfinished run, "" for a whole one.
+    """
 
     used: int
     planned: int
     reason: str
+    continuation: str = ""
 
 
 @dataclass(frozen=True)
@@ -187,7 +191,7 @@ def _has_enough(effect: Effect) -> bool:
 def _needed(effect: Effect, allowed: float, level: float) -> int | None:
     """Return the episodes that settle a metric: to show the worsening, or to exclude it."""
     if effect.worsening > allowed:
-        found = effect.resolution.episodes_to_detect(level)
+        found = effect.resolution.episodes_to_detect(level, beyond=allowed)
     else:
         found = effect.resolution.episodes_to_exclude(allowed)
     return None if found is None else max(found, effect.count + 1)

@@ -5,10 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.metrics.intervals import DRAWS_PER_BLOCK, PERCENTILES, RESAMPLES, wilson
+from minitouch_bench.metrics.intervals import DRAWS_PER_BLOCK, RESAMPLES, wilson
 from minitouch_bench.records import Estimate
 
 BOOTSTRAP_T = "bootstrap-t"
+
+ALPHA = 0.05
+"""Chance that an interval misses the truth."""
 
 EXACT_FLIPS = 13
 """Up to so many differences that are not 0, every choice of signs is tried."""
@@ -23,7 +26,10 @@ class PairedMean:
 
 
 def paired_mean(
-    differences: NDArray[np.float64], rng: np.random.Generator, resamples: int = RESAMPLES
+    differences: NDArray[np.float64],
+    rng: np.random.Generator,
+    resamples: int = RESAMPLES,
+    alpha: float = ALPHA,
 ) -> PairedMean:
     """Estimate the mean of paired differences, float64 (N,), and test it against 0.
 
@@ -34,8 +40,10 @@ def paired_mean(
     from 0 than the largest difference seen, times the upper Wilson bound of the share of
     episodes that differ.
 
-    The p-value is the larger of two: that of the bootstrap-t, so that a p-value below 5 %
-    comes with an interval without 0, and that of the sign-flip test, which is exact
+    The interval has level 1 - ``alpha``.
+
+    The p-value is the larger of two: that of the bootstrap-t, so that a p-value below
+    ``alpha`` comes with an interval without 0, and that of the sign-flip test, which is exact
     however few the episodes where the policies are equal and so the sign of each difference
     is a coin's. Differences that are all 0 give a width of 0 and a p-value of 1.
 
@@ -47,7 +55,7 @@ def paired_mean(
         raise ValueError("a mean needs a one-dimensional, non-empty sample")
     if not differences.any():
         return PairedMean(Estimate(0.0, 0.0, 0.0, differences.size, BOOTSTRAP_T), 1.0)
-    estimate, p_value = _bootstrap_t(differences, rng, resamples)
+    estimate, p_value = _bootstrap_t(differences, rng, resamples, alpha)
     return PairedMean(estimate, max(p_value, sign_flip_p(differences, rng, resamples)))
 
 
@@ -71,7 +79,7 @@ def sign_flip_p(
 
 
 def _bootstrap_t(
-    differences: NDArray[np.float64], rng: np.random.Generator, resamples: int
+    differences: NDArray[np.float64], rng: np.random.Generator, resamples: int, alpha: float
 ) -> tuple[Estimate, float]:
     """Return the estimate, and the p-value at which its interval would meet 0."""
     scale = np.sqrt(np.mean(differences[differences != 0.0] ** 2))
@@ -83,8 +91,8 @@ def _bootstrap_t(
             for count in _blocks(resamples, sample.size)
         ]
     )
-    lowest = float(np.percentile(pivots, PERCENTILES[0], method="lower"))
-    highest = float(np.percentile(pivots, PERCENTILES[1], method="higher"))
+    lowest = float(np.quantile(pivots, alpha / 2.0, method="lower"))
+    highest = float(np.quantile(pivots, 1.0 - alpha / 2.0, method="higher"))
     reach = _reach(differences)
     low, high = max(mean - highest * error, -reach), min(mean - lowest * error, reach)
     # The two added values draw the mean towards 0 by 2 parts in N + 2; the interval holds both.

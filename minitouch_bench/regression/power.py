@@ -36,8 +36,11 @@ HALVINGS = 20
 class Resolution(Protocol):
     """What a sample tells of the episodes that a clear answer takes."""
 
-    def episodes_to_detect(self, alpha: float) -> int | None:
-        """Return the episodes that show the difference, None for none or too many."""
+    def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> int | None:
+        """Return the episodes that show the difference, None for none or too many.
+
+        They show it significantly, and as larger than ``beyond``.
+        """
 
     def episodes_to_exclude(self, margin: float) -> int | None:
         """Return the episodes that show the worsening to be below ``margin``, or None."""
@@ -57,13 +60,13 @@ class ShareResolution:
 
     found: Discordance
 
-    def episodes_to_detect(self, alpha: float) -> int | None:
+    def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> int | None:
         """Count for the exact McNemar test at level ``alpha``."""
         lost, won = self._rates()
-        if lost == won:
+        if abs(lost - won) <= beyond:
             return None
-        exact = _least(lambda n: mcnemar_power(n, lost, won, alpha) >= POWER)
-        return exact or _connor(_two_sided(alpha), lost + won, abs(lost - won))
+        exact = _least(lambda n: mcnemar_power(n, lost, won, alpha, beyond) >= POWER)
+        return exact or _connor(_two_sided(alpha), lost + won, abs(lost - won), beyond)
 
     def episodes_to_exclude(self, margin: float) -> int | None:
         """Count for the 95 % score interval."""
@@ -111,10 +114,13 @@ class MeanResolution:
     worsening: float
     deviation: float
 
-    def episodes_to_detect(self, alpha: float) -> int | None:
+    def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> int | None:
         """Count for a paired t test at level ``alpha``; signs alone need a few as well."""
         found = self._episodes(abs(self.worsening), _two_sided(alpha))
-        return None if found is None else max(found, math.ceil(math.log2(2.0 / alpha)))
+        larger = self._episodes(abs(self.worsening) - beyond, 0.0)
+        if found is None or larger is None:
+            return None
+        return max(found, larger, math.ceil(math.log2(2.0 / alpha)))
 
     def episodes_to_exclude(self, margin: float) -> int | None:
         """Count for a 95 % interval."""
@@ -136,22 +142,23 @@ class MeanResolution:
         return _as_count(needed + _overhead(quantile))
 
 
-def mcnemar_power(n: int, lost: float, won: float, alpha: float) -> float:
+def mcnemar_power(n: int, lost: float, won: float, alpha: float, beyond: float = 0.0) -> float:
     """Return the chance that the exact McNemar test shows the larger of two rates as such.
 
-    ``lost`` and ``won`` are the shares of pairs of which only one succeeds.
+    ``lost`` and ``won`` are the shares of pairs of which only one succeeds; the difference
+    of the shares seen must be larger than ``beyond``.
     """
     differing = lost + won
     if differing == 0.0:
         return 0.0
     pmf = binomial_pmf(n, min(1.0, differing))
     share = max(lost, won) / differing
-    return float(
-        sum(
-            pmf[pairs] * binomial_pmf(pairs, share)[critical_count(pairs, alpha) :].sum()
-            for pairs in np.flatnonzero(pmf > NEGLIGIBLE).tolist()
-        )
-    )
+    total = 0.0
+    for pairs in np.flatnonzero(pmf > NEGLIGIBLE).tolist():
+        above = math.floor((pairs + beyond * n) / 2.0) + 1
+        fewest = max(critical_count(pairs, alpha), above)
+        total += pmf[pairs] * binomial_pmf(pairs, share)[fewest:].sum()
+    return float(total)
 
 
 def exclusion_power(n: int, lost: float, won: float, margin: float) -> float:
@@ -180,11 +187,12 @@ def _least(is_enough: Callable[[int], bool]) -> int | None:
     return high
 
 
-def _connor(quantile: float, differing: float, difference: float) -> int | None:
+def _connor(quantile: float, differing: float, difference: float, beyond: float) -> int | None:
     """Return the episodes for McNemar's test in its normal form."""
     spread = math.sqrt(max(differing - difference**2, 0.0))
     root = (quantile * math.sqrt(differing) + POWER_QUANTILE * spread) / difference
-    return _as_count(root**2)
+    larger = POWER_QUANTILE * spread / (difference - beyond)
+    return _as_count(max(root, larger) ** 2)
 
 
 def _overhead(quantile: float) -> float:

@@ -3,9 +3,10 @@
 Half of the gate's level is for stopping early, half for judging a run that was played to its
 end, so that together a false answer keeps the level:
 
-- a regression, by an e-process over all metrics and tasks (Bonferroni), or because no outcome
-  of the remaining episodes could change what the whole run will be judged to be;
-- no regression, by a confidence sequence in every metric of every task.
+- a regression is certain by an e-process (Bonferroni over all metrics and tasks), or because
+  no outcome of the remaining episodes could change what the whole run will be judged to be;
+- no regression is certain once every metric of every task is within its tolerance: a share by
+  an e-process or by what remains, a mean by its interval at one of LOOKS.
 
 Episodes count in one fixed order, whatever the order they end in: the answer does not depend
 on the number of workers.
@@ -21,15 +22,15 @@ from numpy.typing import NDArray
 from minitouch_bench.metrics.streams import Root, stream
 from minitouch_bench.records import EpisodeMetrics, Estimate, Role
 from minitouch_bench.regression.binomial import mcnemar_p
-from minitouch_bench.regression.effects import Effect, worse_sign
+from minitouch_bench.regression.effects import measure_effect, worse_sign
 from minitouch_bench.regression.evidence import (
     evidence_of_loss,
     evidence_of_no_loss,
     evidence_of_worsening,
-    mean_sequence,
     share_sequence,
 )
 from minitouch_bench.regression.gate import Judgement, Ruling, overall
+from minitouch_bench.regression.means import paired_mean
 from minitouch_bench.regression.pairing import (
     SHARE_METRICS,
     EpisodePair,
@@ -39,12 +40,12 @@ from minitouch_bench.regression.pairing import (
     refuse_other_episode,
     value_of,
 )
-from minitouch_bench.regression.power import MeanResolution, ShareResolution
+from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.regression.shares import Discordance, count_discordance, tango
 from minitouch_bench.regression.tolerances import GateSettings
 
-FEWEST_FOR_A_SEQUENCE = 30
-"""Episodes below which the asymptotic confidence sequence of a mean is not looked at."""
+LOOKS = (0.5, 0.75)
+"""Parts of a task's episodes after which a mean is looked at for a pass."""
 
 
 def play_order(episodes: Sequence[EpisodeMetrics], root: Root) -> tuple[EpisodeMetrics, ...]:
@@ -79,10 +80,10 @@ class Levels:
 class SequentialGate:
     """Takes a candidate's episodes as they end, and says when to stop.
 
-    ``order``: the baseline's episodes as ``play_order`` has them.
+    ``order``: the baseline's episodes as ``play_order`` has them; ``root`` seeds the bootstrap.
     """
 
-    def __init__(self, order: Sequence[EpisodeMetrics], settings: GateSettings) -> None:
+    def __init__(self, order: Sequence[EpisodeMetrics], settings: GateSettings, root: Root) -> None:
         self._order = tuple(order)
         self.settings = settings
         self._waiting: dict[str, EpisodeMetrics] = {}
@@ -91,7 +92,7 @@ class SequentialGate:
         tasks = tuple(dict.fromkeys(episode.task for episode in order))
         samples = [s for s in collect_samples(mirror, tasks) if s.metric in settings.metrics]
         self.levels = Levels.of(settings, len(samples))
-        self._cells = [_Cell(sample, settings, self.levels) for sample in samples]
+        self._cells = [_Cell(sample, settings, self.levels, root) for sample in samples]
 
     @property
     def used(self) -> int:
@@ -157,10 +158,13 @@ class SequentialGate:
 class _Cell:
     """One metric of one task. Once decided it stays so: that is what the levels are for."""
 
-    def __init__(self, baseline: Sample, settings: GateSettings, levels: Levels) -> None:
+    def __init__(
+        self, baseline: Sample, settings: GateSettings, levels: Levels, root: Root
+    ) -> None:
         self.task, self.metric = baseline.task, baseline.metric
         self.ruling, self.reason = Ruling.OPEN, ""
         self._levels = levels
+        self._root = root
         self._planned = len(baseline.first)
         self._successes = int(baseline.first.sum())
         mean = float(baseline.first.mean())
@@ -180,22 +184,14 @@ class _Cell:
             self._look()
 
     def judgement(self) -> Judgement:
-        """Return the effect over the episodes seen, with intervals that hold at any stop."""
-        sequence, sign = self._sequence(), worse_sign(self.metric)
-        ends = sorted((sequence.low * sign, sequence.high * sign))
-        differing = int(np.count_nonzero(self._worsenings))
-        effect = Effect(
-            task=self.task,
-            metric=self.metric,
-            first=float(np.mean(self._first)),
-            second=float(np.mean(self._second)),
-            difference=replace(sequence, value=sequence.value * sign, low=ends[0], high=ends[1]),
-            p_value=min(1.0, math.exp(-self._highest_evidence)),
-            differing=differing,
-            resolution=self._resolution(),
-        )
-        p_value = min(1.0, effect.p_value * self._levels.tests)
-        return Judgement(effect, p_value, self._allowed, self.ruling)
+        """Return the effect over the episodes seen; p and a share's interval hold at any stop."""
+        sample = Sample(self.task, self.metric, np.array(self._first), np.array(self._second))
+        effect = measure_effect(sample, self._root)
+        if self.metric in SHARE_METRICS:
+            sequence = share_sequence(self._discordance, 2.0 * self._levels.early)
+            effect = replace(effect, difference=_as_difference(sequence))
+        p_value = min(1.0, self._levels.tests * math.exp(-self._highest_evidence))
+        return Judgement(replace(effect, p_value=p_value), p_value, self._allowed, self.ruling)
 
     @property
     def _worsenings(self) -> NDArray[np.float64]:
@@ -230,7 +226,12 @@ class _Cell:
         if self.metric in SHARE_METRICS:
             evidence = evidence_of_no_loss(self._discordance, self._allowed)
             return evidence >= math.log(1.0 / self._levels.early)
-        return self.count >= FEWEST_FOR_A_SEQUENCE and self._sequence().high <= self._allowed
+        looks = [math.ceil(part * self._planned) for part in LOOKS]
+        if self.count not in looks or self.count < FEWEST_FOR_A_MEAN:
+            return False
+        rng = stream(self._root, self.task, self.metric, f"look at {self.count}")
+        alpha = 2.0 * self._levels.early / len(LOOKS)
+        return paired_mean(self._worsenings, rng, alpha=alpha).estimate.high <= self._allowed
 
     def _look_ahead(self, name: str) -> None:
         """Decide if the whole run will be judged alike, however its last episodes end.
@@ -250,14 +251,7 @@ class _Cell:
         if -worst.difference <= self._allowed and -tango(worst).low <= self._allowed:
             self.ruling = Ruling.PASSED
 
-    def _sequence(self) -> Estimate:
-        alpha = 2.0 * self._levels.early
-        if self.metric in SHARE_METRICS:
-            return share_sequence(self._discordance, alpha)
-        return mean_sequence(self._worsenings, alpha, self._planned)
 
-    def _resolution(self) -> ShareResolution | MeanResolution:
-        if self.metric in SHARE_METRICS:
-            return ShareResolution(self._discordance)
-        worsenings = self._worsenings
-        return MeanResolution(self.count, float(worsenings.mean()), float(worsenings.std()))
+def _as_difference(worsening: Estimate) -> Estimate:
+    """Return a share's worsening as second minus first."""
+    return replace(worsening, value=-worsening.value, low=-worsening.high, high=-worsening.low)

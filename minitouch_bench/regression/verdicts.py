@@ -1,5 +1,6 @@
 """The verdict of a sequential gate: at an early stop, or over a run that was played to its end."""
 
+import shlex
 from dataclasses import replace
 
 from minitouch_bench.records import RunHeader, SavedRun
@@ -8,7 +9,7 @@ from minitouch_bench.regression.gate import Effort, Side, Verdict, judge_runs
 from minitouch_bench.regression.sequential import Levels, SequentialGate
 from minitouch_bench.regression.tolerances import GateSettings
 from minitouch_bench.reporting.escaping import printable
-from minitouch_bench.reporting.labels import run_labels
+from minitouch_bench.reporting.labels import reproduce_command, run_labels
 
 
 def early_verdict(
@@ -28,7 +29,7 @@ def early_verdict(
         judgements=gate.judgements(),
         changes=find_changes(gate.pairs, (place, candidate.place)),
         notes=differences_of_holding(baseline.header, header),
-        effort=Effort(gate.used, gate.planned, gate.reason),
+        effort=Effort(gate.used, gate.planned, gate.reason, _continuation(header, candidate)),
     )
 
 
@@ -41,3 +42,8 @@ def final_verdict(
     count = len(candidate.episodes)
     effort = Effort(count, count, "no answer was certain before the end")
     return replace(verdict, settings=settings, effort=effort)
+
+
+def _continuation(header: RunHeader, candidate: Side) -> str:
+    """Return the command that plays the rest of a candidate's episodes."""
+    return f"{reproduce_command(header)} {shlex.join(['--output', candidate.place, '--resume'])}"

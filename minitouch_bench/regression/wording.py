@@ -70,16 +70,24 @@ def effort_line(verdict: Verdict) -> str:
     )
 
 
+def _continuation_line(verdict: Verdict) -> str:
+    """Say how to finish a run that was stopped, "" where there is none."""
+    if verdict.effort is None or not verdict.effort.continuation:
+        return ""
+    return (
+        "The candidate's run is unfinished; its episodes can be replayed once this has "
+        f"finished it: {verdict.effort.continuation}"
+    )
+
+
 def verdict_notes(verdict: Verdict) -> tuple[str, ...]:
     """Say how the figures of a verdict were made, and what is not alike."""
     found = [f"Not alike beside the policies: {note}." for note in verdict.notes]
     alpha = f"{100 * verdict.settings.alpha:g} %"
-    is_early = any(one.ruling is Ruling.OPEN for one in verdict.judgements) or (
-        verdict.effort is not None and verdict.effort.used < verdict.effort.planned
-    )
-    if is_early:
+    if verdict.effort is not None and verdict.effort.continuation:
         found.append(
-            "Brackets: confidence sequences, p: e-processes; both hold wherever one stops. "
+            "p: e-processes, which hold wherever one stops. Brackets: for shares confidence "
+            "sequences, which do so too; for means the 95 % interval of the episodes seen. "
             f"Chance of a false regression: at most {alpha}."
         )
     else:
@@ -91,6 +99,8 @@ def verdict_notes(verdict: Verdict) -> tuple[str, ...]:
         "regression: worse beyond the tolerance, and significant. no regression: the interval "
         "excludes a worsening beyond the tolerance. inconclusive: neither."
     )
+    if line := _continuation_line(verdict):
+        found.append(line)
     return tuple(found)
 
 
