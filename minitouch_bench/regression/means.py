@@ -1,5 +1,6 @@
 """The difference of two means over the same episodes."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,17 +36,18 @@ def paired_mean(
 
     The interval is the bootstrap-t's, which follows a skewed sample where the percentile
     form does not. Two changes serve samples in which few episodes differ, where many a
-    resample would have no scale to be measured by: two values, plus and minus the root mean
-    square of the differences that are not 0, are added to the sample; and no end lies farther
-    from 0 than the largest difference seen, times the upper Wilson bound of the share of
-    episodes that differ.
+    resample would have no scale to be measured by: two values are added to the sample, on
+    either side of its median, as far from it as the root mean square of the distances that
+    are not 0; and no end lies farther from 0 than the largest difference seen, times the
+    upper Wilson bound of the share of episodes that differ.
 
     The interval has level 1 - ``alpha``.
 
     The p-value is the larger of two: that of the bootstrap-t, so that a p-value below
     ``alpha`` comes with an interval without 0, and that of the sign-flip test, which is exact
     however few the episodes where the policies are equal and so the sign of each difference
-    is a coin's. Differences that are all 0 give a width of 0 and a p-value of 1.
+    is a coin's. Differences that are all equal give a width of 0; if all are 0, the
+    p-value is 1.
 
     Errors: ValueError for no values.
     Source: B. Efron and R. J. Tibshirani, "An introduction to the bootstrap" (1993),
@@ -73,8 +75,10 @@ def sign_flip_p(
         return float(np.mean(np.abs((2.0 * choices - 1.0) @ sizes) >= observed))
     as_large = 0
     for count in _blocks(resamples, len(sizes)):
-        signs = 2.0 * rng.integers(2, size=(count, len(sizes))) - 1.0
-        as_large += int(np.count_nonzero(np.abs(signs @ sizes) >= observed))
+        octets = rng.integers(256, size=(count, -(-len(sizes) // 8)), dtype=np.uint8)
+        positive = np.unpackbits(octets, axis=1, count=len(sizes)).astype(np.float64)
+        sums = 2.0 * (positive @ sizes) - sizes.sum()
+        as_large += int(np.count_nonzero(np.abs(sums) >= observed))
     return (1 + as_large) / (1 + resamples)
 
 
@@ -82,8 +86,13 @@ def _bootstrap_t(
     differences: NDArray[np.float64], rng: np.random.Generator, resamples: int, alpha: float
 ) -> tuple[Estimate, float]:
     """Return the estimate, and the p-value at which its interval would meet 0."""
-    scale = np.sqrt(np.mean(differences[differences != 0.0] ** 2))
-    sample = np.concatenate((differences, (scale, -scale)))
+    own = float(differences.mean())
+    median = float(np.median(differences))
+    distances = differences[differences != median] - median
+    if not distances.size:
+        return Estimate(own, own, own, differences.size, BOOTSTRAP_T), 0.0
+    scale = math.sqrt(float(np.mean(distances**2)))
+    sample = np.concatenate((differences, (median + scale, median - scale)))
     mean, error = float(sample.mean()), _standard_error(sample)
     pivots = np.concatenate(
         [
@@ -95,8 +104,7 @@ def _bootstrap_t(
     highest = float(np.quantile(pivots, 1.0 - alpha / 2.0, method="higher"))
     reach = _reach(differences)
     low, high = max(mean - highest * error, -reach), min(mean - lowest * error, reach)
-    # The two added values draw the mean towards 0 by 2 parts in N + 2; the interval holds both.
-    own = float(differences.mean())
+    # The two added values draw the mean towards the median; the interval holds both means.
     low, high = min(low, own), max(high, own)
     beyond = min(np.count_nonzero(pivots >= mean / error), np.count_nonzero(pivots <= mean / error))
     estimate = Estimate(own, low, high, differences.size, BOOTSTRAP_T)
@@ -106,7 +114,7 @@ def _bootstrap_t(
 def _pivots(drawn: NDArray[np.float64], mean: float) -> NDArray[np.float64]:
     """Return (mean of a resample - mean) / its standard error for each row, float64 (R,)."""
     distances = drawn.mean(axis=1) - mean
-    errors = drawn.std(axis=1, ddof=1) / np.sqrt(drawn.shape[1])
+    errors = drawn.std(axis=1, ddof=1) / math.sqrt(drawn.shape[1])
     with np.errstate(divide="ignore", invalid="ignore"):
         pivots: NDArray[np.float64] = np.where(distances == 0.0, 0.0, distances / errors)
     return pivots

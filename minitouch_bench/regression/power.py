@@ -199,7 +199,7 @@ def _overhead(quantile: float) -> float:
     """Return the episodes beyond those of the normal formula.
 
     Guenther's, for a deviation that is estimated; and two, for the values of either sign that
-    ``paired_mean`` adds, which draw the mean towards 0.
+    ``paired_mean`` adds, which make the deviation larger.
     """
     return quantile**2 / 2.0 + 2.0
 

@@ -37,7 +37,17 @@ def test_what_is_no_sample_is_refused(values):
         paired_mean(values, rng())
 
 
-@pytest.mark.parametrize("n", [1, 2, 5, 100])
+def test_nearly_equal_differences_have_a_narrow_interval():
+    values = 180.0 + rng(2).normal(0, 2, 30)
+    found = paired_mean(values, rng())
+    assert 177 < found.estimate.low < found.estimate.high < 183
+    assert found.p_value < 0.001
+    equal = paired_mean(np.full(30, 180.0), rng())
+    assert (equal.estimate.low, equal.estimate.high) == (180.0, 180.0)
+    assert equal.p_value < 0.001
+
+
+@pytest.mark.parametrize("n", [2, 5, 100])
 def test_one_difference_alone_proves_nothing_and_has_a_bounded_interval(n):
     values = np.zeros(n)
     values[0] = 150.0
