@@ -12,6 +12,7 @@
     │       ├── InvalidActionError      wrong length, type, NaN or infinite
     │       ├── PolicyTimeoutError      no answer before the deadline
     │       ├── PolicyExitError         its process ended
+    │       │   └── PolicyKilledError       killed from outside, perhaps for no fault of its own
     │       └── PolicyRaisedError       its code raised
     ├── InfrastructureError         5   a worker died, a file could not be written
     ├── InterruptedRunError       130   Ctrl-C
@@ -69,6 +70,10 @@ class PolicyTimeoutError(PolicyFaultError):
 
 class PolicyExitError(PolicyFaultError):
     """The policy's process ended."""
+
+
+class PolicyKilledError(PolicyExitError):
+    """The policy's process was killed by a SIGKILL that was not ours."""
 
 
 class PolicyRaisedError(PolicyFaultError):

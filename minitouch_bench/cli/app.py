@@ -34,6 +34,10 @@ app.command()(doctor)
 app.add_typer(shapes, name="shapes")
 
 
+INTERRUPTED = 130
+"""What typer returns after a Ctrl-C that no command has told the user about."""
+
+
 def main() -> None:
     """Run the command line; a mistake of the user's ends in a line or two, no traceback."""
     try:
@@ -47,12 +51,10 @@ def main() -> None:
         if error.format_message().strip():
             _complain(f"{error.format_message()}\nSee minitouch-bench --help")
         sys.exit(error.exit_code)
+    if code == INTERRUPTED:
+        _complain("interrupted")
     sys.exit(code)
 
 
 def _complain(text: str) -> None:
     notes.print(f"minitouch-bench: {text}", style="red", markup=False)
-
-
-if __name__ == "__main__":
-    main()

@@ -92,10 +92,11 @@ def _contest(
 
 
 def _replay(directory: Path, engine: Engine) -> Verification:
-    saved = read_run(directory)
-    total = len(saved.episodes) + len(saved.exploration_episodes)
+    run, differences = open_run(directory)
+    if run is None:
+        return Verification(0, differences)
     with Progress(console=notes) as progress:
-        bar = progress.add_task("replaying", total=total)
+        bar = progress.add_task("replaying", total=len(run.specs))
         return verify_run(directory, engine, lambda: progress.advance(bar))
 
 

@@ -60,6 +60,7 @@ class HostConnection:
         self._output, output = os.pipe()
         os.set_blocking(self._output, False)
         self._control = ours
+        self._in_order = False
         self._tail = b""
         command = [sys.executable, "-P", "-u", "-m", "minitouch_bench.policies.host"]
         with theirs:
@@ -85,9 +86,13 @@ class HostConnection:
         """Send an order, with file descriptors if it has any, and return the answer.
 
         Raises:
-            HostGoneError: the host is gone, or silent for so long.
+            HostGoneError: the host is gone, or silent for so long, or an earlier order was
+                broken off, so that its answer would be taken for this one's.
 
         """
+        if self._in_order:
+            raise HostGoneError("an earlier order was broken off")
+        self._in_order = True
         try:
             socket.send_fds(self._control, [json.dumps(order).encode()], list(descriptors))
             if not self.wait((self._control.fileno(),), time.monotonic() + timeout_s):
@@ -97,6 +102,7 @@ class HostConnection:
             raise HostGoneError(str(error)) from error
         if not packet:
             raise HostGoneError("it ended")
+        self._in_order = False
         answer: dict[str, Any] = json.loads(packet)
         return answer
 

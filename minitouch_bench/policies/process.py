@@ -20,6 +20,7 @@ from minitouch_bench.errors import (
     MissingExtraError,
     PolicyExitError,
     PolicyFaultError,
+    PolicyKilledError,
     PolicyLoadError,
     PolicyRaisedError,
     PolicyTimeoutError,
@@ -221,6 +222,8 @@ class PolicyProcess:
         try:
             late = f"it was not loaded within {self._limits.load_timeout_s:g} s"
             kind, payload = self._ask(deadline, late)
+        except PolicyKilledError:
+            raise
         except PolicyFaultError as fault:  # before its first answer a policy is not loaded
             raise PolicyLoadError(f"{target} cannot be loaded: {fault}") from fault
         if kind is Frame.LOADED:
@@ -240,7 +243,7 @@ class PolicyProcess:
             self._stop(0.0)
             raise PolicyTimeoutError(late) from None
         except EOFError:
-            raise PolicyExitError(self._describe_exit()) from None
+            raise self._exit_error() from None
         except WireError as error:
             self._break_off(error)
 
@@ -254,7 +257,7 @@ class PolicyProcess:
         self._stop(0.0)
         raise PolicyExitError(f"the policy's process broke the protocol: {error}") from None
 
-    def _describe_exit(self) -> str:
+    def _exit_error(self) -> PolicyExitError:
         """Say how a child ended that closed its pipe, and what it printed last."""
         status, killed = self._stop(EXIT_GRACE_S)
         if killed:
@@ -264,7 +267,9 @@ class PolicyProcess:
         else:
             text = f"the policy's process exited with code {status}"
         line = self._host.last_line() if self._host is not None else ""
-        return f"{text}: {line}" if line else text
+        from_outside = not killed and status == -signal.SIGKILL
+        kind = PolicyKilledError if from_outside else PolicyExitError
+        return kind(f"{text}: {line}" if line else text)
 
     def _stop(self, grace_s: float) -> tuple[int, bool]:
         """End the child; return its status and whether it had to be killed.

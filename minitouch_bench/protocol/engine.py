@@ -14,10 +14,6 @@ from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Role
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registration import make_environment
 
-MAX_ATTEMPTS = 3
-"""An episode that meets an infrastructure fault is tried again with its seed, twice."""
-
-
 DEFAULT_LIMITS = PolicyLimits()
 
 

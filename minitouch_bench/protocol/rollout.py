@@ -1,14 +1,20 @@
 """One episode: the only place where a policy and a simulated world meet."""
 
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
+from minitouch_bench.errors import PolicyFaultError, PolicyKilledError, PolicyLoadError
 from minitouch_bench.policies.policy import Observation
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome
 from minitouch_bench.tasks.environment import MiniTouchEnv
+
+MAX_ATTEMPTS = 3
+"""An episode that meets an infrastructure fault is tried again with its seed, twice."""
+
+NOT_REPEATED = "its process was killed, and tried again it did not repeat its actions"
 
 
 class Actor(Protocol):
@@ -37,7 +43,30 @@ def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> E
 
     A fault of the policy ends the episode, as a failed one. Any other exception is an
     infrastructure fault and passes through.
+
+    Where the policy's process was killed from outside, perhaps by a machine out of memory,
+    the episode is tried again, ``MAX_ATTEMPTS`` times in all. A policy could have itself
+    killed to get another chance: it must repeat the actions it had given.
     """
+    attempt = _attempt(environment, actor, spec)
+    for _ in range(MAX_ATTEMPTS - 1):
+        if not attempt.killed:
+            break
+        given = attempt.record.trace.actions
+        attempt = _attempt(environment, actor, spec)
+        again = attempt.record.trace.actions
+        common = min(len(given), len(again))
+        if given[:common].tobytes() != again[:common].tobytes():
+            return replace(attempt.record, outcome=Outcome.POLICY_FAULT, fault=NOT_REPEATED)
+    return attempt.record
+
+
+class _Attempt(NamedTuple):
+    record: EpisodeRecord
+    killed: bool
+
+
+def _attempt(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> _Attempt:
     options = {"object": spec.shape} if spec.shape else None
     observation, info = environment.reset(seed=spec.seed, options=options)
     recorder = _Recorder(environment.task.preset.arm.action_size, observation, info)
@@ -50,8 +79,9 @@ def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> E
             recorder.add(observation, reward, info)
             outcome = info["outcome"]
     except (PolicyFaultError, PolicyLoadError) as fault:
-        return EpisodeRecord(spec, Outcome.POLICY_FAULT, recorder.trace(), str(fault))
-    return EpisodeRecord(spec, Outcome(outcome), recorder.trace())
+        record = EpisodeRecord(spec, Outcome.POLICY_FAULT, recorder.trace(), str(fault))
+        return _Attempt(record, isinstance(fault, PolicyKilledError))
+    return _Attempt(EpisodeRecord(spec, Outcome(outcome), recorder.trace()), killed=False)
 
 
 class _Recorder:

@@ -77,7 +77,10 @@ def examine(workers: int) -> Iterator[Check]:
     yield _guarded("protocol and shapes", _protocol)
     yield _guarded("isolation", _isolation)
     yield _guarded("policy repeats", _policy_repeats)
-    yield from _simulation(max(workers, 2))
+    try:
+        yield from _simulation(max(workers, 2))
+    except MiniTouchError as error:
+        yield _failed("simulation", error)
 
 
 def reference_bits() -> str:
@@ -129,7 +132,11 @@ def _guarded(name: str, check: Callable[[], Check]) -> Check:
     try:
         return check()
     except MiniTouchError as error:
-        return Check(name, Verdict.FAIL, str(error).replace("\n", " "))
+        return _failed(name, error)
+
+
+def _failed(name: str, error: MiniTouchError) -> Check:
+    return Check(name, Verdict.FAIL, str(error).replace("\n", " "))
 
 
 def _packages() -> Check:

@@ -63,6 +63,11 @@ def verify_run(
 def compare_with_replay(run: RecordedRun, records: list[EpisodeRecord]) -> Iterator[Difference]:
     """Compare everything a run's directory holds with its replayed episodes."""
     by_spec = {record.spec: record for record in records}
+    for spec in run.specs:
+        given, used = len(run.actions[spec.key]), len(by_spec[spec].trace.actions)
+        if given != used:
+            text = f"{given} actions recorded, the episode ends after {used}"
+            yield Difference(spec.key, text)
     replayed = tuple(
         _with_claims(by_spec[spec], row, run.saved.faults.get(spec.key, ""))
         for spec, row in run.rows()

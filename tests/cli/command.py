@@ -5,7 +5,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-COMMAND = [sys.executable, "-W", "error::SyntaxWarning", "-m", "minitouch_bench.cli.app"]
+COMMAND = [sys.executable, "-W", "error::SyntaxWarning", "-m", "minitouch_bench.cli.entry"]
 
 
 @dataclass(frozen=True)

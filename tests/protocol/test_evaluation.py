@@ -1,6 +1,7 @@
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.protocol.journal import JOURNAL_FILE
 from minitouch_bench.protocol.storage import ACTIONS_FILE
 from minitouch_bench.records import Outcome, Role
@@ -120,3 +121,35 @@ def test_exploration_is_run_beside_the_final_policy(tmp_path):
     assert (final.outcome, exploration.outcome) == (Outcome.SUCCESS, Outcome.STEP_LIMIT)
     assert exploration.spec.role is Role.EXPLORATION
     assert exploration.spec.seed == final.spec.seed
+
+
+@pytest.fixture
+def deaths_file(tmp_path, monkeypatch):
+    """Where a policy reads how often it is still to be killed."""
+    monkeypatch.setenv("DEATHS", str(tmp_path / "deaths"))
+    return tmp_path / "deaths"
+
+
+@pytest.mark.parametrize("deaths", [1, 2])
+def test_a_policy_killed_from_outside_is_tried_again_with_the_same_result(
+    deaths_file, importable, deaths
+):
+    place = deaths_file.parent
+    wanted = request("misbehaved:IsKilled", ("opening",), 1, isolation=Isolation.PROCESS)
+    deaths_file.write_text("0")
+    quiet = run(wanted, place / "quiet")
+    deaths_file.write_text(str(deaths))
+    assert digests(run(wanted, place / "killed")) == digests(quiet)
+    assert deaths_file.read_text() == "0"
+
+
+@pytest.mark.parametrize(
+    ("policy", "deaths", "fault"),
+    [("IsKilled", 3, "was killed by SIGKILL"), ("TriesItsLuck", 1, "did not repeat its actions")],
+)
+def test_a_policy_gains_nothing_by_being_killed(deaths_file, importable, policy, deaths, fault):
+    deaths_file.write_text(str(deaths))
+    wanted = request(f"misbehaved:{policy}", ("opening",), 1, isolation=Isolation.PROCESS)
+    (record,) = run(wanted, deaths_file.parent / "run").records
+    assert record.outcome is Outcome.POLICY_FAULT
+    assert fault in record.fault

@@ -126,3 +126,22 @@ def test_it_is_on_disk_before_the_call_returns(finished, tmp_path, monkeypatch):
         journal.write_header(finished[0].header)
         journal.write_record(finished[0].records[0])
     assert len(synced) == 2
+
+
+@pytest.mark.slow
+def test_a_journal_cut_at_every_byte_is_read_or_refused(finished, tmp_path):
+    run, directory = finished
+    lines = (directory / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
+    shortest = sorted(lines[1:], key=len)[:2]
+    content = b"".join([lines[0], *shortest])
+    for end in range(len(content) + 1):
+        (tmp_path / JOURNAL_FILE).write_bytes(content[:end])
+        whole = content.count(b"\n", 0, end)
+        if whole == 0:
+            with pytest.raises(RunDirectoryError, match="nothing that can be resumed"):
+                read_journal(tmp_path)
+            continue
+        _, records, torn = read_journal(tmp_path)
+        assert len(records) == whole - 1
+        assert torn == (content[end - 1 : end] != b"\n")
+        assert len((tmp_path / JOURNAL_FILE).read_bytes()) == content.rindex(b"\n", 0, end) + 1

@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+import zipfile
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from minitouch_bench.protocol.storage import (
     clear_run,
     holds_run,
     lock_directory,
+    read_actions,
     write_actions,
 )
+from minitouch_bench.records import EpisodeSpec, Role
 
 HOLD = """
 import sys, time
@@ -87,3 +90,63 @@ def test_actions_that_cannot_be_written_are_said(finished, tmp_path):
     (tmp_path / ACTIONS_FILE / "x").write_text("x")
     with pytest.raises(RunDirectoryError, match="cannot be written"):
         write_actions(finished[0].records, tmp_path)
+
+
+# Reading actions back
+
+
+SPECS = tuple(EpisodeSpec(Role.FINAL, "pushing", index, 1) for index in range(2))
+GOOD = np.zeros((3, 4), np.float32)
+
+
+def test_actions_are_read_as_they_were_written(finished):
+    run, directory = finished
+    specs = [record.spec for record in run.records]
+    actions = read_actions(directory, specs)
+    for record in run.records:
+        assert actions[record.spec.key].tobytes() == record.trace.actions.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("array", "words"),
+    [
+        (np.full((3, 4), np.nan, np.float32), "beyond -1 to 1"),
+        (np.full((3, 4), 1.001, np.float32), "beyond -1 to 1"),
+        (np.zeros((3, 5), np.float32), r"not float32 \(steps, 4\)"),
+        (np.zeros((3, 4)), r"float64 \(3, 4\)"),
+        (np.zeros((201, 4), np.float32), "0 to 200 actions"),
+        (np.asfortranarray(np.zeros((3, 4), np.float32)), "not float32"),
+        (np.array([{}], object), r"object \(1,\)"),
+        (np.zeros(10_000_000, np.float32), "declares 40000128 bytes"),
+    ],
+)
+def test_what_are_no_actions_is_refused_before_it_is_unpacked(tmp_path, array, words):
+    np.savez_compressed(tmp_path / ACTIONS_FILE, **{"pushing/0": array})
+    with pytest.raises(RunDirectoryError, match=words):
+        read_actions(tmp_path, SPECS)
+
+
+def test_a_header_that_claims_more_than_there_is_takes_no_memory(tmp_path):
+    text = b"{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000000, 4), }"
+    header = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + text.ljust(117) + b"\n"
+    with zipfile.ZipFile(tmp_path / ACTIONS_FILE, "w") as archive:
+        archive.writestr("pushing/0.npy", header + bytes(64))
+    with pytest.raises(RunDirectoryError, match="0 to 200 actions"):
+        read_actions(tmp_path, SPECS)
+
+
+def test_episodes_that_are_not_of_the_run_are_refused(tmp_path):
+    np.savez(tmp_path / ACTIONS_FILE, **{"pushing/0": GOOD, "../evil\x1b": GOOD})
+    with pytest.raises(RunDirectoryError, match=r"'\.\./evil\\x1b', which is no episode"):
+        read_actions(tmp_path, SPECS)
+
+
+def test_a_file_that_is_missing_cut_or_debris_is_refused(tmp_path):
+    with pytest.raises(RunDirectoryError, match="cannot be read"):
+        read_actions(tmp_path, SPECS)
+    np.savez_compressed(tmp_path / ACTIONS_FILE, **{"pushing/0": GOOD, "pushing/1": GOOD})
+    content = (tmp_path / ACTIONS_FILE).read_bytes()
+    for end in range(0, len(content) - 1, 7):
+        (tmp_path / ACTIONS_FILE).write_bytes(content[:end])
+        with pytest.raises(RunDirectoryError, match="damaged"):
+            read_actions(tmp_path, SPECS)

@@ -1,0 +1,118 @@
+import json
+import shutil
+
+import pytest
+
+from tests.cli.command import run
+
+ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
+
+
+@pytest.fixture
+def copy(scripted, tmp_path):
+    return shutil.copytree(scripted[1], tmp_path / "run")
+
+
+def test_a_true_run_is_verified_and_run_again(scripted):
+    directory = scripted[1]
+    done = run("verify", directory, "--rerun", 2, "--draw", 5, directory=directory.parent)
+    assert done.code == 0, done.err
+    assert "4 episodes replayed" in done.out
+    assert "2 episodes run again with the checkpoint (--draw 5)" in done.out
+    assert "is verified" in done.out
+
+
+def test_an_edited_run_is_named_with_exit_1(copy):
+    text = (copy / "run.json").read_text().replace('"success": true', '"success": false', 1)
+    (copy / "run.json").write_text(text)
+    done = run("verify", copy, "--rerun", 2, "--json", directory=copy.parent)
+    assert done.code == 1
+    result = json.loads(done.out)
+    assert result["passed"] is False
+    assert result["reran"] == 0
+    assert result["differences"] == [
+        {"place": "pushing/0.success", "what": "False recorded, True found"}
+    ]
+    plain = run("verify", copy, directory=copy.parent)
+    assert plain.code == 1
+    assert "pushing/0.success: False recorded, True found" in plain.out
+    assert "is not verified" in plain.out
+
+
+def test_a_run_is_verified_without_its_checkpoint_but_not_run_again(tmp_path):
+    from minitouch_bench.agents.networks import TouchActor
+    from minitouch_bench.policies.native import save_native
+
+    policy = tmp_path / "policy.safetensors"
+    save_native(TouchActor(action_size=4), policy)
+    done = run("evaluate", policy, *ONE, "--output", "run", directory=tmp_path)
+    assert done.code == 0, done.err
+    moved = policy.rename(tmp_path / "moved.safetensors")
+    assert run("verify", "run", directory=tmp_path).code == 0
+    run("verify", "run", "--rerun", 1, directory=tmp_path).refused(3, "does not exist")
+    again = run("verify", "run", "--rerun", 1, "--policy", moved, directory=tmp_path)
+    assert again.code == 0, again.err
+    save_native(TouchActor(action_size=4), moved)
+    run("verify", "run", "--rerun", 1, "--policy", moved, directory=tmp_path).refused(
+        2, "is not the policy of this run"
+    )
+
+
+def test_what_is_no_run_or_damaged_ends_with_6(copy, tmp_path):
+    run("verify", tmp_path, directory=tmp_path).refused(6, "is no run")
+    (copy / "actions.npz").write_bytes((copy / "actions.npz").read_bytes()[:-30])
+    run("verify", copy, directory=tmp_path).refused(6, "actions.npz", "damaged")
+
+
+# replay
+
+
+def test_an_episode_is_filmed_beside_its_run(copy):
+    done = run("replay", copy, "opening/1", directory=copy.parent)
+    assert done.code == 0, done.err
+    film = copy / "replays" / "opening-1.mp4"
+    assert done.out.strip() == str(film)
+    assert film.stat().st_size > 1000
+    assert "success after" in done.err
+    assert "the same bits as recorded" in done.err
+    assert run("verify", copy, directory=copy.parent).code == 0  # a film changes no report
+
+
+def test_an_episode_is_printed_step_by_step(scripted):
+    directory = scripted[1]
+    done = run("replay", directory, "opening/0", "--steps", directory=directory.parent)
+    assert done.code == 0, done.err
+    assert "door angle, rad" in done.out
+    assert not (directory / "replays").exists()
+
+
+def test_an_episode_that_is_not_there_is_said(scripted):
+    directory = scripted[1]
+    run("replay", directory, "pick-up/0", directory=directory.parent).refused(2, "pushing/0")
+    wrong = run("replay", directory, "pushing/0", "--film", "x.avi", directory=directory.parent)
+    assert wrong.code == 2
+    assert "an .mp4 or a .gif, not 'x.avi'" in wrong.err
+
+
+# doctor
+
+
+def test_the_doctor_finds_this_machine_sound(tmp_path):
+    done = run("doctor", "--json", "--workers", 2, directory=tmp_path)
+    assert done.code == 0, done.out + done.err
+    result = json.loads(done.out)
+    verdicts = {check["name"]: check["verdict"] for check in result["checks"]}
+    assert result["healthy"] is True
+    wanted = {"isolation", "policy repeats", "fresh process repeats", "order and workers", "crash"}
+    assert {name for name in wanted if verdicts[name] == "ok"} == wanted
+    assert "fail" not in verdicts.values()
+
+
+def test_the_doctor_names_what_is_wrong(tmp_path, monkeypatch):
+    (tmp_path / "cache").write_text("no directory")
+    monkeypatch.setenv("MINITOUCH_CACHE", str(tmp_path / "cache"))
+    done = run("doctor", directory=tmp_path)
+    assert done.code == 1
+    assert "cache" in done.out
+    assert "cannot be written" in done.out
+    assert "Not to be trusted yet: cache" in done.out

@@ -1,0 +1,56 @@
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minitouch_bench.metrics import summarize
+from minitouch_bench.protocol.engine import EpisodeRunner
+from minitouch_bench.protocol.storage import ACTIONS_FILE
+from minitouch_bench.reporting import write_report, write_run
+from tests.protocol.runs import request, run
+
+WANTED = request("scripted", ("pushing", "opening"), 2, exploration="scripted")
+
+
+@pytest.fixture(scope="session")
+def whole(tmp_path_factory) -> Path:
+    """A finished run with all its files, which nobody may change."""
+    directory = tmp_path_factory.mktemp("verified") / "run"
+    done = run(WANTED, directory, workers=2)
+    saved = write_run(done, summarize(done, np.random.default_rng(0)), directory)
+    write_report([saved], directory)
+    return directory
+
+
+@pytest.fixture
+def copy(whole, tmp_path) -> Path:
+    """The same run, to be falsified."""
+    return Path(shutil.copytree(whole, tmp_path / "run"))
+
+
+class Here:
+    """An engine without workers, which is quicker for a few episodes."""
+
+    def run(self, source, specs):
+        runner = EpisodeRunner(source)
+        yield from map(runner.run, specs)
+        runner.close()
+
+
+def edit_document(directory: Path, change: Callable[[dict], object]) -> None:
+    """Change ``run.json`` alone: the other files stay what they were."""
+    file = directory / "run.json"
+    document = json.loads(file.read_text())
+    change(document)
+    file.write_text(json.dumps(document))
+
+
+def edit_actions(directory: Path, change: Callable[[dict], object]) -> None:
+    file = directory / ACTIONS_FILE
+    with np.load(file) as archive:
+        actions = dict(archive)
+    change(actions)
+    np.savez_compressed(file, **actions)

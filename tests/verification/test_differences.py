@@ -1,0 +1,33 @@
+import pytest
+
+from minitouch_bench.verification.differences import Difference, compare_values
+
+
+def found(recorded, again):
+    return [str(difference) for difference in compare_values("run", recorded, again)]
+
+
+@pytest.mark.parametrize("value", [1, 1.5, "x", None, True, [1, [2]], {"a": {"b": (1, 2)}}])
+def test_equal_values_do_not_differ(value):
+    assert found(value, value) == []
+
+
+@pytest.mark.parametrize(
+    ("recorded", "again", "difference"),
+    [
+        (1, 2, "run: 1 recorded, 2 found"),
+        (1, True, "run: 1 recorded, True found"),
+        (0.1, 0.1 + 2**-56, "run: 0.1 recorded, 0.10000000000000002 found"),
+        ({"a": 1}, {}, "run.a: should not be there"),
+        ({}, {"a": 1}, "run.a: missing"),
+        ({"a": [1, 2]}, {"a": [1, 3]}, "run.a[1]: 2 recorded, 3 found"),
+        ([1], [1, 2], "run: 1 entries recorded, 2 found"),
+        ("x" * 99, 1, f"run: '{'x' * 59}… recorded, 1 found"),
+    ],
+)
+def test_each_difference_is_placed_and_told(recorded, again, difference):
+    assert found(recorded, again) == [difference]
+
+
+def test_what_a_stranger_wrote_reaches_no_terminal():
+    assert "\x1b" not in str(Difference("\x1b[31m", "\x1b[2J"))

@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.verification.recorded_run import open_run
+from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun
+from tests.protocol.runs import request
+from tests.verification.conftest import WANTED, Here
+
+
+@pytest.fixture
+def opened(whole):
+    run, differences = open_run(whole)
+    assert differences == ()
+    return run
+
+
+def test_the_draw_is_the_generator_s_in_the_run_s_order(opened):
+    drawn = [draw_episodes(opened, 3, np.random.default_rng(seed)) for seed in range(20)]
+    assert all(len(specs) == 3 for specs in drawn)
+    assert drawn[0] == draw_episodes(opened, 3, np.random.default_rng(0))
+    assert len(set(drawn)) > 5
+    assert all(list(specs) == sorted(specs, key=opened.specs.index) for specs in drawn)
+    assert draw_episodes(opened, 99, np.random.default_rng(0)) == opened.specs
+
+
+def test_the_same_checkpoint_gives_the_same_bits(opened):
+    results = list(rerun(opened, WANTED.contest, opened.specs, Here()))
+    assert {record.spec for record, _ in results} == set(opened.specs)
+    assert all(differences == () for _, differences in results)
+
+
+def test_another_policy_is_found_at_its_first_other_action(opened):
+    other = request("zero", ("pushing", "opening"), 2, exploration="zero").contest
+    specs = opened.specs[:1]
+    ((_, (difference,)),) = rerun(opened, other, specs, Here())
+    assert difference.place == "pushing/0"
+    assert "success recorded, step_limit when run again" in difference.what
+    explored = [spec for spec in opened.specs if spec.key == "exploration/pushing/0"]
+    ((_, (difference,)),) = rerun(opened, other, explored, Here())
+    assert difference.place == "exploration/pushing/0"
+
+
+def test_only_the_evaluated_checkpoint_is_run_again(opened, tmp_path):
+    check_identity(opened.saved.header.policy, parse_source("scripted"))
+    with pytest.raises(UsageError, match=r"zero is not the policy of this run: zero"):
+        check_identity(opened.saved.header.policy, parse_source("zero"))
+
+
+def test_an_episode_is_found_by_its_name(opened):
+    spec, row = opened.find("exploration/opening/1")
+    assert (spec.task, spec.index, row.outcome) == ("opening", 1, "success")
+    with pytest.raises(UsageError, match="pushing/0 to exploration/opening/1"):
+        opened.find("pick-up/0")
