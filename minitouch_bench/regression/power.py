@@ -65,8 +65,12 @@ class ShareResolution:
         lost, won = self._rates()
         if abs(lost - won) <= beyond:
             return None
-        exact = _least(lambda n: mcnemar_power(n, lost, won, alpha, beyond) >= POWER)
-        return exact or _connor(_two_sided(alpha), lost + won, abs(lost - won), beyond)
+        guess = _connor(_two_sided(alpha), lost + won, abs(lost - won), beyond)
+        if guess > 1.2 * EXACT_UP_TO:
+            return _as_count(guess)
+        return _least(
+            lambda n: mcnemar_power(n, lost, won, alpha, beyond) >= POWER, guess
+        ) or _as_count(guess)
 
     def episodes_to_exclude(self, margin: float) -> int | None:
         """Count for the 95 % score interval."""
@@ -74,9 +78,13 @@ class ShareResolution:
         room = margin + won - lost
         if room <= 0.0:
             return None
-        exact = _least(lambda n: exclusion_power(n, lost, won, margin) >= POWER)
         deviation = math.sqrt(lost + won - (lost - won) ** 2)
-        return exact or _as_count(((NORMAL_QUANTILE + POWER_QUANTILE) * deviation / room) ** 2)
+        guess = ((NORMAL_QUANTILE + POWER_QUANTILE) * deviation / room) ** 2
+        if guess > 1.2 * EXACT_UP_TO:
+            return _as_count(guess)
+        return _least(lambda n: exclusion_power(n, lost, won, margin) >= POWER, guess) or _as_count(
+            guess
+        )
 
     def detectable(self, alpha: float) -> float | None:
         """Search with the share of pairs that differ as it is, or larger where it must be."""
@@ -167,32 +175,40 @@ def exclusion_power(n: int, lost: float, won: float, margin: float) -> float:
     rest = min(1.0, won / (1.0 - lost)) if lost < 1.0 else 0.0
     total = 0.0
     for count in np.flatnonzero(pmf > NEGLIGIBLE).tolist():
-        gains = np.arange(n - count + 1, dtype=np.float64)
+        chances = binomial_pmf(n - count, rest)
+        likely = np.flatnonzero(chances > NEGLIGIBLE)
+        gains = likely.astype(np.float64)
         statistic = score_statistic(np.full_like(gains, count), gains, n, -margin)
-        total += pmf[count] * binomial_pmf(n - count, rest)[statistic > NORMAL_QUANTILE].sum()
+        total += pmf[count] * chances[likely][statistic > NORMAL_QUANTILE].sum()
     return float(total)
 
 
-def _least(is_enough: Callable[[int], bool]) -> int | None:
-    """Return the least number of episodes that is enough, None beyond EXACT_UP_TO."""
-    high = 4
+def _least(is_enough: Callable[[int], bool], guess: float) -> int | None:
+    """Return the least number of episodes that is enough, None beyond EXACT_UP_TO.
+
+    The search starts from a guess.
+    """
+    high = min(max(4, math.ceil(guess)), EXACT_UP_TO)
+    low = 0
     while not is_enough(high):
         if high == EXACT_UP_TO:
             return None
-        high = min(2 * high, EXACT_UP_TO)
-    low = high // 2
+        low, high = high, min(math.ceil(1.3 * high), EXACT_UP_TO)
+    while low == 0 and high > 4 and is_enough(high * 3 // 4):
+        high = high * 3 // 4
+    low = max(low, high * 3 // 4 if high > 4 else 0)
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if is_enough(middle) else (middle, high)
     return high
 
 
-def _connor(quantile: float, differing: float, difference: float, beyond: float) -> int | None:
+def _connor(quantile: float, differing: float, difference: float, beyond: float) -> float:
     """Return the episodes for McNemar's test in its normal form."""
     spread = math.sqrt(max(differing - difference**2, 0.0))
     root = (quantile * math.sqrt(differing) + POWER_QUANTILE * spread) / difference
     larger = POWER_QUANTILE * spread / (difference - beyond)
-    return _as_count(max(root, larger) ** 2)
+    return max(root, larger) ** 2
 
 
 def _overhead(quantile: float) -> float:
