@@ -8,7 +8,7 @@ from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.contests import Holding, make_contest
 from minitouch_bench.cli.evaluate import how_to_go_on, run_name, write_files
 from minitouch_bench.cli.progress import EvaluationProgress
-from minitouch_bench.errors import InfrastructureError, InterruptedRunError
+from minitouch_bench.errors import InfrastructureError, InterruptedRunError, UsageError
 from minitouch_bench.metrics import measure
 from minitouch_bench.protocol.engine import ActorSource, Engine
 from minitouch_bench.protocol.evaluation import Request, begin, evaluate
@@ -63,7 +63,8 @@ def request_like(baseline: SavedRun, policy: str, holding: Holding) -> Request:
     """Return the request that plays a policy on the baseline's episodes.
 
     Raises:
-        UsageError: this version has no such suite, or another protocol.
+        UsageError: this version has no such suite, or another protocol, or the baseline does
+            not hold the episodes that its header says.
         PolicyError: the policy cannot be used.
     """
     header = baseline.header
@@ -72,6 +73,7 @@ def request_like(baseline: SavedRun, policy: str, holding: Holding) -> Request:
     contest = make_contest(policy, None, tasks, holding)
     request = Request(suite, tasks, header.episodes, header.seed, contest)
     refuse_other_rules(header, request.header(), (baseline.name, contest.policy.name))
+    _refuse_other_episodes(baseline, request)
     return request
 
 
@@ -99,6 +101,19 @@ def play_gate(
     header = request.header()
     candidate = Side(printable(header.policy.name), str(directory), _labels(header.policy, gate))
     return early_verdict(gate, baseline, baseline_place, candidate, header)
+
+
+def _refuse_other_episodes(baseline: SavedRun, request: Request) -> None:
+    found = {episode_key(Role.FINAL, one): (one.seed, one.shape) for one in baseline.episodes}
+    expected = len(request.tasks) * request.episodes
+    if len(found) == len(baseline.episodes) == expected:
+        specs = request.chosen().episodes(exploration=False)
+        if found == {spec.key: (spec.seed, spec.shape) for spec in specs}:
+            return
+    raise UsageError(
+        f"'{printable(baseline.name)}' does not hold the {expected} episodes of its suite, "
+        "tasks and seed; make the baseline anew"
+    )
 
 
 def _play(

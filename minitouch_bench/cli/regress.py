@@ -91,6 +91,8 @@ def regress(
     """Exit 1 if a candidate is worse than the baseline, beyond tolerance and chance."""
     if (policy is None) == (candidate is None):
         raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
+    if candidate is not None and (output is not None or resume or fresh or trust):
+        raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
     settings = with_flags(
         _file_settings(config), tolerance or (), alpha=alpha, strict=strict, metrics=metrics
     )

@@ -29,13 +29,12 @@ from minitouch_bench.regression.evidence import (
     evidence_of_worsening,
     share_sequence,
 )
-from minitouch_bench.regression.gate import Judgement, Ruling, overall
+from minitouch_bench.regression.gate import Judgement, Ruling, guarded_samples, overall
 from minitouch_bench.regression.means import paired_mean
 from minitouch_bench.regression.pairing import (
     SHARE_METRICS,
     EpisodePair,
     Sample,
-    collect_samples,
     episode_key,
     refuse_other_episode,
     value_of,
@@ -81,6 +80,8 @@ class SequentialGate:
     """Takes a candidate's episodes as they end, and says when to stop.
 
     ``order``: the baseline's episodes as ``play_order`` has them; ``root`` seeds the bootstrap.
+
+    Errors: UsageError if the episodes have none of the metrics that the settings guard.
     """
 
     def __init__(self, order: Sequence[EpisodeMetrics], settings: GateSettings, root: Root) -> None:
@@ -90,7 +91,7 @@ class SequentialGate:
         self._pairs: list[EpisodePair] = []
         mirror = [EpisodePair(Role.FINAL, episode, episode) for episode in order]
         tasks = tuple(dict.fromkeys(episode.task for episode in order))
-        samples = [s for s in collect_samples(mirror, tasks) if s.metric in settings.metrics]
+        samples = guarded_samples(mirror, tasks, settings)
         self.levels = Levels.of(settings, len(samples))
         self._cells = [_Cell(sample, settings, self.levels, root) for sample in samples]
 

@@ -92,6 +92,7 @@ REFUSED = [
     (("--baseline", "good", "--candidate", "bad", "--tolerance", "x=1"), 2, "no metric 'x'"),
     (("zero", "--baseline", "good"), 2, "protocols differ"),
     (("gone.pt", "--baseline", "good"), 3, "gone.pt"),
+    (("--baseline", "good", "--candidate", "bad", "--resume"), 2, "are for a POLICY"),
 ]
 
 
@@ -131,6 +132,21 @@ def test_the_same_policy_is_played_to_the_end_and_has_the_same_bits(baseline):
     assert "every episode is the same to the last bit" in done.out
     assert "32 of 32 episodes were played" in done.out
     assert (baseline / "again" / "report.html").exists()
+
+
+def test_a_baseline_that_lacks_episodes_is_refused_before_any_is_played(baseline):
+    document = json.loads((baseline / "base" / "run.json").read_text())
+    document["episodes"] = document["episodes"][:-1]
+    cut = baseline / "cut"
+    cut.mkdir()
+    (cut / "run.json").write_text(json.dumps(document))
+    done = run("regress", "zero", "--baseline", cut, "--output", "never", directory=baseline)
+    done.refused(2, "does not hold the 32 episodes")
+    assert not (baseline / "never").exists()
+    exploration = ("--metrics", "exploration", "--output", "never")
+    done = run("regress", "zero", "--baseline", "base", *exploration, directory=baseline)
+    done.refused(2, "none of the metrics exploration")
+    assert not (baseline / "never").exists()
 
 
 @pytest.mark.slow

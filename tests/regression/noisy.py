@@ -20,7 +20,7 @@ from minitouch_bench.regression.wording import headline
 from tests.protocol.runs import request
 from tests.reporting.synthetic import save
 
-STRENGTHS = (0.5, 1.0, 2.0)
+STRENGTHS = (0.2, 0.5, 1.0)
 """Standard deviations of the noise, where the largest action is 1."""
 
 NOWHERE = RunEnvironment({}, {}, 1, "", 0.0)
@@ -78,7 +78,7 @@ def judged(baseline: SavedRun, candidate: SavedRun) -> tuple[Verdict, Sequential
 
 def report(baseline: SavedRun, candidate: SavedRun) -> None:
     verdict, gate = judged(baseline, candidate)
-    print(f"\n{candidate.name}: {headline(verdict)}")
+    print(f"\n{candidate.name}: {headline(verdict)}", flush=True)
     print(f"  sequential: {gate.ruling.value} after {gate.used} of {gate.planned} episodes")
     for one in verdict.judgements:
         effect = one.effect
