@@ -95,10 +95,7 @@ def _bootstrap_t(
     sample = np.concatenate((differences, (median + scale, median - scale)))
     mean, error = float(sample.mean()), _standard_error(sample)
     pivots = np.concatenate(
-        [
-            _pivots(sample[rng.integers(sample.size, size=(count, sample.size))], mean)
-            for count in _blocks(resamples, sample.size)
-        ]
+        [_pivots(sample - mean, count, rng) for count in _blocks(resamples, sample.size)]
     )
     lowest = float(np.quantile(pivots, alpha / 2.0, method="lower"))
     highest = float(np.quantile(pivots, 1.0 - alpha / 2.0, method="higher"))
@@ -111,12 +108,21 @@ def _bootstrap_t(
     return estimate, min(1.0, 2.0 * (1 + float(beyond)) / (1 + resamples))
 
 
-def _pivots(drawn: NDArray[np.float64], mean: float) -> NDArray[np.float64]:
-    """Return (mean of a resample - mean) / its standard error for each row, float64 (R,)."""
-    distances = drawn.mean(axis=1) - mean
-    errors = drawn.std(axis=1, ddof=1) / math.sqrt(drawn.shape[1])
+def _pivots(
+    centered: NDArray[np.float64], count: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Draw resamples; return their means over their standard errors, float64 (count,).
+
+    ``centered``: the sample without its mean. Equal values drawn have an infinite pivot.
+    """
+    size = centered.size
+    places = rng.integers(size, size=(count, size), dtype=np.uint32)
+    drawn = centered[places]
+    means = drawn.sum(axis=1) / size
+    variances = np.einsum("ij,ij->i", drawn, drawn) - size * means**2
+    errors = np.sqrt(np.maximum(variances, 0.0) / (size - 1) / size)
     with np.errstate(divide="ignore", invalid="ignore"):
-        pivots: NDArray[np.float64] = np.where(distances == 0.0, 0.0, distances / errors)
+        pivots: NDArray[np.float64] = np.where(means == 0.0, 0.0, means / errors)
     return pivots
 
 
