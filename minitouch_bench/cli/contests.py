@@ -13,6 +13,7 @@ from minitouch_bench.protocol.engine import Contest
 from minitouch_bench.records import GOAL_TASKS
 
 MAX_WORKERS = 1024
+AUTO = "auto"
 
 
 class Holding(NamedTuple):
@@ -55,7 +56,7 @@ def _find_policy(
 
 def worker_count(text: str) -> int:
     """Return the number of workers; "auto" is one a core that this process may use."""
-    if text == "auto":
+    if text == AUTO:
         return len(os.sched_getaffinity(0))
     if not text.isdecimal() or not 1 <= int(text) <= MAX_WORKERS:
         raise UsageError(f"--workers is a number from 1 to {MAX_WORKERS}, or auto, not '{text}'")

@@ -8,7 +8,8 @@ import numpy as np
 import typer
 
 from minitouch_bench.cli.consoles import data_console, notes
-from minitouch_bench.cli.contests import Holding, make_contest, worker_count
+from minitouch_bench.cli.contests import Holding, make_contest
+from minitouch_bench.cli.engines import EngineName, Place, choose_engine
 from minitouch_bench.cli.progress import EvaluationProgress
 from minitouch_bench.errors import InfrastructureError, InterruptedRunError
 from minitouch_bench.metrics import summarize
@@ -17,7 +18,6 @@ from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.protocol.evaluation import Begun, Request, begin
 from minitouch_bench.protocol.evaluation import evaluate as run_evaluation
 from minitouch_bench.protocol.filming import film, film_name
-from minitouch_bench.protocol.local_engine import LocalEngine
 from minitouch_bench.protocol.storage import lock_directory, write_actions
 from minitouch_bench.protocol.suites import find_suite, parse_tasks
 from minitouch_bench.records import EvaluationRun, Outcome, SavedRun
@@ -49,6 +49,13 @@ def evaluate(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Away from 0 the run is unofficial.")] = 0,
     workers: Annotated[str, typer.Option(help="Worker processes, or auto: one a core.")] = "auto",
+    engine: Annotated[
+        EngineName, typer.Option(help="local, or ray for a cluster: see docs/cluster.md.")
+    ] = EngineName.LOCAL,
+    address: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT", help="The Ray cluster; without it Ray starts here."),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option(help="The run's directory; by default reports/POLICY-SUITE.")
     ] = None,
@@ -75,7 +82,7 @@ def evaluate(
     """Run a policy through the suite and write its Table-4 report."""
     published = find_suite(suite)
     chosen = parse_tasks(tasks, published)
-    count = worker_count(workers)
+    chosen_engine = choose_engine(engine, address, workers)
     limits = PolicyLimits(act_timeout_s=act_timeout)
     request = Request(
         suite=published,
@@ -85,11 +92,11 @@ def evaluate(
         contest=make_contest(policy, exploration, chosen, Holding(limits, isolation, trust)),
     )
     directory = output or Path("reports") / run_name(request)
-    with lock_directory(directory):
+    with chosen_engine as place, lock_directory(directory):
         begun = begin(request, directory, resume=resume, fresh=fresh)
         if begun.torn:
             notes.print("the journal's last line was torn and has been cut off", markup=False)
-        run = _run(request, begun, directory, count)
+        run = _run(request, begun, directory, place)
         _report(run, directory, video, as_json=as_json)
     if any(record.outcome is Outcome.POLICY_FAULT for record in run.records):
         raise typer.Exit(FINISHED_WITH_FAULTS)
@@ -101,7 +108,7 @@ def run_name(request: Request) -> str:
     return f"{name[:80] or 'policy'}-{request.suite.name}"
 
 
-def _run(request: Request, begun: Begun, directory: Path, workers: int) -> EvaluationRun:
+def _run(request: Request, begun: Begun, directory: Path, place: Place) -> EvaluationRun:
     suite = request.chosen()
     total = len(suite.episodes(exploration=request.contest.exploration is not None))
     try:
@@ -109,7 +116,7 @@ def _run(request: Request, begun: Begun, directory: Path, workers: int) -> Evalu
             for record in begun.records:
                 progress.add(record)
             return run_evaluation(
-                request, LocalEngine(workers), begun, directory, progress.add, workers=workers
+                request, place.engine, begun, directory, progress.add, workers=place.workers
             )
     except InfrastructureError as error:
         raise InfrastructureError(f"{error}\n{how_to_go_on(directory)}") from error

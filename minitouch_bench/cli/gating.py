@@ -6,13 +6,13 @@ from pathlib import Path
 
 from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.contests import Holding, make_contest
+from minitouch_bench.cli.engines import Place
 from minitouch_bench.cli.evaluate import how_to_go_on, run_name, write_files
 from minitouch_bench.cli.progress import EvaluationProgress
 from minitouch_bench.errors import InfrastructureError, InterruptedRunError, UsageError
 from minitouch_bench.metrics import measure
 from minitouch_bench.protocol.engine import ActorSource, Engine
 from minitouch_bench.protocol.evaluation import Request, begin, evaluate
-from minitouch_bench.protocol.local_engine import LocalEngine
 from minitouch_bench.protocol.storage import lock_directory
 from minitouch_bench.protocol.suites import find_suite, parse_tasks
 from minitouch_bench.records import (
@@ -34,10 +34,10 @@ from minitouch_bench.reporting.escaping import printable
 
 @dataclass(frozen=True)
 class Play:
-    """How a policy is played: where its run is kept, and by how many workers."""
+    """How a policy is played: where its run is kept, and by which engine."""
 
     directory: Path | None
-    workers: int
+    place: Place
     resume: bool
     fresh: bool
 
@@ -126,7 +126,7 @@ def _play(
     gate.add(measure(record) for record in begun.records)
     if gate.is_certain and len(begun.records) < gate.planned:
         return None
-    engine = _InOrder(LocalEngine(play.workers), order)
+    engine = _InOrder(play.place.engine, order)
     try:
         with EvaluationProgress(gate.planned, notes) as progress:
             for record in begun.records:
@@ -137,7 +137,7 @@ def _play(
                 if gate.add([measure(record)]) and gate.used < gate.planned:
                     raise _EnoughError
 
-            return evaluate(request, engine, begun, directory, take, workers=play.workers)
+            return evaluate(request, engine, begun, directory, take, workers=play.place.workers)
     except _EnoughError:
         return None
     except InfrastructureError as error:

@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli.consoles import data_console
-from minitouch_bench.cli.contests import Holding, worker_count
+from minitouch_bench.cli.contests import Holding
+from minitouch_bench.cli.engines import EngineName, choose_engine
 from minitouch_bench.cli.evaluate import MAX_ACT_TIMEOUT_S
 from minitouch_bench.cli.files import write_text
 from minitouch_bench.cli.gating import Play, play_gate, request_like
@@ -61,6 +62,12 @@ def regress(
         bool, typer.Option("--strict", help="Exit 1 where the gate is inconclusive too.")
     ] = False,
     workers: Annotated[str, typer.Option(help="POLICY: worker processes, or auto.")] = "auto",
+    engine: Annotated[
+        EngineName, typer.Option(help="POLICY: local, or ray: see docs/cluster.md.")
+    ] = EngineName.LOCAL,
+    address: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="POLICY: the Ray cluster.")
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(help="POLICY: its run's directory; by default reports/POLICY-SUITE-regress."),
@@ -102,10 +109,12 @@ def regress(
         verdict = judge_runs(known, read_run(candidate), places, settings)
     else:
         assert policy is not None
-        play = Play(output, worker_count(workers), resume=resume, fresh=fresh)
+        chosen = choose_engine(engine, address, workers)
         holding = Holding(PolicyLimits(act_timeout_s=act_timeout), isolation, trust)
         request = request_like(known, policy, holding)
-        verdict = play_gate(known, str(baseline), request, settings, play)
+        with chosen as place:
+            play = Play(output, place, resume=resume, fresh=fresh)
+            verdict = play_gate(known, str(baseline), request, settings, play)
     _report(verdict, junit, summary, as_json=as_json)
     if verdict.exit_code:
         raise typer.Exit(verdict.exit_code)

@@ -11,12 +11,12 @@ import typer
 from rich.progress import Progress
 
 from minitouch_bench.cli.consoles import data_console, notes
-from minitouch_bench.cli.contests import Holding, make_contest, worker_count
+from minitouch_bench.cli.contests import Holding, make_contest
+from minitouch_bench.cli.engines import EngineName, choose_engine
 from minitouch_bench.errors import InterruptedRunError
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.protocol.engine import Contest, Engine
-from minitouch_bench.protocol.local_engine import LocalEngine
 from minitouch_bench.reporting import read_run
 from minitouch_bench.verification.differences import Difference
 from minitouch_bench.verification.recorded_run import open_run
@@ -44,6 +44,12 @@ def verify(
         int | None, typer.Option(min=0, help="Seed of the draw; by default nobody can foresee it.")
     ] = None,
     workers: Annotated[str, typer.Option(help="Worker processes, or auto: one a core.")] = "auto",
+    engine: Annotated[
+        EngineName, typer.Option(help="Where episodes run: see docs/cluster.md.")
+    ] = EngineName.LOCAL,
+    address: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="Head of the Ray cluster.")
+    ] = None,
     isolation: Annotated[
         Isolation, typer.Option(help="How the policy of --rerun is held.")
     ] = Isolation.SANDBOX,
@@ -53,16 +59,17 @@ def verify(
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Replay a run's recorded actions and recompute every figure; exit 1 if any differs."""
-    engine = LocalEngine(worker_count(workers))
+    place = choose_engine(engine, address, workers)
     contest = None
     if again:
         held = Holding(PolicyLimits(), isolation, trust)
         contest = _contest(run, policy, exploration, held)
     seed = secrets.randbits(32) if draw is None else draw
     try:
-        result = _replay(run, engine)
-        if contest is not None and result.passed:
-            result = _rerun(run, contest, engine, (again, seed), result)
+        with place as (chosen, _):
+            result = _replay(run, chosen)
+            if contest is not None and result.passed:
+                result = _rerun(run, contest, chosen, (again, seed), result)
     except KeyboardInterrupt as error:
         raise InterruptedRunError("interrupted; nothing was changed") from error
     if as_json:

@@ -125,7 +125,7 @@ def evaluate(
             records[record.spec] = record
             on_record(record)
     environment = RunEnvironment(
-        packages=_package_versions(),
+        packages=package_versions(),
         machine={"system": platform.platform(), "processor": _processor()},
         workers=workers,
         started=started.isoformat(timespec="seconds"),
@@ -155,7 +155,8 @@ def _in_words(value: object) -> str:
     return "none" if value is None else str(value)
 
 
-def _package_versions() -> dict[str, str]:
+def package_versions() -> dict[str, str]:
+    """Return the versions of the packages that a run's numbers may depend on."""
     found = {}
     for name in PACKAGES:
         try:

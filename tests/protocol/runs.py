@@ -35,12 +35,14 @@ def request(
     return Request(find_suite("table4"), tasks, episodes, seed, contest)
 
 
-def run(wanted: Request, directory: Path, workers=1, *, resume=False, fresh=False) -> EvaluationRun:
+def run(
+    wanted: Request, directory: Path, workers=1, *, engine=None, resume=False, fresh=False
+) -> EvaluationRun:
     """Run into a directory; its journal and actions are there afterwards."""
     seen = []
     with lock_directory(directory):
         begun = begin(wanted, directory, resume=resume, fresh=fresh)
-        engine = LocalEngine(workers)
+        engine = engine or LocalEngine(workers)
         done = evaluate(wanted, engine, begun, directory, seen.append, workers=workers)
         write_actions(done.records, directory)
     assert len(seen) == len(done.records) - len(begun.records)

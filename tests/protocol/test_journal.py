@@ -130,7 +130,7 @@ def test_it_is_on_disk_before_the_call_returns(finished, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_journal_cut_at_every_byte_is_read_or_refused(finished, tmp_path):
-    run, directory = finished
+    directory = finished[1]
     lines = (directory / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
     shortest = sorted(lines[1:], key=len)[:2]
     content = b"".join([lines[0], *shortest])

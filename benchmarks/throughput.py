@@ -1,0 +1,85 @@
+"""What isolation costs a whole run: the same episodes with the policy in a sandbox and out of it.
+
+The levels take turns, so that what else the machine does weighs on all alike; each round gives
+one ratio. The bits must be the same at every level, and are compared.
+"""
+
+import statistics
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from minitouch_bench.agents.networks import TouchActor
+from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.sources import PolicySource, parse_source
+from minitouch_bench.protocol.engine import Contest
+from minitouch_bench.protocol.local_engine import LocalEngine
+from minitouch_bench.protocol.suites import find_suite
+from minitouch_bench.records import EpisodeSpec
+
+LEVELS = (Isolation.PROCESS, Isolation.SANDBOX, Isolation.NONE)
+ROUNDS = 7
+EPISODES = 3
+WORKERS = 2
+
+
+def main() -> None:
+    """Print the rate at each level and the ratios to a plain process, round by round."""
+    smoke = find_suite("smoke").episodes(exploration=False)
+    specs = [spec for spec in smoke if spec.index < EPISODES]
+    rates: dict[Isolation, list[float]] = {level: [] for level in LEVELS}
+    with tempfile.TemporaryDirectory() as folder:
+        save_native(TouchActor(action_size=5), Path(folder) / "policy.safetensors")
+        source = parse_source(f"{folder}/policy.safetensors")
+        found = set()
+        for turn in range(ROUNDS):
+            for level in LEVELS[turn % 3 :] + LEVELS[: turn % 3]:
+                rate, digests = measure(source, level, specs)
+                rates[level].append(rate)
+                found.add(digests)
+    assert len(found) == 1, "the levels gave different bits"
+    show(rates)
+
+
+def measure(
+    source: PolicySource, level: Isolation, specs: Sequence[EpisodeSpec]
+) -> tuple[float, tuple[str, ...]]:
+    """Return the control steps a second after the first episode's end, and all digests."""
+    contest = Contest(source, trust=True, isolation=level)
+    digests, steps, begun = {}, 0, 0.0
+    for record in LocalEngine(WORKERS).run(contest, specs):
+        digests[record.spec.key] = record.trace.digest()
+        if begun:
+            steps += len(record.trace.actions)
+        else:
+            begun = time.perf_counter()
+    rate = steps / (time.perf_counter() - begun)
+    return rate, tuple(digests[spec.key] for spec in specs)
+
+
+def show(rates: dict[Isolation, list[float]]) -> None:
+    """Print a row a level: median, lowest and highest."""
+    title = f"{WORKERS} workers, {ROUNDS} rounds in turn: median [lowest, highest]"
+    table = Table(title=title, title_justify="left")
+    for heading in ("isolation", "control steps/s", "ratio to process"):
+        table.add_column(heading)
+    plain = rates[Isolation.PROCESS]
+    for level in LEVELS:
+        ratios = [one / other for one, other in zip(rates[level], plain, strict=True)]
+        table.add_row(level, spread(rates[level], ".0f"), spread(ratios, ".3f"))
+    Console(width=90).print(table)
+
+
+def spread(values: Sequence[float], form: str) -> str:
+    """Return the median with the lowest and the highest."""
+    low, middle, high = min(values), statistics.median(values), max(values)
+    return f"{middle:{form}} [{low:{form}}, {high:{form}}]"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""What goes to another machine to run episodes there: the contest, and the files it names."""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from minitouch_bench.cache import materialise
+from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.policies.sources import PolicySource, read_checkpoint
+from minitouch_bench.protocol.engine import ActorSource, Contest
+
+STEM = "policy"
+"""Checkpoints lie in a machine's cache under this name and their digest."""
+
+
+@dataclass(frozen=True)
+class Parcel:
+    """A source of actors as it is where the run began, and its checkpoints' bytes by SHA-256."""
+
+    source: ActorSource
+    files: Mapping[str, bytes]
+
+
+def pack(source: ActorSource) -> Parcel:
+    """Read the checkpoints of a contest; what is no contest has none.
+
+    Raises:
+        PolicyLoadError: one cannot be read, or is no longer what it was.
+    """
+    files = {}
+    for policy in _files_of(source):
+        content = read_checkpoint(Path(policy.target))
+        if hashlib.sha256(content).hexdigest() != policy.digest:
+            raise PolicyLoadError(f"{policy.target} was changed since this evaluation began")
+        files[policy.digest] = content
+    return Parcel(source, files)
+
+
+def unpack(parcel: Parcel) -> tuple[ActorSource, dict[str, str]]:
+    """Return the source with its checkpoints in this machine's cache, and their old names.
+
+    The bytes in the cache are compared with the parcel's. The names are by the new ones.
+
+    Raises:
+        InfrastructureError: the cache cannot be written.
+    """
+    source = parcel.source
+    if not isinstance(source, Contest):
+        return source, {}
+    places = {
+        policy.target: str(
+            materialise(STEM, Path(policy.target).suffix, parcel.files[policy.digest])
+        )
+        for policy in _files_of(source)
+    }
+    here = replace(
+        source,
+        policy=_moved(source.policy, places),
+        exploration=source.exploration and _moved(source.exploration, places),
+    )
+    return here, {new: old for old, new in places.items()}
+
+
+def _files_of(source: ActorSource) -> Iterator[PolicySource]:
+    if not isinstance(source, Contest):
+        return
+    for policy in (source.policy, source.exploration):
+        if policy is not None:
+            leaves = [part for _, part in policy.parts] or [policy]
+            yield from (leaf for leaf in leaves if leaf.digest)
+
+
+def _moved(policy: PolicySource, places: Mapping[str, str]) -> PolicySource:
+    parts = tuple((task, _moved(part, places)) for task, part in policy.parts)
+    return replace(policy, target=places.get(policy.target, policy.target), parts=parts)

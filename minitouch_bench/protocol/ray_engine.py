@@ -1,0 +1,63 @@
+"""Episodes on a Ray cluster: Ray finds the places for workers, and we hand them episodes."""
+
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterator, Sequence
+from types import ModuleType
+
+from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.protocol.engine import ActorSource
+from minitouch_bench.protocol.parcel import pack
+from minitouch_bench.protocol.ray_crew import Crew, Loss
+from minitouch_bench.protocol.rollout import MAX_ATTEMPTS
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec
+
+
+class RayEngine:
+    """Runs each episode in a Ray actor that has one CPU of the cluster.
+
+    ``ray`` is the module, connected to a cluster. There are at most ``workers`` actors, by
+    default one for each CPU that the cluster has at the time. ``note`` takes a line about a
+    node that is refused, lost, or another machine than this one.
+    """
+
+    def __init__(
+        self, ray: ModuleType, workers: int | None, note: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self._ray = ray
+        self._workers = workers
+        self._note = note
+
+    @property
+    def workers(self) -> int:
+        """How many episodes the cluster as it is can run at a time."""
+        cpus = int(self._ray.cluster_resources().get("CPU", 0))
+        return max(1, cpus if self._workers is None else min(cpus, self._workers))
+
+    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+        """Yield records as episodes end; what a lost worker was doing goes to another one.
+
+        A node that is lost takes nothing from an episode's three attempts.
+
+        Raises:
+            InfrastructureError: an episode failed three times for no fault of the policy, or
+                no node of the cluster can run any.
+        """
+        waiting = deque(specs)
+        losses: defaultdict[EpisodeSpec, list[Loss]] = defaultdict(list)
+        crew = Crew(self._ray, pack(source), self._workers, self._note)
+        try:
+            while waiting or crew.is_busy():
+                crew.hire(len(waiting))
+                crew.hand_out(waiting)
+                for spec, result in crew.results():
+                    if isinstance(result, EpisodeRecord):
+                        yield result
+                        continue
+                    losses[spec].append(result)
+                    if crew.count(losses[spec]) >= MAX_ATTEMPTS:
+                        raise InfrastructureError(
+                            f"episode {spec.key} failed {MAX_ATTEMPTS} times: {result.reason}"
+                        )
+                    waiting.appendleft(spec)
+        finally:
+            crew.dismiss()

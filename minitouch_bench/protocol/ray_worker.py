@@ -1,0 +1,103 @@
+"""The far side of the Ray engine: what runs in an actor's process on a node of the cluster."""
+
+import platform
+import socket
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from minitouch_bench.optional import require
+from minitouch_bench.protocol.engine import EpisodeRunner
+from minitouch_bench.protocol.evaluation import package_versions
+from minitouch_bench.protocol.identity import protocol_digest
+from minitouch_bench.protocol.parcel import unpack
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec
+
+PACKAGE = "minitouch-bench"
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What an episode's bits depend on beside the episode and the policy, by name."""
+
+    protocol_digest: str
+    parts: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A worker's answer when it has been placed; with a ``problem`` it can run nothing."""
+
+    node_id: str
+    address: str
+    machine: Machine
+    problem: str = ""
+
+
+def this_machine() -> Machine:
+    """Describe the machine that this is called on."""
+    parts = {
+        **package_versions(),
+        "the C library": " ".join(platform.libc_ver()),
+        "the processor": _processor_class(),
+    }
+    return Machine(protocol_digest(), parts)
+
+
+def _processor_class() -> str:
+    """Return the class of processors that give the same bits: see ``arithmetic``."""
+    kind = platform.machine()
+    if kind != "x86_64":
+        return kind
+    words = Path("/proc/cpuinfo").read_text(encoding="utf-8").split()
+    return f"{kind} {'with' if 'avx2' in words else 'without'} AVX2"
+
+
+class EpisodeWorker:
+    """Runs one episode at a time."""
+
+    _runner: EpisodeRunner
+    _old_names: dict[str, str]
+
+    def begin(self, asked: Machine, parcel: list[Any]) -> Report:
+        """Check that this machine plays the protocol asked for, and unpack the policies.
+
+        ``parcel`` holds Ray's reference to it: another version could not even read it.
+        """
+        ray = require("ray", "ray")
+        here = this_machine()
+        problem = _difference(here, asked)
+        if not problem:
+            try:
+                source, self._old_names = unpack(ray.get(parcel[0]))
+                self._runner = EpisodeRunner(source)
+            except Exception as error:
+                problem = f"{type(error).__name__}: {error}"
+        address = f"{ray.util.get_node_ip_address()} ({socket.gethostname()})"
+        return Report(ray.get_runtime_context().get_node_id(), address, here, problem)
+
+    def run(self, spec: EpisodeSpec) -> EpisodeRecord | str:
+        """Return the episode's record, or what went wrong with this machine in words."""
+        try:
+            record = self._runner.run(spec)
+        except Exception as error:
+            return self._as_named(f"{type(error).__name__}: {error}")
+        return replace(record, fault=self._as_named(record.fault))
+
+    def _as_named(self, text: str) -> str:
+        """Put the names of checkpoints as the user gave them where the cache's are."""
+        for new, old in self._old_names.items():
+            text = text.replace(new, old)
+        return text
+
+
+def _difference(here: Machine, asked: Machine) -> str:
+    ours, theirs = asked.parts.get(PACKAGE, ""), here.parts.get(PACKAGE, "")
+    if ours != theirs:
+        return f"it has minitouch-bench {theirs}, and {ours} is asked for"
+    if here.protocol_digest != asked.protocol_digest:
+        return (
+            f"its protocol is {here.protocol_digest[:12]}, and {asked.protocol_digest[:12]} is "
+            "asked for: another code, shape set or simulator"
+        )
+    return ""

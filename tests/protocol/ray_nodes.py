@@ -1,0 +1,113 @@
+"""Nodes of a Ray cluster on this machine, each a process group of its own that can be killed."""
+
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.protocol.ray_cluster import SETTINGS, ray_cluster
+
+START = (sys.executable, "-m", "ray.scripts.scripts", "start", "--block")
+QUICK = {"RAY_health_check_period_ms": "500", "RAY_health_check_timeout_ms": "2000"}
+"""A head then finds that a node is lost within seconds, not a quarter of a minute."""
+
+QUIET = ("--object-store-memory=100000000", "--dashboard-agent-listen-port=0")
+
+
+class Node:
+    """One node, running until it is killed."""
+
+    def __init__(self, *options: str, **variables: str) -> None:
+        self.process = subprocess.Popen(
+            [*START, *QUIET, *options],
+            env={**os.environ, **SETTINGS, **QUICK, **variables},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+
+    def kill(self) -> None:
+        """Lose the node at once, with everything on it."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
+
+def free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("", 0))
+        return int(one.getsockname()[1])
+
+
+@contextlib.contextmanager
+def head(cpus: int = 1) -> Iterator[str]:
+    """Run a head and yield the cluster's address."""
+    port = free_port()
+    folder = tempfile.mkdtemp(prefix="ray-")  # pytest's own are too long for sockets
+    options = ("--head", f"--port={port}", f"--num-cpus={cpus}", f"--temp-dir={folder}")
+    node = Node(*options, "--include-dashboard=false")
+    try:
+        address = f"127.0.0.1:{port}"
+        wait_for_nodes(address, 1)
+        yield address
+    finally:
+        node.kill()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def joined(address: str, total: int, **variables: str) -> Iterator[Node]:
+    """Let a node of one CPU join, which makes so many in all; it has left afterwards."""
+    node = Node(f"--address={address}", "--num-cpus=1", **variables)
+    try:
+        wait_for_nodes(address, total)
+        yield node
+    finally:
+        node.kill()
+        wait_for_nodes(address, total - 1)
+
+
+def wait_for_nodes(address: str, count: int, seconds: float = 60.0) -> None:
+    """Wait until so many nodes are alive; from within a connection, or by making one."""
+    ray = sys.modules.get("ray")
+    deadline = time.monotonic() + seconds
+    while True:
+        assert time.monotonic() < deadline
+        if ray is not None and ray.is_initialized():
+            if sum(node["Alive"] for node in ray.nodes()) == count:
+                return
+        else:
+            with contextlib.suppress(InfrastructureError), ray_cluster(address) as connected:
+                if sum(node["Alive"] for node in connected.nodes()) == count:
+                    return
+        time.sleep(0.2)
+
+
+def descendants(pid: int) -> set[int]:
+    """Return the ids of all live descendants of a process."""
+    try:
+        tasks = list(Path(f"/proc/{pid}/task").iterdir())
+        own = {int(word) for task in tasks for word in (task / "children").read_text().split()}
+    except (FileNotFoundError, ProcessLookupError):
+        return set()
+    return own | {found for child in own for found in descendants(child)}
+
+
+def holds_a_policy(pid: int) -> bool:
+    """Tell whether a process below this one holds a policy."""
+    return any(b"policies.host" in command_line(below) for below in descendants(pid))
+
+
+def command_line(pid: int) -> bytes:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except (FileNotFoundError, ProcessLookupError):
+        return b""

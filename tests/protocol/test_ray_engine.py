@@ -1,0 +1,285 @@
+"""A real Ray cluster: the same bits, whatever becomes of its nodes."""
+
+import contextlib
+import os
+import re
+import signal
+import socket
+import sys
+import threading
+import time
+import warnings
+from pathlib import Path
+
+import pytest
+import torch
+
+from minitouch_bench.agents.networks import TouchActor
+from minitouch_bench.cache import VARIABLE
+from minitouch_bench.errors import InfrastructureError, MissingExtraError, UsageError
+from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.protocol.journal import JOURNAL_FILE
+from minitouch_bench.protocol.ray_cluster import ray_cluster
+from minitouch_bench.protocol.ray_engine import RayEngine
+from minitouch_bench.protocol.storage import ACTIONS_FILE
+from minitouch_bench.records import TASK_NAMES
+from tests.protocol import ray_nodes
+from tests.protocol.ray_nodes import command_line, holds_a_policy
+from tests.protocol.runs import digests, request, run
+from tests.protocol.test_local_engine import wait_until
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture(scope="module")
+def script(tmp_path_factory) -> Path:
+    """A TorchScript actor for every task."""
+    path = tmp_path_factory.mktemp("script") / "actor.pt"
+    torch.manual_seed(5)
+    example = (torch.zeros(1, 1, 84, 84, dtype=torch.uint8), torch.zeros(1, 11))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.jit.trace(TouchActor(action_size=5).eval(), example).save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """The address of a cluster of two nodes, which have a cache of their own."""
+    pytest.importorskip("ray")
+    with pytest.MonkeyPatch.context() as patch, contextlib.ExitStack() as stack:
+        patch.setenv("PYTHONPATH", str(HERE))
+        patch.setenv(VARIABLE, str(tmp_path_factory.mktemp("nodes")))
+        patch.setenv("DEATHS", str(tmp_path_factory.mktemp("deaths") / "counter"))
+        address = stack.enter_context(ray_nodes.head())
+        stack.enter_context(ray_nodes.joined(address, 2))
+        patch.delenv(VARIABLE)
+        yield address
+
+
+@contextlib.contextmanager
+def engine_on(address, workers=None):
+    notes = []
+    with ray_cluster(address) as ray:
+        yield RayEngine(ray, workers, notes.append), notes
+
+
+# The same bits
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("policy", ["scripted", "random", "script"])
+def test_two_nodes_give_the_bits_of_one_worker_on_every_task(cluster, script, tmp_path, policy):
+    wanted = request(str(script) if policy == "script" else policy, TASK_NAMES, 2)
+    here = run(wanted, tmp_path / "here", workers=1)
+    with engine_on(cluster) as (engine, notes):
+        assert engine.workers == 2
+        there = run(wanted, tmp_path / "there", engine=engine)
+    assert digests(there) == digests(here)
+    assert {record.fault for record in there.records} == {""}
+    assert there.header == here.header
+    actions = [(tmp_path / place / ACTIONS_FILE).read_bytes() for place in ("here", "there")]
+    assert actions[0] == actions[1]
+    assert notes == []
+
+
+@pytest.mark.slow
+def test_a_run_begun_here_goes_on_there_and_ends_here(finished, cluster, tmp_path):
+    done, directory = finished
+    lines = (directory / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
+    (tmp_path / JOURNAL_FILE).write_bytes(b"".join(lines[:3]))
+    wanted = request()
+    with engine_on(cluster, 1) as (engine, _):
+        again = run(wanted, tmp_path, engine=engine, resume=True)
+    assert digests(again) == digests(done)
+    lines = (tmp_path / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
+    (tmp_path / JOURNAL_FILE).write_bytes(b"".join(lines[:5]))
+    assert digests(run(wanted, tmp_path, resume=True)) == digests(done)
+
+
+@pytest.mark.slow
+def test_the_checkpoint_may_go_once_the_episodes_have_begun(cluster, script, tmp_path):
+    file = tmp_path / "gone.pt"
+    file.write_bytes(script.read_bytes())
+    specs = request(str(file), ("pushing",), 4).chosen().episodes(exploration=False)
+    wanted = request(str(file), ("pushing",), 4)
+    faults = []
+    with engine_on(cluster) as (engine, _):
+        for record in engine.run(wanted.contest, specs):
+            file.unlink(missing_ok=True)
+            faults.append(record.fault)
+    assert faults == [""] * 4
+
+
+# Losses
+
+
+@pytest.mark.slow
+def test_a_node_that_joins_is_used_and_its_loss_costs_time_only(cluster, tmp_path):
+    wanted = request("zero", TASK_NAMES, 6)
+    here = run(wanted, tmp_path, workers=2)
+    specs = wanted.chosen().episodes(exploration=False)
+    found, used = {}, False
+    with contextlib.ExitStack() as stack, engine_on(cluster) as (engine, notes):
+        for record in engine.run(wanted.contest, specs):
+            assert record.spec.key not in found
+            found[record.spec.key] = (record.spec.key, record.outcome, record.trace.digest())
+            if len(found) == 1:
+                third = stack.enter_context(ray_nodes.joined(cluster, 3))
+            elif not used and holds_a_policy(third.process.pid):
+                used = True
+                threading.Timer(0.3, third.kill).start()  # in the midst of an episode
+    assert used
+    assert [found[spec.key] for spec in specs] == digests(here)
+    assert ["was lost" in note for note in notes] == [True]
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_is_replaced_and_its_policy_dies_with_it(cluster, tmp_path):
+    wanted = request("zero", ("opening",), 3)
+    here = run(wanted, tmp_path)
+    specs = wanted.chosen().episodes(exploration=False)
+    found, hosts = {}, set()
+    with engine_on(cluster, 1) as (engine, notes):
+        for record in engine.run(wanted.contest, specs):
+            if not found:
+                threading.Timer(0.3, kill_workers, (hosts,)).start()
+            found[record.spec.key] = (record.spec.key, record.outcome, record.trace.digest())
+    assert [found[spec.key] for spec in specs] == digests(here)
+    assert len(notes) == 1
+    assert hosts
+    assert not any(map(command_line, hosts))
+
+
+def policy_hosts():
+    every = {int(path.name) for path in Path("/proc").iterdir() if path.name.isdecimal()}
+    return {pid for pid in every if b"policies.host" in command_line(pid)}
+
+
+def kill_workers(hosts):
+    """Kill every worker on this machine that holds a policy, and collect the policies' hosts."""
+    for host in policy_hosts():
+        worker = int(Path(f"/proc/{host}/stat").read_text().rpartition(")")[2].split()[1])
+        if command_line(worker).startswith(b"ray::"):
+            hosts.add(host)
+            os.kill(worker, signal.SIGKILL)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("deaths", [2, 3])
+def test_an_episode_is_tried_three_times_where_its_node_stays(cluster, tmp_path, deaths):
+    counter = Path(os.environ["DEATHS"])
+    counter.write_text(str(deaths))
+    wanted = request("misbehaved:KillsItsWorkerOnce", ("opening",), 1, isolation=Isolation.PROCESS)
+    specs = wanted.chosen().episodes(exploration=False)
+    with engine_on(cluster) as (engine, _):
+        if deaths < 3:
+            assert len(list(engine.run(wanted.contest, specs))) == 1
+        else:
+            with pytest.raises(InfrastructureError, match=r"opening/0 failed 3 times.*was lost"):
+                list(engine.run(wanted.contest, specs))
+    assert counter.read_text() == "0"
+
+
+@pytest.mark.slow
+def test_breaking_off_ends_the_workers(cluster):
+    specs = request("zero", TASK_NAMES, 4).chosen().episodes(exploration=False)
+    before = policy_hosts()
+    with engine_on(cluster) as (engine, _):
+        records = engine.run(request("zero").contest, specs)
+        next(records)
+        records.close()
+        wait_until(lambda: policy_hosts() <= before)
+
+
+# Nodes that cannot do
+
+OTHER_PROTOCOL = """
+    import minitouch_bench.protocol.seeds as seeds
+    seeds.PROTOCOL = "minitouch-v0"
+"""
+NO_PACKAGE = """
+    sys.modules["minitouch_bench"] = None
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        (OTHER_PROTOCOL, r"refused: its protocol is \w{12}, and \w{12} is asked for"),
+        (NO_PACKAGE, r"refused: ModuleNotFoundError: .*minitouch_bench"),
+    ],
+)
+def test_a_node_that_cannot_give_the_same_bits_is_refused(finished, tmp_path, fault, told):
+    pytest.importorskip("ray")
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\nif any('default_worker.py' in word for word in sys.orig_argv):" + fault
+    )
+    wanted = request(episodes=12)
+    here = run(wanted, tmp_path / "here", workers=2)
+    with (
+        ray_nodes.head() as address,
+        ray_nodes.joined(address, 2, PYTHONPATH=str(tmp_path)),
+        engine_on(address) as (engine, notes),
+    ):
+        there = run(wanted, tmp_path / "there", engine=engine)
+    assert digests(there) == digests(here)
+    assert len(notes) == 1
+    assert re.fullmatch(rf"node \d+\.\d+\.\d+\.\d+.* is {told}.*", notes[0])
+
+
+@pytest.mark.slow
+def test_where_every_node_is_refused_nothing_runs(tmp_path):
+    pytest.importorskip("ray")
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\nif any('default_worker.py' in word for word in sys.orig_argv):"
+        + OTHER_PROTOCOL
+    )
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.ExitStack() as stack,
+    ):
+        patch.setenv("PYTHONPATH", str(tmp_path))
+        address = stack.enter_context(ray_nodes.head())
+        engine, notes = stack.enter_context(engine_on(address))
+        with pytest.raises(InfrastructureError, match=r"no node of the cluster can run"):
+            list(engine.run(request().contest, request().chosen().episodes(exploration=False)))
+        assert len(notes) == 1
+
+
+# Addresses
+
+
+@pytest.mark.parametrize("address", ["10.0.0.1", "ray://10.0.0.1:10001", ":6379", "a:b", "a:70000"])
+def test_what_is_no_address_is_a_mistake(address):
+    with pytest.raises(UsageError, match=r"HOST:PORT") as caught, ray_cluster(address):
+        pass
+    assert address in str(caught.value)
+
+
+def test_where_nobody_answers_is_said_at_once():
+    pytest.importorskip("ray")
+    address = f"127.0.0.1:{ray_nodes.free_port()}"
+    told = pytest.raises(InfrastructureError, match=r"no Ray cluster answers")
+    with told as caught, ray_cluster(address):
+        pass
+    assert address in str(caught.value)
+
+
+@pytest.mark.slow
+def test_another_server_is_not_waited_for_for_ever():
+    pytest.importorskip("ray")
+    told = pytest.raises(InfrastructureError, match=r"is no head of a Ray cluster")
+    began = time.monotonic()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        with told, ray_cluster(f"127.0.0.1:{port}"):
+            pass
+    assert time.monotonic() - began < 30.0
+
+
+def test_without_ray_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(MissingExtraError, match=r"minitouch-bench\[ray\]"), ray_cluster(None):
+        pass
