@@ -151,11 +151,17 @@ def test_a_baseline_that_lacks_episodes_is_refused_before_any_is_played(baseline
 
 @pytest.mark.slow
 def test_the_number_of_workers_and_a_break_do_not_change_the_answer(baseline):
+    def without_places(done):
+        """The verdict, without what names the candidate's directory."""
+        document = json.loads(done.out)
+        document["sequential"].pop("continuation")
+        return {**document, "candidate": None, "changes": len(document["changes"])}
+
     answers = []
     for name, workers in (("one", 1), ("two", 2)):
         options = ("--output", name, "--workers", workers, "--json")
         done = run("regress", "random", "--baseline", "base", *options, directory=baseline)
-        answers.append({**json.loads(done.out), "candidate": None, "changes": None})
+        answers.append(without_places(done))
     assert answers[0] == answers[1]
     broken = ("regress", "random", "--baseline", "base", "--output", "broken")
     process = start(*broken, "--workers", 1, directory=baseline)
@@ -169,5 +175,4 @@ def test_the_number_of_workers_and_a_break_do_not_change_the_answer(baseline):
     assert ended.code == 130
     assert "--resume" in ended.err
     done = run(*broken, "--resume", "--json", directory=baseline)
-    answers.append({**json.loads(done.out), "candidate": None, "changes": None})
-    assert answers[0] == answers[2]
+    assert answers[0] == without_places(done)
