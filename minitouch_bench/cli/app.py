@@ -4,9 +4,11 @@ import sys
 
 import typer
 
+from minitouch_bench.cli.compare import compare
 from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.doctor import doctor
 from minitouch_bench.cli.evaluate import evaluate
+from minitouch_bench.cli.regress import regress
 from minitouch_bench.cli.replay import replay
 from minitouch_bench.cli.report import report
 from minitouch_bench.cli.shapes import app as shapes
@@ -23,6 +25,8 @@ app = typer.Typer(
 )
 app.command()(evaluate)
 app.command()(report)
+app.command()(compare)
+app.command()(regress)
 app.command()(tasks)
 app.command()(verify)
 app.command()(replay)
