@@ -119,7 +119,12 @@ def loaded_by(module):
 
 @pytest.mark.parametrize(
     "module",
-    ["minitouch_bench", "minitouch_bench.records", "minitouch_bench.reporting"],
+    [
+        "minitouch_bench",
+        "minitouch_bench.records",
+        "minitouch_bench.reporting",
+        "minitouch_bench.regression",
+    ],
 )
 def test_reports_are_drawn_without_torch_or_the_simulator(module):
     assert not loaded_by(module) & {"torch", "pybullet", "stable_baselines3", "onnx"}

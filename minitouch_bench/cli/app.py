@@ -4,10 +4,12 @@ import sys
 
 import typer
 
+from minitouch_bench.cli.compare import compare
 from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.doctor import doctor
 from minitouch_bench.cli.evaluate import evaluate
 from minitouch_bench.cli.leaderboard import app as leaderboard
+from minitouch_bench.cli.regress import regress
 from minitouch_bench.cli.replay import replay
 from minitouch_bench.cli.report import report
 from minitouch_bench.cli.shapes import app as shapes
@@ -25,6 +27,8 @@ app = typer.Typer(
 )
 app.command()(evaluate)
 app.command()(report)
+app.command()(compare)
+app.command()(regress)
 app.command()(tasks)
 app.command()(verify)
 app.command()(replay)

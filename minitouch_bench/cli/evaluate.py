@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
@@ -20,8 +20,8 @@ from minitouch_bench.protocol.evaluation import evaluate as run_evaluation
 from minitouch_bench.protocol.filming import film, film_name
 from minitouch_bench.protocol.storage import lock_directory, write_actions
 from minitouch_bench.protocol.suites import find_suite, parse_tasks
-from minitouch_bench.records import EvaluationRun, Outcome
-from minitouch_bench.reporting import show_report, write_report, write_run
+from minitouch_bench.records import EvaluationRun, Outcome, SavedRun
+from minitouch_bench.reporting import Report, show_report, write_report, write_run
 from minitouch_bench.reporting.json_document import to_text
 
 FINISHED_WITH_FAULTS = 4
@@ -91,7 +91,7 @@ def evaluate(
         seed=seed,
         contest=make_contest(policy, exploration, chosen, Holding(limits, isolation, trust)),
     )
-    directory = output or Path("reports") / _run_name(request)
+    directory = output or Path("reports") / run_name(request)
     with chosen_engine as place, lock_directory(directory):
         begun = begin(request, directory, resume=resume, fresh=fresh)
         if begun.torn:
@@ -102,7 +102,7 @@ def evaluate(
         raise typer.Exit(FINISHED_WITH_FAULTS)
 
 
-def _run_name(request: Request) -> str:
+def run_name(request: Request) -> str:
     """Name a run's directory after its policy and suite, in harmless characters."""
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", request.contest.policy.name).strip(".-")
     return f"{name[:80] or 'policy'}-{request.suite.name}"
@@ -120,17 +120,25 @@ def run_episodes(request: Request, begun: Begun, directory: Path, place: Place) 
                 request, place.engine, begun, directory, progress.add, workers=place.workers
             )
     except InfrastructureError as error:
-        raise InfrastructureError(f"{error}\n{_how_to_go_on(directory)}") from error
+        raise InfrastructureError(f"{error}\n{how_to_go_on(directory)}") from error
     except KeyboardInterrupt as error:
-        raise InterruptedRunError(f"interrupted\n{_how_to_go_on(directory)}") from error
+        raise InterruptedRunError(f"interrupted\n{how_to_go_on(directory)}") from error
 
 
-def _how_to_go_on(directory: Path) -> str:
+def how_to_go_on(directory: Path) -> str:
+    """Tell the user of an unfinished run what to do."""
     return f"What is done is kept in {directory}; the same command with --resume continues."
 
 
-def _report(run: EvaluationRun, directory: Path, video: int, *, as_json: bool) -> None:
-    """Derive every file from the records, and print what a person or a program asked for."""
+class Written(NamedTuple):
+    """A run as it was saved, and its report."""
+
+    saved: SavedRun
+    report: Report
+
+
+def write_files(run: EvaluationRun, directory: Path, video: int = 0) -> Written:
+    """Derive every file of a run from its records; film the first ``video`` of each task."""
     summary = summarize(run, np.random.default_rng(run.header.seed))
     write_actions(run.records, directory)
     videos = [
@@ -139,9 +147,14 @@ def _report(run: EvaluationRun, directory: Path, video: int, *, as_json: bool) -
         if record.spec.index < video
     ]
     saved = write_run(run, summary, directory)
-    report = write_report([saved], directory, videos)
+    return Written(saved, write_report([saved], directory, videos))
+
+
+def _report(run: EvaluationRun, directory: Path, video: int, *, as_json: bool) -> None:
+    """Write every file, and print what a person or a program asked for."""
+    written = write_files(run, directory, video)
     if as_json:
-        print(to_text(dict(saved.document)), end="")
+        print(to_text(dict(written.saved.document)), end="")
     else:
-        show_report(report, data_console())
+        show_report(written.report, data_console())
     notes.print(f"report: {directory / 'report.html'}", markup=False)

@@ -19,7 +19,7 @@ def to_markdown(report: Report) -> str:
     for section in report.sections:
         parts += _headline(section)
     for table in (report.table4, *report.novel_shapes, report.diagnostics):
-        parts += ["", f"## {table.title}", "", *_table(table), ""]
+        parts += ["", f"## {table.title}", "", *table_lines(table), ""]
         parts += [f"- {escape(note)}" for note in table.notes]
     if any(section.faults for section in report.sections):
         parts += ["", "## Policy faults", ""]
@@ -40,7 +40,7 @@ def escape(text: str) -> str:
     return _LIST_START.sub(r"\1\\\2", escaped)
 
 
-def _code(text: str) -> str:
+def code_span(text: str) -> str:
     """Return the text as a code span that no backtick inside can close."""
     plain = printable(text)
     longest = max((len(run) for run in re.findall("`+", plain)), default=0)
@@ -55,13 +55,13 @@ def _headline(section: RunSection) -> list[str]:
     kind = "official" if header.official else "unofficial"
     lines = [
         f"**{escape(section.name)}**: suite {escape(header.suite)}, {kind}, "
-        f"protocol {escape(header.protocol)} ({_code(header.protocol_digest[:12])})"
+        f"protocol {escape(header.protocol)} ({code_span(header.protocol_digest[:12])})"
     ]
     lines += [f"> {escape(label)}" for label in section.labels]
     return [lines[0], "", *(f"{line}  " for line in lines[1:]), ""]
 
 
-def _table(table: Table) -> list[str]:
+def table_lines(table: Table) -> list[str]:
     """Write a table; a block's name stands above each of its columns' names."""
     heads = [
         "<br>".join(escape(part) for part in (column.group, column.label, column.unit) if part)
@@ -105,15 +105,15 @@ def _facts(section: RunSection) -> list[str]:
     machine = ", ".join(f"{key}: {value}" for key, value in environment.machine.items())
     policy = header.policy
     facts = {
-        "Policy": f"{escape(policy.name)} ({escape(policy.kind)}), {_code(policy.source)}",
-        "Policy digest": _code(policy.digest) if policy.digest else "built in",
-        "Protocol": f"{escape(header.protocol)}, {_code(header.protocol_digest)}",
+        "Policy": f"{escape(policy.name)} ({escape(policy.kind)}), {code_span(policy.source)}",
+        "Policy digest": code_span(policy.digest) if policy.digest else "built in",
+        "Protocol": f"{escape(header.protocol)}, {code_span(header.protocol_digest)}",
         "Suite": f"{escape(header.suite)}, seed {header.seed}, {header.episodes} episodes a task",
         "Isolation": f"{escape(header.isolation)}, {header.act_timeout_s:g} s an action",
         "Packages": escape(packages),
         "Machine": escape(machine),
         "Started": f"{escape(environment.started)}, {environment.wall_s:.0f} s, "
         f"{environment.workers} workers",
-        "Repeat it": _code(section.command),
+        "Repeat it": code_span(section.command),
     }
     return [f"**{escape(section.name)}**", "", *(f"- {k}: {v}" for k, v in facts.items() if v)]

@@ -22,13 +22,13 @@ def show_report(report: Report, console: Console) -> None:
 def render_report(report: Report) -> RenderableType:
     """Return the report's tables as something Rich prints."""
     parts: list[RenderableType] = []
-    parts += [_draw(_block(report.table4, group)) for group, _ in report.table4.groups]
+    parts += [draw_table(_block(report.table4, group)) for group, _ in report.table4.groups]
     parts += [*_notes(report.table4), Text()]
     for table in report.novel_shapes:
         for group, _ in table.groups:
-            parts.append(_draw(replace(_block(table, group), title=f"{table.title}: {group}")))
+            parts.append(draw_table(replace(_block(table, group), title=f"{table.title}: {group}")))
         parts += [*_notes(table), Text()]
-    parts += [_draw(table) for table in _by_policy(report.diagnostics)]
+    parts += [draw_table(table) for table in _by_policy(report.diagnostics)]
     parts += _notes(report.diagnostics)
     return Group(*parts)
 
@@ -71,7 +71,7 @@ def _head(column: Column) -> str:
     return f"{column.label} ({column.unit})" if column.unit else column.label
 
 
-def _draw(table: Table) -> RichTable:
+def draw_table(table: Table) -> RichTable:
     """Draw a table; text is never read as markup."""
     drawn = RichTable(title=Text(table.title, style="bold"), title_justify="left", box=None)
     for head in table.corner:

@@ -60,6 +60,45 @@ def test_bootstrap_covers_the_truth_95_percent_of_the_time(draw):
     assert 0.93 <= np.mean([e.low <= 3 <= e.high for e in estimates]) <= 0.97
 
 
+def steps(rng, success):
+    """Control steps of 100 episodes, the failures at the limit."""
+    won = rng.random(100) < success
+    return np.where(won, np.clip(rng.gamma(5, 6, 100), 5, 200), 200.0)
+
+
+def touch(rng, touched):
+    """Ticks of contact, none in some episodes."""
+    return np.where(rng.random(100) < touched, rng.gamma(2, 100, 100), 0.0)
+
+
+SKEWED = {
+    "steps, 80 % succeed": (lambda rng: steps(rng, 0.8), None),
+    "steps, 95 % succeed": (lambda rng: steps(rng, 0.95), None),
+    "touch in all": (lambda rng: touch(rng, 1.0), 200.0),
+    "touch in 30 %": (lambda rng: touch(rng, 0.3), 60.0),
+    "touch, heavy tails": (lambda rng: np.exp(rng.normal(5, 0.6, 100)), np.exp(5.18)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("draw", SKEWED)
+def test_bootstrap_covers_the_truth_of_skewed_episodes(draw):
+    make, truth = SKEWED[draw]
+    rng = np.random.default_rng(7)
+    if truth is None:
+        truth = np.mean([make(rng).mean() for _ in range(40_000)])
+    estimates = [bootstrap_mean(make(rng), rng, resamples=1000) for _ in range(2000)]
+    covered = np.mean([e.low <= truth <= e.high for e in estimates])
+    print(f"{draw}: {covered:.3f}")
+    assert 0.93 <= covered <= 0.97
+
+
+def test_bootstrap_follows_the_skew():
+    rng = np.random.default_rng(0)
+    long_tail = bootstrap_mean(rng.gamma(0.5, 40, 100), rng)
+    assert long_tail.high - long_tail.value > 1.1 * (long_tail.value - long_tail.low)
+
+
 def test_bootstrap_repeats_with_the_seed():
     values = np.random.default_rng(1).gamma(2, 30, 80)
     first = bootstrap_mean(values, np.random.default_rng(5))

@@ -1,0 +1,40 @@
+"""``minitouch-bench compare``: runs of the same episodes, each against the first."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.cli.files import write_text
+from minitouch_bench.regression.comparison import compare_runs
+from minitouch_bench.regression.documents import comparison_document, to_text
+from minitouch_bench.regression.markdown import comparison_markdown
+from minitouch_bench.regression.terminal import show_comparison
+from minitouch_bench.reporting import read_run
+
+
+def compare(
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="A B [C ...]", help="Directories of finished runs.")
+    ],
+    *,
+    output: Annotated[
+        Path | None, typer.Option(help="Write comparison.md and comparison.json there.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the comparison as JSON in place of the tables.")
+    ] = False,
+) -> None:
+    """Compare runs episode by episode: effect, interval, verdict, episodes that changed."""
+    comparison = compare_runs([read_run(run) for run in runs], [str(run) for run in runs])
+    document = to_text(comparison_document(comparison))
+    if output is not None:
+        write_text(output / "comparison.json", document)
+        write_text(output / "comparison.md", comparison_markdown(comparison))
+    if as_json:
+        print(document, end="")
+    else:
+        show_comparison(comparison, data_console())
+    if output is not None:
+        notes.print(f"comparison: {output / 'comparison.md'}", markup=False)

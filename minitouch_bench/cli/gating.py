@@ -1,0 +1,155 @@
+"""A policy played against a baseline's episodes, until the gate's answer is certain."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from minitouch_bench.cli.consoles import notes
+from minitouch_bench.cli.contests import Holding, make_contest
+from minitouch_bench.cli.engines import Place
+from minitouch_bench.cli.evaluate import how_to_go_on, run_name, write_files
+from minitouch_bench.cli.progress import EvaluationProgress
+from minitouch_bench.errors import InfrastructureError, InterruptedRunError, UsageError
+from minitouch_bench.metrics import measure
+from minitouch_bench.protocol.engine import ActorSource, Engine
+from minitouch_bench.protocol.evaluation import Request, begin, evaluate
+from minitouch_bench.protocol.storage import lock_directory
+from minitouch_bench.protocol.suites import find_suite, parse_tasks
+from minitouch_bench.records import (
+    EpisodeRecord,
+    EpisodeSpec,
+    EvaluationRun,
+    Outcome,
+    PolicyIdentity,
+    Role,
+    SavedRun,
+)
+from minitouch_bench.regression.gate import Side, Verdict, final_episodes
+from minitouch_bench.regression.pairing import episode_key, refuse_other_rules
+from minitouch_bench.regression.sequential import SequentialGate, play_order
+from minitouch_bench.regression.tolerances import GateSettings
+from minitouch_bench.regression.verdicts import early_verdict, final_verdict
+from minitouch_bench.reporting.escaping import printable
+
+
+@dataclass(frozen=True)
+class Play:
+    """How a policy is played: where its run is kept, and by which engine."""
+
+    directory: Path | None
+    place: Place
+    resume: bool
+    fresh: bool
+
+
+class _EnoughError(Exception):
+    """The answer is certain; the other episodes need not be played."""
+
+
+class _InOrder:
+    """An engine that starts the episodes in another order."""
+
+    def __init__(self, engine: Engine, order: Sequence[str]) -> None:
+        self._engine = engine
+        self._places = {key: place for place, key in enumerate(order)}
+
+    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+        """Yield what the engine yields; closing this closes that."""
+        ordered = sorted(specs, key=lambda spec: self._places[spec.key])
+        yield from self._engine.run(source, ordered)
+
+
+def request_like(baseline: SavedRun, policy: str, holding: Holding) -> Request:
+    """Return the request that plays a policy on the baseline's episodes.
+
+    Raises:
+        UsageError: this version has no such suite, or another protocol, or the baseline does
+            not hold the episodes that its header says.
+        PolicyError: the policy cannot be used.
+    """
+    header = baseline.header
+    suite = find_suite(header.suite)
+    tasks = parse_tasks(",".join(header.tasks), suite)
+    contest = make_contest(policy, None, tasks, holding)
+    request = Request(suite, tasks, header.episodes, header.seed, contest)
+    refuse_other_rules(header, request.header(), (baseline.name, contest.policy.name))
+    _refuse_other_episodes(baseline, request)
+    return request
+
+
+def play_gate(
+    baseline: SavedRun, baseline_place: str, request: Request, settings: GateSettings, play: Play
+) -> Verdict:
+    """Play episodes until the answer is certain, or all; the run is kept in its directory.
+
+    Raises:
+        RunDirectoryError: the directory is in use, or holds another run.
+        InfrastructureError, InterruptedRunError: broken off; what is done is kept.
+    """
+    if baseline.exploration_episodes:
+        notes.print("the baseline's exploration episodes are left out: POLICY has none")
+        baseline = final_episodes(baseline)
+    directory = play.directory or Path("reports") / f"{run_name(request)}-regress"
+    root = (baseline.header.seed,)
+    order = play_order(baseline.episodes, root)
+    gate = SequentialGate(order, settings, root)
+    with lock_directory(directory):
+        run = _play(request, gate, [episode_key(Role.FINAL, one) for one in order], directory, play)
+        saved = None if run is None else write_files(run, directory).saved
+    if saved is not None and not gate.is_certain:
+        return final_verdict(baseline, saved, (baseline_place, str(directory)), settings)
+    header = request.header()
+    candidate = Side(printable(header.policy.name), str(directory), _labels(header.policy, gate))
+    return early_verdict(gate, baseline, baseline_place, candidate, header)
+
+
+def _refuse_other_episodes(baseline: SavedRun, request: Request) -> None:
+    found = {episode_key(Role.FINAL, one): (one.seed, one.shape) for one in baseline.episodes}
+    expected = len(request.tasks) * request.episodes
+    if len(found) == len(baseline.episodes) == expected:
+        specs = request.chosen().episodes(exploration=False)
+        if found == {spec.key: (spec.seed, spec.shape) for spec in specs}:
+            return
+    raise UsageError(
+        f"'{printable(baseline.name)}' does not hold the {expected} episodes of its suite, "
+        "tasks and seed; make the baseline anew"
+    )
+
+
+def _play(
+    request: Request, gate: SequentialGate, order: Sequence[str], directory: Path, play: Play
+) -> EvaluationRun | None:
+    """Play into a locked directory; return the run if it is whole."""
+    begun = begin(request, directory, resume=play.resume, fresh=play.fresh)
+    if begun.torn:
+        notes.print("the journal's last line was torn and has been cut off", markup=False)
+    gate.add(measure(record) for record in begun.records)
+    if gate.is_certain and len(begun.records) < gate.planned:
+        return None
+    engine = _InOrder(play.place.engine, order)
+    try:
+        with EvaluationProgress(gate.planned, notes) as progress:
+            for record in begun.records:
+                progress.add(record)
+
+            def take(record: EpisodeRecord) -> None:
+                progress.add(record)
+                if gate.add([measure(record)]) and gate.used < gate.planned:
+                    raise _EnoughError
+
+            return evaluate(request, engine, begun, directory, take, workers=play.place.workers)
+    except _EnoughError:
+        return None
+    except InfrastructureError as error:
+        raise InfrastructureError(f"{error}\n{how_to_go_on(directory)}") from error
+    except KeyboardInterrupt as error:
+        raise InterruptedRunError(f"interrupted\n{how_to_go_on(directory)}") from error
+
+
+def _labels(policy: PolicyIdentity, gate: SequentialGate) -> tuple[str, ...]:
+    """Return what must be known of a policy whose run was stopped."""
+    faults = sum(pair.second.outcome is Outcome.POLICY_FAULT for pair in gate.pairs)
+    found = [printable(note) for note in policy.notes]
+    if faults:
+        found.append(f"{faults} policy {'fault' if faults == 1 else 'faults'}")
+    return tuple(found)

@@ -1,0 +1,200 @@
+"""Two runs laid side by side, episode by episode; what cannot be paired is refused."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.records import (
+    GOAL_TASKS,
+    EpisodeMetrics,
+    EpisodeSpec,
+    Role,
+    RunHeader,
+    SavedRun,
+)
+from minitouch_bench.reporting.escaping import printable
+
+SHARE_METRICS = ("success", "exploration")
+MEAN_METRICS = ("episode_steps", "touch_interaction")
+PAIRED_METRICS = (*SHARE_METRICS, *MEAN_METRICS)
+"""What two runs are compared in; every task has touch-interaction, the others need a goal."""
+
+NAMED_EPISODES = 3
+"""Episodes that a refusal names."""
+
+
+@dataclass(frozen=True)
+class EpisodePair:
+    """One episode as two policies played it."""
+
+    role: Role
+    first: EpisodeMetrics
+    second: EpisodeMetrics
+
+    @property
+    def key(self) -> str:
+        """Name of the episode inside both runs, as ``pushing/17``."""
+        return episode_key(self.role, self.first)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The paired values of one metric in one task, float64 (N,) each, N > 0."""
+
+    task: str
+    metric: str
+    first: NDArray[np.float64]
+    second: NDArray[np.float64]
+
+    @property
+    def differences(self) -> NDArray[np.float64]:
+        """Second minus first, float64 (N,)."""
+        return self.second - self.first
+
+
+def episode_key(role: Role, episode: EpisodeMetrics) -> str:
+    """Name an episode inside its run."""
+    return EpisodeSpec(role, episode.task, episode.index, episode.seed).key
+
+
+def pair_runs(first: SavedRun, second: SavedRun) -> tuple[EpisodePair, ...]:
+    """Pair the episodes of two runs, in the first one's order.
+
+    Errors: UsageError where protocol, suite or seed differ, or where the episodes are not
+    the same ones; the text says which.
+    """
+    refuse_other_rules(first.header, second.header, (first.name, second.name))
+    ones, others = _by_key(first), _by_key(second)
+    _refuse_missing(first.name, second.name, [key for key in ones if key not in others])
+    _refuse_missing(second.name, first.name, [key for key in others if key not in ones])
+    pairs = []
+    for key, (role, episode) in ones.items():
+        pair = EpisodePair(role, episode, others[key][1])
+        refuse_other_episode(pair)
+        pairs.append(pair)
+    return tuple(pairs)
+
+
+def refuse_other_rules(first: RunHeader, second: RunHeader, names: tuple[str, str]) -> None:
+    """Refuse two runs whose episodes were not made by the same rules.
+
+    Errors: UsageError with the difference.
+    """
+    one, other = (_short(name) for name in names)
+    for what, left, right in (
+        ("protocols", _protocol(first), _protocol(second)),
+        ("suites", first.suite, second.suite),
+        ("seeds", str(first.seed), str(second.seed)),
+    ):
+        if left != right:
+            raise UsageError(
+                f"'{one}' and '{other}' cannot be compared: "
+                f"their {what} differ ({_short(left)}; {_short(right)})"
+            )
+
+
+def refuse_other_episode(pair: EpisodePair) -> None:
+    """Refuse a pair whose seeds or shapes differ.
+
+    Errors: UsageError that names the episode.
+    """
+    for what, left, right in (
+        ("seed", str(pair.first.seed), str(pair.second.seed)),
+        ("shape", pair.first.shape, pair.second.shape),
+    ):
+        if left != right:
+            raise UsageError(
+                f"the episodes {pair.key} are not the same one: "
+                f"{what} '{_short(left)}' in one run, '{_short(right)}' in the other"
+            )
+
+
+def are_identical(first: SavedRun, second: SavedRun, pairs: Sequence[EpisodePair]) -> bool:
+    """Tell whether every episode of two runs holds the same bits.
+
+    The digests say so; the rows are looked at too, for a digest can be copied.
+    """
+    if first.digest != second.digest:
+        return False
+    return all(_bits_of(pair.first) == _bits_of(pair.second) for pair in pairs)
+
+
+def _bits_of(episode: EpisodeMetrics) -> tuple[object, ...]:
+    return episode.digest, episode.outcome, *(value_of(episode, m) for m in PAIRED_METRICS)
+
+
+def collect_samples(pairs: Sequence[EpisodePair], tasks: Sequence[str]) -> tuple[Sample, ...]:
+    """Return the sample of each task and metric that has episodes, task by task."""
+    found = []
+    for task in tasks:
+        for metric in PAIRED_METRICS:
+            if metric != "touch_interaction" and task not in GOAL_TASKS:
+                continue
+            role = role_of(metric)
+            own = [pair for pair in pairs if pair.first.task == task and pair.role is role]
+            if own:
+                found.append(
+                    Sample(
+                        task,
+                        metric,
+                        np.array([value_of(pair.first, metric) for pair in own]),
+                        np.array([value_of(pair.second, metric) for pair in own]),
+                    )
+                )
+    return tuple(found)
+
+
+def role_of(metric: str) -> Role:
+    """Return the role whose episodes a metric is of."""
+    return Role.EXPLORATION if metric == "exploration" else Role.FINAL
+
+
+def value_of(episode: EpisodeMetrics, metric: str) -> float:
+    """Return a metric's value in one episode; a share's is 1 or 0."""
+    if metric in SHARE_METRICS:
+        return float(episode.success)
+    return float(episode.steps if metric == "episode_steps" else episode.touch_interaction)
+
+
+def _by_key(run: SavedRun) -> dict[str, tuple[Role, EpisodeMetrics]]:
+    """Return a run's episodes by key."""
+    found: dict[str, tuple[Role, EpisodeMetrics]] = {}
+    for role, episodes in (
+        (Role.FINAL, run.episodes),
+        (Role.EXPLORATION, run.exploration_episodes),
+    ):
+        for episode in episodes:
+            key = episode_key(role, episode)
+            if key in found:
+                raise UsageError(f"'{_short(run.name)}' holds the episode {key} twice")
+            found[key] = (role, episode)
+    if not found:
+        raise UsageError(f"'{_short(run.name)}' holds no episodes")
+    return found
+
+
+def _refuse_missing(there: str, here: str, missing: Sequence[str]) -> None:
+    if missing:
+        raise UsageError(
+            f"'{_short(there)}' and '{_short(here)}' are not of the same episodes: "
+            f"{len(missing)} of the first are not in the second ({_some(missing)})"
+        )
+
+
+def _some(keys: Iterable[str]) -> str:
+    listed = list(keys)
+    shown = ", ".join(listed[:NAMED_EPISODES])
+    return shown if len(listed) <= NAMED_EPISODES else f"{shown}, …"
+
+
+def _protocol(header: RunHeader) -> str:
+    return f"{header.protocol} {header.protocol_digest[:12]}"
+
+
+def _short(text: str) -> str:
+    """Return a text of a run so that it can stand inside a sentence."""
+    plain = printable(text)
+    return plain if len(plain) <= 80 else f"{plain[:80]}…"

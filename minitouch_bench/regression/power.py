@@ -1,0 +1,228 @@
+"""How many episodes it takes to see a difference, and how small a one can be seen.
+
+Both at a power of 80 %: four times in five, if the difference is the one observed.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Protocol
+
+import numpy as np
+
+from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
+from minitouch_bench.regression.binomial import binomial_pmf, critical_count
+from minitouch_bench.regression.shares import Discordance, score_statistic
+
+POWER = 0.8
+POWER_QUANTILE = NormalDist().inv_cdf(POWER)
+
+EXACT_UP_TO = 2000
+"""Episodes up to which the power of a test of shares is summed exactly."""
+
+MOST_EPISODES = 1_000_000
+"""No larger number of episodes is ever asked for."""
+
+NEGLIGIBLE = 1e-10
+"""Probability of a count that a sum leaves out."""
+
+FEWEST_FOR_A_MEAN = 10
+"""Episodes below which no bound of a mean is believed."""
+
+HALVINGS = 20
+
+
+class Resolution(Protocol):
+    """What a sample tells of the episodes that a clear answer takes."""
+
+    def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> int | None:
+        """Return the episodes that show the difference, None for none or too many.
+
+        They show it significantly, and as larger than ``beyond``.
+        """
+
+    def episodes_to_exclude(self, margin: float) -> int | None:
+        """Return the episodes that show the worsening to be below ``margin``, or None."""
+
+    def detectable(self, alpha: float) -> float | None:
+        """Return the smallest difference that as many episodes show, None for none."""
+
+
+@dataclass(frozen=True)
+class ShareResolution:
+    """Of shares, from the pairs that differ.
+
+    Source: the exact unconditional power of McNemar's test and of Tango's score test; beyond
+    EXACT_UP_TO episodes R. J. Connor, "Sample size for testing differences in proportions
+    for the paired-sample design", Biometrics 43 (1987).
+    """
+
+    found: Discordance
+
+    def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> int | None:
+        """Count for the exact McNemar test at level ``alpha``."""
+        lost, won = self._rates()
+        if abs(lost - won) <= beyond:
+            return None
+        guess = _connor(_two_sided(alpha), lost + won, abs(lost - won), beyond)
+        if guess > 1.2 * EXACT_UP_TO:
+            return _as_count(guess)
+        return _least(
+            lambda n: mcnemar_power(n, lost, won, alpha, beyond) >= POWER, guess
+        ) or _as_count(guess)
+
+    def episodes_to_exclude(self, margin: float) -> int | None:
+        """Count for the 95 % score interval."""
+        lost, won = self._rates()
+        room = margin + won - lost
+        if room <= 0.0:
+            return None
+        deviation = math.sqrt(lost + won - (lost - won) ** 2)
+        guess = ((NORMAL_QUANTILE + POWER_QUANTILE) * deviation / room) ** 2
+        if guess > 1.2 * EXACT_UP_TO:
+            return _as_count(guess)
+        return _least(lambda n: exclusion_power(n, lost, won, margin) >= POWER, guess) or _as_count(
+            guess
+        )
+
+    def detectable(self, alpha: float) -> float | None:
+        """Search with the share of pairs that differ as it is, or larger where it must be."""
+        differing = sum(self._rates())
+
+        def is_seen(difference: float) -> bool:
+            total = max(differing, difference)
+            rates = ((total + difference) / 2.0, (total - difference) / 2.0)
+            return mcnemar_power(self.found.n, *rates, alpha) >= POWER
+
+        if self.found.n > EXACT_UP_TO:
+            needed = _two_sided(alpha) + POWER_QUANTILE
+            return needed * math.sqrt(max(differing, 1.0 / self.found.n) / self.found.n)
+        if not is_seen(1.0):
+            return None
+        low, high = 0.0, 1.0
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2.0
+            low, high = (low, middle) if is_seen(middle) else (middle, high)
+        return high
+
+    def _rates(self) -> tuple[float, float]:
+        return self.found.lost / self.found.n, self.found.won / self.found.n
+
+
+@dataclass(frozen=True)
+class MeanResolution:
+    """Of means, from ``n`` paired differences: their mean as a worsening, and their deviation.
+
+    Source: W. C. Guenther, "Sample size formulas for normal theory t tests", Am. Stat. 35
+    (1981).
+    """
+
+    n: int
+    worsening: float
+    deviation: float
+
+    def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> int | None:
+        """Count for a paired t test at level ``alpha``; signs alone need a few as well."""
+        found = self._episodes(abs(self.worsening), _two_sided(alpha))
+        larger = self._episodes(abs(self.worsening) - beyond, 0.0)
+        if found is None or larger is None:
+            return None
+        return max(found, larger, math.ceil(math.log2(2.0 / alpha)))
+
+    def episodes_to_exclude(self, margin: float) -> int | None:
+        """Count for a 95 % interval."""
+        found = self._episodes(margin - self.worsening, NORMAL_QUANTILE)
+        return None if found is None else max(found, FEWEST_FOR_A_MEAN)
+
+    def detectable(self, alpha: float) -> float | None:
+        """Invert the number of episodes; without any variation nothing can be said."""
+        quantile = _two_sided(alpha)
+        freedom = self.n - _overhead(quantile)
+        if freedom <= 0.0 or self.deviation == 0.0:
+            return None
+        return (quantile + POWER_QUANTILE) * self.deviation / math.sqrt(freedom)
+
+    def _episodes(self, distance: float, quantile: float) -> int | None:
+        if distance <= 0.0:
+            return None
+        needed = ((quantile + POWER_QUANTILE) * self.deviation / distance) ** 2
+        return _as_count(needed + _overhead(quantile))
+
+
+def mcnemar_power(n: int, lost: float, won: float, alpha: float, beyond: float = 0.0) -> float:
+    """Return the chance that the exact McNemar test shows the larger of two rates as such.
+
+    ``lost`` and ``won`` are the shares of pairs of which only one succeeds; the difference
+    of the shares seen must be larger than ``beyond``.
+    """
+    differing = lost + won
+    if differing == 0.0:
+        return 0.0
+    pmf = binomial_pmf(n, min(1.0, differing))
+    share = max(lost, won) / differing
+    total = 0.0
+    for pairs in np.flatnonzero(pmf > NEGLIGIBLE).tolist():
+        above = math.floor((pairs + beyond * n) / 2.0) + 1
+        fewest = max(critical_count(pairs, alpha), above)
+        total += pmf[pairs] * binomial_pmf(pairs, share)[fewest:].sum()
+    return float(total)
+
+
+def exclusion_power(n: int, lost: float, won: float, margin: float) -> float:
+    """Return the chance that Tango's 95 % interval excludes a loss of ``margin``."""
+    pmf = binomial_pmf(n, lost)
+    rest = min(1.0, won / (1.0 - lost)) if lost < 1.0 else 0.0
+    total = 0.0
+    for count in np.flatnonzero(pmf > NEGLIGIBLE).tolist():
+        chances = binomial_pmf(n - count, rest)
+        likely = np.flatnonzero(chances > NEGLIGIBLE)
+        gains = likely.astype(np.float64)
+        statistic = score_statistic(np.full_like(gains, count), gains, n, -margin)
+        total += pmf[count] * chances[likely][statistic > NORMAL_QUANTILE].sum()
+    return float(total)
+
+
+def _least(is_enough: Callable[[int], bool], guess: float) -> int | None:
+    """Return the least number of episodes that is enough, None beyond EXACT_UP_TO.
+
+    The search starts from a guess.
+    """
+    high = min(max(4, math.ceil(guess)), EXACT_UP_TO)
+    low = 0
+    while not is_enough(high):
+        if high == EXACT_UP_TO:
+            return None
+        low, high = high, min(math.ceil(1.3 * high), EXACT_UP_TO)
+    while low == 0 and high > 4 and is_enough(high * 3 // 4):
+        high = high * 3 // 4
+    low = max(low, high * 3 // 4 if high > 4 else 0)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if is_enough(middle) else (middle, high)
+    return high
+
+
+def _connor(quantile: float, differing: float, difference: float, beyond: float) -> float:
+    """Return the episodes for McNemar's test in its normal form."""
+    spread = math.sqrt(max(differing - difference**2, 0.0))
+    root = (quantile * math.sqrt(differing) + POWER_QUANTILE * spread) / difference
+    larger = POWER_QUANTILE * spread / (difference - beyond)
+    return max(root, larger) ** 2
+
+
+def _overhead(quantile: float) -> float:
+    """Return the episodes beyond those of the normal formula.
+
+    Guenther's, for a deviation that is estimated; and two, for the values of either sign that
+    ``paired_mean`` adds, which make the deviation larger.
+    """
+    return quantile**2 / 2.0 + 2.0
+
+
+def _two_sided(alpha: float) -> float:
+    return NormalDist().inv_cdf(1.0 - alpha / 2.0)
+
+
+def _as_count(episodes: float) -> int | None:
+    return math.ceil(episodes) if episodes <= MOST_EPISODES else None

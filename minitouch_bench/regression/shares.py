@@ -1,0 +1,100 @@
+"""The difference of two success shares over the same episodes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
+from minitouch_bench.records import Estimate
+from minitouch_bench.regression.binomial import mcnemar_p
+
+TANGO = "tango"
+
+BISECTIONS = 60
+"""Halvings of an interval of length 2, to the last bit of a float."""
+
+
+@dataclass(frozen=True)
+class Discordance:
+    """Of ``n`` paired episodes, those that only the first, only the second run succeeds in."""
+
+    n: int
+    lost: int
+    won: int
+
+    @property
+    def difference(self) -> float:
+        """Share of the second minus share of the first."""
+        return (self.won - self.lost) / self.n
+
+    @property
+    def p_value(self) -> float:
+        """The exact McNemar test's, two-sided."""
+        return mcnemar_p(self.lost, self.won)
+
+
+def count_discordance(first: NDArray[np.float64], second: NDArray[np.float64]) -> Discordance:
+    """Count the pairs that differ; the values are 1 for success and 0, float64 (N,) each."""
+    return Discordance(
+        n=len(first),
+        lost=int(np.count_nonzero(first > second)),
+        won=int(np.count_nonzero(second > first)),
+    )
+
+
+def tango(found: Discordance, quantile: float = NORMAL_QUANTILE) -> Estimate:
+    """Estimate the difference of two paired shares, second minus first.
+
+    The score interval: every difference that the score test does not reject. It stays inside
+    -1 to 1 and has a width at 0 and at 100 % too, and where no pair differs.
+
+    Source: T. Tango, "Equivalence test and confidence interval for the difference in
+    proportions for the paired-sample design", Stat. Med. 17 (1998).
+    """
+    low, high = _lower_end(found, quantile), _upper_end(found, quantile)
+    return Estimate(found.difference, low, high, found.n, TANGO)
+
+
+def score_statistic(
+    lost: NDArray[np.float64], won: NDArray[np.float64], n: int, difference: float
+) -> NDArray[np.float64]:
+    """Return Tango's score statistic for a supposed difference in (-1, 1).
+
+    ``lost`` and ``won`` are counts of one shape, which the result has. It is standard normal
+    where the supposition holds, and falls as the supposed difference grows. A variance of 0
+    gives 0 or plus or minus infinity.
+    """
+    b = -won - lost + (2 * n - won + lost) * difference
+    c = -lost * difference * (1.0 - difference)
+    share = (np.sqrt(np.maximum(b * b - 8.0 * n * c, 0.0)) - b) / (4.0 * n)
+    variance = np.maximum(n * (2.0 * share + difference * (1.0 - difference)), 0.0)
+    distance = won - lost - n * difference
+    with np.errstate(divide="ignore", invalid="ignore"):
+        statistic: NDArray[np.float64] = np.where(
+            distance == 0.0, 0.0, distance / np.sqrt(variance)
+        )
+    return statistic
+
+
+def _statistic(found: Discordance, difference: float) -> float:
+    counts = np.array([found.lost], float), np.array([found.won], float)
+    return float(score_statistic(*counts, found.n, difference)[0])
+
+
+def _lower_end(found: Discordance, quantile: float) -> float:
+    low, high = -1.0, found.difference
+    if low == high:
+        return low
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2.0
+        if _statistic(found, middle) > quantile:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def _upper_end(found: Discordance, quantile: float) -> float:
+    mirrored = Discordance(found.n, lost=found.won, won=found.lost)
+    return -_lower_end(mirrored, quantile)

@@ -1,0 +1,178 @@
+"""``regress`` on written runs, and with policies on the real simulator."""
+
+import json
+import os
+import signal
+import time
+from xml.etree import ElementTree
+
+import pytest
+
+from tests.cli.command import finish, run, start
+from tests.cli.test_compare import write
+
+SIXTEEN = ("--tasks", "pushing,opening", "--episodes", "16")
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("runs")
+    write(directory / "good", "good", skill=0.9, episodes=60)
+    write(directory / "bad", "bad", skill=0.2, episodes=60)
+    write(directory / "close", "close", skill=0.85, episodes=60)
+    write(directory / "few", "few", episodes=4)
+    return directory
+
+
+def gate(runs, candidate, *options):
+    return run("regress", "--baseline", "good", "--candidate", candidate, *options, directory=runs)
+
+
+def test_a_regression_exits_1_and_writes_all_it_is_asked_for(runs, tmp_path):
+    files = ("--junit", tmp_path / "out" / "gate.xml", "--summary", tmp_path / "summary.md")
+    done = gate(runs, "bad", *files)
+    assert done.code == 1, done.err
+    assert "regression: worse beyond the tolerance in" in done.out
+    suite = ElementTree.parse(tmp_path / "out" / "gate.xml").getroot().find("testsuite")
+    assert len(suite.findall("testcase")) == 10
+    assert int(suite.attrib["failures"]) >= 3
+    assert (tmp_path / "summary.md").read_text().startswith("## ❌ minitouch-bench: regression")
+
+
+def test_the_summary_of_a_github_step_is_added_to(runs, tmp_path, monkeypatch):
+    page = tmp_path / "step.md"
+    page.write_text("before\n")
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(page))
+    assert gate(runs, "good").code == 0
+    assert gate(runs, "bad").code == 1
+    text = page.read_text()
+    assert text.startswith("before\n## ✅ minitouch-bench: no regression")
+    assert text.count("## ") == 2
+
+
+def test_equal_digests_pass_and_say_so(runs):
+    done = gate(runs, "good", "--strict")
+    assert done.code == 0
+    assert "the run digests are equal" in done.out
+
+
+def test_what_is_inconclusive_passes_unless_strict(runs):
+    done = gate(runs, "close", "--json")
+    document = json.loads(done.out)
+    assert (done.code, document["verdict"]) == (0, "inconclusive")
+    assert gate(runs, "close", "--strict").code == 1
+
+
+def test_tolerances_come_from_the_file_here_and_from_flags(runs, tmp_path):
+    lenient = "[regress]\nmetrics = ['success']\n[regress.tolerance]\nsuccess = 0.95\n"
+    (tmp_path / "minitouch-bench.toml").write_text(lenient)
+    places = ("--baseline", runs / "good", "--candidate", runs / "bad")
+    assert run("regress", *places, directory=tmp_path).code == 0
+    flag = ("--tolerance", "pushing.success=0.1")
+    done = run("regress", *places, *flag, "--json", directory=tmp_path)
+    assert done.code == 1
+    judged = {one["task"]: one["judgement"] for one in json.loads(done.out)["judgements"]}
+    assert judged == {
+        "pushing": "regression",
+        "opening": "no regression",
+        "pick-up": "no regression",
+    }
+    (tmp_path / "other.toml").write_text("[regress]\nmetric = ['success']\n")
+    config = ("--config", "other.toml")
+    run("regress", *places, *config, directory=tmp_path).refused(2, "other.toml", "'metric'")
+
+
+REFUSED = [
+    (("--baseline", "good"), 2, "either POLICY or --candidate"),
+    (("zero", "--baseline", "good", "--candidate", "bad"), 2, "either POLICY or --candidate"),
+    (("--candidate", "good"), 2, "--baseline"),
+    (("--baseline", "good", "--candidate", "few"), 2, "not of the same episodes"),
+    (("--baseline", "gone", "--candidate", "good"), 6, "gone is no run"),
+    (("--baseline", "good", "--candidate", "bad", "--alpha", "1"), 2, "alpha"),
+    (("--baseline", "good", "--candidate", "bad", "--tolerance", "x=1"), 2, "no metric 'x'"),
+    (("zero", "--baseline", "good"), 2, "protocols differ"),
+    (("gone.pt", "--baseline", "good"), 3, "gone.pt"),
+    (("--baseline", "good", "--candidate", "bad", "--resume"), 2, "are for a POLICY"),
+]
+
+
+@pytest.mark.parametrize(("options", "code", "reason"), REFUSED)
+def test_mistakes_end_in_two_lines(runs, options, code, reason):
+    run("regress", *options, directory=runs).refused(code, reason)
+
+
+# With a policy, in the simulator
+
+
+@pytest.fixture(scope="module")
+def baseline(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("gate")
+    done = run("evaluate", "scripted", *SIXTEEN, "--output", "base", directory=directory)
+    assert done.code == 0, done.err
+    return directory
+
+
+def test_a_policy_that_is_clearly_worse_is_stopped_early(baseline):
+    command = ("regress", "zero", "--baseline", "base", "--output", "zero")
+    done = run(*command, "--json", directory=baseline)
+    document = json.loads(done.out)
+    assert (done.code, document["verdict"]) == (1, "regression")
+    used, planned = document["sequential"]["used"], document["sequential"]["planned"]
+    assert planned == 32
+    assert used <= planned // 1.5
+    run(*command, directory=baseline).refused(6, "--resume", "--fresh")
+    again = run(*command, "--resume", "--workers", 1, "--json", directory=baseline)
+    assert json.loads(again.out)["judgements"] == document["judgements"]
+
+
+def test_the_same_policy_is_played_to_the_end_and_has_the_same_bits(baseline):
+    command = ("regress", "scripted", "--baseline", "base", "--output", "again")
+    done = run(*command, directory=baseline)
+    assert done.code == 0, done.err
+    assert "every episode is the same to the last bit" in done.out
+    assert "32 of 32 episodes were played" in done.out
+    assert (baseline / "again" / "report.html").exists()
+
+
+def test_a_baseline_that_lacks_episodes_is_refused_before_any_is_played(baseline):
+    document = json.loads((baseline / "base" / "run.json").read_text())
+    document["episodes"] = document["episodes"][:-1]
+    cut = baseline / "cut"
+    cut.mkdir()
+    (cut / "run.json").write_text(json.dumps(document))
+    done = run("regress", "zero", "--baseline", cut, "--output", "never", directory=baseline)
+    done.refused(2, "does not hold the 32 episodes")
+    assert not (baseline / "never").exists()
+    exploration = ("--metrics", "exploration", "--output", "never")
+    done = run("regress", "zero", "--baseline", "base", *exploration, directory=baseline)
+    done.refused(2, "none of the metrics exploration")
+    assert not (baseline / "never").exists()
+
+
+@pytest.mark.slow
+def test_the_number_of_workers_and_a_break_do_not_change_the_answer(baseline):
+    def without_places(done):
+        """The verdict, without what names the candidate's directory."""
+        document = json.loads(done.out)
+        document["sequential"].pop("continuation")
+        return {**document, "candidate": None, "changes": len(document["changes"])}
+
+    answers = []
+    for name, workers in (("one", 1), ("two", 2)):
+        options = ("--output", name, "--workers", workers, "--json")
+        done = run("regress", "random", "--baseline", "base", *options, directory=baseline)
+        answers.append(without_places(done))
+    assert answers[0] == answers[1]
+    broken = ("regress", "random", "--baseline", "base", "--output", "broken")
+    process = start(*broken, "--workers", 1, directory=baseline)
+    journal = baseline / "broken" / "journal.jsonl"
+    deadline = time.monotonic() + 60
+    while not journal.exists() or journal.read_bytes().count(b"\n") < 3:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    ended = finish(process)
+    assert ended.code == 130
+    assert "--resume" in ended.err
+    done = run(*broken, "--resume", "--json", directory=baseline)
+    assert answers[0] == without_places(done)

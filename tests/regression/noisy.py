@@ -1,0 +1,96 @@
+"""The scripted policy made worse on purpose, played by the real simulator.
+
+As a program it prints how the gate judges each: ``python -m tests.regression.noisy [EPISODES]``.
+"""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from minitouch_bench.protocol.actors import ScriptedActor
+from minitouch_bench.protocol.local_engine import LocalEngine
+from minitouch_bench.records import GOAL_TASKS, EvaluationRun, RunEnvironment, SavedRun
+from minitouch_bench.regression.gate import Verdict, judge_runs
+from minitouch_bench.regression.sequential import SequentialGate, play_order
+from minitouch_bench.regression.tables import difference_text, p_text
+from minitouch_bench.regression.tolerances import GateSettings
+from minitouch_bench.regression.wording import headline
+from tests.protocol.runs import request
+from tests.reporting.synthetic import save
+
+STRENGTHS = (0.2, 0.5, 1.0)
+"""Standard deviations of the noise, where the largest action is 1."""
+
+NOWHERE = RunEnvironment({}, {}, 1, "", 0.0)
+
+
+class NoisyActor(ScriptedActor):
+    """Adds normal noise to every number of every action."""
+
+    def __init__(self, deviation: float) -> None:
+        self._deviation = deviation
+
+    def begin(self, environment, spec):
+        super().begin(environment, spec)
+        self._rng = np.random.default_rng([spec.seed, 1])
+
+    def act(self, observation):
+        action = super().act(observation)
+        noise = self._rng.normal(0.0, self._deviation, action.shape)
+        return np.clip(action + noise, -1.0, 1.0).astype(np.float32)
+
+
+class HalfActor(ScriptedActor):
+    """Gives its actions in half precision, as a compressed policy would."""
+
+    def act(self, observation):
+        return super().act(observation).astype(np.float16).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Where a worker gets its actors from. ``noise`` None: half precision."""
+
+    noise: float | None = None
+
+    def make_actor(self, role):
+        return HalfActor() if self.noise is None else NoisyActor(self.noise)
+
+
+def play(variant: Variant, name: str, episodes: int, tasks: Sequence[str] = GOAL_TASKS) -> SavedRun:
+    wanted = request(tasks=tuple(tasks), episodes=episodes)
+    specs = wanted.chosen().episodes(exploration=False)
+    records = {record.spec: record for record in LocalEngine(2).run(variant, specs)}
+    header = wanted.header()
+    header = replace(header, policy=replace(header.policy, name=name))
+    return save(EvaluationRun(header, NOWHERE, tuple(records[spec] for spec in specs)), name)
+
+
+def judged(baseline: SavedRun, candidate: SavedRun) -> tuple[Verdict, SequentialGate]:
+    """Judge whole runs, and by the sequential gate."""
+    settings = GateSettings()
+    gate = SequentialGate(play_order(baseline.episodes, (0,)), settings, (0,))
+    gate.add(candidate.episodes)
+    return judge_runs(baseline, candidate, ("base", "candidate"), settings), gate
+
+
+def report(baseline: SavedRun, candidate: SavedRun) -> None:
+    verdict, gate = judged(baseline, candidate)
+    print(f"\n{candidate.name}: {headline(verdict)}", flush=True)
+    print(f"  sequential: {gate.ruling.value} after {gate.used} of {gate.planned} episodes")
+    for one in verdict.judgements:
+        effect = one.effect
+        print(
+            f"  {effect.task} {effect.metric}: {effect.first:.2f} -> {effect.second:.2f}, "
+            f"{difference_text(effect)}, p {p_text(one.p_value)}, {one.ruling.value}"
+        )
+
+
+if __name__ == "__main__":
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 40
+    base = play(Variant(0.0), "scripted", count)
+    for deviation in (0.001, *STRENGTHS):
+        report(base, play(Variant(deviation), f"noise {deviation}", count))
+    report(base, play(Variant(), "half precision", count))

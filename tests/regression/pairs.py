@@ -1,0 +1,89 @@
+"""Runs with outcomes as wanted, without a simulator."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.records import EpisodeMetrics, Outcome, SavedRun
+from tests.reporting.synthetic import make_run, save
+
+TEMPLATE = save(make_run("a-policy", tasks=("pushing",), episodes=1, exploration=False))
+LIMIT = 200
+
+
+@dataclass(frozen=True)
+class Values:
+    """What the episodes of a task come to, (N,) each."""
+
+    success: NDArray[np.bool_]
+    steps: NDArray[np.int64]
+    touch: NDArray[np.int64]
+
+
+def values(success: Sequence[bool], steps=None, touch=None) -> Values:
+    won = np.asarray(success, bool)
+    lengths = np.where(won, 20, LIMIT) if steps is None else np.asarray(steps)
+    return Values(won, lengths, np.full(len(won), 300) if touch is None else np.asarray(touch))
+
+
+def draw(
+    rng: np.random.Generator, skill: float, hardness: NDArray[np.float64], noise: float = 0.5
+) -> Values:
+    """Draw a policy's episodes: the same hardness, float (N,) in [0, 1], makes them paired.
+
+    The policy succeeds with a chance of ``skill`` over all episodes. ``noise`` is how much of
+    that is the policy's own luck: at 0 two policies of one skill succeed in the same episodes.
+    """
+    own = np.where(rng.random(len(hardness)) < noise, rng.random(len(hardness)), hardness)
+    won = own < skill
+    steps = np.where(won, np.clip(rng.gamma(5, 6, len(won)), 5, LIMIT), LIMIT).astype(int)
+    touch = (steps * rng.gamma(4, 2, len(won))).astype(int)
+    return Values(won, steps, touch)
+
+
+def make_saved(
+    tasks: Mapping[str, Values], name: str = "a-run", digest: str | None = None
+) -> SavedRun:
+    episodes = tuple(
+        episode(task, index, own) for task, own in tasks.items() for index in range(len(own.steps))
+    )
+    header = replace(
+        TEMPLATE.header,
+        tasks=tuple(tasks),
+        episodes=len(episodes) // len(tasks),
+        policy=replace(TEMPLATE.header.policy, name=name),
+    )
+    estimates = TEMPLATE.summary.tasks[0]
+    summary = replace(
+        TEMPLATE.summary, tasks=tuple(replace(estimates, task=task) for task in tasks)
+    )
+    return replace(
+        TEMPLATE,
+        name=name,
+        digest=digest or name,
+        header=header,
+        summary=summary,
+        episodes=episodes,
+        faults={},
+    )
+
+
+def episode(task: str, index: int, own: Values) -> EpisodeMetrics:
+    won = bool(own.success[index])
+    return replace(
+        TEMPLATE.episodes[0],
+        task=task,
+        index=index,
+        seed=1000 + index,
+        shape="",
+        outcome=Outcome.SUCCESS if won else Outcome.STEP_LIMIT,
+        success=won,
+        steps=int(own.steps[index]),
+        touch_interaction=int(own.touch[index]),
+    )
+
+
+def flags(successes: int, n: int) -> NDArray[np.bool_]:
+    return np.arange(n) < successes

@@ -1,0 +1,103 @@
+"""The composite action and the example workflow, checked as far as one can without GitHub."""
+
+import json
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from minitouch_bench.regression.tolerances import GateSettings, with_flags
+
+ROOT = Path(__file__).parents[2]
+ACTION = ROOT / ".github/actions/regress/action.yml"
+WORKFLOW = ROOT / "docs/examples/regress.yml"
+
+
+def script():
+    """The gate's shell script, without the indentation of the YAML."""
+    text = ACTION.read_text().split("      run: |\n")[-1]
+    return "\n".join(line.removeprefix("        ") for line in text.splitlines())
+
+
+def gate(tmp_path, code=0, verdict="no regression", **given):
+    """Run the script with a stand-in command that notes its arguments."""
+    command = tmp_path / "minitouch-bench"
+    body = json.dumps({"verdict": verdict})
+    command.write_text(
+        f"#!/usr/bin/env bash\nprintf '%s\\n' \"$@\" > arguments\necho '{body}'\nexit {code}\n"
+    )
+    command.chmod(0o755)
+    names = re.findall(r"^        ([A-Z]+): \$\{\{ inputs\.", ACTION.read_text(), re.MULTILINE)
+    variables = dict.fromkeys(names, "") | {key.upper(): value for key, value in given.items()}
+    done = subprocess.run(
+        ["bash", "-e", "-c", script()],
+        cwd=tmp_path,
+        env={
+            **variables,
+            "PATH": f"{tmp_path}:{os.environ['PATH']}",
+            "GITHUB_OUTPUT": str(tmp_path / "output"),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done, (tmp_path / "arguments").read_text().splitlines()
+
+
+def test_the_script_passes_the_inputs_on_as_they_are(tmp_path):
+    hostile = "x; touch owned $(touch owned) `touch owned`"
+    done, arguments = gate(
+        tmp_path,
+        baseline="reports/base line",
+        policy=hostile,
+        output="out/run",
+        junit="out/j.xml",
+        tolerance="success=0.1\n\npushing.success=5%\n",
+        strict="true",
+    )
+    assert done.returncode == 0, done.stderr
+    assert arguments == [
+        "regress", "--baseline", "reports/base line", "--junit", "out/j.xml", "--json",
+        "--output", "out/run", "--fresh", "--strict",
+        "--tolerance", "success=0.1", "--tolerance", "pushing.success=5%",
+        "--", hostile,
+    ]  # fmt: skip
+    assert not (tmp_path / "owned").exists()
+    assert (tmp_path / "output").read_text() == "verdict=no regression\n"
+
+
+def test_the_script_ends_as_the_gate_does(tmp_path):
+    done, arguments = gate(tmp_path, code=1, verdict="regression", baseline="b", candidate="c")
+    assert done.returncode == 1
+    assert arguments[-2:] == ["--candidate", "c"]
+    assert (tmp_path / "output").read_text() == "verdict=regression\n"
+
+
+def test_no_input_stands_in_a_script():
+    for step in ACTION.read_text().split("run: |")[1:]:
+        assert "${{" not in step.split("    - name:")[0].split("      env:")[0]
+
+
+def test_every_input_is_handed_to_a_step():
+    text = ACTION.read_text()
+    declared = re.findall(r"^  (\w+):\n    description", text.split("outputs:")[0], re.MULTILINE)
+    assert len(declared) == 10
+    for name in declared:
+        assert f"${{{{ inputs.{name} }}}}" in text
+
+
+def test_the_example_uses_inputs_that_exist_and_tolerances_that_mean_something():
+    text = WORKFLOW.read_text()
+    given = text.split("        with:\n          baseline")[1].split("      - uses")[0]
+    used = re.findall(r"^          (\w+):", "          baseline" + given, re.MULTILINE)
+    assert used == ["baseline", "policy", "tolerance"]
+    flags = [line.strip() for line in given.split("tolerance: |\n")[1].splitlines() if line.strip()]
+    with_flags(GateSettings(), flags)
+
+
+@pytest.mark.parametrize("file", [ACTION, WORKFLOW])
+def test_it_is_yaml(file):
+    yaml = pytest.importorskip("yaml")
+    assert yaml.safe_load(file.read_text())["name"]

@@ -1,0 +1,158 @@
+import io
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.regression.comparison import compare_runs
+from minitouch_bench.regression.documents import comparison_document, to_text
+from minitouch_bench.regression.markdown import comparison_markdown
+from minitouch_bench.regression.multiplicity import holm
+from minitouch_bench.regression.terminal import show_comparison
+from tests.regression.pairs import draw, make_saved, values
+from tests.reporting.conftest import HOSTILE
+
+TASKS = ("playing", "pushing", "opening", "pick-up")
+
+
+def drawn(name, skill, seed, n=60):
+    hardness = {task: np.random.default_rng(place).random(n) for place, task in enumerate(TASKS)}
+    rng = np.random.default_rng(seed)
+    return make_saved({task: draw(rng, skill, hardness[task]) for task in TASKS}, name)
+
+
+GOOD, BAD, GOOD_TOO = drawn("good", 0.9, 1), drawn("bad", 0.4, 2), drawn("good-too", 0.9, 3)
+PLACES = ("runs/good", "runs/bad one", "runs/too")
+
+
+def compared(*runs):
+    return compare_runs(runs, PLACES[: len(runs)])
+
+
+def test_a_clear_difference_is_seen_in_its_direction():
+    versus = compared(GOOD, BAD).pairs[0]
+    success = [one for one in versus.findings if one.effect.metric == "success"]
+    assert [one.effect.task for one in success] == ["pushing", "opening", "pick-up"]
+    for one in success:
+        assert one.verdict == "A is better"
+        assert one.effect.difference.high < 0
+        assert one.effect.worsening > 0
+    steps = next(one for one in versus.findings if one.effect.metric == "episode_steps")
+    assert steps.verdict == "A is better"
+    assert steps.effect.difference.low > 0
+    turned = compare_runs((BAD, GOOD), PLACES[:2]).pairs[0].findings
+    assert [one.verdict for one in turned if one.effect.metric == "success"] == ["B is better"] * 3
+
+
+def test_equally_good_runs_show_no_difference():
+    versus = compared(GOOD, GOOD_TOO).pairs[0]
+    assert {one.verdict for one in versus.findings} == {"no difference seen"}
+    assert all(one.p_holm > 0.05 for one in versus.findings)
+
+
+def test_holm_is_over_the_tasks_and_runs_of_a_metric():
+    comparison = compared(GOOD, BAD, GOOD_TOO)
+    findings = [one for versus in comparison.pairs for one in versus.findings]
+    for metric in ("success", "touch_interaction"):
+        own = [one for one in findings if one.effect.metric == metric]
+        assert len(own) == (6 if metric == "success" else 8)
+        wanted = holm([one.effect.p_value for one in own])
+        assert tuple(one.p_holm for one in own) == wanted
+
+
+def test_a_run_beside_itself_is_identical():
+    versus = compared(GOOD, replace(GOOD, name="again")).pairs[0]
+    assert versus.identical
+    assert versus.changes == ()
+    for one in versus.findings:
+        assert (one.verdict, one.p_holm, one.needed) == ("equal in every episode", 1.0, None)
+    assert not compared(GOOD, BAD).pairs[0].identical
+
+
+def test_changed_episodes_are_listed_with_commands_that_replay_them():
+    changes = compared(GOOD, BAD).pairs[0].changes
+    before = {(e.task, e.index): e.outcome for e in GOOD.episodes}
+    after = {(e.task, e.index): e.outcome for e in BAD.episodes}
+    assert len(changes) == sum(before[key] is not after[key] for key in before) > 20
+    first = changes[0]
+    assert first.replays[0] == f"minitouch-bench replay runs/good {first.key}"
+    assert first.replays[1] == f"minitouch-bench replay 'runs/bad one' {first.key}"
+
+
+def test_what_is_not_alike_beside_the_policies_is_said():
+    other = replace(
+        GOOD_TOO,
+        header=replace(GOOD_TOO.header, isolation="none"),
+        environment=replace(
+            GOOD_TOO.environment, packages={**GOOD_TOO.environment.packages, "numpy": "2.0.0"}
+        ),
+        faults={"pushing/3": "NaN"},
+    )
+    comparison = compared(GOOD, other)
+    assert comparison.pairs[0].notes == (
+        "isolation: sandbox in the first run, none in the second",
+        "numpy: 2.4.6 in the first run, 2.0.0 in the second",
+    )
+    assert "1 policy fault" in comparison.entrants[1].labels
+    assert compared(GOOD, BAD).pairs[0].notes == ()
+
+
+def test_it_repeats_to_the_last_bit():
+    assert compared(GOOD, BAD, GOOD_TOO) == compared(GOOD, BAD, GOOD_TOO)
+
+
+@pytest.mark.parametrize("count", [0, 1, 27])
+def test_too_few_and_too_many_runs_are_refused(count):
+    with pytest.raises(UsageError, match="2 to 26"):
+        compare_runs([GOOD] * count, ["x"] * count)
+
+
+def test_the_document_is_json_with_every_number():
+    comparison = compared(GOOD, BAD)
+    document = json.loads(to_text(comparison_document(comparison)))
+    assert (document["format"], document["version"]) == ("minitouch-comparison", 1)
+    findings = document["comparisons"][0]["findings"]
+    assert len(findings) == 10
+    assert findings[0]["unit"] == "share of episodes"
+    assert set(findings[0]["difference"]) == {"value", "low", "high", "count", "method"}
+    assert len(document["comparisons"][0]["changes"]) == len(comparison.pairs[0].changes)
+
+
+def shown(comparison):
+    console = Console(width=120, record=True, file=io.StringIO())
+    show_comparison(comparison, console)
+    return console.export_text()
+
+
+def test_the_screen_and_the_page_show_effect_interval_verdict_and_commands():
+    comparison = compared(GOOD, BAD)
+    screen, page = shown(comparison), comparison_markdown(comparison)
+    for text in (screen, page):
+        for wanted in ("Success ↑ (share of episodes)", "B minus A", "A is better", "Detectable"):
+            assert wanted in text
+    assert "more; --json has all of them" in screen
+    assert page.count("minitouch-bench replay") == len(comparison.pairs[0].changes)
+    assert max(map(len, screen.splitlines())) <= 120
+
+
+def outside_code(page):
+    """The page without its code spans, in which GitHub shows everything as it is."""
+    return re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", page)
+
+
+def test_hostile_names_are_harmless_everywhere():
+    hostile = replace(
+        make_saved({"pushing": values([True, False] * 4)}, HOSTILE),
+        faults={"pushing/1": HOSTILE},
+    )
+    comparison = compare_runs((hostile, replace(hostile, digest="x")), (HOSTILE, HOSTILE))
+    page, screen = comparison_markdown(comparison), shown(comparison)
+    for text in (page, screen):
+        assert "\x1b" not in text
+        assert "\u202e" not in text
+    assert "<script>" not in outside_code(page)
+    assert "<script>" in screen  # as text

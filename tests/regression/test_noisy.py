@@ -1,0 +1,43 @@
+"""A policy made worse on purpose is caught in the real simulator; one that is not passes."""
+
+import pytest
+
+from minitouch_bench.regression.gate import Ruling
+from tests.regression.noisy import STRENGTHS, Variant, judged, play, report
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
+
+EPISODES = 20
+ENOUGH = 80
+"""Episodes a task that exclude a loss of 5 points where no outcome changes: 73."""
+
+
+@pytest.fixture(scope="module")
+def baseline():
+    return play(Variant(0.0), "scripted", EPISODES)
+
+
+@pytest.mark.parametrize("noise", STRENGTHS)
+def test_noise_on_the_actions_is_caught(baseline, noise):
+    candidate = play(Variant(noise), f"noise {noise}", EPISODES)
+    report(baseline, candidate)
+    verdict, gate = judged(baseline, candidate)
+    assert (verdict.ruling, verdict.exit_code) == (Ruling.REGRESSION, 1)
+    assert gate.ruling is Ruling.REGRESSION
+    assert gate.used <= gate.planned * 2 / 3
+
+
+def test_half_precision_is_no_regression():
+    base, half = play(Variant(0.0), "scripted", ENOUGH), play(Variant(), "half", ENOUGH)
+    report(base, half)
+    assert base.digest != half.digest
+    verdict, gate = judged(base, half)
+    assert verdict.exit_code == 0
+    assert not verdict.identical
+    assert gate.ruling is not Ruling.REGRESSION
+
+
+def test_no_noise_has_the_same_bits(baseline):
+    verdict, _ = judged(baseline, play(Variant(0.0), "again", EPISODES))
+    assert verdict.identical
+    assert verdict.exit_code == 0
