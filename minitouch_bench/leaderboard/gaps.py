@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from minitouch_bench.leaderboard.entries import Entry, Episodes
 from minitouch_bench.leaderboard.ranking import RANKED_BY
 from minitouch_bench.leaderboard.scores import MEANS, OVER_SEEDS, ROOT, SHARES
-from minitouch_bench.metrics import newcombe, wilson
-from minitouch_bench.metrics.intervals import BOOTSTRAP, PERCENTILES
-from minitouch_bench.metrics.shared_bootstrap import mean_intervals, resample_weights
+from minitouch_bench.metrics import bootstrap_difference, bootstrap_mean, newcombe, wilson
+from minitouch_bench.metrics.shared_bootstrap import resample_weights, stratified_intervals
+from minitouch_bench.metrics.streams import stream
 from minitouch_bench.records import Estimate, Gap, Role
 
 NOVEL_SHAPES = "novel-shapes"
@@ -50,26 +50,19 @@ def _splits(episodes: Episodes, task: str) -> tuple[Floats, Floats]:
 
 
 def _over_episodes(held_out: Floats, train: Floats, task: str) -> Gap:
-    draws, found = [], []
-    for split, values in (("held-out", held_out), ("train", train)):
-        weights = resample_weights(values.size, ROOT, f"{task}/{split}")
-        low, high = mean_intervals(values[None], weights)[0]
-        found.append(
-            Estimate(float(values.mean()), float(low), float(high), values.size, BOOTSTRAP)
-        )
-        draws.append(weights @ values / values.size)
-    low, high = np.percentile(draws[0] - draws[1], PERCENTILES)
-    value = found[0].value - found[1].value
-    count = held_out.size + train.size
-    difference = Estimate(value, float(low), float(high), count, BOOTSTRAP)
-    return Gap(found[0], found[1], difference)
+    one, other = (
+        bootstrap_mean(values, stream(ROOT, "gap", task, split))
+        for split, values in (("held-out", held_out), ("train", train))
+    )
+    return Gap(one, other, bootstrap_difference(held_out, train, stream(ROOT, "gap", task)))
 
 
 def _over_seeds(listed: Sequence[Episodes], task: str) -> Gap:
     """Estimate each split and the gap over training seeds."""
     means = np.array([[values.mean() for values in _splits(one, task)] for one in listed])
     rows = np.array([means[:, 0], means[:, 1], means[:, 0] - means[:, 1]])
-    limits = mean_intervals(rows, resample_weights(len(listed), ROOT, f"seeds/{task}/gap"))
+    weights = resample_weights(len(listed), ROOT, f"seeds/{task}/gap")
+    limits = stratified_intervals([rows], [weights])
     held_out, train, difference = (
         Estimate(float(values.mean()), float(low), float(high), len(listed), OVER_SEEDS)
         for values, (low, high) in zip(rows, limits, strict=True)

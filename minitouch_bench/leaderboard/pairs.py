@@ -3,7 +3,6 @@
 All rows face the same episodes, so each pair is compared episode by episode.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.metrics.student import student_two_sided
+from minitouch_bench.regression.binomial import mcnemar_p
 
 Floats = NDArray[np.float64]
 
@@ -32,10 +32,7 @@ def share_p_values(samples: Sequence[Sample]) -> Floats:
     """Return the p-values of all pairs of success rates, (N, N), 1 on the diagonal.
 
     Two rows of one training seed: exact McNemar on the episodes that one wins and the other
-    loses. Otherwise ``mean_p_values``.
-
-    Source: Q. McNemar, "Note on the sampling error of the difference between correlated
-    proportions or percentages", Psychometrika 12 (1947), with the exact binomial tail.
+    loses, as ``compare`` has it. Otherwise ``mean_p_values``.
     """
     single = np.array([sample.is_single for sample in samples], bool)
     found = np.ones((len(samples),) * 2) if single.all() else mean_p_values([samples])
@@ -103,9 +100,7 @@ def _seed_variance(sample: Sample) -> float:
 def _mcnemar_table(episodes: int) -> Floats:
     """Return the two-sided exact p-value by the two counts of discordant episodes."""
     table = np.ones((episodes + 1, episodes + 1))
-    for total in range(1, episodes + 1):
-        tail = np.cumsum([math.comb(total, k) / 2**total for k in range(total + 1)])
-        for less in range(total // 2 + 1):
-            p = min(1.0, 2 * float(tail[less]))
-            table[less, total - less] = table[total - less, less] = p
+    for lost in range(episodes + 1):
+        for won in range(lost, episodes + 1 - lost):
+            table[lost, won] = table[won, lost] = mcnemar_p(lost, won)
     return table

@@ -138,7 +138,8 @@ def _over_seeds(means: Mapping[int, Floats], name: str) -> dict[int, Estimate]:
     for size in sorted({values.size for values in means.values()}):
         own = [i for i, values in means.items() if values.size == size]
         table = np.array([means[i] for i in own])
-        limits = mean_intervals(table, resample_weights(size, ROOT, f"seeds/{name}"))
+        weights = resample_weights(size, ROOT, f"seeds/{name}")
+        limits = stratified_intervals([table], [weights])
         for i, values, (low, high) in zip(own, table, limits, strict=True):
             found[i] = Estimate(float(values.mean()), float(low), float(high), size, OVER_SEEDS)
     return found

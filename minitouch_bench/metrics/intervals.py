@@ -141,16 +141,29 @@ def _corrected_ends(
 ) -> tuple[float, float]:
     """Return the BCa ends of resampled values, float64 (resamples,), around an estimate.
 
-    ``influences`` are proportional to each episode's influence on the estimate; their skew is
-    the acceleration. The share of resampled values below the estimate is the bias.
+    ``influences`` are proportional to each episode's influence on the estimate.
     """
-    normal = NormalDist()
     below = np.count_nonzero(resampled < value) + np.count_nonzero(resampled == value) / 2.0
-    share = min(max(float(below), 1.0), resampled.size - 1.0) / resampled.size
-    bias = normal.inv_cdf(share)
-    skew = float((influences**3).sum()) / float((influences**2).sum()) ** 1.5
-    shifted = (bias - NORMAL_QUANTILE, bias + NORMAL_QUANTILE)
-    # Rounded, so that the last bit of a C library's erf changes no report.
-    levels = [round(normal.cdf(bias + end / (1.0 - skew / 6.0 * end)), 9) for end in shifted]
+    levels = corrected_levels(float(below), resampled.size, influences)
     low, high = np.quantile(resampled, levels)
     return min(float(low), value), max(float(high), value)
+
+
+def corrected_levels(
+    below: float, resamples: int, influences: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the shares of the resampled values below each BCa end of a 95 % interval.
+
+    ``below``: how many of them are below the estimate, which tells the bias; the skew of
+    ``influences`` (any multiple of each episode's influence) is the acceleration.
+    """
+    normal = NormalDist()
+    share = min(max(below, 1.0), resamples - 1.0) / resamples
+    bias = normal.inv_cdf(share)
+    skew = float((influences**3).sum()) / float((influences**2).sum()) ** 1.5
+    low, high = (
+        normal.cdf(bias + end / (1.0 - skew / 6.0 * end))
+        for end in (bias - NORMAL_QUANTILE, bias + NORMAL_QUANTILE)
+    )
+    # Rounded, so that the last bit of a C library's erf changes no report.
+    return round(low, 9), round(high, 9)

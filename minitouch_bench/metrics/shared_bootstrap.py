@@ -9,9 +9,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.metrics.intervals import PERCENTILES, RESAMPLES
+from minitouch_bench.metrics.intervals import RESAMPLES, corrected_levels
 from minitouch_bench.metrics.streams import Root, stream
 
+PERCENTILES = (0.025, 0.975)
 COLUMNS_PER_BLOCK = 64
 """Samples estimated at a time: some 5 MB of resampled means."""
 
@@ -31,7 +32,9 @@ def resample_weights(size: int, root: Root, name: str) -> NDArray[np.float64]:
 def mean_intervals(
     values: NDArray[np.float64], weights: NDArray[np.float64], mask: NDArray[np.bool_] | None = None
 ) -> NDArray[np.float64]:
-    """Return the 95 % percentile interval of each sample's mean, (N, 2), of values (N, size).
+    """Return the 95 % interval of each sample's mean, (N, 2), of values (N, size).
+
+    Corrected for bias and acceleration (BCa), as in ``intervals.bootstrap_mean``.
 
     With ``mask`` (N, size) the mean is over the marked values alone, which a resample may draw
     more or less often; NaN where nothing is marked. Equal values give a width of 0.
@@ -47,7 +50,7 @@ def mean_intervals(
 def stratified_intervals(
     strata: list[NDArray[np.float64]], weights: list[NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """Return the 95 % interval of the mean over strata of their means, (N, 2).
+    """Return the 95 % percentile interval of the mean over strata of their means, (N, 2).
 
     ``strata``: values (N, size) each; every stratum is resampled by itself, with ``weights``.
 
@@ -65,32 +68,56 @@ def stratified_intervals(
 def _block(
     values: NDArray[np.float64], weights: NDArray[np.float64], mask: NDArray[np.bool_] | None
 ) -> NDArray[np.float64]:
-    if mask is None:
-        means = _means(values, weights)
-    else:
-        with np.errstate(invalid="ignore"):  # a resample, or a sample, without a marked value
+    marked = np.ones(values.shape, bool) if mask is None else mask
+    with np.errstate(invalid="ignore"):  # a resample, or a sample, without a marked value
+        estimates = (values * marked).sum(axis=1) / marked.sum(axis=1)
+        if mask is None:
+            means = _means(values, weights)
+        else:
             means = ((values * mask) @ weights.T) / (mask @ weights.T)
-    limits = _limits(means)
-    constant = np.ptp(values, axis=1) == 0  # rounding would give it a width of 1e-17
-    if mask is None:
-        limits[constant] = values[constant, :1]
+    influences = (values - estimates[:, None]) * marked
+    limits = _corrected_limits(means, estimates, influences)
+    for row, (own, used) in enumerate(zip(values, marked, strict=True)):
+        if used.any() and np.ptp(own[used]) == 0:  # rounding would give it a width of 1e-17
+            limits[row] = own[used][0]
+        elif not used.any():
+            limits[row] = np.nan
     return limits
 
 
-def _limits(means: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the percentiles of each row, (N, 2), without its NaN; linear between two values.
-
-    One sort of a row takes a fifth of the time of numpy's percentile.
-    """
+def _corrected_limits(
+    means: NDArray[np.float64], estimates: NDArray[np.float64], influences: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the BCa ends of each row of resampled means, (N, 2)."""
     ordered = np.sort(means, axis=1)  # NaN last
-    last = np.maximum(np.count_nonzero(~np.isnan(ordered), axis=1) - 1, 0)
-    rows = np.arange(len(ordered))
-    limits = np.empty((len(ordered), len(PERCENTILES)))
-    for column, percentile in enumerate(PERCENTILES):
-        place = last * (percentile / 100)
-        below = np.floor(place).astype(int)
-        low, high = ordered[rows, below], ordered[rows, np.minimum(below + 1, last)]
-        limits[:, column] = low + (high - low) * (place - below)
+    levels = np.full((len(ordered), 2), np.nan)
+    for row, (own, estimate, influence) in enumerate(
+        zip(ordered, estimates, influences, strict=True)
+    ):
+        resamples = int(np.searchsorted(own, np.nan))
+        if resamples > 1 and influence.any():
+            ends = (np.searchsorted(own, estimate, side) for side in ("left", "right"))
+            levels[row] = corrected_levels(sum(map(int, ends)) / 2, resamples, influence)
+    limits = _at(ordered, levels)
+    return np.stack([np.minimum(limits[:, 0], estimates), np.maximum(limits[:, 1], estimates)], 1)
+
+
+def _limits(means: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the percentiles of each row, (N, 2)."""
+    return _at(np.sort(means, axis=1), np.tile(PERCENTILES, (len(means), 1)))
+
+
+def _at(ordered: NDArray[np.float64], levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the quantiles at ``levels`` (N, 2) of sorted rows, without their NaN.
+
+    Linear between two values, as numpy's; one sort of a row takes a fifth of its time.
+    """
+    last = np.maximum(np.count_nonzero(~np.isnan(ordered), axis=1) - 1, 0)[:, None]
+    place = last * np.nan_to_num(levels)
+    below = np.floor(place).astype(int)
+    low = np.take_along_axis(ordered, below, 1)
+    high = np.take_along_axis(ordered, np.minimum(below + 1, last), 1)
+    limits: NDArray[np.float64] = low + (high - low) * (place - below)
     return limits
 
 

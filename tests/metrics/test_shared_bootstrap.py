@@ -57,6 +57,14 @@ def test_marked_values_alone_are_counted():
     assert mean_intervals(table, resample_weights(100, ROOT, "a"), mask)[0] == pytest.approx(3.0)
 
 
+def test_a_sample_without_a_marked_value_has_no_interval():
+    table, mask = np.ones((2, 100)), np.zeros((2, 100), bool)
+    mask[1, 3] = True
+    limits = mean_intervals(table, resample_weights(100, ROOT, "a"), mask)
+    assert np.isnan(limits[0]).all()
+    assert limits[1].tolist() == [1.0, 1.0]
+
+
 @pytest.mark.parametrize("draw", ["normal", "exponential"])
 def test_the_interval_covers_the_truth(draw):
     rng = np.random.default_rng(8)
