@@ -5,7 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: evaluate test prove check format bench pictures clean
+.PHONY: evaluate test prove regress leaderboard check format bench pictures clean
 
 evaluate: $(READY)
 	$(BIN)/minitouch-bench evaluate scripted --suite smoke --fresh
@@ -15,6 +15,16 @@ test: $(READY)
 
 prove: $(READY)
 	$(BIN)/python -m pytest -n auto -m slow
+
+# The calibration policies against their committed baselines.
+regress: $(READY)
+	for policy in zero random scripted; do \
+	  $(BIN)/minitouch-bench regress $$policy --baseline reports/baseline/$$policy \
+	    --output build/regress/$$policy --fresh || exit 1; \
+	done
+
+leaderboard: $(READY)
+	$(BIN)/minitouch-bench leaderboard build
 
 check: $(READY)
 	$(BIN)/ruff format --check .

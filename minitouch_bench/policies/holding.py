@@ -3,12 +3,15 @@
 import contextlib
 from collections.abc import Sequence
 
-from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
+from minitouch_bench.errors import InfrastructureError, PolicyFaultError, PolicyLoadError
 from minitouch_bench.policies.in_process import InProcessPolicy
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
 from minitouch_bench.policies.sources import PolicySource
+
+PROBES = 3
+"""How often a first look is taken where something other than the policy fails."""
 
 
 def held_level(source: PolicySource, asked: Isolation) -> Isolation:
@@ -56,10 +59,30 @@ def probe(
         PolicyLoadError: it cannot be loaded or reset.
         IsolationError: this machine cannot hold it as asked.
         MissingExtraError: an optional package is not installed.
+        InfrastructureError: its host process ended again and again.
 
     """
     if source.kind == "scripted":
         return
+    for attempt in range(PROBES):
+        try:
+            _probe(source, tasks, limits, isolation, deterministic=deterministic, trust=trust)
+        except InfrastructureError:  # its host was killed, say
+            if attempt == PROBES - 1:
+                raise
+        else:
+            return
+
+
+def _probe(
+    source: PolicySource,
+    tasks: Sequence[str],
+    limits: PolicyLimits | None,
+    isolation: Isolation,
+    *,
+    deterministic: bool,
+    trust: bool,
+) -> None:
     first_task = {source.for_task(task): task for task in reversed(tasks)}
     with contextlib.closing(
         hold(source, limits, isolation, deterministic=deterministic, trust=trust)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.shapegen.manifest import canonical_shape_set
+from minitouch_bench.shapegen.manifest import ShapeSet, canonical_shape_set
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.objects import CUBE, ObjectPool
 from minitouch_bench.tasks.opening import Opening
@@ -13,19 +13,21 @@ from minitouch_bench.tasks.pushing import Pushing
 from minitouch_bench.tasks.shapes import shape_model, shape_names
 from minitouch_bench.tasks.task import Task
 
+Objects = str | Sequence[str] | ShapeSet
+"""What an environment's objects can be named by."""
+
 TASKS: dict[str, type[Task]] = {
     task.preset.name: task for task in (Playing, Pushing, Opening, PickUp)
 }
 """Every task by its name on the command line."""
 
 
-def make_environment(
-    task: str, objects: str | Sequence[str] | None = None, **options: object
-) -> MiniTouchEnv:
+def make_environment(task: str, objects: Objects | None = None, **options: object) -> MiniTouchEnv:
     """Return the environment of a task.
 
     ``objects``: "cube" (the task's own), a split of the canonical shape set ("train",
-    "held-out", "all"), or the names of shapes; None takes the task's default. The other
+    "held-out", "all"), the names of its shapes, or a set of one's own as
+    ``shapegen.manifest.load_shape_set`` reads it; None takes the task's default. The other
     options are those of ``MiniTouchEnv``.
 
     Raises:
@@ -37,13 +39,19 @@ def make_environment(
     return MiniTouchEnv(instance, _pool(instance, objects), **options)  # type: ignore[arg-type]
 
 
-def _pool(task: Task, objects: str | Sequence[str] | None) -> ObjectPool | None:
+def _pool(task: Task, objects: Objects | None) -> ObjectPool | None:
     own = task.own_object()
     chosen = task.preset.default_objects if objects is None else objects
     if own is None:
         if chosen:
             raise UsageError(f"{task.preset.name} has no object to choose")
         return None
+    if isinstance(chosen, ShapeSet):
+        own_shapes = chosen
+        return ObjectPool(
+            tuple(shape.name for shape in own_shapes.shapes),
+            lambda name: shape_model(name, own_shapes),
+        )
     names = (CUBE,) if chosen == CUBE else shape_names(chosen)
     return ObjectPool(names, lambda name: own if name == CUBE else shape_model(name))
 

@@ -1,10 +1,10 @@
-"""Shapes of the canonical set as objects of the tasks."""
+"""Shapes of a set as objects of the tasks."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from minitouch_bench.shapegen.manifest import canonical_shape_set
+from minitouch_bench.shapegen.manifest import ShapeSet, canonical_shape_set
 from minitouch_bench.tasks.objects import ObjectModel
 
 ALL = "all"
@@ -23,13 +23,13 @@ def shape_names(chosen: str | Sequence[str]) -> tuple[str, ...]:
     return tuple(shape.name for shape in found)
 
 
-def shape_model(name: str) -> ObjectModel:
-    """Return a shape lying in its likeliest pose.
+def shape_model(name: str, shapes: ShapeSet | None = None) -> ObjectModel:
+    """Return a shape, by default of the canonical set, lying in its likeliest pose.
 
     Raises:
         UsageError: there is no such shape.
     """
-    shape = canonical_shape_set().by_name(name)
+    shape = (shapes or canonical_shape_set()).by_name(name)
     pose, body = shape.poses[0], shape.body()
     corners = np.concatenate([hull.vertices for hull in body.hulls])
     return ObjectModel(name, shape.urdf, pose.quaternion, pose.height, body.visual, corners)

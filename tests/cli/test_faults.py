@@ -22,6 +22,9 @@ EVALUATE = ("evaluate", POLICY, *OPTIONS, "--output", "run")
 RESULTS = ("actions.npz", "episodes.csv", "table4.csv")
 KILLS = 20
 
+RANDOM = ("evaluate", "random", "--tasks", "pushing,opening", "--episodes", "3", "--workers", "2")
+"""Its actions come from each episode's seed, and it starts in no time."""
+
 
 @pytest.fixture(scope="module")
 def uninterrupted(tmp_path_factory) -> Path:
@@ -75,14 +78,31 @@ def victims(pid: int, kind: str) -> list[int]:
     return [child for child, line in below.items() if "policies.host" in line]
 
 
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory) -> Path:
+    """A finished run of the random policy."""
+    directory = tmp_path_factory.mktemp("undisturbed")
+    done = run(*RANDOM, "--output", "run", directory=directory)
+    assert done.code == 0, done.err
+    return directory / "run"
+
+
+def begun(journal: Path, process: subprocess.Popen[str]) -> None:
+    """Wait until the first episodes are on their way."""
+    while not journal.exists() and process.poll() is None:
+        time.sleep(0.02)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_kill_9_of_the_parent_at_20_moments_costs_time_only(uninterrupted, place):
+def test_kill_9_of_the_parent_at_20_moments_costs_time_only(undisturbed, tmp_path):
     chance = random.Random(1)
+    place = tmp_path / "run"
     killed = 0
-    for _ in range(KILLS):
-        process = start(*EVALUATE, "--resume", directory=place)
-        time.sleep(chance.uniform(0.5, 5.0))
+    while killed < KILLS:
+        process = start(*RANDOM, "--output", place, "--resume", directory=tmp_path)
+        begun(place / "journal.jsonl", process)
+        time.sleep(chance.uniform(0.0, 4.0))
         killed += process.poll() is None
         below = family(process.pid)
         process.kill()
@@ -91,32 +111,33 @@ def test_kill_9_of_the_parent_at_20_moments_costs_time_only(uninterrupted, place
         while any(Path(f"/proc/{child}/exe").exists() for child in below):
             assert time.monotonic() < deadline, "a child outlived its parent"
             time.sleep(0.05)
-        if (place / "run" / "run.json").exists():  # it had ended: the next begins anew
-            shutil.rmtree(place / "run")
-    assert killed >= KILLS // 2
-    done = run(*EVALUATE, "--resume", directory=place)
+        if (place / "run.json").exists():  # it had ended: the next begins anew
+            same_results(place, undisturbed)
+            shutil.rmtree(place)
+    done = run(*RANDOM, "--output", place, "--resume", directory=tmp_path)
     assert done.code == 0, done.err
-    same_results(place / "run", uninterrupted / "run")
+    same_results(place, undisturbed)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("kind", ["worker", "policy"])
-def test_kill_9_of_workers_and_policies_changes_nothing(uninterrupted, place, kind):
+def test_kill_9_of_workers_and_policies_changes_nothing(undisturbed, tmp_path, kind):
     chance = random.Random(2)
+    place = tmp_path / "run"
     killed = 0
     while killed < KILLS:
-        shutil.rmtree(place / "run", ignore_errors=True)
-        process = start(*EVALUATE, directory=place)
+        process = start(*RANDOM, "--output", place, "--fresh", directory=tmp_path)
+        begun(place / "journal.jsonl", process)
         for _ in range(2):  # an episode is tried three times
-            time.sleep(chance.uniform(0.5, 3.0))
+            time.sleep(chance.uniform(0.3, 2.0))
             if found := victims(process.pid, kind):
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(chance.choice(found), signal.SIGKILL)
                     killed += 1
         done = finish(process)
         assert done.code == 0, done.err
-        same_results(place / "run", uninterrupted / "run")
+        same_results(place, undisturbed)
 
 
 def test_a_second_ctrl_c_ends_it_as_well(place):

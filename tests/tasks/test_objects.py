@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.tasks.objects import ObjectPool, cube_model
 from minitouch_bench.tasks.registration import TASKS, make_environment
 from minitouch_bench.tasks.shapes import shape_names
+from tests.shapegen.conftest import subset
 
 CUBE = cube_model(0.05, 1.0, 1.0)
 
@@ -59,3 +61,12 @@ def test_a_shape_can_stand_in_for_the_cube(task):
     observation, *_ = environment.step(np.zeros(4, np.float32))
     assert observation in environment.observation_space
     environment.close()
+
+
+def test_a_set_of_one_s_own_is_drawn_from(tmp_path):
+    shapes = load_shape_set(subset(tmp_path / "set", 8))
+    environment = make_environment("pick-up", objects=shapes)
+    drawn = {environment.reset(seed=seed)[1]["object"] for seed in range(8)}
+    environment.close()
+    assert drawn <= {shape.name for shape in shapes.shapes}
+    assert len(drawn) > 1

@@ -1,0 +1,26 @@
+"""The scripted policy picks up every shape of a set, such as one made by `shapes import`."""
+
+import sys
+from collections import Counter
+
+from minitouch_bench.protocol.actors import ScriptedActor
+from minitouch_bench.protocol.rollout import run_episode
+from minitouch_bench.records import EpisodeSpec, Role
+from minitouch_bench.shapegen.manifest import load_shape_set
+from minitouch_bench.tasks.registration import make_environment
+
+
+def main() -> None:
+    """Print how many episodes ended how; each shape of the set is played once."""
+    shapes = load_shape_set(sys.argv[1])
+    environment = make_environment("pick-up", objects=shapes)
+    outcomes: Counter[str] = Counter()
+    for index, shape in enumerate(shapes.shapes):
+        spec = EpisodeSpec(Role.FINAL, "pick-up", index, index, shape.name)
+        outcomes[run_episode(environment, ScriptedActor(), spec).outcome.value] += 1
+    environment.close()
+    print(f"{len(shapes.shapes)} shapes of {shapes.name}: {dict(outcomes)}")
+
+
+if __name__ == "__main__":
+    main()
