@@ -19,7 +19,7 @@ from minitouch_bench.regression.shares import Discordance
 
 BETTING = "betting confidence sequence"
 
-BETS = np.array([0.12, 0.25, 0.37, 0.5, 0.62, 0.75, 0.87, 0.96])
+BETS = np.array([0.25, 0.5, 0.75, 0.95])
 """Parts of the largest bet that cannot ruin; the wealth is spread evenly over them."""
 
 BISECTIONS = 40

@@ -1,7 +1,7 @@
 """The gate that looks after every episode, and stops as soon as its answer is certain.
 
-Half of the gate's level is for stopping early, half for judging a run that was played to its
-end, so that together a false answer keeps the level:
+A part of the gate's level is for stopping early, the rest for judging a run that was played to
+its end, so that together a false answer keeps the level:
 
 - a regression is certain by an e-process (Bonferroni over all metrics and tasks), or because
   no outcome of the remaining episodes could change what the whole run will be judged to be;
@@ -30,7 +30,7 @@ from minitouch_bench.regression.evidence import (
     share_sequence,
 )
 from minitouch_bench.regression.gate import Judgement, Ruling, guarded_samples, overall
-from minitouch_bench.regression.means import paired_mean
+from minitouch_bench.regression.means import ALPHA, paired_mean
 from minitouch_bench.regression.pairing import (
     SHARE_METRICS,
     EpisodePair,
@@ -42,6 +42,9 @@ from minitouch_bench.regression.pairing import (
 from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.regression.shares import Discordance, count_discordance, tango
 from minitouch_bench.regression.tolerances import GateSettings
+
+EARLY_PART = 2.0 / 3.0
+"""Part of the level that is for early regressions."""
 
 LOOKS = (0.5, 0.75)
 """Parts of a task's episodes after which a mean is looked at for a pass."""
@@ -64,16 +67,22 @@ def play_order(episodes: Sequence[EpisodeMetrics], root: Root) -> tuple[EpisodeM
 
 @dataclass(frozen=True)
 class Levels:
-    """Chances of a false answer: of early ones, and of the judgement of a whole run."""
+    """Chances of a false answer, which ``tests`` metrics of tasks share.
+
+    Of a regression: ``early``, and ``final`` by the judgement of a whole run. Of an early pass
+    of one metric: ``passing``; a pass needs them all, so nothing is shared.
+    """
 
     early: float
     final: float
+    passing: float
     tests: int
 
     @classmethod
     def of(cls, settings: GateSettings, tests: int) -> "Levels":
-        """Split the gate's level in halves."""
-        return cls(settings.alpha / 2.0, settings.alpha / 2.0, tests)
+        """Split the gate's level."""
+        early = EARLY_PART * settings.alpha
+        return cls(early, settings.alpha - early, settings.alpha / 2.0, tests)
 
 
 class SequentialGate:
@@ -189,7 +198,7 @@ class _Cell:
         sample = Sample(self.task, self.metric, np.array(self._first), np.array(self._second))
         effect = measure_effect(sample, self._root)
         if self.metric in SHARE_METRICS:
-            sequence = share_sequence(self._discordance, 2.0 * self._levels.early)
+            sequence = share_sequence(self._discordance, ALPHA)
             effect = replace(effect, difference=_as_difference(sequence))
         p_value = min(1.0, self._levels.tests * math.exp(-self._highest_evidence))
         return Judgement(replace(effect, p_value=p_value), p_value, self._allowed, self.ruling)
@@ -226,12 +235,12 @@ class _Cell:
         """Tell whether a worsening beyond the tolerance is excluded."""
         if self.metric in SHARE_METRICS:
             evidence = evidence_of_no_loss(self._discordance, self._allowed)
-            return evidence >= math.log(1.0 / self._levels.early)
+            return evidence >= math.log(1.0 / self._levels.passing)
         looks = [math.ceil(part * self._planned) for part in LOOKS]
         if self.count not in looks or self.count < FEWEST_FOR_A_MEAN:
             return False
         rng = stream(self._root, self.task, self.metric, f"look at {self.count}")
-        alpha = 2.0 * self._levels.early / len(LOOKS)
+        alpha = 2.0 * self._levels.passing / len(LOOKS)
         return paired_mean(self._worsenings, rng, alpha=alpha).estimate.high <= self._allowed
 
     def _look_ahead(self, name: str) -> None:

@@ -36,7 +36,7 @@ def early_verdict(
 def final_verdict(
     baseline: SavedRun, candidate: SavedRun, places: tuple[str, str], settings: GateSettings
 ) -> Verdict:
-    """Judge a whole run at the half of the level that early stops have left."""
+    """Judge a whole run at the part of the level that early stops have left."""
     level = Levels.of(settings, tests=1).final
     verdict = judge_runs(baseline, candidate, places, replace(settings, alpha=level))
     count = len(candidate.episodes)
