@@ -17,6 +17,9 @@ SYSTEM = (
 )  # fmt: skip
 """The kernels of torch and onnxruntime choose themselves by what is said of the processor."""
 
+PACKAGE_FOLDERS = ("site-packages", "dist-packages")
+"""Names of folders that hold installed packages and nothing else."""
+
 WRITABLE = ("/dev/null",)
 
 
@@ -26,6 +29,8 @@ def readable_paths() -> tuple[str, ...]:
     packages = [*(sysconfig.get_path(name) for name in schemes), *site.getsitepackages()]
     if site.ENABLE_USER_SITE:
         packages.append(site.getusersitepackages())
+    # Another environment's packages, joined by a .pth file or PYTHONPATH.
+    packages += [path for path in sys.path if Path(path).name in PACKAGE_FOLDERS]
     own = str(Path(minitouch_bench.__file__).parent)
     library = os.path.join(sys.base_prefix, "lib")  # with libpython, and conda's libraries
     return tuple(dict.fromkeys((*SYSTEM, library, *packages, own)))

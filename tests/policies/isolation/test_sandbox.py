@@ -12,6 +12,7 @@ from minitouch_bench.policies.in_process import InProcessPolicy
 from minitouch_bench.policies.isolation import landlock, sandbox
 from minitouch_bench.policies.isolation.levels import Isolation, weakest
 from minitouch_bench.policies.isolation.limits import Limits
+from minitouch_bench.policies.isolation.readable import readable_paths
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.engine import Contest
 
@@ -114,3 +115,13 @@ def test_level_none_is_this_process(observation):
     assert policy.act(observation).tolist() == [0.0] * 5
     policy.close()
     probe(parse_source("random"), ["pushing"], None, Isolation.NONE)
+
+
+def test_packages_of_another_environment_may_be_read_and_other_folders_of_the_path_not(
+    tmp_path, monkeypatch
+):
+    packages = str(tmp_path / "other" / "site-packages")
+    monkeypatch.syspath_prepend(packages)
+    monkeypatch.syspath_prepend(str(tmp_path / "mine"))
+    assert packages in readable_paths()
+    assert str(tmp_path / "mine") not in readable_paths()
