@@ -2,7 +2,7 @@
 
 numpy, OpenBLAS, torch, oneDNN and MKL choose other kernels on another processor, whose sums
 and sines differ in the last bits. A process started with these variables keeps to one thread
-and, on x86-64, to AVX2, which every server processor since 2015 has.
+and, on x86-64, to AVX2.
 """
 
 import os

@@ -1,6 +1,8 @@
 """``minitouch-bench evaluate``: the main job."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -112,13 +114,19 @@ def run_episodes(request: Request, begun: Begun, directory: Path, place: Place) 
     """Run what is missing, with a progress display; what is done survives a break."""
     suite = request.chosen()
     total = len(suite.episodes(exploration=request.contest.exploration is not None))
+    with resumable(directory), EvaluationProgress(total, notes) as progress:
+        for record in begun.records:
+            progress.add(record)
+        return run_evaluation(
+            request, place.engine, begun, directory, progress.add, workers=place.workers
+        )
+
+
+@contextmanager
+def resumable(directory: Path) -> Iterator[None]:
+    """Tell the user of a run that is broken off how to go on."""
     try:
-        with EvaluationProgress(total, notes) as progress:
-            for record in begun.records:
-                progress.add(record)
-            return run_evaluation(
-                request, place.engine, begun, directory, progress.add, workers=place.workers
-            )
+        yield
     except InfrastructureError as error:
         raise InfrastructureError(f"{error}\n{how_to_go_on(directory)}") from error
     except KeyboardInterrupt as error:

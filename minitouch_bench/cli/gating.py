@@ -1,15 +1,16 @@
 """A policy played against a baseline's episodes, until the gate's answer is certain."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.contests import Holding, make_contest
 from minitouch_bench.cli.engines import Place
-from minitouch_bench.cli.evaluate import how_to_go_on, run_name, write_files
+from minitouch_bench.cli.evaluate import resumable, run_name, write_files
 from minitouch_bench.cli.progress import EvaluationProgress
-from minitouch_bench.errors import InfrastructureError, InterruptedRunError, UsageError
+from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics import measure
 from minitouch_bench.protocol.engine import ActorSource, Engine
 from minitouch_bench.protocol.evaluation import Request, begin, evaluate
@@ -127,23 +128,21 @@ def _play(
     if gate.is_certain and len(begun.records) < gate.planned:
         return None
     engine = _InOrder(play.place.engine, order)
-    try:
-        with EvaluationProgress(gate.planned, notes) as progress:
-            for record in begun.records:
-                progress.add(record)
+    with (
+        suppress(_EnoughError),
+        resumable(directory),
+        EvaluationProgress(gate.planned, notes) as progress,
+    ):
+        for record in begun.records:
+            progress.add(record)
 
-            def take(record: EpisodeRecord) -> None:
-                progress.add(record)
-                if gate.add([measure(record)]) and gate.used < gate.planned:
-                    raise _EnoughError
+        def take(record: EpisodeRecord) -> None:
+            progress.add(record)
+            if gate.add([measure(record)]) and gate.used < gate.planned:
+                raise _EnoughError
 
-            return evaluate(request, engine, begun, directory, take, workers=play.place.workers)
-    except _EnoughError:
-        return None
-    except InfrastructureError as error:
-        raise InfrastructureError(f"{error}\n{how_to_go_on(directory)}") from error
-    except KeyboardInterrupt as error:
-        raise InterruptedRunError(f"interrupted\n{how_to_go_on(directory)}") from error
+        return evaluate(request, engine, begun, directory, take, workers=play.place.workers)
+    return None
 
 
 def _labels(policy: PolicyIdentity, gate: SequentialGate) -> tuple[str, ...]:

@@ -16,12 +16,13 @@ from minitouch_bench.cli.engines import EngineName, choose_engine
 from minitouch_bench.errors import InterruptedRunError
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.process import PolicyLimits
+from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.engine import Contest, Engine
 from minitouch_bench.reporting import read_run
 from minitouch_bench.verification.differences import Difference
-from minitouch_bench.verification.recorded_run import open_run
+from minitouch_bench.verification.recorded_run import RecordedRun, open_run
 from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun
-from minitouch_bench.verification.verify import Verification, verify_run
+from minitouch_bench.verification.verify import Verification, replay_run
 
 CHECK_FAILED = 1
 SHOWN = 10
@@ -67,9 +68,12 @@ def verify(
     seed = secrets.randbits(32) if draw is None else draw
     try:
         with place as (chosen, _):
-            result = _replay(run, chosen)
-            if contest is not None and result.passed:
-                result = _rerun(run, contest, chosen, (again, seed), result)
+            opened, differences = open_run(run)
+            result = Verification(0, differences)
+            if opened is not None:
+                result = _replay(opened, chosen)
+                if contest is not None and result.passed:
+                    result = _rerun(opened, contest, chosen, (again, seed), result)
     except KeyboardInterrupt as error:
         raise InterruptedRunError("interrupted; nothing was changed") from error
     if as_json:
@@ -83,40 +87,31 @@ def verify(
 def _contest(
     directory: Path, policy: str | None, exploration: str | None, held: Holding
 ) -> Contest:
-    """Find the run's checkpoints and load each once; they must be the ones evaluated."""
+    """Find the run's checkpoints, see that they are the ones evaluated, and load each once."""
     header = read_run(directory).header
     limits = PolicyLimits(act_timeout_s=header.act_timeout_s)
-    recorded = header.exploration
-    if recorded is not None and exploration is None:
-        exploration = recorded.source
-    contest = make_contest(
-        policy or header.policy.source, exploration, header.tasks, held._replace(limits=limits)
-    )
-    check_identity(header.policy, contest.policy)
-    if recorded is not None and contest.exploration is not None:
-        check_identity(recorded, contest.exploration)
-    return contest
+    policy = policy or header.policy.source
+    check_identity(header.policy, parse_source(policy, header.tasks, trust=held.trust))
+    if header.exploration is not None:
+        exploration = exploration or header.exploration.source
+        check_identity(header.exploration, parse_source(exploration, trust=held.trust))
+    return make_contest(policy, exploration, header.tasks, held._replace(limits=limits))
 
 
-def _replay(directory: Path, engine: Engine) -> Verification:
-    run, differences = open_run(directory)
-    if run is None:
-        return Verification(0, differences)
+def _replay(run: RecordedRun, engine: Engine) -> Verification:
     with Progress(console=notes) as progress:
         bar = progress.add_task("replaying", total=len(run.specs))
-        return verify_run(directory, engine, lambda: progress.advance(bar))
+        return replay_run(run, engine, lambda: progress.advance(bar))
 
 
 def _rerun(
-    directory: Path,
+    run: RecordedRun,
     contest: Contest,
     engine: Engine,
     draw: tuple[int, int],
     replayed: Verification,
 ) -> Verification:
     """Add what the drawn episodes gave when run with the checkpoint."""
-    run, _ = open_run(directory)
-    assert run is not None
     count, seed = draw
     specs = draw_episodes(run, count, np.random.default_rng(seed))
     found: list[Difference] = []

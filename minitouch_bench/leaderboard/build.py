@@ -14,7 +14,7 @@ from minitouch_bench.leaderboard.entries import Entry, make_entry
 from minitouch_bench.leaderboard.proof import PROOFS, read_proof
 from minitouch_bench.leaderboard.site import write_site
 from minitouch_bench.leaderboard.validation import Depth, Verdict, validate
-from minitouch_bench.leaderboard.writing import write_file
+from minitouch_bench.reporting.writing import write_file
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """Make a submission's directory of finished runs and their checkpoints."""
 
-import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,6 +27,7 @@ from minitouch_bench.protocol.storage import ACTIONS_FILE, LOCK_FILE
 from minitouch_bench.records import Role
 from minitouch_bench.reporting import derived_files, read_run
 from minitouch_bench.reporting.run_directory import RUN_FILE
+from minitouch_bench.reporting.writing import write_file
 
 LEFT_BEHIND = (JOURNAL_FILE, LOCK_FILE, "report.html")
 """What an evaluation writes and a submission does not need."""
@@ -63,12 +63,7 @@ def add_seed(
     submission = Submission(about, seeds)
     text = submission_text(submission)
     check_about(about, seeds)
-    partial = directory / f".{SUBMISSION_FILE}.partial"
-    try:
-        partial.write_text(text, encoding="utf-8", newline="\n")
-        os.replace(partial, directory / SUBMISSION_FILE)
-    except OSError as error:
-        raise RunDirectoryError(f"{partial} cannot be written: {error.strerror}") from error
+    write_file(directory / SUBMISSION_FILE, text)
     return submission
 
 

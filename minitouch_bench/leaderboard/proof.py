@@ -6,7 +6,6 @@ adds a submission has no reason to touch it. It binds a level to the bytes of ea
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -21,6 +20,7 @@ from minitouch_bench.protocol.storage import ACTIONS_FILE
 from minitouch_bench.records import SavedRun
 from minitouch_bench.reporting.json_reader import JsonNode
 from minitouch_bench.reporting.run_directory import RUN_FILE
+from minitouch_bench.reporting.writing import write_file
 
 FORMAT = "minitouch-proof"
 VERSION = 1
@@ -108,13 +108,7 @@ def write_proof(proof: Proof, path: Path) -> None:
         "rerun_episodes": proof.rerun_episodes,
         "files": dict(proof.files),
     }
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-        os.replace(partial, path)
-    except OSError as error:
-        raise RunDirectoryError(f"{path} cannot be written: {error.strerror}") from error
+    write_file(path, json.dumps(document, indent=1) + "\n")
 
 
 def read_proof(path: Path) -> Proof | None:

@@ -23,12 +23,12 @@ from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.submission import MAIN_SUITE, MODALITIES
 from minitouch_bench.leaderboard.views import Heading, View, views
-from minitouch_bench.leaderboard.writing import write_file
 from minitouch_bench.protocol.suites import SUITES
 from minitouch_bench.reporting.cards import PICTURES
 from minitouch_bench.reporting.escaping import printable
 from minitouch_bench.reporting.html import TEMPLATES as REPORT_TEMPLATES
 from minitouch_bench.reporting.paper import PAPER_TASKS
+from minitouch_bench.reporting.writing import write_file
 
 TEMPLATES = Path(__file__).parent / "templates"
 PAGES = "submission"

@@ -1,7 +1,6 @@
 """The files of a run's directory that are derived from its records, and reading them back."""
 
 import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from minitouch_bench.reporting.html import to_html
 from minitouch_bench.reporting.json_document import from_document, to_document, to_text
 from minitouch_bench.reporting.markdown import to_markdown
 from minitouch_bench.reporting.report import Report, build_report, find_videos
+from minitouch_bench.reporting.writing import write_file
 
 RUN_FILE = "run.json"
 
@@ -31,9 +31,9 @@ def write_run(run: EvaluationRun, summary: Summary, directory: Path) -> SavedRun
     document = to_document(run, summary)
     saved = from_document(document, directory.name)
     for name, text in _tables(saved).items():
-        _write(directory / name, text)
+        write_file(directory / name, text)
     # Last: a directory with a run.json has everything else.
-    _write(directory / RUN_FILE, to_text(document))
+    write_file(directory / RUN_FILE, to_text(document))
     return saved
 
 
@@ -73,8 +73,8 @@ def write_report(runs: Sequence[SavedRun], directory: Path, videos: Sequence[Pat
     be written.
     """
     report = build_report(runs, find_videos(videos, directory))
-    _write(directory / "report.md", to_markdown(report))
-    _write(directory / "report.html", to_html(report))
+    write_file(directory / "report.md", to_markdown(report))
+    write_file(directory / "report.html", to_html(report))
     return report
 
 
@@ -90,14 +90,3 @@ def _tables(run: SavedRun) -> dict[str, str]:
 
 def _videos(directory: Path) -> list[Path]:
     return sorted((directory / "videos").glob("*.mp4"))
-
-
-def _write(file: Path, text: str) -> None:
-    """Write a file as a whole: a reader sees the old one or the new one, never a part."""
-    partial = file.with_name(f".{file.name}.partial")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(text, encoding="utf-8", newline="\n")
-        os.replace(partial, file)
-    except OSError as error:
-        raise RunDirectoryError(f"{file} cannot be written: {error.strerror}") from error

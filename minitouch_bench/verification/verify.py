@@ -50,8 +50,17 @@ def verify_run(
         InfrastructureError: an episode could not be replayed.
     """
     run, differences = open_run(directory)
-    if run is None:
-        return Verification(0, differences)
+    return Verification(0, differences) if run is None else replay_run(run, engine, progress)
+
+
+def replay_run(
+    run: RecordedRun, engine: Engine, progress: Callable[[], None] = lambda: None
+) -> Verification:
+    """Replay every episode of an opened run and recompute its files: see ``verify_run``.
+
+    Raises:
+        InfrastructureError: an episode could not be replayed.
+    """
     records = []
     for record in engine.run(Recording(run.actions), run.specs):
         records.append(record)

@@ -1,4 +1,4 @@
-"""Write the files of a board, each as a whole."""
+"""Write a text file as a whole."""
 
 import os
 from pathlib import Path
