@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
+from minitouch_bench.evaluation.engine import Contest, Engine
+from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.ray_cluster import ray_cluster
+from minitouch_bench.evaluation.ray_engine import RayEngine
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.engine import Contest, Engine
-from minitouch_bench.protocol.local_engine import LocalEngine
-from minitouch_bench.protocol.ray_cluster import ray_cluster
-from minitouch_bench.protocol.ray_engine import RayEngine
 from minitouch_bench.protocol.suites import StandardSuite
 from minitouch_bench.records import EpisodeSpec
 

@@ -19,6 +19,7 @@ LAYERS = (
     "agents",
     "policies",
     "protocol",
+    "evaluation",
     "metrics",
     "reporting",
     "regression",
@@ -135,6 +136,6 @@ def test_the_shape_set_is_read_without_the_means_to_make_it():
 
 
 def test_a_worker_has_the_simulator_and_no_torch():
-    loaded = loaded_by("minitouch_bench.protocol.local_engine")
+    loaded = loaded_by("minitouch_bench.evaluation.local_engine")
     assert "pybullet" in loaded
     assert not loaded & {"torch", "stable_baselines3", "onnx", "matplotlib"}

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 from minitouch_bench.cli.consoles import notes
 from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.engine import Contest
 from minitouch_bench.policies.holding import probe
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.policies.sources import PolicySource, parse_source
-from minitouch_bench.protocol.engine import Contest
 from minitouch_bench.records import GOAL_TASKS
 
 MAX_WORKERS = 1024

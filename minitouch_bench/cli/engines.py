@@ -8,10 +8,10 @@ from typing import NamedTuple
 from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.contests import AUTO, worker_count
 from minitouch_bench.errors import UsageError
-from minitouch_bench.protocol.engine import Engine
-from minitouch_bench.protocol.local_engine import LocalEngine
-from minitouch_bench.protocol.ray_cluster import check_address, ray_cluster
-from minitouch_bench.protocol.ray_engine import RayEngine
+from minitouch_bench.evaluation.engine import Engine
+from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.ray_cluster import check_address, ray_cluster
+from minitouch_bench.evaluation.ray_engine import RayEngine
 
 
 class EngineName(StrEnum):

@@ -11,10 +11,10 @@ from minitouch_bench.cli.engines import Place
 from minitouch_bench.cli.evaluate import resumable, run_name, write_files
 from minitouch_bench.cli.progress import EvaluationProgress
 from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.engine import ActorSource, Engine
+from minitouch_bench.evaluation.evaluation import Request, begin, evaluate
+from minitouch_bench.evaluation.storage import lock_directory
 from minitouch_bench.metrics import measure
-from minitouch_bench.protocol.engine import ActorSource, Engine
-from minitouch_bench.protocol.evaluation import Request, begin, evaluate
-from minitouch_bench.protocol.storage import lock_directory
 from minitouch_bench.protocol.suites import find_suite, parse_tasks
 from minitouch_bench.records import (
     EpisodeRecord,

@@ -9,6 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.contests import worker_count
+from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.leaderboard import proof as proofs
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.faults import Fault
@@ -16,7 +17,6 @@ from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.proving import Proving, replay, run_again
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.leaderboard.validation import validate as check
-from minitouch_bench.protocol.local_engine import LocalEngine
 from minitouch_bench.reporting.escaping import printable
 
 INVALID = 1

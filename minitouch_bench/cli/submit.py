@@ -13,6 +13,11 @@ from minitouch_bench.cli.contests import Holding, make_contest, worker_count
 from minitouch_bench.cli.engines import Place
 from minitouch_bench.cli.evaluate import run_episodes
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.evaluation.engine import Contest
+from minitouch_bench.evaluation.evaluation import Request, begin
+from minitouch_bench.evaluation.journal import JOURNAL_FILE
+from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.storage import LOCK_FILE, clear_run, lock_directory, write_actions
 from minitouch_bench.leaderboard.packing import (
     add_seed,
     begun_submission,
@@ -37,11 +42,6 @@ from minitouch_bench.metrics import summarize
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
-from minitouch_bench.protocol.engine import Contest
-from minitouch_bench.protocol.evaluation import Request, begin
-from minitouch_bench.protocol.journal import JOURNAL_FILE
-from minitouch_bench.protocol.local_engine import LocalEngine
-from minitouch_bench.protocol.storage import LOCK_FILE, clear_run, lock_directory, write_actions
 from minitouch_bench.protocol.suites import OFFICIAL_SEED, find_suite
 from minitouch_bench.records import PolicyIdentity, Role, SavedRun
 from minitouch_bench.reporting import read_run, write_run

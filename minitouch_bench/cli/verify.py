@@ -14,10 +14,10 @@ from minitouch_bench.cli.consoles import data_console, notes
 from minitouch_bench.cli.contests import Holding, make_contest
 from minitouch_bench.cli.engines import EngineName, choose_engine
 from minitouch_bench.errors import InterruptedRunError
+from minitouch_bench.evaluation.engine import Contest, Engine
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.engine import Contest, Engine
 from minitouch_bench.reporting import read_run
 from minitouch_bench.verification.differences import Difference
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run

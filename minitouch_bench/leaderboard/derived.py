@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.evaluation.storage import ACTIONS_FILE, read_actions
 from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.leaderboard.run_checks import NAMED, PACK_AGAIN
 from minitouch_bench.metrics import summarize_episodes
-from minitouch_bench.protocol.storage import ACTIONS_FILE, read_actions
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, SavedRun, TaskSummary
 from minitouch_bench.reporting import derived_files
 from minitouch_bench.reporting.json_document import saved_document

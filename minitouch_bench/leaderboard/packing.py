@@ -6,6 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.evaluation.journal import JOURNAL_FILE
+from minitouch_bench.evaluation.storage import ACTIONS_FILE, LOCK_FILE
 from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.inventory import MAX_SUBMISSION_FILE, RUN_LIMITS, read_plain
 from minitouch_bench.leaderboard.submission import (
@@ -22,8 +24,6 @@ from minitouch_bench.leaderboard.submission_reader import read_submission
 from minitouch_bench.leaderboard.submission_writer import submission_text
 from minitouch_bench.leaderboard.texts import check_file_name
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource
-from minitouch_bench.protocol.journal import JOURNAL_FILE
-from minitouch_bench.protocol.storage import ACTIONS_FILE, LOCK_FILE
 from minitouch_bench.records import Role
 from minitouch_bench.reporting import derived_files, read_run
 from minitouch_bench.reporting.run_directory import RUN_FILE

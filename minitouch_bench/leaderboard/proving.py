@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.engine import Contest, Engine
 from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.submission import CHECKPOINTS, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
-from minitouch_bench.protocol.engine import Contest, Engine
 from minitouch_bench.records import PolicyIdentity, Role
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
 from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun

@@ -1,1 +1,1 @@
-"""The standard protocol: suites, seeds, rollouts, engines, and the files of a run."""
+"""The standard protocol: suites, seeds, and its digest."""

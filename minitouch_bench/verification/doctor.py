@@ -18,17 +18,17 @@ import numpy as np
 
 from minitouch_bench.cache import cache_directory, materialise
 from minitouch_bench.errors import MiniTouchError
+from minitouch_bench.evaluation.engine import ActorSource, EpisodeRunner
+from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.replay import RecordedActor, Recording
+from minitouch_bench.evaluation.storage import Actions
 from minitouch_bench.policies.holding import hold, probe
 from minitouch_bench.policies.isolation import landlock
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.engine import ActorSource, EpisodeRunner
 from minitouch_bench.protocol.identity import protocol_digest
-from minitouch_bench.protocol.local_engine import LocalEngine
-from minitouch_bench.protocol.replay import RecordedActor, Recording
 from minitouch_bench.protocol.seeds import PROTOCOL
-from minitouch_bench.protocol.storage import Actions
 from minitouch_bench.protocol.suites import SUITES, find_suite
 from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.shapegen.manifest import canonical_shape_set

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.storage import Actions, read_actions
 from minitouch_bench.protocol.identity import protocol_digest
-from minitouch_bench.protocol.storage import Actions, read_actions
 from minitouch_bench.protocol.suites import SUITES
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, RunHeader, SavedRun
 from minitouch_bench.reporting import read_run

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.engine import Contest, Engine
+from minitouch_bench.evaluation.storage import Actions
 from minitouch_bench.policies.sources import PolicySource, identify
-from minitouch_bench.protocol.engine import Contest, Engine
-from minitouch_bench.protocol.storage import Actions
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EpisodeSpec, PolicyIdentity
 from minitouch_bench.verification.differences import Difference
 from minitouch_bench.verification.recorded_run import RecordedRun

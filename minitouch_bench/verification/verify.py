@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.evaluation.engine import Engine
+from minitouch_bench.evaluation.journal import JOURNAL_FILE, read_journal
+from minitouch_bench.evaluation.replay import Recording
 from minitouch_bench.metrics import summarize
-from minitouch_bench.protocol.engine import Engine
-from minitouch_bench.protocol.journal import JOURNAL_FILE, read_journal
-from minitouch_bench.protocol.replay import Recording
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EvaluationRun, SavedRun
 from minitouch_bench.reporting import derived_files, from_document, to_document
 from minitouch_bench.verification.differences import Difference, compare_values

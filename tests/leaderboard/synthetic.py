@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from minitouch_bench.evaluation.storage import write_actions
 from minitouch_bench.leaderboard.packing import add_seed, begun_submission, tidy
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
@@ -18,7 +19,6 @@ from minitouch_bench.leaderboard.submission import (
 from minitouch_bench.metrics import summarize
 from minitouch_bench.protocol.identity import protocol_digest
 from minitouch_bench.protocol.seeds import PROTOCOL
-from minitouch_bench.protocol.storage import write_actions
 from minitouch_bench.protocol.suites import SUITES
 from minitouch_bench.records import (
     EvaluationRun,

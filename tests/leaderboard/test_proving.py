@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.storage import write_actions
 from minitouch_bench.leaderboard.proof import (
     ProofLevel,
     level_of,
@@ -17,11 +19,9 @@ from minitouch_bench.leaderboard.proving import Proving, replay, run_again
 from minitouch_bench.leaderboard.submission import About, Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics import summarize
-from minitouch_bench.protocol.local_engine import LocalEngine
-from minitouch_bench.protocol.storage import write_actions
 from minitouch_bench.reporting import write_run
 from minitouch_bench.reporting.json_document import to_text
-from tests.protocol.runs import request, run
+from tests.evaluation.runs import request, run
 
 PLACE = "seed-0/table4"
 

@@ -9,15 +9,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from minitouch_bench.protocol.actors import ScriptedActor
-from minitouch_bench.protocol.local_engine import LocalEngine
+from minitouch_bench.evaluation.actors import ScriptedActor
+from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.records import GOAL_TASKS, EvaluationRun, RunEnvironment, SavedRun
 from minitouch_bench.regression.gate import Verdict, judge_runs
 from minitouch_bench.regression.sequential import SequentialGate, play_order
 from minitouch_bench.regression.tables import difference_text, p_text
 from minitouch_bench.regression.tolerances import GateSettings
 from minitouch_bench.regression.wording import headline
-from tests.protocol.runs import request
+from tests.evaluation.runs import request
 from tests.reporting.synthetic import save
 
 STRENGTHS = (0.2, 0.5, 1.0)

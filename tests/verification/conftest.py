@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from minitouch_bench.evaluation.engine import EpisodeRunner
+from minitouch_bench.evaluation.storage import ACTIONS_FILE
 from minitouch_bench.metrics import summarize
-from minitouch_bench.protocol.engine import EpisodeRunner
-from minitouch_bench.protocol.storage import ACTIONS_FILE
 from minitouch_bench.reporting import write_report, write_run
-from tests.protocol.runs import request, run
+from tests.evaluation.runs import request, run
 
 WANTED = request("scripted", ("pushing", "opening"), 2, exploration="scripted")
 

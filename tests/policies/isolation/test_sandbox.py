@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from minitouch_bench.errors import IsolationError
+from minitouch_bench.evaluation.engine import Contest
 from minitouch_bench.policies.holding import held_level, hold, probe
 from minitouch_bench.policies.in_process import InProcessPolicy
 from minitouch_bench.policies.isolation import landlock, sandbox
@@ -14,7 +15,6 @@ from minitouch_bench.policies.isolation.levels import Isolation, weakest
 from minitouch_bench.policies.isolation.limits import Limits
 from minitouch_bench.policies.isolation.readable import readable_paths
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.engine import Contest
 
 ROOMY = Limits(memory_bytes=2**33, cpu_s=60)
 

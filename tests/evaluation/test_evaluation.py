@@ -1,11 +1,11 @@
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.evaluation.journal import JOURNAL_FILE
+from minitouch_bench.evaluation.storage import ACTIONS_FILE
 from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.protocol.journal import JOURNAL_FILE
-from minitouch_bench.protocol.storage import ACTIONS_FILE
 from minitouch_bench.records import Outcome, Role
-from tests.protocol.runs import digests, request, run
+from tests.evaluation.runs import digests, request, run
 
 
 def test_a_run_holds_every_episode_in_the_suite_s_order(finished):

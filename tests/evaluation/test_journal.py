@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.protocol.journal import JOURNAL_FILE, Journal, read_journal
-from tests.protocol.runs import digests
+from minitouch_bench.evaluation.journal import JOURNAL_FILE, Journal, read_journal
+from tests.evaluation.runs import digests
 
 ROOT = Path(__file__).parents[2]
 
@@ -89,7 +89,7 @@ COPY = """
 import resource, sys
 from pathlib import Path
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.protocol.journal import Journal, read_journal
+from minitouch_bench.evaluation.journal import Journal, read_journal
 source, target, limit = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
 header, records, _ = read_journal(source)
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))

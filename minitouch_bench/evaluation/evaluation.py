@@ -9,12 +9,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.evaluation.engine import Contest, Engine
+from minitouch_bench.evaluation.journal import Journal, read_journal
+from minitouch_bench.evaluation.storage import clear_run, holds_run
 from minitouch_bench.policies.sources import identify
-from minitouch_bench.protocol.engine import Contest, Engine
 from minitouch_bench.protocol.identity import protocol_digest
-from minitouch_bench.protocol.journal import Journal, read_journal
 from minitouch_bench.protocol.seeds import PROTOCOL
-from minitouch_bench.protocol.storage import clear_run, holds_run
 from minitouch_bench.protocol.suites import Suite
 from minitouch_bench.records import (
     EpisodeRecord,

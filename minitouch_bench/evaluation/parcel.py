@@ -7,8 +7,8 @@ from pathlib import Path
 
 from minitouch_bench.cache import materialise
 from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.evaluation.engine import ActorSource, Contest
 from minitouch_bench.policies.sources import PolicySource, read_checkpoint
-from minitouch_bench.protocol.engine import ActorSource, Contest
 
 STEM = "policy"
 """Checkpoints lie in a machine's cache under this name and their digest."""

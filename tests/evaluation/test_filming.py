@@ -2,7 +2,7 @@ import pytest
 from PIL import Image
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.protocol.filming import film, film_name
+from minitouch_bench.evaluation.filming import film, film_name
 
 
 @pytest.fixture

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import InvalidActionError, PolicyLoadError, PolicyTimeoutError
-from minitouch_bench.protocol.actors import ScriptedActor, make_actor
-from minitouch_bench.protocol.rollout import run_episode
+from minitouch_bench.evaluation.actors import ScriptedActor, make_actor
+from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.protocol.suites import find_suite
 from minitouch_bench.records import Outcome, Role
 from minitouch_bench.tasks.registration import TASKS, make_environment
-from tests.protocol.runs import request
+from tests.evaluation.runs import request
 
 SPECS = {spec.task: spec for spec in find_suite("smoke").episodes(exploration=False)}
 

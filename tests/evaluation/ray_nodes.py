@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.protocol.ray_cluster import SETTINGS, ray_cluster
+from minitouch_bench.evaluation.ray_cluster import SETTINGS, ray_cluster
 
 START = (sys.executable, "-m", "ray.scripts.scripts", "start", "--block")
 QUICK = {"RAY_health_check_period_ms": "500", "RAY_health_check_timeout_ms": "2000"}

@@ -13,8 +13,8 @@ from multiprocessing.process import BaseProcess
 
 from minitouch_bench.arithmetic import same_arithmetic
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.protocol.engine import ActorSource, EpisodeRunner
-from minitouch_bench.protocol.rollout import MAX_ATTEMPTS
+from minitouch_bench.evaluation.engine import ActorSource, EpisodeRunner
+from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 PR_SET_PDEATHSIG = 1

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.protocol.storage import (
+from minitouch_bench.evaluation.storage import (
     ACTIONS_FILE,
     RUN_FILES,
     clear_run,
@@ -21,7 +21,7 @@ from minitouch_bench.records import EpisodeSpec, Role
 HOLD = """
 import sys, time
 from pathlib import Path
-from minitouch_bench.protocol.storage import lock_directory
+from minitouch_bench.evaluation.storage import lock_directory
 with lock_directory(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(1000)

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.evaluation.rollout import Actor
 from minitouch_bench.policies.holding import hold
 from minitouch_bench.policies.in_process import InProcessPolicy
 from minitouch_bench.policies.isolation.levels import Isolation
@@ -10,7 +11,6 @@ from minitouch_bench.policies.policy import Observation
 from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
 from minitouch_bench.policies.scripted import Controller, make_controller
 from minitouch_bench.policies.sources import PolicySource
-from minitouch_bench.protocol.rollout import Actor
 from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.tasks.environment import MiniTouchEnv

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from minitouch_bench.evaluation.engine import EpisodeRunner
+from minitouch_bench.evaluation.evaluation import package_versions
+from minitouch_bench.evaluation.parcel import unpack
 from minitouch_bench.optional import require
-from minitouch_bench.protocol.engine import EpisodeRunner
-from minitouch_bench.protocol.evaluation import package_versions
 from minitouch_bench.protocol.identity import protocol_digest
-from minitouch_bench.protocol.parcel import unpack
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 PACKAGE = "minitouch-bench"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.protocol.journal import JOURNAL_FILE
+from minitouch_bench.evaluation.journal import JOURNAL_FILE
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 from minitouch_bench.tasks.registration import TASKS
 from minitouch_bench.tasks.task import MAX_STEPS

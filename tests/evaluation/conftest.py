@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.records import EvaluationRun
-from tests.protocol.runs import request, run
+from tests.evaluation.runs import request, run
 
 HERE = Path(__file__).parent
 

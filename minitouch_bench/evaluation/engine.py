@@ -4,12 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from minitouch_bench.evaluation.actors import make_actor
+from minitouch_bench.evaluation.rollout import Actor, run_episode
 from minitouch_bench.policies.holding import held_level
 from minitouch_bench.policies.isolation.levels import Isolation, weakest
 from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.policies.sources import PolicySource
-from minitouch_bench.protocol.actors import make_actor
-from minitouch_bench.protocol.rollout import Actor, run_episode
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Role
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registration import make_environment

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.evaluation.journal import JOURNAL_FILE, read_journal
+from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.protocol.journal import JOURNAL_FILE, read_journal
-from minitouch_bench.protocol.local_engine import LocalEngine
 from minitouch_bench.protocol.suites import find_suite
-from tests.protocol.runs import digests, request, run
+from tests.evaluation.runs import digests, request, run
 
 ROOT = Path(__file__).parents[2]
 
@@ -99,7 +99,7 @@ def test_breaking_off_ends_the_workers():
 PARENT = """
 import sys
 from pathlib import Path
-from tests.protocol.runs import request, run
+from tests.evaluation.runs import request, run
 if __name__ == "__main__":
     run(request("random", ("playing",), 50), Path(sys.argv[1]), workers=2)
 """

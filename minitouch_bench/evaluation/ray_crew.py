@@ -10,10 +10,10 @@ from typing import Any
 
 from minitouch_bench.arithmetic import SETTINGS
 from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.evaluation.parcel import Parcel
+from minitouch_bench.evaluation.ray_worker import EpisodeWorker, Machine, Report, this_machine
+from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS
 from minitouch_bench.policies.wire import plain_line
-from minitouch_bench.protocol.parcel import Parcel
-from minitouch_bench.protocol.ray_worker import EpisodeWorker, Machine, Report, this_machine
-from minitouch_bench.protocol.rollout import MAX_ATTEMPTS
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 LOOK_S = 5.0

@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.protocol.engine import ActorSource
-from minitouch_bench.protocol.parcel import pack
-from minitouch_bench.protocol.ray_crew import Crew, Loss
-from minitouch_bench.protocol.rollout import MAX_ATTEMPTS
+from minitouch_bench.evaluation.engine import ActorSource
+from minitouch_bench.evaluation.parcel import pack
+from minitouch_bench.evaluation.ray_crew import Crew, Loss
+from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 

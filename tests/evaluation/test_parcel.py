@@ -6,9 +6,9 @@ import pytest
 
 from minitouch_bench.cache import VARIABLE
 from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.evaluation.engine import Contest
+from minitouch_bench.evaluation.parcel import pack, unpack
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.engine import Contest
-from minitouch_bench.protocol.parcel import pack, unpack
 
 
 @pytest.fixture

@@ -13,20 +13,20 @@ from pathlib import Path
 
 import pytest
 import torch
+from tests.evaluation.test_local_engine import wait_until
 
 from minitouch_bench.agents.networks import TouchActor
 from minitouch_bench.cache import VARIABLE
 from minitouch_bench.errors import InfrastructureError, MissingExtraError, UsageError
+from minitouch_bench.evaluation.journal import JOURNAL_FILE
+from minitouch_bench.evaluation.ray_cluster import ray_cluster
+from minitouch_bench.evaluation.ray_engine import RayEngine
+from minitouch_bench.evaluation.storage import ACTIONS_FILE
 from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.protocol.journal import JOURNAL_FILE
-from minitouch_bench.protocol.ray_cluster import ray_cluster
-from minitouch_bench.protocol.ray_engine import RayEngine
-from minitouch_bench.protocol.storage import ACTIONS_FILE
 from minitouch_bench.records import TASK_NAMES
-from tests.protocol import ray_nodes
-from tests.protocol.ray_nodes import command_line, holds_a_policy
-from tests.protocol.runs import digests, request, run
-from tests.protocol.test_local_engine import wait_until
+from tests.evaluation.ray_nodes import command_line, holds_a_policy
+from tests.evaluation.runs import digests, request, run
+from tests.evaluation import ray_nodes
 
 HERE = Path(__file__).parent
 

@@ -1,0 +1,1 @@
+"""A policy over a suite: rollouts, engines, and the files of a run."""
