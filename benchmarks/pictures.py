@@ -8,7 +8,7 @@ from PIL import Image
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.tasks.registration import TASKS, make_environment
 
-REPORT_PICTURES = Path("minitouch_bench/reporting/pictures")
+REPORT_PICTURES = Path("minitouch_bench/rendering/pictures")
 DOCUMENT_PICTURES = Path("docs/pictures")
 WIDTH, HEIGHT = 640, 480
 SMOOTHING = 2

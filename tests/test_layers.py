@@ -21,13 +21,14 @@ LAYERS = (
     "protocol",
     "evaluation",
     "metrics",
+    "rendering",
     "reporting",
     "regression",
     "verification",
     "leaderboard",
     "cli",
 )
-REPORT_LAYERS = {"metrics", "reporting", "regression"}
+REPORT_LAYERS = {"metrics", "rendering", "reporting", "regression"}
 """They read files of a run, and draw without a simulator or torch."""
 
 SIMULATOR_FILES = {"simulation/client.py", "simulation/quiet_pybullet.py"}

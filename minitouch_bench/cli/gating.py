@@ -30,7 +30,7 @@ from minitouch_bench.regression.pairing import episode_key, refuse_other_rules
 from minitouch_bench.regression.sequential import SequentialGate, play_order
 from minitouch_bench.regression.tolerances import GateSettings
 from minitouch_bench.regression.verdicts import early_verdict, final_verdict
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 
 
 @dataclass(frozen=True)

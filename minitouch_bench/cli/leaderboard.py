@@ -17,7 +17,7 @@ from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.proving import Proving, replay, run_again
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.leaderboard.validation import validate as check
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 
 INVALID = 1
 

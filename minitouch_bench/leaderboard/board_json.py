@@ -9,7 +9,7 @@ from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics.definitions import unit_of
 from minitouch_bench.records import TASK_NAMES, Estimate
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 
 FORMAT = "minitouch-leaderboard"
 VERSION = 1

@@ -12,9 +12,9 @@ from minitouch_bench.leaderboard.views import (
     View,
     views,
 )
-from minitouch_bench.reporting.markdown import escape
+from minitouch_bench.rendering.markdown import escape
+from minitouch_bench.rendering.tables import ABSENT
 from minitouch_bench.reporting.paper import CAVEAT, CITATION, PAPER_METHODS
-from minitouch_bench.reporting.tables import ABSENT
 
 SHOWN_REASONS = 3
 

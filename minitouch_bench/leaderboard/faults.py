@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from minitouch_bench.errors import MiniTouchError
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 
 SHOWN_CHARACTERS = 400
 """Characters of one part of a fault; a stranger's text never fills the screen."""

@@ -20,7 +20,7 @@ from minitouch_bench.leaderboard.submission import MAIN_SUITE
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, Figure, figure, gap_figures
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.records import GOAL_TASKS, TICKS_PER_SECOND, Role
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.novel_shapes import verdict
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_TASKS, paper_figure

@@ -24,8 +24,8 @@ from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.submission import MAIN_SUITE, MODALITIES
 from minitouch_bench.leaderboard.views import Heading, View, views
 from minitouch_bench.protocol.suites import SUITES
+from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.cards import PICTURES
-from minitouch_bench.reporting.escaping import printable
 from minitouch_bench.reporting.html import TEMPLATES as REPORT_TEMPLATES
 from minitouch_bench.reporting.paper import PAPER_TASKS
 from minitouch_bench.reporting.writing import write_file

@@ -5,8 +5,8 @@ import unicodedata
 from urllib.parse import urlsplit
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.csv_writer import FORMULA_STARTS
-from minitouch_bench.reporting.escaping import printable
 
 NAME = re.compile(r"[a-z0-9](?:[a-z0-9._-]{0,62}[a-z0-9])?")
 """A submission's name: it becomes a directory and an address on every system."""

@@ -9,9 +9,10 @@ from minitouch_bench.leaderboard.ranking import RANKED_BY, Rank
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.records import GOAL_TASKS, Estimate, Gap
+from minitouch_bench.rendering.tables import ABSENT, format_value
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_TASKS
-from minitouch_bench.reporting.tables import ABSENT, TABLE4_METRICS, format_figure
+from minitouch_bench.reporting.tables import TABLE4_METRICS
 
 RANKED, CALIBRATION, PAPER = "ranked", "calibration", "paper"
 """Kinds of rows; only the first has ranks."""
@@ -78,11 +79,11 @@ def figure(metric: str, estimate: Estimate | None) -> Figure:
     if estimate is None:
         return Figure()
     name = "success" if metric == MEAN_SUCCESS else metric
-    low, high = format_figure(name, estimate.low), format_figure(name, estimate.high)
+    low, high = format_value(name, estimate.low), format_value(name, estimate.high)
     is_share = METRICS[name].unit.startswith("share")
     counted = "training seeds" if "seeds" in estimate.method else "episodes"
     return Figure(
-        text=format_figure(name, estimate.value),
+        text=format_value(name, estimate.value),
         interval=f"[{low}, {high}]",
         title=f"{estimate.count} {counted}, 95 % interval: {estimate.method}",
         key=estimate.value,

@@ -15,7 +15,7 @@ from minitouch_bench.regression.pairing import (
     collect_samples,
     pair_runs,
 )
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
 
 ALPHA = 0.05

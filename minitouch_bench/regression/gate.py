@@ -22,7 +22,7 @@ from minitouch_bench.regression.pairing import (
 )
 from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN, MeanResolution
 from minitouch_bench.regression.tolerances import GateSettings
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import run_labels, tasks_in_order
 
 FAILED = 1

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 from minitouch_bench.regression.gate import Judgement, Ruling, Verdict
 from minitouch_bench.regression.tables import difference_text, metric_label, p_text, ruling_text
 from minitouch_bench.regression.wording import effort_line, headline, verdict_notes
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 
 SUITE = "minitouch-bench regress"
 

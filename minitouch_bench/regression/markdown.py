@@ -14,7 +14,7 @@ from minitouch_bench.regression.wording import (
     verdict_notes,
     versus_lines,
 )
-from minitouch_bench.reporting.markdown import code_span, escape, table_lines
+from minitouch_bench.rendering.markdown import code_span, escape, table_lines
 from minitouch_bench.reporting.tables import OUTCOME_TITLES
 
 MARKS = {Ruling.PASSED: "✅", Ruling.REGRESSION: "❌", Ruling.INCONCLUSIVE: "❔"}

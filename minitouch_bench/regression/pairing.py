@@ -15,7 +15,7 @@ from minitouch_bench.records import (
     RunHeader,
     SavedRun,
 )
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 
 SHARE_METRICS = ("success", "exploration")
 MEAN_METRICS = ("episode_steps", "touch_interaction")

@@ -7,16 +7,9 @@ from minitouch_bench.regression.comparison import Change, Entrant, Finding, Vers
 from minitouch_bench.regression.effects import Effect
 from minitouch_bench.regression.gate import Judgement, Ruling, Verdict
 from minitouch_bench.regression.pairing import PAIRED_METRICS
+from minitouch_bench.rendering.tables import ABSENT, Cell, Column, Row, Table, format_value
 from minitouch_bench.reporting.labels import task_title
-from minitouch_bench.reporting.tables import (
-    ABSENT,
-    OUTCOME_TITLES,
-    Cell,
-    Column,
-    Row,
-    Table,
-    format_figure,
-)
+from minitouch_bench.reporting.tables import OUTCOME_TITLES
 
 SMALLEST_P = 0.0001
 """A p-value below is written as such: the bootstrap draws no finer ones."""
@@ -149,8 +142,8 @@ def _metric_table(
             Row(
                 (task_title(effect.task),),
                 (
-                    Cell(format_figure(metric, effect.first)),
-                    Cell(format_figure(metric, effect.second)),
+                    Cell(format_value(metric, effect.first)),
+                    Cell(format_value(metric, effect.second)),
                     Cell(difference_text(effect)),
                     Cell(p_text(finding.p_holm)),
                     Cell(finding.verdict),
@@ -181,10 +174,10 @@ def _metric_table(
 def _judgement_cells(judgement: Judgement, verdict: Verdict) -> tuple[Cell, ...]:
     effect = judgement.effect
     tolerance = verdict.settings.tolerance(effect.task, effect.metric)
-    allowed = format_figure(effect.metric, judgement.allowed)
+    allowed = format_value(effect.metric, judgement.allowed)
     return (
-        Cell(format_figure(effect.metric, effect.first)),
-        Cell(format_figure(effect.metric, effect.second)),
+        Cell(format_value(effect.metric, effect.first)),
+        Cell(format_value(effect.metric, effect.second)),
         Cell(difference_text(effect)),
         Cell(f"{allowed} ({tolerance})" if tolerance.relative else allowed),
         Cell(p_text(judgement.p_value)),

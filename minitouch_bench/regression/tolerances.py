@@ -10,7 +10,7 @@ from typing import Any
 from minitouch_bench.errors import UsageError
 from minitouch_bench.records import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.regression.pairing import PAIRED_METRICS, SHARE_METRICS
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 
 CONFIG_FILE = "minitouch-bench.toml"
 SECTION_KEYS = ("alpha", "strict", "metrics", "tolerance")

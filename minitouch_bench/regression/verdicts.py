@@ -8,7 +8,7 @@ from minitouch_bench.regression.comparison import differences_of_holding, find_c
 from minitouch_bench.regression.gate import Effort, Side, Verdict, judge_runs
 from minitouch_bench.regression.sequential import Levels, SequentialGate
 from minitouch_bench.regression.tolerances import GateSettings
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import reproduce_command, run_labels
 
 

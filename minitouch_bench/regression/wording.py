@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from minitouch_bench.regression.comparison import Comparison, Entrant, Versus
 from minitouch_bench.regression.gate import Ruling, Side, Verdict
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 
 
 def entrant_line(entrant: Entrant) -> str:

@@ -7,12 +7,13 @@ from pathlib import Path
 
 from minitouch_bench.metrics.definitions import METRICS, unit_of
 from minitouch_bench.records import GOAL_TASKS, Estimate
+from minitouch_bench.rendering.tables import Cell, estimate_cell
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_figure
 from minitouch_bench.reporting.report import Report, RunSection
-from minitouch_bench.reporting.tables import Cell, estimate_cell, find_estimate
+from minitouch_bench.reporting.tables import find_estimate
 
-PICTURES = Path(__file__).parent / "pictures"
+PICTURES = Path(__file__).parents[1] / "rendering" / "pictures"
 BESIDE_SUCCESS = ("episode_steps", "touch_interaction")
 BESIDE_TOUCH = ("touched", "time_to_first_touch")
 HEADROOM = 1.1

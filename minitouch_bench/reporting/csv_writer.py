@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from minitouch_bench.metrics.generalization import HELD_OUT, TRAIN
 from minitouch_bench.records import EpisodeMetrics, Estimate, Generalization, SavedRun
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_figure
 from minitouch_bench.reporting.tables import TABLE4_METRICS, find_estimate

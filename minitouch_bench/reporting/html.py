@@ -9,9 +9,9 @@ from markupsafe import Markup
 
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.records import GOAL_TASKS
+from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting import plots
 from minitouch_bench.reporting.cards import build_cards
-from minitouch_bench.reporting.escaping import printable
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.report import Report
 from minitouch_bench.reporting.tables import OUTCOME_TITLES

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 
 
 class JsonNode:

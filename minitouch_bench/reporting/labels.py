@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from minitouch_bench.records import RunHeader, SavedRun
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_TASKS
 
 

@@ -1,14 +1,8 @@
 """``report.md``: the tables and facts of a report in GitHub's Markdown."""
 
-import re
-from collections.abc import Sequence
-
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.markdown import code_span, escape, table_lines
 from minitouch_bench.reporting.report import Report, RunSection
-from minitouch_bench.reporting.tables import Table
 
-_SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&$])")
-_LIST_START = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")
 SHOWN_EPISODES = 12
 """Episodes named for one fault; a policy that always fails would fill the page."""
 
@@ -34,21 +28,6 @@ def to_markdown(report: Report) -> str:
     return "\n".join(parts) + "\n"
 
 
-def escape(text: str) -> str:
-    """Return the text so that Markdown shows it and does not read it as marks or HTML."""
-    escaped = _SPECIAL.sub(r"\\\1", printable(text))
-    return _LIST_START.sub(r"\1\\\2", escaped)
-
-
-def code_span(text: str) -> str:
-    """Return the text as a code span that no backtick inside can close."""
-    plain = printable(text)
-    longest = max((len(run) for run in re.findall("`+", plain)), default=0)
-    fence = "`" * (longest + 1)
-    pad = " " if longest else ""
-    return f"{fence}{pad}{plain}{pad}{fence}"
-
-
 def _headline(section: RunSection) -> list[str]:
     """Say what a run is, and its labels."""
     header = section.run.header
@@ -59,28 +38,6 @@ def _headline(section: RunSection) -> list[str]:
     ]
     lines += [f"> {escape(label)}" for label in section.labels]
     return [lines[0], "", *(f"{line}  " for line in lines[1:]), ""]
-
-
-def table_lines(table: Table) -> list[str]:
-    """Write a table; a block's name stands above each of its columns' names."""
-    heads = [
-        "<br>".join(escape(part) for part in (column.group, column.label, column.unit) if part)
-        + (" (paper)" if column.is_paper else "")
-        for column in table.columns
-    ]
-    ruler = ["---"] * len(table.corner) + ["---:"] * len(table.columns)
-    lines = [_line([*map(escape, table.corner), *heads]), _line(ruler)]
-    for row in table.rows:
-        first = [escape(head) for head in row.heads]
-        if row.unit:
-            first[-1] += f"<br>{escape(row.unit)}"
-        lines.append(_line([*first, *(escape(str(cell)) for cell in row.cells)]))
-    return lines
-
-
-def _line(cells: Sequence[str]) -> str:
-    """Write one line of a table."""
-    return f"| {' | '.join(cells)} |"
 
 
 def _faults(section: RunSection) -> list[str]:

@@ -10,18 +10,19 @@ from minitouch_bench.records import (
     Generalization,
     SavedRun,
 )
-from minitouch_bench.reporting.escaping import printable
-from minitouch_bench.reporting.labels import task_title, tasks_in_order
-from minitouch_bench.reporting.tables import (
+from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.rendering.tables import (
     ABSENT,
     Cell,
     Column,
     Row,
     Table,
+    difference_cell,
     estimate_cell,
-    label_notes,
-    marked_names,
+    metric_head,
 )
+from minitouch_bench.reporting.labels import task_title, tasks_in_order
+from minitouch_bench.reporting.tables import label_notes, marked_names
 
 NO_DIFFERENCE = "no difference seen"
 
@@ -46,8 +47,8 @@ def gap_table(runs: Sequence[SavedRun]) -> Table:
         for metric in _in_order(result.gaps for result in results if result):
             gaps = [result.gaps.get(metric) if result else None for result in results]
             cells = tuple(cell for gap in gaps for cell in _gap_cells(metric, gap))
-            label = f"{METRICS[metric].label} {METRICS[metric].direction}".rstrip()
-            rows.append(Row((task_title(task), label), cells, unit_of(metric, task)))
+            heads = (task_title(task), metric_head(metric))
+            rows.append(Row(heads, cells, unit_of(metric, task)))
     return Table(
         title="Novel shapes",
         corner=("Task", "Metric"),
@@ -108,32 +109,22 @@ def verdict(metric: str, difference: Estimate) -> str:
 
 
 def _gap_cells(metric: str, gap: Gap | None) -> tuple[Cell, ...]:
-    """Write one metric's held-out and train figures, the gap and the verdict."""
+    """Write one metric's held-out and train values, the gap and the verdict."""
     if gap is None:
-        return (Cell(ABSENT),) * 4
-    difference = gap.difference
+        return (Cell(),) * 4
     return (
         estimate_cell(metric, gap.held_out),
         estimate_cell(metric, gap.train),
-        Cell(
-            text=_signed(metric, difference.value),
-            interval=f"[{_signed(metric, difference.low)}, {_signed(metric, difference.high)}]",
-            title=f"{difference.count} episodes, 95 % interval: {difference.method}",
-        ),
-        Cell(verdict(metric, difference)),
+        difference_cell(metric, gap.difference),
+        Cell(verdict(metric, gap.difference)),
     )
-
-
-def _signed(metric: str, value: float) -> str:
-    """Write a difference with its sign; what rounds to 0 has a plus."""
-    return format(value, f"+z{METRICS[metric].number_format}")
 
 
 def _family_cells(run: SavedRun, task: str, family: str) -> tuple[Cell, ...]:
     """Write a family's figure and number of episodes on each split."""
     result = find_generalization(run, task)
     if result is None:
-        return (Cell(ABSENT),) * 4
+        return (Cell(),) * 4
     found = result.families.get(family, FamilyResult(None, None))
     cells = []
     for estimate in (found.held_out, found.train):

@@ -19,7 +19,7 @@ from matplotlib.ticker import MaxNLocator
 
 from minitouch_bench.metrics.definitions import METRICS, unit_of
 from minitouch_bench.records import EpisodeMetrics, Estimate, Outcome, TaskSummary
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.novel_shapes import find_generalization
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_figure

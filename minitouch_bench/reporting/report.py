@@ -8,7 +8,8 @@ from urllib.parse import quote
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.records import SavedRun
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.rendering.tables import Table
 from minitouch_bench.reporting.labels import (
     reproduce_command,
     run_labels,
@@ -16,7 +17,7 @@ from minitouch_bench.reporting.labels import (
     tasks_in_order,
 )
 from minitouch_bench.reporting.novel_shapes import novel_shapes
-from minitouch_bench.reporting.tables import Table, diagnostics, table4
+from minitouch_bench.reporting.tables import diagnostics, table4
 
 
 @dataclass(frozen=True)

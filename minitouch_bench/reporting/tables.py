@@ -1,11 +1,20 @@
 """The tables of a report as data; each writer draws the same ones."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 from minitouch_bench.metrics.definitions import METRICS, unit_of
 from minitouch_bench.metrics.generalization import MIN_EPISODES, has_both_splits
 from minitouch_bench.records import Estimate, Outcome, SavedRun, TaskSummary
+from minitouch_bench.rendering.tables import (
+    ABSENT,
+    Cell,
+    Column,
+    Row,
+    Table,
+    estimate_cell,
+    metric_head,
+)
 from minitouch_bench.reporting.labels import run_labels, run_names, task_title, tasks_in_order
 from minitouch_bench.reporting.paper import (
     CAVEAT,
@@ -13,9 +22,6 @@ from minitouch_bench.reporting.paper import (
     PAPER_METHODS,
     paper_figure,
 )
-
-ABSENT = "—"
-"""Written where a figure does not exist; 0 would be a claim."""
 
 TABLE4_METRICS = ("exploration", "success", "episode_steps", "touch_interaction")
 DIAGNOSTIC_METRICS = (
@@ -27,83 +33,7 @@ DIAGNOSTIC_METRICS = (
     "clipped_actions",
 )
 
-OUTCOME_TITLES = {
-    Outcome.SUCCESS: "success",
-    Outcome.LEFT_WORKSPACE: "left workspace",
-    Outcome.STEP_LIMIT: "step limit",
-    Outcome.POLICY_FAULT: "policy fault",
-}
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A figure and its interval as text; ``title`` says how both were made."""
-
-    text: str
-    interval: str = ""
-    title: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.text} {self.interval}".rstrip()
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column: ``group`` names the block it belongs to, "" for none.
-
-    ``is_text`` marks a column of words, which may be broken into lines.
-    """
-
-    label: str
-    group: str = ""
-    unit: str = ""
-    is_paper: bool = False
-    is_text: bool = False
-
-
-@dataclass(frozen=True)
-class Row:
-    """A row; ``heads`` are the cells that name it, ``unit`` what its figures count."""
-
-    heads: tuple[str, ...]
-    cells: tuple[Cell, ...]
-    unit: str = ""
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table ready to draw: ``corner`` names the row heads, ``notes`` stand below it."""
-
-    title: str
-    corner: tuple[str, ...]
-    columns: tuple[Column, ...]
-    rows: tuple[Row, ...]
-    notes: tuple[str, ...]
-
-    @property
-    def groups(self) -> tuple[tuple[str, int], ...]:
-        """The blocks of columns in order, each with its number of columns."""
-        spans: dict[str, int] = {}
-        for column in self.columns:
-            spans[column.group] = spans.get(column.group, 0) + 1
-        return tuple(spans.items())
-
-
-def format_figure(metric: str, value: float) -> str:
-    """Write a value of a metric with the digits it deserves."""
-    return format(value, METRICS[metric].number_format)
-
-
-def estimate_cell(metric: str, estimate: Estimate | None) -> Cell:
-    """Write an estimate with its interval, or the dash where there is none."""
-    if estimate is None:
-        return Cell(ABSENT)
-    low, high = format_figure(metric, estimate.low), format_figure(metric, estimate.high)
-    return Cell(
-        text=format_figure(metric, estimate.value),
-        interval=f"[{low}, {high}]",
-        title=f"{estimate.count} episodes, 95 % interval: {estimate.method}",
-    )
+OUTCOME_TITLES = {outcome: outcome.value.replace("_", " ") for outcome in Outcome}
 
 
 def task_summary(run: SavedRun, task: str) -> TaskSummary | None:
@@ -131,7 +61,7 @@ def table4(runs: Sequence[SavedRun]) -> Table:
             row += [Cell(paper_figure(task, metric, method) or ABSENT) for method in PAPER_METHODS]
     rows = tuple(
         Row(
-            heads=(f"{METRICS[metric].label} {METRICS[metric].direction}",),
+            heads=(metric_head(metric),),
             cells=tuple(row),
             unit=METRICS[metric].unit,
         )
@@ -185,7 +115,7 @@ def _diagnostic_cells(summary: TaskSummary) -> tuple[Cell, ...]:
     for metric in DIAGNOSTIC_METRICS:
         cell = estimate_cell(metric, summary.estimates.get(metric))
         if metric == "object_movement" and cell.text != ABSENT:
-            cell = Cell(f"{cell.text} {unit_of(metric, summary.task)}", cell.interval, cell.title)
+            cell = replace(cell, text=f"{cell.text} {unit_of(metric, summary.task)}")
         cells.append(cell)
     ended = ", ".join(
         f"{title} {summary.outcomes[outcome]}"

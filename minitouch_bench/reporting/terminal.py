@@ -3,15 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from rich.console import Console, Group, JustifyMethod, RenderableType
-from rich.table import Table as RichTable
+from rich.console import Console, Group, RenderableType
 from rich.text import Text
 
+from minitouch_bench.rendering.tables import Cell, Column, Row, Table
+from minitouch_bench.rendering.terminal import draw_table
 from minitouch_bench.reporting.report import Report
-from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table
-
-PAPER_WIDTH = 9
-"""Columns of a paper's figure."""
 
 
 def show_report(report: Report, console: Console) -> None:
@@ -22,11 +19,11 @@ def show_report(report: Report, console: Console) -> None:
 def render_report(report: Report) -> RenderableType:
     """Return the report's tables as something Rich prints."""
     parts: list[RenderableType] = []
-    parts += [draw_table(_block(report.table4, group)) for group, _ in report.table4.groups]
+    parts += [draw_table(report.table4.block(group)) for group, _ in report.table4.groups]
     parts += [*_notes(report.table4), Text()]
     for table in report.novel_shapes:
         for group, _ in table.groups:
-            parts.append(draw_table(replace(_block(table, group), title=f"{table.title}: {group}")))
+            parts.append(draw_table(replace(table.block(group), title=f"{table.title}: {group}")))
         parts += [*_notes(table), Text()]
     parts += [draw_table(table) for table in _by_policy(report.diagnostics)]
     parts += _notes(report.diagnostics)
@@ -36,18 +33,6 @@ def render_report(report: Report) -> RenderableType:
 def _notes(table: Table) -> list[Text]:
     """Return the notes below a table."""
     return [Text(note, style="dim") for note in table.notes]
-
-
-def _block(table: Table, group: str) -> Table:
-    """Return one block of columns as a table, without the rows that have no figure in it."""
-    places = [place for place, column in enumerate(table.columns) if column.group == group]
-    rows = [replace(row, cells=tuple(row.cells[place] for place in places)) for row in table.rows]
-    return replace(
-        table,
-        title=group,
-        columns=tuple(table.columns[place] for place in places),
-        rows=tuple(row for row in rows if any(cell.text != ABSENT for cell in row.cells)),
-    )
 
 
 def _by_policy(table: Table) -> Iterator[Table]:
@@ -69,20 +54,3 @@ def _by_policy(table: Table) -> Iterator[Table]:
 def _head(column: Column) -> str:
     """Name a figure with its unit."""
     return f"{column.label} ({column.unit})" if column.unit else column.label
-
-
-def draw_table(table: Table) -> RichTable:
-    """Draw a table; text is never read as markup."""
-    drawn = RichTable(title=Text(table.title, style="bold"), title_justify="left", box=None)
-    for head in table.corner:
-        drawn.add_column(Text(head), no_wrap=True)
-    for column in table.columns:
-        style = "dim" if column.is_paper else ""
-        head = f"{column.label} (paper)" if column.is_paper else column.label
-        justify: JustifyMethod = "left" if column.is_text else "right"
-        # On a narrow screen "(paper)" goes below the name, and leaves room for our intervals.
-        width = PAPER_WIDTH if column.is_paper else None
-        drawn.add_column(Text(head), justify=justify, style=style, overflow="fold", max_width=width)
-    for row in table.rows:
-        drawn.add_row(*map(Text, row.heads), *(Text(str(cell)) for cell in row.cells))
-    return drawn

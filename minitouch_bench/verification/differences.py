@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from minitouch_bench.reporting.escaping import printable
+from minitouch_bench.rendering.escaping import printable
 
 SHOWN_CHARACTERS = 60
 

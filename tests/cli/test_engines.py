@@ -8,12 +8,12 @@ import tempfile
 import time
 
 import pytest
-from tests.evaluation.test_local_engine import wait_until
 
 from tests.cli.command import finish, run, start
 from tests.cli.conftest import SCRIPTED
 from tests.cli.test_evaluate import ONE, same_numbers, wait_for_records
 from tests.evaluation.ray_nodes import command_line, descendants, free_port, head, joined
+from tests.evaluation.test_local_engine import wait_until
 
 LONG = ("evaluate", "zero", "--tasks", "opening", "--episodes", "40", "--output", "run")
 

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from tests.evaluation.test_local_engine import wait_until
 
 from minitouch_bench.agents.networks import TouchActor
 from minitouch_bench.cache import VARIABLE
@@ -24,9 +23,10 @@ from minitouch_bench.evaluation.ray_engine import RayEngine
 from minitouch_bench.evaluation.storage import ACTIONS_FILE
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.records import TASK_NAMES
+from tests.evaluation import ray_nodes
 from tests.evaluation.ray_nodes import command_line, holds_a_policy
 from tests.evaluation.runs import digests, request, run
-from tests.evaluation import ray_nodes
+from tests.evaluation.test_local_engine import wait_until
 
 HERE = Path(__file__).parent
 

@@ -16,6 +16,7 @@ from rich.console import Console
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.records import Estimate
+from minitouch_bench.rendering.tables import ABSENT
 from minitouch_bench.reporting import plots
 from minitouch_bench.reporting.csv_writer import DIFFERENCE, generalization_csv
 from minitouch_bench.reporting.html import to_html
@@ -24,7 +25,7 @@ from minitouch_bench.reporting.markdown import to_markdown
 from minitouch_bench.reporting.novel_shapes import novel_shapes, verdict
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.run_directory import read_run, write_report, write_run
-from minitouch_bench.reporting.tables import ABSENT, table4
+from minitouch_bench.reporting.tables import table4
 from minitouch_bench.reporting.terminal import show_report
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes, without_success
@@ -147,7 +148,7 @@ def test_the_gap_table_has_a_row_a_metric(novel):
     assert len(table.rows) == 10
     gap = table.rows[0].cells[2]
     assert gap.text[0] in "+-"
-    assert re.fullmatch(r"\[[+-]\d\.\d{3}, [+-]\d\.\d{3}\]", gap.interval)
+    assert re.fullmatch(r"\[[+-]\d\.\d{3}, [+-]\d\.\d{3}\]", gap.small)
 
 
 def test_a_gap_of_nothing_is_plus_zero(novel):

@@ -1,7 +1,8 @@
 from dataclasses import replace
 
 from minitouch_bench.records import Estimate
-from minitouch_bench.reporting.tables import ABSENT, diagnostics, estimate_cell, table4
+from minitouch_bench.rendering.tables import ABSENT, estimate_cell
+from minitouch_bench.reporting.tables import diagnostics, table4
 
 
 def row(table, label):
@@ -25,7 +26,7 @@ def test_a_run_has_a_column_in_every_block(hac, scripted):
     table = table4([hac, scripted])
     assert table.groups[0] == ("Pushing", 5)
     success = row(table, "Success").cells
-    assert success[0].interval.startswith("[")
+    assert success[0].small.startswith("[")
     assert success[1].text == "1.000"
     assert [cell.text for cell in success[2:5]] == ["0.733", "0.710", "0.582"]
     # scripted was not run on Opening

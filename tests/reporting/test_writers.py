@@ -6,10 +6,11 @@ import xml.etree.ElementTree as ET
 import pytest
 from rich.console import Console
 
+from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.rendering.markdown import escape
 from minitouch_bench.reporting import plots
 from minitouch_bench.reporting.cards import build_cards, picture_uri
-from minitouch_bench.reporting.escaping import printable
-from minitouch_bench.reporting.markdown import escape, to_markdown
+from minitouch_bench.reporting.markdown import to_markdown
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.terminal import show_report
 

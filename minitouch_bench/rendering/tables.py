@@ -1,0 +1,151 @@
+"""Tables as data; Markdown, LaTeX, the terminal and pages draw the same ones."""
+
+from dataclasses import dataclass, replace
+
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.records import Estimate
+
+ABSENT = "—"
+"""Written where a value does not exist; 0 would be a claim."""
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """An estimate on a scale from 0 to 1, with a mark for comparison, all in percent."""
+
+    value: float
+    low: float
+    high: float
+    mark: float | None = None
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A value as text.
+
+    ``small`` stands below or behind it: its interval, or a mark. ``title`` says how both were
+    made. A sort goes by ``sort_key``.
+    """
+
+    text: str = ABSENT
+    small: str = ""
+    title: str = ""
+    sort_key: float | None = None
+    gauge: Gauge | None = None
+
+    def __str__(self) -> str:
+        return f"{self.text} {self.small}".rstrip()
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: ``group`` names the block it belongs to, "" for none.
+
+    ``is_text`` marks a column of words, which may be broken into lines.
+    """
+
+    label: str
+    group: str = ""
+    unit: str = ""
+    is_paper: bool = False
+    is_text: bool = False
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row; ``heads`` are the cells that name it, ``unit`` what its values count."""
+
+    heads: tuple[str, ...]
+    cells: tuple[Cell, ...]
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table ready to draw: ``corner`` names the row heads, ``notes`` stand below it."""
+
+    title: str
+    corner: tuple[str, ...]
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def groups(self) -> tuple[tuple[str, int], ...]:
+        """The blocks of columns in order, each with its number of columns."""
+        return column_groups(self.columns)
+
+    def block(self, group: str) -> "Table":
+        """Return one block of columns, without the rows that have no value in it."""
+        kept = [index for index, column in enumerate(self.columns) if column.group == group]
+        rows = [replace(row, cells=tuple(row.cells[index] for index in kept)) for row in self.rows]
+        return replace(
+            self,
+            title=group,
+            columns=tuple(self.columns[index] for index in kept),
+            rows=tuple(row for row in rows if any(cell.text != ABSENT for cell in row.cells)),
+        )
+
+
+def column_groups(columns: tuple[Column, ...]) -> tuple[tuple[str, int], ...]:
+    """Return the blocks of columns in order, each with its number of columns."""
+    spans: dict[str, int] = {}
+    for column in columns:
+        spans[column.group] = spans.get(column.group, 0) + 1
+    return tuple(spans.items())
+
+
+def format_value(metric: str, value: float) -> str:
+    """Write a value of a metric with the digits it deserves."""
+    return format(value, METRICS[metric].number_format)
+
+
+def metric_head(metric: str) -> str:
+    """Name a metric with the arrow of its better direction."""
+    return f"{METRICS[metric].label} {METRICS[metric].direction}".rstrip()
+
+
+def is_share(metric: str) -> bool:
+    """Tell whether a metric's values lie between 0 and 1."""
+    return METRICS[metric].unit.startswith("share")
+
+
+def estimate_cell(metric: str, estimate: Estimate | None, mark: float | None = None) -> Cell:
+    """Write an estimate with its interval, or the dash where there is none.
+
+    A share gets a gauge, with ``mark`` on it.
+    """
+    if estimate is None:
+        return Cell()
+    low, high = format_value(metric, estimate.low), format_value(metric, estimate.high)
+    counted = "training seeds" if "seeds" in estimate.method else "episodes"
+    return Cell(
+        text=format_value(metric, estimate.value),
+        small=f"[{low}, {high}]",
+        title=f"{estimate.count} {counted}, 95 % interval: {estimate.method}",
+        sort_key=estimate.value,
+        gauge=_gauge(estimate, mark) if is_share(metric) else None,
+    )
+
+
+def difference_cell(metric: str, difference: Estimate) -> Cell:
+    """Write a difference with its sign and interval; what rounds to 0 has a plus."""
+    value, low, high = (
+        format(number, f"+z{METRICS[metric].number_format}")
+        for number in (difference.value, difference.low, difference.high)
+    )
+    title = f"{difference.count} episodes, 95 % interval: {difference.method}"
+    return Cell(value, f"[{low}, {high}]", title, difference.value)
+
+
+def _gauge(estimate: Estimate, mark: float | None) -> Gauge:
+    return Gauge(
+        value=_percent(estimate.value),
+        low=_percent(estimate.low),
+        high=_percent(estimate.high),
+        mark=None if mark is None else _percent(mark),
+    )
+
+
+def _percent(share: float) -> float:
+    return round(100 * min(max(share, 0.0), 1.0), 2)
