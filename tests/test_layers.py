@@ -16,8 +16,8 @@ LAYERS = (
     "simulation",
     "sensing",
     "tasks",
-    "agents",
     "policies",
+    "agents",
     "protocol",
     "evaluation",
     "metrics",
@@ -26,6 +26,7 @@ LAYERS = (
     "regression",
     "verification",
     "leaderboard",
+    "workflows",
     "cli",
 )
 REPORT_LAYERS = {"metrics", "rendering", "reporting", "regression"}

@@ -1,1 +1,1 @@
-"""Learning agents: their networks and their training."""
+"""Learning agents: soft actor-critic, curiosity bonuses, and their training in two phases."""

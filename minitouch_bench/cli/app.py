@@ -15,6 +15,7 @@ from minitouch_bench.cli.report import report
 from minitouch_bench.cli.shapes import app as shapes
 from minitouch_bench.cli.submit import submit
 from minitouch_bench.cli.tasks import tasks
+from minitouch_bench.cli.train import train
 from minitouch_bench.cli.verify import verify
 from minitouch_bench.errors import MiniTouchError
 
@@ -32,6 +33,7 @@ app.command()(regress)
 app.command()(tasks)
 app.command()(verify)
 app.command()(replay)
+app.command()(train)
 app.command()(doctor)
 app.command()(submit)
 app.add_typer(leaderboard, name="leaderboard")

@@ -11,8 +11,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from minitouch_bench.agents.networks import ARCHITECTURES, TouchActor
 from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.policies.networks import ARCHITECTURES, TouchActor
 from minitouch_bench.policies.policy import ACTION_SIZES, Checkpoint, Observation
 
 METADATA_KEY = "minitouch"

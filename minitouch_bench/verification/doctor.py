@@ -176,8 +176,8 @@ def _isolation() -> Check:
 
 def _policy_repeats() -> Check:
     """Load one new checkpoint in two fresh sandboxes, and compare their actions."""
-    from minitouch_bench.agents.networks import TouchActor  # noqa: PLC0415  torch takes seconds
     from minitouch_bench.policies.native import save_native  # noqa: PLC0415
+    from minitouch_bench.policies.networks import TouchActor  # noqa: PLC0415  torch takes seconds
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "doctor.safetensors"

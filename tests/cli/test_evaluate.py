@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import torch
 
-from minitouch_bench.agents.networks import TouchActor
 from minitouch_bench.evaluation.storage import RUN_FILES, lock_directory
 from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor
 from tests.cli.command import finish, run, start
 from tests.cli.conftest import SCRIPTED
 

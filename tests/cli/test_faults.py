@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from minitouch_bench.agents.networks import TouchActor
 from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor
 from tests.cli.command import finish, run, start
 
 POLICY = "policy.safetensors"

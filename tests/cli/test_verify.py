@@ -40,8 +40,8 @@ def test_an_edited_run_is_named_with_exit_1(copy):
 
 
 def test_a_run_is_verified_without_its_checkpoint_but_not_run_again(tmp_path):
-    from minitouch_bench.agents.networks import TouchActor
     from minitouch_bench.policies.native import save_native
+    from minitouch_bench.policies.networks import TouchActor
 
     policy = tmp_path / "policy.safetensors"
     save_native(TouchActor(action_size=4), policy)

@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 import torch
 
-from minitouch_bench.agents.networks import TouchActor
 from minitouch_bench.cache import VARIABLE
 from minitouch_bench.errors import InfrastructureError, MissingExtraError, UsageError
 from minitouch_bench.evaluation.journal import JOURNAL_FILE
@@ -22,6 +21,7 @@ from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.ray_engine import RayEngine
 from minitouch_bench.evaluation.storage import ACTIONS_FILE
 from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.records import TASK_NAMES
 from tests.evaluation import ray_nodes
 from tests.evaluation.ray_nodes import command_line, holds_a_policy

@@ -10,9 +10,9 @@ import safetensors.torch
 import torch
 from onnx import TensorProto, helper
 
-from minitouch_bench.agents.networks import TouchActor
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.loading import load_policy
+from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import parse_source

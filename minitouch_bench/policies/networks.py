@@ -34,17 +34,19 @@ class VisualEncoder(nn.Module):
     """Map a grey image to 256 features (supplement, Table 3).
 
     Feature maps: 84 -> 20 -> 9 (printed as 8) -> 4 -> 2 pixels, LeakyReLU after each layer.
+    ``width`` scales the numbers of channels; 1 is the table's.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, width: float = 1.0) -> None:
         super().__init__()
         layers: list[nn.Module] = []
         channels = 1
         for outputs, kernel, stride in zip(
             ENCODER_CHANNELS, ENCODER_KERNELS, ENCODER_STRIDES, strict=True
         ):
-            layers += [nn.Conv2d(channels, outputs, kernel, stride), nn.LeakyReLU()]
-            channels = outputs
+            wide = max(1, int(width * outputs))
+            layers += [nn.Conv2d(channels, wide, kernel, stride), nn.LeakyReLU()]
+            channels = wide
         self.convolutions = nn.Sequential(*layers)
         self.projection = nn.Sequential(
             nn.Linear(channels * ENCODER_GRID**2, FEATURES), nn.LeakyReLU()
@@ -66,12 +68,19 @@ class TouchActor(nn.Module):
 
     architecture = "hac-actor-v1"
 
-    def __init__(self, action_size: int) -> None:
+    def __init__(
+        self,
+        action_size: int,
+        *,
+        encoder: nn.Module | None = None,
+        features: int = FEATURES,
+        touch_size: int = TOUCH_SIZE,
+    ) -> None:
         super().__init__()
         self.action_size = action_size
-        self.encoder = VisualEncoder()
+        self.encoder = encoder or VisualEncoder()
         self.trunk = nn.Sequential(
-            nn.Linear(FEATURES + TOUCH_SIZE, HIDDEN_UNITS),
+            nn.Linear(features + touch_size, HIDDEN_UNITS),
             nn.LeakyReLU(),
             nn.Linear(HIDDEN_UNITS, HIDDEN_UNITS),
             nn.LeakyReLU(),
@@ -89,7 +98,11 @@ class TouchActor(nn.Module):
 
     def gaussian(self, image: Tensor, touch: Tensor) -> tuple[Tensor, Tensor]:
         """Return mean and log standard deviation before squashing, each float32 (N, A)."""
-        hidden = self.trunk(torch.cat((self.encoder(image), touch), dim=1))
+        return self.gaussian_of(self.encoder(image), touch)
+
+    def gaussian_of(self, features: Tensor, touch: Tensor) -> tuple[Tensor, Tensor]:
+        """Return what ``gaussian`` does, from the encoder's features (N, 256)."""
+        hidden = self.trunk(torch.cat((features, touch), dim=1))
         return self.mean(hidden), self.log_std(hidden).clamp(*LOG_STD_BOUNDS)
 
     def sample(self, image: Tensor, touch: Tensor, generator: torch.Generator) -> Tensor:

@@ -1,0 +1,207 @@
+"""The settings of a training, as one frozen value that a TOML file can hold."""
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from minitouch_bench.errors import UsageError
+
+METHODS = ("sac", "hac", "icm", "icm-touch", "disagreement", "rnd", "rnd-touch")
+"""``sac`` has no intrinsic reward; the others each name their curiosity."""
+
+HAPTICS = ("forces", "compressed", "magnitude")
+"""What of the finger forces ``hac`` predicts: see ``agents.curiosity.hac``."""
+
+PARTS = ("encoder", "actor", "critic")
+"""What can be carried over from the exploration phase to the task phase."""
+
+
+@dataclass(frozen=True)
+class PhaseConfig:
+    """What differs between the two phases.
+
+    ``steps``: control steps. ``temperature``: SAC's alpha, fixed; 0 learns it, starting from
+    ``initial_temperature``, so that the policy's entropy is ``target_entropy`` (nats per
+    action number). ``n_step``: rewards summed before the critic takes over.
+    ``success_share``: share of each batch that comes from the last steps before a success.
+    """
+
+    steps: int
+    learning_rate: float = 3e-4
+    temperature: float = 0.0
+    initial_temperature: float = 0.1
+    target_entropy: float = -1.0
+    reward_scale: float = 1.0
+    n_step: int = 1
+    success_share: float = 0.0
+
+
+@dataclass(frozen=True)
+class SacConfig:
+    """What the learner keeps through both phases.
+
+    ``shift``: pixels by which pictures are shifted at random (DrQ; 0 does not).
+    ``target_rate``: share by which the target networks follow at each update.
+    ``bfloat16``: encode in half precision where the processor can.
+    """
+
+    batch_size: int = 128
+    discount: float = 0.99
+    target_rate: float = 0.01
+    shift: int = 4
+    critic_layer_norm: bool = False
+    target_encoder: bool = True
+    bfloat16: bool = True
+
+
+@dataclass(frozen=True)
+class CuriosityConfig:
+    """How the intrinsic reward is computed.
+
+    ``width`` scales the channels of the curiosity's own encoder. ``normalize`` divides the
+    reward by its running standard deviation. ``haptics``, ``members`` and
+    ``from_previous`` are ``hac``'s alone.
+    """
+
+    learning_rate: float = 3e-4
+    width: float = 0.5
+    normalize: bool = True
+    bfloat16: bool = True
+    haptics: str = "forces"
+    members: int = 1
+    from_previous: bool = False
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """One training: a task, a method, a seed, and every setting.
+
+    ``random_steps``: uniformly random actions before learning starts.
+    ``updates_per_step``: gradient steps per control step, fractions allowed.
+    ``carry``: which networks the task phase takes over from exploration.
+    ``force_scale``: the finger forces (N) that the networks see as 1.
+    """
+
+    task: str
+    method: str = "hac"
+    seed: int = 0
+    objects: str = ""
+    random_steps: int = 1000
+    updates_per_step: float = 0.5
+    replay_size: int = 1_000_000
+    compress: bool = True
+    carry: tuple[str, ...] = PARTS
+    force_scale: float = 10.0
+    log_every: int = 500
+    evaluate_every: int = 5000
+    evaluate_episodes: int = 10
+    checkpoint_every: int = 1000
+    exploration: PhaseConfig = field(default_factory=lambda: PhaseConfig(10_000))
+    task_phase: PhaseConfig = field(default_factory=lambda: PhaseConfig(40_000, n_step=5))
+    sac: SacConfig = field(default_factory=SacConfig)
+    curiosity: CuriosityConfig = field(default_factory=CuriosityConfig)
+
+    def __post_init__(self) -> None:
+        _check("method", self.method, METHODS)
+        _check("haptics", self.curiosity.haptics, HAPTICS)
+        for part in self.carry:
+            _check("part to carry", part, PARTS)
+
+    @property
+    def steps(self) -> int:
+        """Return the control steps of both phases."""
+        return self.exploration.steps + self.task_phase.steps
+
+    @property
+    def exploration_steps(self) -> int:
+        """Return the control steps without the task's reward; ``sac`` has it from the first."""
+        return 0 if self.method == "sac" else self.exploration.steps
+
+
+def paper_config(task: str) -> TrainingConfig:
+    """Return Tables 2 and 3 of the supplement as printed.
+
+    It prints one learning rate and no temperature, batch shifts or lengths of phases: those
+    stay ours, without what later papers added.
+    """
+    phase = PhaseConfig(10_000, learning_rate=3e-5, reward_scale=100.0)
+    return TrainingConfig(
+        task,
+        updates_per_step=1.0,
+        exploration=phase,
+        task_phase=replace(phase, steps=40_000),
+        sac=SacConfig(shift=0, target_rate=0.005),
+        curiosity=CuriosityConfig(learning_rate=3e-5, width=1.0, normalize=False),
+    )
+
+
+PRESETS = {"default": TrainingConfig, "paper": paper_config}
+"""Builders of a task's settings by the preset's name."""
+
+
+def read_config(path: Path, base: TrainingConfig) -> TrainingConfig:
+    """Return ``base`` with what a TOML file sets.
+
+    Raises:
+        UsageError: the file is unreadable, or sets what there is not.
+    """
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{path} cannot be read as TOML: {error}") from error
+    config: TrainingConfig = apply_settings(base, document)
+    return config
+
+
+def apply_settings(config: Any, settings: Mapping[str, Any]) -> Any:
+    """Return a frozen dataclass with settings replaced, tables inside it too.
+
+    Raises:
+        UsageError: an unknown name, or a value of another type.
+    """
+    types = get_type_hints(type(config))
+    changes = {}
+    for name, value in settings.items():
+        if name not in types:
+            raise UsageError(f"no setting '{name}'; there are {', '.join(types)}")
+        current = getattr(config, name)
+        if is_dataclass(current) and isinstance(value, Mapping):
+            changes[name] = apply_settings(current, value)
+        else:
+            changes[name] = _converted(name, value, current)
+    return replace(config, **changes)
+
+
+def _converted(name: str, value: object, current: object) -> object:
+    if isinstance(current, tuple) and isinstance(value, list):
+        return tuple(value)
+    if isinstance(current, float) and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if type(value) is not type(current):
+        raise UsageError(f"'{name}' is {value!r}, not a {type(current).__name__}")
+    return value
+
+
+def config_text(config: TrainingConfig) -> str:
+    """Return the settings as TOML, which ``read_config`` reads back."""
+    plain = [f for f in fields(config) if not is_dataclass(getattr(config, f.name))]
+    lines = [f"{f.name} = {_toml(getattr(config, f.name))}" for f in plain]
+    for section in fields(config):
+        value = getattr(config, section.name)
+        if is_dataclass(value) and not isinstance(value, type):
+            lines += ["", f"[{section.name}]"]
+            lines += [f"{name} = {_toml(item)}" for name, item in asdict(value).items()]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: object) -> str:
+    # JSON's strings, numbers, booleans and lists are TOML's too.
+    return json.dumps(list(value) if isinstance(value, tuple) else value)
+
+
+def _check(what: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise UsageError(f"no {what} '{value}'; there are {', '.join(known)}")

@@ -1,0 +1,96 @@
+"""What every curiosity is: a model that learns from batches, and a reward from its errors."""
+
+from abc import ABC, abstractmethod
+
+import torch
+from torch import Tensor, nn
+
+from minitouch_bench.agents.config import CuriosityConfig
+from minitouch_bench.agents.encoding import encode
+from minitouch_bench.agents.replay import Batch
+from minitouch_bench.policies.networks import FEATURES, HIDDEN_UNITS, TOUCH_SIZE, VisualEncoder
+
+
+class Curiosity(nn.Module, ABC):
+    """A model of something in the world, paid where it is wrong.
+
+    A subclass says what is modeled (``losses``) and what surprise is (``surprise``).
+    Batches are one control step long and hold normalized touch.
+    """
+
+    def __init__(self, config: CuriosityConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.seen: Tensor
+        self.mean: Tensor
+        self.squares: Tensor
+        self.register_buffer("seen", torch.zeros((), dtype=torch.float64))
+        self.register_buffer("mean", torch.zeros((), dtype=torch.float64))
+        self.register_buffer("squares", torch.zeros((), dtype=torch.float64))
+        self.optimizer: torch.optim.Optimizer
+
+    def begin(self) -> None:
+        """Make the optimizer, once every network is in place on its device."""
+        trained = [one for one in self.parameters() if one.requires_grad]
+        self.optimizer = torch.optim.Adam(trained, self.config.learning_rate, fused=True)
+
+    @abstractmethod
+    def loss(self, batch: Batch) -> Tensor:
+        """Return the model's loss, a scalar."""
+
+    @abstractmethod
+    def surprise(self, batch: Batch) -> Tensor:
+        """Return how wrong the model is about each transition, float32 (N,), >= 0."""
+
+    def update(self, batch: Batch) -> dict[str, Tensor]:
+        """Do one gradient step and return the losses by name."""
+        loss = self.loss(batch)
+        self.optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self.optimizer.step()
+        return {"curiosity_loss": loss.detach()}
+
+    @torch.no_grad()
+    def reward(self, batch: Batch) -> Tensor:
+        """Return the intrinsic reward of each transition, float32 (N,).
+
+        With ``normalize`` it is divided by the running standard deviation of all surprises.
+        """
+        surprise = self.surprise(batch)
+        if not self.config.normalize:
+            return surprise
+        self._count(surprise.double())
+        deviation = (self.squares / self.seen).sqrt().float()
+        return surprise / (deviation + 1e-8)
+
+    def _count(self, values: Tensor) -> None:
+        """Add values to the running mean and variance (Chan et al.)."""
+        count = len(values)
+        total = self.seen + count
+        delta = values.mean() - self.mean
+        self.squares += values.var(correction=0) * count + delta**2 * self.seen * count / total
+        self.mean += delta * count / total
+        self.seen += count
+
+    def encode(self, encoder: nn.Module, image: Tensor) -> Tensor:
+        """Return features of pictures, float32 (N, F)."""
+        return encode(encoder, image, bfloat16=self.config.bfloat16)
+
+
+def own_encoder(config: CuriosityConfig) -> VisualEncoder:
+    """Return an encoder as Table 3's, of the configured width."""
+    return VisualEncoder(config.width)
+
+
+def two_layers(inputs: int, outputs: int) -> nn.Sequential:
+    """Return a head with two hidden layers of 128 units (supplement, Table 2)."""
+    return nn.Sequential(
+        nn.Linear(inputs, HIDDEN_UNITS),
+        nn.LeakyReLU(),
+        nn.Linear(HIDDEN_UNITS, HIDDEN_UNITS),
+        nn.LeakyReLU(),
+        nn.Linear(HIDDEN_UNITS, outputs),
+    )
+
+
+__all__ = ["FEATURES", "TOUCH_SIZE", "Curiosity", "own_encoder", "two_layers"]

@@ -1,0 +1,44 @@
+"""Disagreement of an ensemble about what comes next."""
+
+import torch
+from torch import Tensor, nn
+
+from minitouch_bench.agents.config import CuriosityConfig
+from minitouch_bench.agents.curiosity.curiosity import (
+    FEATURES,
+    Curiosity,
+    own_encoder,
+    two_layers,
+)
+from minitouch_bench.agents.replay import Batch
+
+MEMBERS = 5
+"""Models in the ensemble (Pathak et al. 2019)."""
+
+
+class Disagreement(Curiosity):
+    """Predict the next features with five models; pay where they differ.
+
+    r = mean_k var_m g_m(phi(x), a)_k (Pathak et al. 2019, exploration-by-disagreement).
+    phi is a random encoder that is never trained: their simplest choice.
+    """
+
+    def __init__(self, config: CuriosityConfig, action_size: int) -> None:
+        super().__init__(config)
+        self.encoder = own_encoder(config).requires_grad_(False)
+        self.members = nn.ModuleList(
+            two_layers(FEATURES + action_size, FEATURES) for _ in range(MEMBERS)
+        )
+
+    def loss(self, batch: Batch) -> Tensor:
+        """Return the mean squared error of every member."""
+        then = self.encode(self.encoder, batch.next_image)
+        return (self._predictions(batch) - then).square().mean()
+
+    def surprise(self, batch: Batch) -> Tensor:
+        """Return the variance of the members' predictions."""
+        return self._predictions(batch).var(dim=0, correction=0).mean(dim=1)
+
+    def _predictions(self, batch: Batch) -> Tensor:
+        seen = torch.cat((self.encode(self.encoder, batch.image), batch.action), dim=1)
+        return torch.stack([member(seen) for member in self.members])

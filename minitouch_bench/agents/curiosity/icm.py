@@ -1,0 +1,54 @@
+"""Intrinsic curiosity module: features that the agent's actions change, predicted ahead."""
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from minitouch_bench.agents.config import CuriosityConfig
+from minitouch_bench.agents.curiosity.curiosity import (
+    FEATURES,
+    TOUCH_SIZE,
+    Curiosity,
+    own_encoder,
+    two_layers,
+)
+from minitouch_bench.agents.replay import Batch
+
+
+class InverseDynamics(Curiosity):
+    """Predict the next features; learn the features by telling which action was done.
+
+    r = mean_k (g(phi(x), a)_k - phi(x')_k)^2; phi learns through the inverse model
+    a ~ h(phi(x), phi(x')) alone (Pathak et al. 2017, Burda et al. 2019: large-scale-curiosity).
+    With ``touch`` the state is (phi(x), touch) and the next touch is predicted as well: the
+    supplement's "touch in future prediction".
+    """
+
+    def __init__(self, config: CuriosityConfig, action_size: int, *, touch: bool) -> None:
+        super().__init__(config)
+        self.touch = touch
+        state = FEATURES + (TOUCH_SIZE if touch else 0)
+        self.encoder = own_encoder(config)
+        self.inverse = two_layers(2 * FEATURES, action_size)
+        self.forward_model = two_layers(state + action_size, state)
+
+    def loss(self, batch: Batch) -> Tensor:
+        """Return the inverse model's and the forward model's squared errors, summed."""
+        now = self.encode(self.encoder, batch.image)
+        then = self.encode(self.encoder, batch.next_image)
+        guessed = self.inverse(torch.cat((now, then), dim=1))
+        inverse = functional.mse_loss(guessed, batch.action)
+        return inverse + self._errors(batch, now.detach(), then.detach()).mean()
+
+    def surprise(self, batch: Batch) -> Tensor:
+        """Return the forward model's squared error."""
+        now = self.encode(self.encoder, batch.image)
+        return self._errors(batch, now, self.encode(self.encoder, batch.next_image))
+
+    def _errors(self, batch: Batch, now: Tensor, then: Tensor) -> Tensor:
+        if self.touch:
+            now = torch.cat((now, batch.touch), dim=1)
+            then = torch.cat((then, batch.next_touch), dim=1)
+        predicted = self.forward_model(torch.cat((now, batch.action), dim=1))
+        errors: Tensor = (predicted - then).square().mean(dim=1)
+        return errors

@@ -1,0 +1,84 @@
+"""Random network distillation: what looks unlike anything learned from yet."""
+
+import torch
+from torch import Tensor, nn
+
+from minitouch_bench.agents.config import CuriosityConfig
+from minitouch_bench.agents.curiosity.curiosity import TOUCH_SIZE, Curiosity
+from minitouch_bench.agents.replay import Batch
+
+OUTPUTS = 512
+"""Numbers that the target network gives (Burda et al. 2019)."""
+FLAT = 64 * 7 * 7
+"""Numbers in the last feature map of an 84 x 84 picture."""
+WHITENED_LIMIT = 5.0
+"""Whitened pixels are clipped to this (Burda et al. 2019)."""
+
+
+class RandomDistillation(Curiosity):
+    """Predict what a fixed random network says of the reached state.
+
+    r = mean_k (f(o')_k - t(o')_k)^2, t random and fixed, o' the whitened picture (Burda et
+    al. 2019). With ``touch`` the picture's features and the touch are concatenated before
+    the last layers of both networks (supplement, 7.5). Convolutions of 32, 64 and 64
+    channels as theirs; the predictor is two layers deeper.
+    """
+
+    def __init__(self, config: CuriosityConfig, *, touch: bool) -> None:
+        super().__init__(config)
+        self.touch = touch
+        inputs = FLAT + (TOUCH_SIZE if touch else 0)
+        self.target_maps = _convolutions().requires_grad_(False)
+        self.target_head = nn.Linear(inputs, OUTPUTS).requires_grad_(False)
+        self.maps = _convolutions()
+        self.head = nn.Sequential(
+            nn.Linear(inputs, OUTPUTS), nn.ReLU(),
+            nn.Linear(OUTPUTS, OUTPUTS), nn.ReLU(),
+            nn.Linear(OUTPUTS, OUTPUTS),
+        )  # fmt: skip
+        self.pictures: Tensor
+        self.pixel_mean: Tensor
+        self.pixel_square: Tensor
+        self.register_buffer("pictures", torch.zeros(()))
+        self.register_buffer("pixel_mean", torch.zeros(1, 84, 84))
+        self.register_buffer("pixel_square", torch.zeros(1, 84, 84))
+
+    def loss(self, batch: Batch) -> Tensor:
+        """Learn the pixels' statistics, and return the predictor's mean squared error."""
+        self._watch(batch.next_image.float())
+        return self.surprise(batch).mean()
+
+    def surprise(self, batch: Batch) -> Tensor:
+        """Return the predictor's squared error."""
+        image = self._whitened(batch.next_image.float())
+        target = self._output(self.target_maps, self.target_head, image, batch.next_touch)
+        guess = self._output(self.maps, self.head, image, batch.next_touch)
+        return (guess - target.detach()).square().mean(dim=1)
+
+    def _output(self, maps: nn.Module, head: nn.Module, image: Tensor, touch: Tensor) -> Tensor:
+        features = self.encode(maps, image)
+        seen = torch.cat((features, touch), dim=1) if self.touch else features
+        output: Tensor = head(seen)
+        return output
+
+    @torch.no_grad()
+    def _watch(self, images: Tensor) -> None:
+        """Add a batch to the running mean and mean square of each pixel."""
+        self.pictures += len(images)
+        rate = len(images) / self.pictures
+        self.pixel_mean += rate * (images.mean(dim=0) - self.pixel_mean)
+        self.pixel_square += rate * (images.square().mean(dim=0) - self.pixel_square)
+
+    def _whitened(self, images: Tensor) -> Tensor:
+        variance = (self.pixel_square - self.pixel_mean.square()).clamp_min(1.0)
+        whitened = (images - self.pixel_mean) / variance.sqrt()
+        return whitened.clamp(-WHITENED_LIMIT, WHITENED_LIMIT)
+
+
+def _convolutions() -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(1, 32, 8, 4), nn.LeakyReLU(),
+        nn.Conv2d(32, 64, 4, 2), nn.LeakyReLU(),
+        nn.Conv2d(64, 64, 3, 1), nn.LeakyReLU(),
+        nn.Flatten(),
+    )  # fmt: skip

@@ -1,0 +1,25 @@
+"""Pictures to features, in half precision where the processor computes in it."""
+
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+_PROCESSOR_FLAGS = Path("/proc/cpuinfo")
+
+
+def has_bfloat16(device: torch.device) -> bool:
+    """Tell whether a device multiplies in bfloat16, and not only emulates it."""
+    if device.type == "cuda":
+        return bool(torch.cuda.is_bf16_supported(including_emulation=False))
+    try:
+        return "avx512_bf16" in _PROCESSOR_FLAGS.read_text(encoding="ascii")
+    except OSError:
+        return False
+
+
+def encode(encoder: nn.Module, image: Tensor, *, bfloat16: bool) -> Tensor:
+    """Return the features of pictures, float32 (N, F)."""
+    with torch.autocast(image.device.type, torch.bfloat16, enabled=bfloat16):
+        features: Tensor = encoder(image)
+    return features.float()

@@ -1,0 +1,141 @@
+"""Actor-critic and curiosity together: what acts, learns, and changes phase."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from minitouch_bench.agents.config import PhaseConfig, TrainingConfig
+from minitouch_bench.agents.curiosity import make_curiosity
+from minitouch_bench.agents.encoding import has_bfloat16
+from minitouch_bench.agents.replay import Batch, Replay
+from minitouch_bench.agents.sac import Sac
+from minitouch_bench.agents.touch_scale import TouchScale
+from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.sensing.touch import TOUCH_SIZE
+from minitouch_bench.tasks.task import TaskPreset
+
+
+class Learner:
+    """The networks of one training and their sources of chance."""
+
+    def __init__(self, config: TrainingConfig, preset: TaskPreset, device: torch.device) -> None:
+        self.config = config
+        self.device = device
+        half = has_bfloat16(device)
+        sac = replace(config.sac, bfloat16=config.sac.bfloat16 and half)
+        curiosity = replace(config.curiosity, bfloat16=config.curiosity.bfloat16 and half)
+        action_size = preset.arm.action_size
+        torch.manual_seed(config.seed)
+        self.sac = Sac(sac, action_size=action_size, touch_size=TOUCH_SIZE).to(device)
+        self.curiosity = make_curiosity(config.method, curiosity, action_size)
+        if self.curiosity is not None:
+            self.curiosity.to(device).begin()
+        self.scale = TouchScale.of(preset.workspace, config.force_scale).to(device)
+        self.exploring = config.exploration_steps > 0
+        self.sac.begin_phase(self.phase)
+        self.noise = torch.Generator(device).manual_seed(config.seed)
+        self.rng = np.random.default_rng(config.seed)
+
+    @property
+    def phase(self) -> PhaseConfig:
+        """Return the settings of the phase under way."""
+        return self.config.exploration if self.exploring else self.config.task_phase
+
+    def begin_task_phase(self) -> None:
+        """Seed the task's networks with the exploration's; drop those not carried over."""
+        fresh = Sac(self.sac.config, action_size=self.sac.action_size, touch_size=TOUCH_SIZE).to(
+            self.device
+        )
+        if "encoder" not in self.config.carry:
+            self.sac.encoder.load_state_dict(fresh.encoder.state_dict())
+            self.sac.target_encoder.load_state_dict(fresh.encoder.state_dict())
+        if "actor" not in self.config.carry:
+            self.sac.actor.load_state_dict(fresh.actor.state_dict())
+        if "critic" not in self.config.carry:
+            self.sac.critics.load_state_dict(fresh.critics.state_dict())
+            self.sac.target_critics.load_state_dict(fresh.critics.state_dict())
+        self.exploring = False
+        self.sac.begin_phase(self.phase)
+
+    def act(self, observation: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
+        """Return a stochastic action, float32 (A,)."""
+        image = torch.from_numpy(observation["image"])[None].to(self.device)
+        touch = torch.from_numpy(observation["touch"])[None].to(self.device)
+        action = self.sac.act(image, self.scale.scaled(touch), self.noise)[0]
+        array: NDArray[np.float32] = action.cpu().numpy()
+        return array
+
+    def act_at_random(self) -> NDArray[np.float32]:
+        """Return a uniformly random action, float32 (A,)."""
+        return self.rng.uniform(-1.0, 1.0, self.sac.action_size).astype(np.float32)
+
+    def update(self, replay: Replay) -> dict[str, Tensor]:
+        """Draw a batch, and do one gradient step on the phase's reward.
+
+        While exploring that is the curiosity's, which goes on beyond an episode's end: an
+        end that takes all further reward away would punish success.
+        """
+        batch = self._batch(replay)
+        if not self.exploring or self.curiosity is None:
+            reward = self.phase.reward_scale * batch.task_reward
+            batch = replace(batch, discount=batch.discount * ~batch.ended)
+            return self.sac.update(batch, reward, self.noise)
+        losses = self.curiosity.update(batch)
+        reward = self.phase.reward_scale * self.curiosity.reward(batch)
+        losses["intrinsic_reward"] = reward.mean()
+        return losses | self.sac.update(batch, reward, self.noise)
+
+    def _batch(self, replay: Replay) -> Batch:
+        batch = replay.sample(
+            self.rng,
+            self.config.sac.batch_size,
+            n_step=1 if self.exploring else self.phase.n_step,
+            discount=self.config.sac.discount,
+            success_share=self.phase.success_share,
+            device=self.device,
+        )
+        return replace(
+            batch,
+            touch=self.scale.scaled(batch.touch),
+            next_touch=self.scale.scaled(batch.next_touch),
+        )
+
+    def actor(self) -> TouchActor:
+        """Return the policy as it stands, ready to be saved: on the CPU, scales folded in."""
+        actor = TouchActor(self.sac.action_size)
+        actor.load_state_dict(
+            {f"encoder.{name}": value for name, value in self.sac.encoder.state_dict().items()}
+            | self.sac.actor.state_dict()
+        )
+        return self.scale.to(torch.device("cpu")).fold_into(actor)
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that later steps depend on."""
+        state = {
+            "exploring": self.exploring,
+            "sac": self.sac.state_dict(),
+            "optimizers": {n: o.state_dict() for n, o in self.sac.optimizers().items()},
+            "noise": self.noise.get_state(),
+            "rng": self.rng.bit_generator.state,
+        }
+        if self.curiosity is not None:
+            state["curiosity"] = self.curiosity.state_dict()
+            state["curiosity_optimizer"] = self.curiosity.optimizer.state_dict()
+        return state
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Go on from what ``state`` returned."""
+        self.exploring = state["exploring"]
+        self.sac.begin_phase(self.phase)
+        self.sac.load_state_dict(state["sac"])
+        for name, optimizer in self.sac.optimizers().items():
+            optimizer.load_state_dict(state["optimizers"][name])
+        self.noise.set_state(state["noise"].cpu())
+        self.rng.bit_generator.state = state["rng"]
+        if self.curiosity is not None:
+            self.curiosity.load_state_dict(state["curiosity"])
+            self.curiosity.optimizer.load_state_dict(state["curiosity_optimizer"])

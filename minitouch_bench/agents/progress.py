@@ -1,0 +1,118 @@
+"""What a training tells of itself: rows of ``progress.csv``."""
+
+import csv
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class ProgressRow:
+    """The control steps since the row before; None where there is nothing to tell.
+
+    ``intrinsic_reward``: mean over the batches, as learned from; ``task_reward``: the task's
+    own, per control step; ``touch_share``: share of control steps in contact; ``success``:
+    share of the ``episodes`` that ended. ``value`` is the critic's mean, ``entropy`` in
+    nats. ``evaluation_*``: on episodes of their own, see ``docs/training.md``.
+    """
+
+    step: int
+    phase: str
+    episodes: int
+    intrinsic_reward: float | None
+    task_reward: float
+    touch_share: float
+    success: float | None
+    curiosity_loss: float | None
+    critic_loss: float | None
+    actor_loss: float | None
+    value: float | None
+    entropy: float | None
+    temperature: float | None
+    evaluation_success: float | None
+    evaluation_touch_share: float | None
+    seconds: float
+
+
+COLUMNS = tuple(field.name for field in fields(ProgressRow))
+LOSSES = (
+    "intrinsic_reward",
+    "curiosity_loss",
+    "critic_loss",
+    "actor_loss",
+    "value",
+    "entropy",
+    "temperature",
+)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Shares over the episodes of one evaluation."""
+
+    success: float
+    touch_share: float
+
+
+class Tally:
+    """Sums since the last row."""
+
+    def __init__(self) -> None:
+        self.steps = self.touched = self.episodes = self.successes = self.updates = 0
+        self.task_reward = 0.0
+        self.losses: dict[str, Tensor] = {}
+
+    def add_step(self, reward: float, *, touched: bool, ended: bool) -> None:
+        """Count a control step."""
+        self.steps += 1
+        self.touched += touched
+        self.task_reward += reward
+        self.episodes += ended
+        self.successes += reward > 0
+
+    def add_losses(self, losses: dict[str, Tensor]) -> None:
+        """Count a gradient step, without waiting for the device."""
+        self.updates += 1
+        for name, value in losses.items():
+            self.losses[name] = self.losses[name] + value if name in self.losses else value
+
+    def row(
+        self, step: int, phase: str, evaluation: Evaluation | None, seconds: float
+    ) -> ProgressRow:
+        """Return the row that these sums make."""
+        means = {
+            name: float(self.losses[name]) / self.updates if name in self.losses else None
+            for name in LOSSES
+        }
+        return ProgressRow(
+            step=step,
+            phase=phase,
+            episodes=self.episodes,
+            task_reward=self.task_reward / max(1, self.steps),
+            touch_share=self.touched / max(1, self.steps),
+            success=self.successes / self.episodes if self.episodes else None,
+            evaluation_success=evaluation.success if evaluation else None,
+            evaluation_touch_share=evaluation.touch_share if evaluation else None,
+            seconds=round(seconds, 1),
+            **means,
+        )
+
+
+def append_row(path: Path, row: ProgressRow) -> None:
+    """Add a row to a CSV file, with the names of the columns above the first."""
+    new = not path.exists()
+    with path.open("a", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        if new:
+            writer.writeheader()
+        writer.writerow({n: "" if v is None else v for n, v in asdict(row).items()})
+
+
+def cut_rows(path: Path, step: int) -> None:
+    """Drop the rows after a step: they will be written again."""
+    if not path.exists():
+        return
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    kept = [line for line in lines[1:] if line.endswith("\n") and int(line.split(",")[0]) <= step]
+    path.write_text("".join([lines[0], *kept]), encoding="utf-8")

@@ -1,0 +1,191 @@
+"""Soft actor-critic (Haarnoja et al. 2018) on picture and touch, with one shared encoder.
+
+The critics' loss trains the encoder; the actor reads its features and leaves it alone (Yarats
+et al. 2021). Pictures can be shifted at random before each use (DrQ, Kostrikov et al. 2021).
+"""
+
+import copy
+import math
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from minitouch_bench.agents.config import PhaseConfig, SacConfig
+from minitouch_bench.agents.encoding import encode
+from minitouch_bench.agents.replay import Batch
+from minitouch_bench.policies.networks import FEATURES, HIDDEN_UNITS, TouchActor, VisualEncoder
+
+
+class TwoCritics(nn.Module):
+    """Two estimates of the value of features, touch and action (supplement, Table 2)."""
+
+    def __init__(self, inputs: int, *, layer_norm: bool) -> None:
+        super().__init__()
+        self.first, self.second = (_critic(inputs, layer_norm=layer_norm) for _ in range(2))
+
+    def forward(self, features: Tensor, touch: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        """Return both values, float32 (N,)."""
+        joined = torch.cat((features, touch, action), dim=1)
+        return self.first(joined)[:, 0], self.second(joined)[:, 0]
+
+
+def _critic(inputs: int, *, layer_norm: bool) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for size in (inputs, HIDDEN_UNITS):
+        layers.append(nn.Linear(size, HIDDEN_UNITS))
+        if layer_norm:
+            layers.append(nn.LayerNorm(HIDDEN_UNITS))
+        layers.append(nn.LeakyReLU())
+    return nn.Sequential(*layers, nn.Linear(HIDDEN_UNITS, 1))
+
+
+class Sac(nn.Module):
+    """The networks of both phases, their optimizers, and one gradient step."""
+
+    def __init__(
+        self,
+        config: SacConfig,
+        *,
+        action_size: int,
+        touch_size: int,
+        encoder: nn.Module | None = None,
+        features: int = FEATURES,
+    ) -> None:
+        super().__init__()
+        self.config = config
+        self.action_size = action_size
+        self.encoder = encoder or VisualEncoder()
+        self.actor = TouchActor(
+            action_size, encoder=nn.Identity(), features=features, touch_size=touch_size
+        )
+        inputs = features + touch_size + action_size
+        self.critics = TwoCritics(inputs, layer_norm=config.critic_layer_norm)
+        self.target_encoder = copy.deepcopy(self.encoder).requires_grad_(False)
+        self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
+        self.log_temperature = nn.Parameter(torch.zeros(()))
+
+    def begin_phase(self, phase: PhaseConfig) -> None:
+        """Take a phase's settings, with fresh optimizers."""
+        self.phase = phase
+        start = phase.temperature or phase.initial_temperature
+        with torch.no_grad():
+            self.log_temperature.fill_(math.log(start))
+        rate, fused = phase.learning_rate, True
+        self.critic_optimizer = torch.optim.Adam(
+            [*self.encoder.parameters(), *self.critics.parameters()], rate, fused=fused
+        )
+        self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), rate, fused=fused)
+        self.temperature_optimizer = torch.optim.Adam([self.log_temperature], rate, fused=fused)
+
+    def optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        """Return the optimizers by name."""
+        return {
+            "critic": self.critic_optimizer,
+            "actor": self.actor_optimizer,
+            "temperature": self.temperature_optimizer,
+        }
+
+    @torch.no_grad()
+    def act(self, image: Tensor, touch: Tensor, generator: torch.Generator) -> Tensor:
+        """Return stochastic actions float32 (N, A) in (-1, 1)."""
+        return self._sample(self._encode(self.encoder, image), touch, generator)[0]
+
+    def update(self, batch: Batch, reward: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
+        """Do one gradient step of critics, actor, temperature and targets.
+
+        ``reward`` float32 (N,), of the whole transition. Returns the losses and what else
+        is worth a curve, as scalars.
+        """
+        alpha = self.log_temperature.detach().exp()
+        features = self._encode(self.encoder, self._shifted(batch.image, generator))
+
+        with torch.no_grad():
+            next_image = self._shifted(batch.next_image, generator)
+            next_features = self._encode(self.encoder, next_image)
+            next_action, next_log_prob = self._sample(next_features, batch.next_touch, generator)
+            if self.config.target_encoder:
+                next_features = self._encode(self.target_encoder, next_image)
+            next_values = self.target_critics(next_features, batch.next_touch, next_action)
+            next_value = torch.minimum(*next_values) - alpha * next_log_prob
+            target = reward + batch.discount * next_value
+
+        first, second = self.critics(features, batch.touch, batch.action)
+        critic_loss = functional.mse_loss(first, target) + functional.mse_loss(second, target)
+        _step(self.critic_optimizer, critic_loss)
+
+        features = features.detach()
+        action, log_prob = self._sample(features, batch.touch, generator)
+        value = torch.minimum(*self._frozen_critics(features, batch.touch, action))
+        actor_loss = (alpha * log_prob - value).mean()
+        _step(self.actor_optimizer, actor_loss)
+
+        entropy = -log_prob.detach().mean()
+        if self.phase.temperature == 0.0:
+            missing = self.phase.target_entropy * self.action_size - entropy
+            _step(self.temperature_optimizer, -self.log_temperature * missing)
+
+        self._follow()
+        return {
+            "critic_loss": critic_loss.detach(),
+            "actor_loss": actor_loss.detach(),
+            "value": first.detach().mean(),
+            "entropy": entropy,
+            "temperature": alpha,
+        }
+
+    def _sample(
+        self, features: Tensor, touch: Tensor, generator: torch.Generator
+    ) -> tuple[Tensor, Tensor]:
+        """Return squashed actions (N, A) and their log probabilities (N,)."""
+        mean, log_std = self.actor.gaussian_of(features, touch)
+        noise = torch.randn(mean.shape, generator=generator, device=mean.device)
+        raw = mean + log_std.exp() * noise
+        normal = -0.5 * noise.square() - log_std - 0.5 * math.log(2 * math.pi)
+        # log(1 - tanh(x)^2) without its cancellation
+        squash = 2.0 * (math.log(2.0) - raw - functional.softplus(-2.0 * raw))
+        return torch.tanh(raw), (normal - squash).sum(dim=1)
+
+    def _frozen_critics(
+        self, features: Tensor, touch: Tensor, action: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Return the critics' values without gradients for the critics themselves."""
+        self.critics.requires_grad_(False)
+        values: tuple[Tensor, Tensor] = self.critics(features, touch, action)
+        self.critics.requires_grad_(True)
+        return values
+
+    def _encode(self, encoder: nn.Module, image: Tensor) -> Tensor:
+        return encode(encoder, image, bfloat16=self.config.bfloat16)
+
+    def _shifted(self, image: Tensor, generator: torch.Generator) -> Tensor:
+        return shift_at_random(image, self.config.shift, generator)
+
+    @torch.no_grad()
+    def _follow(self) -> None:
+        """Move the target networks a little towards the trained ones."""
+        for target, source in (
+            (self.target_critics, self.critics),
+            (self.target_encoder, self.encoder),
+        ):
+            targets: list[Tensor] = list(target.parameters())
+            sources: list[Tensor] = list(source.parameters())
+            if targets:
+                torch._foreach_lerp_(targets, sources, self.config.target_rate)
+
+
+def shift_at_random(image: Tensor, pixels: int, generator: torch.Generator) -> Tensor:
+    """Return each picture (N, 1, H, W) shifted by up to ``pixels``, its edge repeated."""
+    if pixels == 0:
+        return image
+    count, _, height, width = image.shape
+    padded = functional.pad(image.float(), (pixels,) * 4, mode="replicate")
+    windows = padded.unfold(2, height, 1).unfold(3, width, 1)
+    x, y = torch.randint(2 * pixels + 1, (2, count), generator=generator, device=image.device)
+    return windows[torch.arange(count, device=image.device), :, y, x]
+
+
+def _step(optimizer: torch.optim.Optimizer, loss: Tensor) -> None:
+    optimizer.zero_grad()
+    loss.backward()  # type: ignore[no-untyped-call]
+    optimizer.step()

@@ -1,0 +1,180 @@
+"""The training loop of both phases."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from minitouch_bench.agents.checkpoint import CheckpointFiles
+from minitouch_bench.agents.config import TrainingConfig
+from minitouch_bench.agents.learner import Learner
+from minitouch_bench.agents.progress import Evaluation, ProgressRow, Tally, append_row, cut_rows
+from minitouch_bench.agents.replay import Replay
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.sensing.observation import Observation
+from minitouch_bench.sensing.touch import TOUCH_SIZE
+from minitouch_bench.tasks.environment import MiniTouchEnv
+
+PROGRESS_FILE = "progress.csv"
+EXPLORATION_FILE = "exploration.safetensors"
+FINAL_FILE = "final.safetensors"
+
+
+@dataclass(frozen=True)
+class TrainingCallbacks:
+    """What a training asks of whoever runs it.
+
+    ``evaluate`` runs a policy, deterministic or not, on episodes of its own. ``on_row`` is
+    given each row of ``progress.csv``. ``should_stop`` is asked before each control step.
+    """
+
+    evaluate: Callable[[TouchActor, bool], Evaluation]
+    on_row: Callable[[ProgressRow], None] = lambda _: None
+    should_stop: Callable[[], bool] = lambda: False
+
+
+class Training:
+    """One training in its directory, from its first step or from its last checkpoint."""
+
+    def __init__(
+        self,
+        config: TrainingConfig,
+        environment: MiniTouchEnv,
+        directory: Path,
+        callbacks: TrainingCallbacks,
+        device: torch.device,
+    ) -> None:
+        self.config = config
+        self._environment = environment
+        self._directory = directory
+        self._callbacks = callbacks
+        preset = environment.task.preset
+        self._learner = Learner(config, preset, device)
+        self._replay = Replay(
+            config.replay_size, TOUCH_SIZE, preset.arm.action_size, compress=config.compress
+        )
+        self._files = CheckpointFiles(directory)
+        self._tally = Tally()
+        self._observation: Observation
+        self._episode = -1
+        self._seconds = 0.0
+        self.step = 0
+
+    def run(self) -> bool:
+        """Train to the end and return True, or False where it was asked to stop before."""
+        self._clock = time.perf_counter()
+        if self._files.exists():
+            self._resume()
+        else:
+            self._begin_episode()
+        cut_rows(self._directory / PROGRESS_FILE, self.step)
+        while self.step < self.config.steps:
+            if self._callbacks.should_stop():
+                self._save()
+                return False
+            if self.step == self.config.exploration_steps > 0 and self._learner.exploring:
+                self._begin_task_phase()
+            self._control_step()
+            for _ in range(self._updates_due()):
+                self._tally.add_losses(self._learner.update(self._replay))
+            self._keep_records()
+        self._finish()
+        return True
+
+    def _control_step(self) -> None:
+        if self.step < self.config.random_steps:
+            action = self._learner.act_at_random()
+        else:
+            action = self._learner.act(self._observation)
+        observation, reward, terminated, truncated, info = self._environment.step(action)
+        self._replay.add(
+            action, reward, observation["image"], observation["touch"], ended=terminated
+        )
+        self._tally.add_step(
+            reward, touched=info["contact_ticks"] > 0, ended=terminated or truncated
+        )
+        self._observation = observation
+        self.step += 1
+        if terminated or truncated:
+            self._begin_episode()
+
+    def _begin_episode(self) -> None:
+        self._episode += 1
+        self._observation, _ = self._environment.reset(seed=self._episode_seed())
+        self._replay.begin_episode(self._observation["image"], self._observation["touch"])
+
+    def _episode_seed(self) -> int:
+        sequence = np.random.SeedSequence([self.config.seed, self._episode])
+        return int(sequence.generate_state(1, np.uint32)[0])
+
+    def _updates_due(self) -> int:
+        """Return the gradient steps to do now, so that their share comes out in the end."""
+        learned = self.step - self.config.random_steps
+        if learned <= 0:
+            return 0
+        rate = self.config.updates_per_step
+        return int(learned * rate) - int((learned - 1) * rate)
+
+    def _begin_task_phase(self) -> None:
+        save_native(self._learner.actor(), self._directory / EXPLORATION_FILE)
+        self._learner.begin_task_phase()
+
+    def _keep_records(self) -> None:
+        """Write what is due after a control step: a row, a checkpoint."""
+        if self.step % self.config.log_every == 0 or self.step == self.config.steps:
+            self._write_row()
+        if self.step % self.config.checkpoint_every == 0:
+            self._save()
+
+    def _write_row(self) -> None:
+        due = self.config.evaluate_every
+        evaluation = self._evaluate() if due and self.step % due == 0 else None
+        row = self._tally.row(self.step, self._phase_name(), evaluation, self._elapsed())
+        append_row(self._directory / PROGRESS_FILE, row)
+        self._callbacks.on_row(row)
+        self._tally = Tally()
+
+    def _evaluate(self) -> Evaluation:
+        deterministic = not self._learner.exploring
+        return self._callbacks.evaluate(self._learner.actor(), deterministic)
+
+    def _phase_name(self) -> str:
+        return "exploration" if self._learner.exploring else "task"
+
+    def _elapsed(self) -> float:
+        """Return the seconds spent since the first step, over all resumptions."""
+        now = time.perf_counter()
+        self._seconds += now - self._clock
+        self._clock = now
+        return self._seconds
+
+    def _finish(self) -> None:
+        name = EXPLORATION_FILE if self._learner.exploring else FINAL_FILE
+        save_native(self._learner.actor(), self._directory / name)
+        self._save()
+
+    def _save(self) -> None:
+        state: dict[str, Any] = {
+            "step": self.step,
+            "episode": self._episode,
+            "seconds": self._elapsed(),
+            "tally": vars(self._tally),
+            "learner": self._learner.state(),
+        }
+        self._files.save(state, self._replay)
+
+    def _resume(self) -> None:
+        """Load the checkpoint, and bring the world back by doing the episode's actions again."""
+        state = self._files.load(self._replay)
+        self.step, self._episode = state["step"], state["episode"]
+        self._seconds = state["seconds"]
+        vars(self._tally).update(state["tally"])
+        self._learner.load_state(state["learner"])
+        self._observation, _ = self._environment.reset(seed=self._episode_seed())
+        for action in self._replay.episode_actions():
+            self._observation = self._environment.step(action)[0]

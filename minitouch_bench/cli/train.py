@@ -1,0 +1,136 @@
+"""``minitouch-bench train``: a learner, from nothing to a checkpoint."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from minitouch_bench.cli.consoles import notes
+from minitouch_bench.errors import InterruptedRunError, UsageError
+from minitouch_bench.records import TASK_NAMES
+
+if TYPE_CHECKING:
+    from minitouch_bench.agents.progress import ProgressRow
+
+
+def train(
+    task: Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))],
+    *,
+    method: Annotated[
+        str,
+        typer.Option(help="sac, hac, icm, icm-touch, disagreement, rnd or rnd-touch."),
+    ] = "hac",
+    seed: Annotated[int, typer.Option(min=0, help="Fixes every random draw.")] = 0,
+    exploration_steps: Annotated[
+        int | None, typer.Option(min=0, help="Control steps on the intrinsic reward alone.")
+    ] = None,
+    task_steps: Annotated[
+        int | None, typer.Option(min=0, help="Control steps on the task's reward after them.")
+    ] = None,
+    objects: Annotated[
+        str, typer.Option(help="cube, or shapes to draw from: train, all. Default: the task's.")
+    ] = "",
+    preset: Annotated[
+        str, typer.Option(help="default (what learns best here) or paper (Tables 2 and 3).")
+    ] = "default",
+    config: Annotated[
+        Path | None, typer.Option(help="A TOML file of settings: see docs/training.md.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option(help="By default reports/training/TASK-METHOD-SEED.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint.")] = False,
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+) -> None:
+    """Train a learner in two phases: curiosity alone, then the task."""
+    # Not at the top: torch takes seconds, and --help shall not.
+    from minitouch_bench.agents.config import PRESETS, TrainingConfig, read_config  # noqa: PLC0415
+    from minitouch_bench.workflows.train import TrainingRequest  # noqa: PLC0415
+    from minitouch_bench.workflows.train import train as run_training  # noqa: PLC0415
+
+    if task not in TASK_NAMES:
+        raise UsageError(f"no task '{task}'; the tasks are {', '.join(TASK_NAMES)}")
+    if preset not in PRESETS:
+        raise UsageError(f"no preset '{preset}'; there are {', '.join(PRESETS)}")
+    settings: TrainingConfig = PRESETS[preset](task)
+    if config is not None:
+        settings = read_config(config, settings)
+    settings = replace(settings, task=task, method=method, seed=seed, objects=objects)
+    if exploration_steps is not None:
+        phase = replace(settings.exploration, steps=exploration_steps)
+        settings = replace(settings, exploration=phase)
+    if task_steps is not None:
+        phase = replace(settings.task_phase, steps=task_steps)
+        settings = replace(settings, task_phase=phase)
+    directory = output or Path("reports") / "training" / f"{task}-{method}-{seed}"
+    with _interrupts() as interrupts, _TrainingProgress(settings.steps) as progress:
+        finished = run_training(
+            TrainingRequest(
+                settings,
+                directory,
+                resume=resume,
+                device=device,
+                on_row=progress.show,
+                should_stop=lambda: bool(interrupts),
+            )
+        )
+    if not finished:
+        raise InterruptedRunError(
+            f"interrupted; what is learned is kept in {directory}, and the same command with "
+            "--resume continues"
+        )
+    print(directory)
+
+
+@contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """Collect Ctrl-C, so that a training ends between two steps; a second one ends it at once."""
+    seen: list[int] = []
+
+    def note(number: int, _: object) -> None:
+        if seen:
+            raise KeyboardInterrupt
+        seen.append(number)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield seen
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+class _TrainingProgress(Progress):
+    """Steps done, what they showed since the last row, and the time left."""
+
+    def __init__(self, steps: int) -> None:
+        super().__init__(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(bar_width=20),
+            TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+            TextColumn("{task.fields[figures]}"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=notes,
+            refresh_per_second=2,
+            speed_estimate_period=600,
+        )
+        self._bar = self.add_task("training", total=steps, figures="")
+
+    def show(self, row: "ProgressRow") -> None:
+        """Show a row of ``progress.csv``."""
+        figures = {
+            "curiosity": row.intrinsic_reward,
+            "reward": row.task_reward,
+            "touch": row.touch_share,
+            "success": row.success,
+        }
+        text = "  ".join(
+            f"{name} {value:.2f}" for name, value in figures.items() if value is not None
+        )
+        self.update(self._bar, completed=row.step, description=row.phase, figures=text)

@@ -1,0 +1,1 @@
+"""The program's jobs as functions: settings in, results out."""

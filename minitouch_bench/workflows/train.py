@@ -1,0 +1,157 @@
+"""Train a learner in a directory, evaluated as it goes under the protocol's own rollout."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from minitouch_bench.agents.config import TrainingConfig, config_text, read_config
+from minitouch_bench.agents.progress import Evaluation, ProgressRow
+from minitouch_bench.agents.training import PROGRESS_FILE, Training, TrainingCallbacks
+from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.evaluation.rollout import run_episode
+from minitouch_bench.evaluation.storage import lock_directory
+from minitouch_bench.policies.native import NativePolicy
+from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.policies.policy import Observation
+from minitouch_bench.protocol.seeds import policy_seed
+from minitouch_bench.protocol.suites import StandardSuite
+from minitouch_bench.records import EpisodeSpec, Outcome
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.registration import make_environment
+
+CONFIG_FILE = "config.toml"
+EVALUATION_SUITE = "training"
+"""Seeds the episodes of a training's evaluations; no suite has this name."""
+
+
+@dataclass(frozen=True)
+class TrainingRequest:
+    """What to train, and where.
+
+    ``device``: "auto", "cpu" or "cuda". ``on_row`` and ``should_stop`` as in
+    ``TrainingCallbacks``.
+    """
+
+    config: TrainingConfig
+    directory: Path
+    resume: bool = False
+    device: str = "auto"
+    on_row: Callable[[ProgressRow], None] = lambda _: None
+    should_stop: Callable[[], bool] = lambda: False
+
+
+def train(request: TrainingRequest) -> bool:
+    """Train to the end and return True, or False where it was asked to stop before.
+
+    Raises:
+        UsageError: no such device.
+        RunDirectoryError: the directory is in use, holds another training, or its
+            checkpoint is damaged.
+    """
+    device = choose_device(request.device)
+    torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
+    with lock_directory(request.directory):
+        _prepare(request)
+        environment = make_environment(request.config.task, request.config.objects or None)
+        evaluator = TrainingEvaluator(request.config)
+        callbacks = TrainingCallbacks(evaluator.evaluate, request.on_row, request.should_stop)
+        try:
+            training = Training(request.config, environment, request.directory, callbacks, device)
+            return training.run()
+        finally:
+            evaluator.close()
+            environment.close()
+
+
+def choose_device(name: str) -> torch.device:
+    """Return the device called ``name``; "auto" prefers a GPU.
+
+    Raises:
+        UsageError: there is none of that name here.
+    """
+    found = torch.cuda.is_available()
+    if name not in ("auto", "cpu", "cuda") or (name == "cuda" and not found):
+        raise UsageError(f"no device '{name}' here; choose auto, cpu" + ", cuda" * found)
+    if name == "cpu" or not found:
+        return torch.device("cpu")
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # equal sums in every run
+    torch.backends.cudnn.deterministic = True
+    torch.backends.cudnn.benchmark = False
+    torch.set_float32_matmul_precision("high")
+    return torch.device("cuda")
+
+
+def _prepare(request: TrainingRequest) -> None:
+    """Write the settings of a new training, or check those of one to resume."""
+    file = request.directory / CONFIG_FILE
+    text = config_text(request.config)
+    if not request.resume:
+        if file.exists():
+            raise RunDirectoryError(
+                f"{request.directory} holds a training; go on with it by --resume, or choose "
+                "another --output"
+            )
+        file.write_text(text, encoding="utf-8")
+    elif not file.exists():
+        raise RunDirectoryError(f"{request.directory} holds no training to resume")
+    elif file.read_text(encoding="utf-8") != text:
+        raise RunDirectoryError(
+            f"{file} has other settings than asked for; resume with the same ones"
+        )
+
+
+class TrainingEvaluator:
+    """Evaluate policies on the same few episodes each time, in a world of their own."""
+
+    def __init__(self, config: TrainingConfig) -> None:
+        suite = StandardSuite(
+            EVALUATION_SUITE,
+            (config.task,),
+            config.evaluate_episodes,
+            rankable=False,
+            seed=config.seed,
+        )
+        self._specs = suite.episodes(exploration=False)
+        self._environment = make_environment(config.task, None)
+
+    def evaluate(self, actor: TouchActor, deterministic: bool) -> Evaluation:
+        """Return the shares of success and touch over the episodes."""
+        records = [
+            run_episode(self._environment, _ActorInMemory(actor, deterministic), spec)
+            for spec in self._specs
+        ]
+        touched = np.concatenate([record.trace.contact_ticks > 0 for record in records])
+        success = np.mean([record.outcome is Outcome.SUCCESS for record in records])
+        return Evaluation(float(success), float(touched.mean()))
+
+    def close(self) -> None:
+        """Free the world."""
+        self._environment.close()
+
+
+class _ActorInMemory:
+    """Drive an episode by a policy that is not in a file yet."""
+
+    def __init__(self, actor: TouchActor, deterministic: bool) -> None:
+        self._policy = NativePolicy(actor, deterministic)
+
+    def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+        """Seed the policy as an evaluation does."""
+        self._policy.reset(policy_seed(spec.seed), spec.task)
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the next action."""
+        return self._policy.act(observation)
+
+    def close(self) -> None:
+        """Do nothing: there is no process."""
+
+
+__all__ = [
+    "CONFIG_FILE", "PROGRESS_FILE", "TrainingRequest", "read_config", "train",
+]  # fmt: skip

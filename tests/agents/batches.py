@@ -1,0 +1,26 @@
+"""Batches of random transitions."""
+
+import torch
+
+from minitouch_bench.agents.replay import Batch
+
+
+def random_batch(size=8, action_size=4, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+
+    def pictures():
+        return torch.randint(0, 256, (size, 1, 84, 84), generator=generator, dtype=torch.uint8)
+
+    def numbers(*shape):
+        return torch.randn(*shape, generator=generator)
+
+    return Batch(
+        image=pictures(),
+        touch=numbers(size, 11),
+        action=numbers(size, action_size).tanh(),
+        next_image=pictures(),
+        next_touch=numbers(size, 11),
+        task_reward=numbers(size),
+        discount=torch.full((size,), 0.99),
+        ended=torch.zeros(size, dtype=torch.bool),
+    )

@@ -1,0 +1,62 @@
+from dataclasses import replace
+
+import pytest
+
+from minitouch_bench.agents.config import (
+    METHODS,
+    PRESETS,
+    TrainingConfig,
+    config_text,
+    read_config,
+)
+from minitouch_bench.errors import UsageError
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_file_of_settings_is_read_back_whole(tmp_path, preset):
+    config = replace(PRESETS[preset]("opening"), seed=3, carry=("actor",), method="rnd")
+    file = tmp_path / "config.toml"
+    file.write_text(config_text(config))
+    assert read_config(file, TrainingConfig("playing")) == config
+
+
+def test_a_file_changes_what_it_names_and_nothing_else(tmp_path):
+    file = tmp_path / "config.toml"
+    file.write_text("seed = 5\n[sac]\nshift = 0\ndiscount = 1\n")
+    base = TrainingConfig("pushing")
+    sac = replace(base.sac, shift=0, discount=1.0)
+    assert read_config(file, base) == replace(base, seed=5, sac=sac)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("sead = 1", "sead"),
+        ("[sac]\nbatch = 1", "batch"),
+        ("seed = 'x'", "seed"),
+        ("method = 'ddpg'", "ddpg"),
+        ("carry = ['brain']", "brain"),
+        ("seed = ", "TOML"),
+    ],
+)
+def test_a_mistake_is_named(tmp_path, text, word):
+    file = tmp_path / "config.toml"
+    file.write_text(text)
+    with pytest.raises(UsageError, match=word):
+        read_config(file, TrainingConfig("pushing"))
+
+
+def test_the_paper_preset_is_table_2():
+    config = PRESETS["paper"]("pushing")
+    for phase in (config.exploration, config.task_phase):
+        assert phase.learning_rate == 3e-5
+        assert phase.reward_scale == 100
+    assert (config.sac.batch_size, config.sac.discount) == (128, 0.99)
+    assert config.replay_size == 10**6
+
+
+def test_sac_has_the_tasks_reward_from_the_first_step():
+    config = TrainingConfig("pushing")
+    assert {m: replace(config, method=m).exploration_steps > 0 for m in METHODS} == {
+        m: m != "sac" for m in METHODS
+    }

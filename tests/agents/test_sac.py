@@ -1,0 +1,91 @@
+import pytest
+import torch
+
+from minitouch_bench.agents.config import PhaseConfig, SacConfig
+from minitouch_bench.agents.sac import Sac, shift_at_random
+from tests.agents.batches import random_batch
+
+CONFIG = SacConfig(bfloat16=False)
+
+
+PHASE = PhaseConfig(10)
+
+
+def make(phase=PHASE, config=CONFIG):
+    torch.manual_seed(0)
+    sac = Sac(config, action_size=4, touch_size=11)
+    sac.begin_phase(phase)
+    return sac
+
+
+def generator():
+    return torch.Generator().manual_seed(1)
+
+
+def weights(module):
+    return torch.cat([value.flatten() for value in module.state_dict().values()])
+
+
+def test_same_seed_same_bits():
+    first, second = make(), make()
+    for sac in (first, second):
+        noise = generator()
+        for seed in range(3):
+            batch = random_batch(seed=seed)
+            sac.update(batch, batch.task_reward, noise)
+    assert torch.equal(weights(first), weights(second))
+
+
+def test_critics_learn_the_reward_where_nothing_follows():
+    sac, batch, noise = make(PhaseConfig(10, learning_rate=1e-3)), random_batch(), generator()
+    over = torch.zeros(8)
+    final = type(batch)(**{**vars(batch), "discount": over})
+    losses = [float(sac.update(final, final.task_reward, noise)["critic_loss"]) for _ in range(80)]
+    assert losses[-1] < 0.2 * losses[0]
+
+
+def test_the_actors_loss_leaves_encoder_and_critics_alone():
+    sac = make(PhaseConfig(10, learning_rate=0.0))
+    sac.actor_optimizer.param_groups[0]["lr"] = 1e-3
+    before = weights(sac.encoder), weights(sac.critics), weights(sac.actor)
+    batch = random_batch()
+    sac.update(batch, batch.task_reward, generator())
+    assert torch.equal(weights(sac.encoder), before[0])
+    assert torch.equal(weights(sac.critics), before[1])
+    assert not torch.equal(weights(sac.actor), before[2])
+
+
+@pytest.mark.parametrize(("target", "falls"), [(-10.0, True), (1.0, False)])
+def test_temperature_falls_where_there_is_entropy_to_spare(target, falls):
+    sac, batch = make(PhaseConfig(10, target_entropy=target)), random_batch()
+    before = sac.log_temperature.item()
+    sac.update(batch, batch.task_reward, generator())
+    assert (sac.log_temperature.item() < before) == falls
+
+
+def test_a_fixed_temperature_stays():
+    sac, batch = make(PhaseConfig(10, temperature=0.3)), random_batch()
+    losses = sac.update(batch, batch.task_reward, generator())
+    assert losses["temperature"] == pytest.approx(0.3)
+    assert sac.log_temperature.exp().item() == pytest.approx(0.3)
+
+
+def test_log_probability_is_that_of_the_squashed_gaussian():
+    sac = make()
+    features, touch = torch.randn(8, 256), torch.randn(8, 11)
+    action, log_prob = sac._sample(features, touch, generator())
+    mean, log_std = sac.actor.gaussian_of(features, touch)
+    squashed = torch.distributions.TransformedDistribution(
+        torch.distributions.Normal(mean, log_std.exp()), torch.distributions.TanhTransform()
+    )
+    expected = squashed.log_prob(action).sum(dim=1)
+    torch.testing.assert_close(log_prob, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_a_shifted_picture_is_a_window_of_the_padded_one():
+    image = random_batch(size=3).image
+    assert shift_at_random(image, 0, generator()) is image
+    padded = torch.nn.functional.pad(image.float(), (4,) * 4, mode="replicate")
+    for row, shifted in enumerate(shift_at_random(image, 4, generator())):
+        windows = [padded[row, :, y : y + 84, x : x + 84] for y in range(9) for x in range(9)]
+        assert sum(torch.equal(shifted, window) for window in windows) == 1

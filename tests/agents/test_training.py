@@ -1,0 +1,113 @@
+"""A training that is broken off and resumed ends in the same bits."""
+
+import csv
+from dataclasses import replace
+
+import pytest
+
+from minitouch_bench.agents.config import (
+    CuriosityConfig,
+    PhaseConfig,
+    SacConfig,
+    TrainingConfig,
+)
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.policies.native import load_native
+from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.workflows.train import TrainingRequest, train
+
+CONFIG = TrainingConfig(
+    "pushing",
+    random_steps=10,
+    log_every=5,
+    evaluate_every=20,
+    evaluate_episodes=1,
+    checkpoint_every=7,
+    exploration=PhaseConfig(30),
+    task_phase=PhaseConfig(20, n_step=3, success_share=0.25),
+    sac=SacConfig(batch_size=4),
+    curiosity=CuriosityConfig(width=0.25),
+)
+
+
+def outcome(directory):
+    """Return what must not depend on interruptions: every row but its seconds, the policies."""
+    with (directory / "progress.csv").open() as file:
+        rows = [{**row, "seconds": ""} for row in csv.DictReader(file)]
+    files = [file.read_bytes() for file in sorted(directory.glob("*.safetensors"))]
+    return rows, files
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("undisturbed")
+    assert train(TrainingRequest(CONFIG, directory, device="cpu"))
+    return directory
+
+
+def test_it_leaves_two_policies_and_its_curves(undisturbed):
+    rows, _ = outcome(undisturbed)
+    assert [int(row["step"]) for row in rows] == list(range(5, 51, 5))
+    assert [row["phase"] for row in rows] == ["exploration"] * 6 + ["task"] * 4
+    assert [bool(row["evaluation_success"]) for row in rows] == [False] * 3 + [True] + [
+        False
+    ] * 3 + [True, False, False]
+    for name in ("exploration", "final"):
+        content = (undisturbed / f"{name}.safetensors").read_bytes()
+        load_native(Checkpoint(name, content))
+
+
+class KilledError(Exception):
+    """Stands for a kill: nothing is saved on the way out."""
+
+
+def break_off(directory, after, *, kill, resume):
+    asked = iter(range(10**6))
+
+    def should_stop():
+        if next(asked) < after:
+            return False
+        if kill:
+            raise KilledError
+        return True
+
+    request = TrainingRequest(CONFIG, directory, resume, "cpu", should_stop=should_stop)
+    try:
+        assert train(request) is False
+    except KilledError:
+        assert kill
+
+
+@pytest.mark.parametrize("kill", [True, False], ids=["killed", "stopped"])
+def test_resumed_in_both_phases_it_ends_in_the_same_bits(tmp_path, undisturbed, kill):
+    break_off(tmp_path, 17, kill=kill, resume=False)
+    break_off(tmp_path, 24, kill=kill, resume=True)
+    assert train(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
+    assert outcome(tmp_path) == outcome(undisturbed)
+
+
+def test_killed_before_the_first_checkpoint_it_starts_over(tmp_path, undisturbed):
+    break_off(tmp_path, 6, kill=True, resume=False)
+    assert train(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
+    assert outcome(tmp_path) == outcome(undisturbed)
+
+
+def test_other_settings_are_not_mixed_in(undisturbed):
+    for request in (
+        TrainingRequest(CONFIG, undisturbed),
+        TrainingRequest(replace(CONFIG, seed=1), undisturbed, resume=True),
+    ):
+        with pytest.raises(RunDirectoryError):
+            train(request)
+
+
+def test_nothing_to_resume(tmp_path):
+    with pytest.raises(RunDirectoryError, match="no training"):
+        train(TrainingRequest(CONFIG, tmp_path, resume=True))
+
+
+def test_a_damaged_checkpoint_is_named(tmp_path):
+    break_off(tmp_path, 10, kill=False, resume=False)
+    (tmp_path / "checkpoint.pt").write_bytes(b"half")
+    with pytest.raises(RunDirectoryError, match="checkpoint"):
+        train(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
