@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from typing import Any
 
@@ -92,11 +92,11 @@ class EpisodeTrace:
         whoever replays the applied actions must find the same digest.
         """
         sha = hashlib.sha256()
-        for field in fields(self):
-            if field.name == "clipped":
+        for one in fields(self):
+            if one.name == "clipped":
                 continue
-            array = np.ascontiguousarray(getattr(self, field.name))
-            sha.update(f"{field.name}{array.dtype.str}{array.shape}".encode())
+            array = np.ascontiguousarray(getattr(self, one.name))
+            sha.update(f"{one.name}{array.dtype.str}{array.shape}".encode())
             sha.update(array.tobytes())
         return sha.hexdigest()
 
@@ -129,7 +129,7 @@ class EpisodeMetrics:
     outcome: Outcome
     success: bool
     steps: int
-    episode_return: float
+    episode_return: float = field(metadata={"column": "return"})
     touch_interaction: int
     touch_onsets: int
     touch_steps: int
@@ -141,6 +141,11 @@ class EpisodeMetrics:
     family: str = ""
     split: str = ""
     digest: str = ""
+
+    @classmethod
+    def columns(cls) -> dict[str, str]:
+        """Return the field of each column, by the name that files give it."""
+        return {one.metadata.get("column", one.name): one.name for one in fields(cls)}
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from minitouch_bench.leaderboard.ranking import Rank, rank
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, Figures, score
 from minitouch_bench.leaderboard.submission import MAIN_SUITE
 from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.metrics import ShownIn, metrics_shown_in
 from minitouch_bench.protocol.identity import protocol_digest
 from minitouch_bench.protocol.seeds import PROTOCOL
 from minitouch_bench.records import TASK_NAMES, Estimate, Gap, Role
@@ -19,7 +20,7 @@ from minitouch_bench.reporting.tables import TABLE4_METRICS
 CALIBRATION = ("scripted", "random", "zero")
 """The calibration rows in the order of every table: the ceiling, then the floors."""
 
-TOUCH_METRICS = ("touched", "touch_onsets", "time_to_first_touch")
+TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
 """The touch diagnostics of every task."""
 
 

@@ -52,7 +52,7 @@ def ending_bar(counts: Mapping[Ending, int], title: str) -> str:
 
 def steps_plot(listed: Sequence[Episodes], task: str, title: str) -> str:
     """Draw what share of the episodes took how many control steps, stacked by ending."""
-    steps = np.concatenate([episodes.steps for episodes in listed])
+    steps = np.concatenate([episodes.values["episode_steps"] for episodes in listed])
     ends = np.concatenate([endings(episodes, task) for episodes in listed])
     edges = np.arange(0, STEP_LIMIT + 2 * BIN, BIN)
     counts = np.array([np.histogram(steps[ends == k], edges)[0] for k in range(len(ENDINGS))])

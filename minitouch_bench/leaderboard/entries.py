@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from minitouch_bench.leaderboard.proof import Proof, ProofLevel, holds, level_of
 from minitouch_bench.leaderboard.submission import About, Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.metrics import METRICS, ShownIn
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.records import (
     EpisodeMetrics,
@@ -21,6 +22,10 @@ from minitouch_bench.records import (
 )
 
 OUTCOMES = tuple(Outcome)
+BOARD_METRICS = tuple(
+    name for name, metric in METRICS.items() if metric.shown_in & {ShownIn.TABLE4, ShownIn.BOARD}
+)
+"""What a board estimates of every task that has it."""
 
 Floats = NDArray[np.float64]
 
@@ -29,16 +34,13 @@ Floats = NDArray[np.float64]
 class Episodes:
     """One task's episodes of one role in one run, a column a field, in the suite's order.
 
-    ``outcome`` holds places in OUTCOMES; ``first_touch`` is in s, NaN where there was none;
-    ``held_out`` marks episodes with a held-out shape.
+    ``outcome`` holds places in OUTCOMES; ``values`` those of the metrics that a board shows, NaN
+    where an episode has none; ``held_out`` marks episodes with a held-out shape.
     """
 
     index: NDArray[np.int32]
     outcome: NDArray[np.int8]
-    steps: NDArray[np.int32]
-    touch: NDArray[np.int32]
-    onsets: NDArray[np.int32]
-    first_touch: Floats
+    values: Mapping[str, Floats]
     held_out: NDArray[np.bool_]
     shapes: tuple[str, ...]
 
@@ -50,7 +52,7 @@ class Episodes:
     @property
     def touched(self) -> NDArray[np.bool_]:
         """Which episodes had any contact."""
-        return np.greater(self.touch, 0)
+        return np.greater(self.values["touched"], 0)
 
 
 @dataclass(frozen=True)
@@ -156,14 +158,14 @@ def _run(saved: SavedRun, place: str) -> RunData:
 def _columns(rows: Iterable[EpisodeMetrics]) -> Episodes:
     listed = list(rows)
     places = {outcome: place for place, outcome in enumerate(OUTCOMES)}
-    first = [np.nan if e.time_to_first_touch is None else e.time_to_first_touch for e in listed]
     return Episodes(
         index=np.array([e.index for e in listed], np.int32),
         outcome=np.array([places[e.outcome] for e in listed], np.int8),
-        steps=np.array([e.steps for e in listed], np.int32),
-        touch=np.array([e.touch_interaction for e in listed], np.int32),
-        onsets=np.array([e.touch_onsets for e in listed], np.int32),
-        first_touch=np.array(first, np.float64),
+        values={
+            # None becomes NaN.
+            name: np.array([METRICS[name].value(e) for e in listed], np.float64)
+            for name in BOARD_METRICS
+        },
         held_out=np.array([e.split == "held-out" for e in listed], np.bool_),
         shapes=tuple(e.shape for e in listed),
     )

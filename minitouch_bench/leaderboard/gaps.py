@@ -7,8 +7,15 @@ from numpy.typing import NDArray
 
 from minitouch_bench.leaderboard.entries import Entry, Episodes
 from minitouch_bench.leaderboard.ranking import RANKED_BY
-from minitouch_bench.leaderboard.scores import MEANS, OVER_SEEDS, ROOT, SHARES
-from minitouch_bench.metrics import bootstrap_difference, bootstrap_mean, newcombe, wilson
+from minitouch_bench.leaderboard.scores import OVER_SEEDS, ROOT
+from minitouch_bench.metrics import (
+    METRICS,
+    bootstrap_difference,
+    bootstrap_mean,
+    newcombe,
+    wilson,
+)
+from minitouch_bench.metrics.metric import Kind
 from minitouch_bench.metrics.shared_bootstrap import resample_weights, stratified_intervals
 from minitouch_bench.metrics.streams import stream
 from minitouch_bench.records import Estimate, Gap, Role
@@ -36,7 +43,7 @@ def _gap(entry: Entry, task: str) -> Gap:
     if len(listed) > 1:
         return _over_seeds(listed, task)
     held_out, train = _splits(listed[0], task)
-    if RANKED_BY[task] in SHARES:
+    if METRICS[RANKED_BY[task]].kind is Kind.SHARE:
         one, other = (wilson(int(values.sum()), values.size) for values in (held_out, train))
         return Gap(one, other, newcombe(one, other))
     return _over_episodes(held_out, train, task)
@@ -44,8 +51,7 @@ def _gap(entry: Entry, task: str) -> Gap:
 
 def _splits(episodes: Episodes, task: str) -> tuple[Floats, Floats]:
     """Return the metric's values on held-out and on train shapes."""
-    metric = RANKED_BY[task]
-    values = (SHARES[metric][1] if metric in SHARES else MEANS[metric])(episodes)
+    values = episodes.values[RANKED_BY[task]]
     return values[episodes.held_out], values[~episodes.held_out]
 
 

@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from minitouch_bench.leaderboard.board import TOUCH_METRICS, Row
 from minitouch_bench.leaderboard.drawings import ending_bar, steps_plot, touch_plot
@@ -21,6 +23,8 @@ from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, Figure, figure, 
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.records import GOAL_TASKS, TICKS_PER_SECOND, Role
 from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.rendering.tables import metric_head
+from minitouch_bench.reporting.cards import BESIDE_SUCCESS, BESIDE_TOUCH
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.novel_shapes import verdict
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_TASKS, paper_figure
@@ -77,11 +81,11 @@ def _card(row: Row, task: str) -> Card:
     estimate = row.figures[task, metric]
     printed = paper_figure(task, metric, PAPER_METHODS[0])
     paper = None if printed is None else float(printed)
-    end = 1.0 if task in GOAL_TASKS else HEADROOM * max(estimate.high, paper or 0.0, 1.0)
+    end = 1.0 if METRICS[metric].is_share else HEADROOM * max(estimate.high, paper or 0.0, 1.0)
     places = [
         round(100 * value / end, 2) for value in (estimate.value, estimate.low, estimate.high)
     ]
-    beside = ("episode_steps", "touch_interaction") if task in GOAL_TASKS else TOUCH_METRICS[::2]
+    beside = BESIDE_SUCCESS if task in GOAL_TASKS else BESIDE_TOUCH
     figures = [(METRICS[m].label, _beside(row, task, m)) for m in beside]
     return Card(
         task=task,
@@ -126,17 +130,15 @@ def _bars(row: Row) -> tuple[tuple[str, Markup], ...]:
 def _figures(row: Row) -> Iterator[tuple[str, str, list[Figure]]]:
     """Yield label, unit and cells of each metric."""
     for metric in (*TABLE4_METRICS, *TOUCH_METRICS):
-        direction = METRICS[metric].direction
-        label = f"{METRICS[metric].label} {direction}".strip()
         cells = [figure(metric, row.estimate(task, metric)) for task in PAPER_TASKS]
-        yield label, METRICS[metric].unit, cells
+        yield metric_head(metric), METRICS[metric].unit, cells
 
 
 def _gaps(row: Row) -> Iterator[tuple[str, str, list[Figure], str]]:
     for task, gap in row.gaps.items():
         metric = RANKED_BY[task]
         cells = list(gap_figures(metric, gap))
-        yield task_title(task), METRICS[metric].label, cells, verdict(metric, gap.difference)
+        yield task_title(task), METRICS[metric].label, cells, verdict(task, metric, gap.difference)
 
 
 def _plots(entry: Entry) -> tuple[tuple[str, str, tuple[tuple[str, Markup], ...]], ...]:
@@ -193,18 +195,25 @@ def _data(entry: Entry, place: str) -> str:
 def _groups(run: RunData) -> Iterator[dict[str, Any]]:
     """Yield the episodes of each task and role, a list a column."""
     for (role, task), episodes in run.episodes.items():
-        first = [None if math.isnan(value) else _ticks(value) for value in episodes.first_touch]
+        first = [
+            None if math.isnan(value) else _ticks(value)
+            for value in episodes.values["time_to_first_touch"]
+        ]
         yield {
             "key": task if role is Role.FINAL else f"exploration/{task}",
             "index": episodes.index.tolist(),
             "ending": endings(episodes, task).tolist(),
-            "steps": episodes.steps.tolist(),
-            "touch": episodes.touch.tolist(),
+            "steps": _whole(episodes.values["episode_steps"]),
+            "touch": _whole(episodes.values["touch_interaction"]),
             "first": first,
             "shapes": [printable(shape) for shape in episodes.shapes]
             if len(set(episodes.shapes)) > 1
             else None,
         }
+
+
+def _whole(counts: NDArray[np.float64]) -> list[int]:
+    return [int(count) for count in counts]
 
 
 def _ticks(seconds: float) -> float:

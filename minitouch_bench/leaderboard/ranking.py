@@ -8,16 +8,15 @@ from numpy.typing import NDArray
 
 from minitouch_bench.leaderboard.entries import Entry
 from minitouch_bench.leaderboard.pairs import Sample, mean_p_values, share_p_values
-from minitouch_bench.leaderboard.scores import MEANS, OVERALL, SHARES
+from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.submission import MAIN_SUITE
+from minitouch_bench.metrics import ranking_metric
 from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, Role
 
 ALPHA = 0.05
 """Share of rows whose range of ranks may miss the true one."""
 
-RANKED_BY: Mapping[str, str] = {
-    task: "success" if task in GOAL_TASKS else "touch_interaction" for task in TASK_NAMES
-}
+RANKED_BY: Mapping[str, str] = {task: ranking_metric(task) for task in TASK_NAMES}
 """What a task is ranked by; overall it is the mean success over the tasks with a goal."""
 
 Floats = NDArray[np.float64]
@@ -82,9 +81,8 @@ def _holm(p_values: Floats) -> NDArray[np.bool_]:
 
 
 def _sample(entry: Entry, task: str) -> Sample:
-    metric = RANKED_BY[task]
-    read = SHARES[metric][1] if metric in SHARES else MEANS[metric]
-    return Sample(np.array([read(one) for one in entry.episodes(MAIN_SUITE, Role.FINAL, task)]))
+    listed = entry.episodes(MAIN_SUITE, Role.FINAL, task)
+    return Sample(np.array([episodes.values[RANKED_BY[task]] for episodes in listed]))
 
 
 def _keep(ranks: list[dict[str, Rank]], key: str, means: Floats, p_values: Floats) -> None:

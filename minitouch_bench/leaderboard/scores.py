@@ -4,21 +4,22 @@ All rows share one set of resamples, so equal episodes give equal intervals.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.leaderboard.entries import Entry, Episodes
+from minitouch_bench.leaderboard.entries import BOARD_METRICS, Entry
 from minitouch_bench.leaderboard.submission import MAIN_SUITE
-from minitouch_bench.metrics import wilson
+from minitouch_bench.metrics import METRICS, Metric, wilson
 from minitouch_bench.metrics.intervals import BOOTSTRAP
+from minitouch_bench.metrics.metric import Kind
 from minitouch_bench.metrics.shared_bootstrap import (
     mean_intervals,
     resample_weights,
     stratified_intervals,
 )
-from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, Estimate, Role
+from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, Estimate
 
 ROOT = (0,)
 """Root of the board's random streams: the same submissions give the same board."""
@@ -36,83 +37,49 @@ Figures = dict[tuple[str, str], Estimate]
 """A row's estimates by (task, metric)."""
 
 
-def _success(episodes: Episodes) -> Floats:
-    return episodes.success.astype(np.float64)
-
-
-def _touched(episodes: Episodes) -> Floats:
-    return episodes.touched.astype(np.float64)
-
-
-SHARES: Mapping[str, tuple[Role, Callable[[Episodes], Floats]]] = {
-    "success": (Role.FINAL, _success),
-    "exploration": (Role.EXPLORATION, _success),
-    "touched": (Role.FINAL, _touched),
-}
-MEANS: Mapping[str, Callable[[Episodes], Floats]] = {
-    "episode_steps": lambda episodes: episodes.steps.astype(np.float64),
-    "touch_interaction": lambda episodes: episodes.touch.astype(np.float64),
-    "touch_onsets": lambda episodes: episodes.onsets.astype(np.float64),
-    "time_to_first_touch": lambda episodes: episodes.first_touch,
-}
-GOAL_METRICS = ("success", "exploration", "episode_steps")
-
-
 def score(entries: Sequence[Entry]) -> list[Figures]:
     """Estimate every figure of the main suite, one mapping an entry in their order."""
     figures: list[Figures] = [{} for _ in entries]
     for task in TASK_NAMES:
-        for metric, (role, read) in SHARES.items():
-            if task in GOAL_TASKS or metric not in GOAL_METRICS:
-                _score(entries, figures, task, metric, role, read)
-        for metric, read in MEANS.items():
-            if task in GOAL_TASKS or metric not in GOAL_METRICS:
-                _score(entries, figures, task, metric, Role.FINAL, read)
+        for name in BOARD_METRICS:
+            if METRICS[name].is_in(task):
+                _score(entries, figures, task, METRICS[name])
     _score_overall(entries, figures)
     return figures
 
 
-def seed_means(entry: Entry, task: str, role: Role, read: Callable[[Episodes], Floats]) -> Floats:
+def seed_means(entry: Entry, task: str, metric: Metric) -> Floats:
     """Return a metric's mean of each training seed, (S,); NaN where no episode has a value."""
     found = []
-    for episodes in entry.episodes(MAIN_SUITE, role, task):
-        values = read(episodes)
+    for episodes in entry.episodes(MAIN_SUITE, metric.role, task):
+        values = episodes.values[metric.name]
         kept = values[~np.isnan(values)]
         found.append(float(kept.mean()) if kept.size else math.nan)
     return np.array(found)
 
 
-def _score(  # noqa: PLR0917 - one figure of all entries
-    entries: Sequence[Entry],
-    figures: list[Figures],
-    task: str,
-    metric: str,
-    role: Role,
-    read: Callable[[Episodes], Floats],
-) -> None:
+def _score(entries: Sequence[Entry], figures: list[Figures], task: str, metric: Metric) -> None:
     """Estimate one metric of one task for all entries that have it."""
+    name, role = metric.name, metric.role
     present = [i for i, entry in enumerate(entries) if entry.all_have(MAIN_SUITE, role, task)]
     single = [i for i in present if len(entries[i].seeds) == 1]
-    rows = [read(entries[i].episodes(MAIN_SUITE, role, task)[0]) for i in single]
-    for i, values, found in zip(single, rows, _over_episodes(rows, task, metric), strict=True):
+    rows = [entries[i].episodes(MAIN_SUITE, role, task)[0].values[name] for i in single]
+    for i, found in zip(single, _over_episodes(rows, task, metric), strict=True):
         if found is not None:
-            figures[i][task, metric] = found
-        assert values.size
-    means = {
-        i: seed_means(entries[i], task, role, read) for i in present if len(entries[i].seeds) > 1
-    }
+            figures[i][task, name] = found
+    means = {i: seed_means(entries[i], task, metric) for i in present if len(entries[i].seeds) > 1}
     known = {i: found for i, found in means.items() if not np.isnan(found).any()}
-    for i, found in _over_seeds(known, f"{task}/{metric}").items():
-        if metric in SHARES:
-            pooled = _pooled(entries[i].episodes(MAIN_SUITE, role, task), read)
-            figures[i][task, metric] = _widened(found, pooled)
-        else:
-            figures[i][task, metric] = found
+    for i, over_seeds in _over_seeds(known, f"{task}/{name}").items():
+        figures[i][task, name] = (
+            _widened(over_seeds, _pooled(entries[i], task, metric))
+            if metric.kind is Kind.SHARE
+            else over_seeds
+        )
 
 
-def _over_episodes(rows: Sequence[Floats], task: str, metric: str) -> list[Estimate | None]:
+def _over_episodes(rows: Sequence[Floats], task: str, metric: Metric) -> list[Estimate | None]:
     """Estimate over the episodes of one seed: Wilson for a share, bootstrap for a mean."""
-    if metric in SHARES:
+    if metric.kind is Kind.SHARE:
         return [wilson(int(values.sum()), values.size) for values in rows]
     found: list[Estimate | None] = [None] * len(rows)
     for size in sorted({values.size for values in rows}):
@@ -145,9 +112,10 @@ def _over_seeds(means: Mapping[int, Floats], name: str) -> dict[int, Estimate]:
     return found
 
 
-def _pooled(listed: Sequence[Episodes], read: Callable[[Episodes], Floats]) -> Estimate:
+def _pooled(entry: Entry, task: str, metric: Metric) -> Estimate:
     """Estimate a share over the episodes of all training seeds together."""
-    values = np.concatenate([read(episodes) for episodes in listed])
+    listed = entry.episodes(MAIN_SUITE, metric.role, task)
+    values = np.concatenate([episodes.values[metric.name] for episodes in listed])
     return wilson(int(values.sum()), values.size)
 
 
@@ -185,12 +153,11 @@ def _quadrature(parts: Sequence[Estimate]) -> Estimate:
 
 
 def _stratified(entry: Entry) -> Estimate:
-    strata = [seed_means(entry, task, Role.FINAL, _success)[None] for task in GOAL_TASKS]
+    success = METRICS["success"]
+    strata = [seed_means(entry, task, success)[None] for task in GOAL_TASKS]
     size = len(entry.seeds)
     weights = [resample_weights(size, ROOT, f"seeds/{task}/success") for task in GOAL_TASKS]
     low, high = stratified_intervals(strata, weights)[0]
-    pooled = _quadrature(
-        [_pooled(entry.episodes(MAIN_SUITE, Role.FINAL, task), _success) for task in GOAL_TASKS]
-    )
+    pooled = _quadrature([_pooled(entry, task, success) for task in GOAL_TASKS])
     found = Estimate(pooled.value, float(low), float(high), size, OVER_SEEDS)
     return _widened(found, pooled)

@@ -7,12 +7,11 @@ from minitouch_bench.leaderboard.board import TOUCH_METRICS, Board, PaperRow, Ro
 from minitouch_bench.leaderboard.gaps import GAP_TASKS
 from minitouch_bench.leaderboard.ranking import RANKED_BY, Rank
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
-from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.records import GOAL_TASKS, Estimate, Gap
+from minitouch_bench.metrics import METRICS, ShownIn, direction_of, metrics_shown_in
+from minitouch_bench.records import Estimate, Gap
 from minitouch_bench.rendering.tables import ABSENT, format_value
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_TASKS
-from minitouch_bench.reporting.tables import TABLE4_METRICS
 
 RANKED, CALIBRATION, PAPER = "ranked", "calibration", "paper"
 """Kinds of rows; only the first has ranks."""
@@ -80,7 +79,7 @@ def figure(metric: str, estimate: Estimate | None) -> Figure:
         return Figure()
     name = "success" if metric == MEAN_SUCCESS else metric
     low, high = format_value(name, estimate.low), format_value(name, estimate.high)
-    is_share = METRICS[name].unit.startswith("share")
+    is_share = METRICS[name].is_share
     counted = "training seeds" if "seeds" in estimate.method else "episodes"
     return Figure(
         text=format_value(name, estimate.value),
@@ -108,12 +107,12 @@ def _overall(board: Board) -> View:
 
 
 def _task(board: Board, task: str) -> View:
-    metrics = [m for m in TABLE4_METRICS if task in GOAL_TASKS or m == RANKED_BY[task]]
-    metrics = [RANKED_BY[task], *(m for m in metrics if m != RANKED_BY[task])]
+    shown = metrics_shown_in(ShownIn.TABLE4, task)
+    metrics = [RANKED_BY[task], *(m for m in shown if m != RANKED_BY[task])]
     headings = tuple(
         Heading(
             METRICS[metric].label,
-            unit=f"{METRICS[metric].unit} {METRICS[metric].direction}".strip(),
+            unit=f"{METRICS[metric].unit} {direction_of(metric, task)}".strip(),
         )
         for metric in metrics
     )

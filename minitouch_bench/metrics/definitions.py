@@ -1,135 +1,240 @@
-"""Every metric in one table: its label, unit, direction and source."""
+"""Every metric in one table.
+
+Columns of ``episodes.csv``, estimates of ``run.json`` and its schema, rows of Table 4, columns
+of the diagnostics and of the leaderboard all follow from METRICS. A new metric is an entry
+here, and a field of ``records.EpisodeMetrics`` if it is measured in each episode.
+"""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 
-UP = "↑"
-DOWN = "↓"
-NO_DIRECTION = ""
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.metrics.metric import DOWN, UP, Kind, Metric, ShownIn
+from minitouch_bench.records import GOAL_TASKS, TICKS_PER_SECOND, EpisodeRecord, Outcome, Role
+
+FORCE_COMPONENTS = slice(5, 11)
+"""Columns of the touch vector that hold the two fingers' forces, N."""
 
 
-@dataclass(frozen=True)
-class Metric:
-    """What a metric is called, what it counts, and how it is written.
+def _touch_variance(record: EpisodeRecord) -> float:
+    return float(_axis_variances(record.trace.touch[:, FORCE_COMPONENTS]).mean())
 
-    ``direction``: UP or DOWN where more or less is better, else NO_DIRECTION. ``source``:
-    T (text of the paper), R (the released package) or D (decided here). ``number_format``:
-    Python format of a value.
-    """
 
-    name: str
-    label: str
-    unit: str
-    direction: str
-    source: str
-    number_format: str
-    meaning: str
+def _object_movement(record: EpisodeRecord) -> float:
+    return float(_axis_variances(record.trace.object_state).sum())
+
+
+def _time_to_first_touch(record: EpisodeRecord) -> float | None:
+    tick = record.trace.first_touch_tick
+    return None if tick < 0 else tick / TICKS_PER_SECOND
+
+
+def _arm_time(record: EpisodeRecord) -> float:
+    return int(record.trace.ticks.sum(dtype=np.int64)) / TICKS_PER_SECOND
+
+
+def _axis_variances(
+    samples: NDArray[np.float32] | NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the population variance of each column of (N, D) samples, as (D,)."""
+    if len(samples) == 0:
+        return np.zeros(samples.shape[1])
+    variances: NDArray[np.float64] = np.var(samples.astype(np.float64), axis=0)
+    return variances
 
 
 _TABLE = (
-    Metric("success", "Success", "share of episodes", UP, "T", ".3f", "episodes that succeed"),
     Metric(
-        "exploration",
-        "Exploration",
-        "share of episodes",
-        UP,
-        "T",
-        ".3f",
-        "episodes that succeed after training on intrinsic reward alone",
+        name="exploration",
+        label="Exploration",
+        unit="share of episodes",
+        direction=UP,
+        source="T",
+        number_format=".3f",
+        meaning="episodes that succeed after training on intrinsic reward alone",
+        derive=lambda episode: episode.success,
+        kind=Kind.SHARE,
+        role=Role.EXPLORATION,
+        needs_goal=True,
+        shown_in=frozenset({ShownIn.TABLE4}),
     ),
     Metric(
-        "episode_steps",
-        "Episode steps",
-        "control steps",
-        DOWN,
-        "T",
-        ".1f",
-        "length of an episode, failures included",
+        name="success",
+        label="Success",
+        unit="share of episodes",
+        direction=UP,
+        source="T",
+        number_format=".3f",
+        meaning="episodes that succeed",
+        measure=lambda record: record.outcome is Outcome.SUCCESS,
+        kind=Kind.SHARE,
+        needs_goal=True,
+        shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
     Metric(
-        "steps_to_success",
-        "Steps to success",
-        "control steps",
-        DOWN,
-        "D",
-        ".1f",
-        "length of an episode that succeeds",
+        name="episode_steps",
+        label="Episode steps",
+        unit="control steps",
+        direction=DOWN,
+        source="T",
+        number_format=".1f",
+        meaning="length of an episode, failures included",
+        measure=lambda record: len(record.trace.actions),
+        column="steps",
+        needs_goal=True,
+        shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
     Metric(
-        "touch_interaction",
-        "Touch-interaction",
-        "ticks",
-        UP,
-        "T",
-        ".1f",
-        "physics ticks with a finger in contact with the object",
-    ),
-    Metric("touch_onsets", "Touch onsets", "contacts", NO_DIRECTION, "D", ".1f", "contacts begun"),
-    Metric(
-        "touch_steps",
-        "Touch steps",
-        "control steps",
-        NO_DIRECTION,
-        "D",
-        ".1f",
-        "control steps with contact",
+        name="steps_to_success",
+        label="Steps to success",
+        unit="control steps",
+        direction=DOWN,
+        source="D",
+        number_format=".1f",
+        meaning="length of an episode that succeeds",
+        derive=lambda episode: episode.steps if episode.success else None,
+        needs_goal=True,
     ),
     Metric(
-        "touch_variance",
-        "Touch variance",
-        "N²",
-        NO_DIRECTION,
-        "R",
-        ".3g",
-        "variance of the finger forces over the episode",
+        name="return",
+        label="Return",
+        unit="reward",
+        direction=UP,
+        source="T",
+        number_format=".2f",
+        meaning="sum of the task's rewards",
+        measure=lambda record: float(record.trace.rewards.sum(dtype=np.float64)),
+        column="episode_return",
     ),
     Metric(
-        "object_movement",
-        "Object movement",
-        "m²",
-        NO_DIRECTION,
-        "T",
-        ".1e",
-        "variance of the object's position, or of the door's angle, over the episode",
+        name="touch_interaction",
+        label="Touch-interaction",
+        unit="ticks",
+        task_directions={"playing": UP},
+        source="T",
+        number_format=".1f",
+        meaning="physics ticks with a finger in contact with the object",
+        measure=lambda record: int(record.trace.contact_ticks.sum(dtype=np.int64)),
+        shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
     Metric(
-        "time_to_first_touch",
-        "First touch",
-        "s",
-        NO_DIRECTION,
-        "D",
-        ".2f",
-        "simulated time to the first contact, episodes that touched",
-    ),
-    Metric("arm_time", "Arm time", "s", NO_DIRECTION, "D", ".2f", "simulated time of an episode"),
-    Metric("return", "Return", "reward", UP, "T", ".2f", "sum of the task's rewards"),
-    Metric(
-        "clipped_actions",
-        "Clipped actions",
-        "control steps",
-        NO_DIRECTION,
-        "D",
-        ".1f",
-        "actions beyond -1 to 1, which are clipped",
+        name="touch_share",
+        label="Touch share",
+        unit="share of control steps",
+        direction=UP,
+        source="T",
+        number_format=".3f",
+        meaning="share of an episode's control steps with contact",
+        derive=lambda episode: episode.touch_steps / episode.steps if episode.steps else 0.0,
+        shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
     Metric(
-        "touched",
-        "Touched",
-        "share of episodes",
-        NO_DIRECTION,
-        "D",
-        ".3f",
-        "episodes with any contact",
+        name="touched",
+        label="Touched",
+        unit="share of episodes",
+        source="D",
+        number_format=".3f",
+        meaning="episodes with any contact",
+        derive=lambda episode: episode.touch_interaction > 0,
+        kind=Kind.SHARE,
+        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
+    ),
+    Metric(
+        name="touch_onsets",
+        label="Touch onsets",
+        unit="contacts",
+        source="D",
+        number_format=".1f",
+        meaning="contacts begun",
+        measure=lambda record: int(record.trace.onsets.sum(dtype=np.int64)),
+        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
+    ),
+    Metric(
+        name="touch_steps",
+        label="Touch steps",
+        unit="control steps",
+        source="D",
+        number_format=".1f",
+        meaning="control steps with contact",
+        measure=lambda record: int(np.count_nonzero(record.trace.contact_ticks)),
+    ),
+    Metric(
+        name="touch_variance",
+        label="Touch variance",
+        unit="N²",
+        source="R",
+        number_format=".3g",
+        meaning="variance of the finger forces over the episode",
+        measure=_touch_variance,
+    ),
+    Metric(
+        name="object_movement",
+        label="Object movement",
+        unit="m²",
+        task_units={"opening": "rad²"},
+        source="T",
+        number_format=".1e",
+        meaning="variance of the object's position, or of the door's angle, over the episode",
+        measure=_object_movement,
+        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.NOVEL_SHAPES}),
+    ),
+    Metric(
+        name="time_to_first_touch",
+        label="First touch",
+        unit="s",
+        source="D",
+        number_format=".2f",
+        meaning="simulated time to the first contact, episodes that touched",
+        measure=_time_to_first_touch,
+        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
+    ),
+    Metric(
+        name="arm_time",
+        label="Arm time",
+        unit="s",
+        source="D",
+        number_format=".2f",
+        meaning="simulated time of an episode",
+        measure=_arm_time,
+        shown_in=frozenset({ShownIn.DIAGNOSTICS}),
+    ),
+    Metric(
+        name="clipped_actions",
+        label="Clipped actions",
+        unit="control steps",
+        source="D",
+        number_format=".1f",
+        meaning="actions beyond -1 to 1, which are clipped",
+        measure=lambda record: int(np.count_nonzero(record.trace.clipped)),
+        shown_in=frozenset({ShownIn.DIAGNOSTICS}),
     ),
 )
 
 METRICS: Mapping[str, Metric] = MappingProxyType({metric.name: metric for metric in _TABLE})
-"""The metrics by name."""
+"""The metrics by name, in the order of every table."""
+
+
+def metrics_shown_in(table: ShownIn, task: str | None = None) -> tuple[str, ...]:
+    """Return the names of the metrics that a table shows, of those that ``task`` has."""
+    return tuple(
+        metric.name
+        for metric in _TABLE
+        if table in metric.shown_in and (task is None or metric.is_in(task))
+    )
+
+
+def ranking_metric(task: str) -> str:
+    """Return the metric that sums a task up and ranks it: success, or how much is touched."""
+    return "success" if task in GOAL_TASKS else "touch_share"
 
 
 def unit_of(metric: str, task: str) -> str:
-    """Return the unit of a metric: Opening's object is a door, so it moves in rad²."""
-    if metric == "object_movement" and task == "opening":
-        return "rad²"
-    return METRICS[metric].unit
+    """Return what a metric counts in a task."""
+    return METRICS[metric].unit_in(task)
+
+
+def direction_of(metric: str, task: str) -> str:
+    """Return UP or DOWN where more or less of a metric is better in a task, else NO_DIRECTION."""
+    return METRICS[metric].direction_in(task)

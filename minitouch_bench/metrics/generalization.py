@@ -2,17 +2,11 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from minitouch_bench.metrics.intervals import (
-    bootstrap_difference,
-    bootstrap_mean,
-    newcombe,
-    wilson,
-)
+from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in, ranking_metric
+from minitouch_bench.metrics.intervals import bootstrap_difference, newcombe
+from minitouch_bench.metrics.metric import Kind, Metric, ShownIn
 from minitouch_bench.metrics.streams import Root, stream
 from minitouch_bench.records import (
-    GOAL_TASKS,
     EpisodeMetrics,
     Estimate,
     FamilyResult,
@@ -24,12 +18,6 @@ HELD_OUT, TRAIN = "held-out", "train"
 
 MIN_EPISODES = 10
 """Episodes of each split below which a gap would be noise alone."""
-
-GOAL_METRICS = ("success", "episode_steps", "touch_interaction", "object_movement")
-TOUCH_METRICS = ("touch_interaction", "object_movement")
-"""Playing has no goal."""
-
-_ATTRIBUTES = {"episode_steps": "steps"}
 
 
 def generalize(
@@ -58,16 +46,19 @@ def _generalize_task(
     train = [episode for episode in episodes if episode.split == TRAIN]
     if min(len(held_out), len(train)) < MIN_EPISODES:
         return None
-    metrics = GOAL_METRICS if task in GOAL_TASKS else TOUCH_METRICS
+    family_metric = METRICS[ranking_metric(task)]
     families = sorted({episode.family for episode in (*held_out, *train)})
     return Generalization(
         task=task,
-        gaps={metric: _gap(task, metric, held_out, train, root) for metric in metrics},
-        family_metric=metrics[0],
+        gaps={
+            name: _gap(task, METRICS[name], held_out, train, root)
+            for name in metrics_shown_in(ShownIn.NOVEL_SHAPES, task)
+        },
+        family_metric=family_metric.name,
         families={
             family: FamilyResult(
-                _of_family(held_out, family, metrics[0], root),
-                _of_family(train, family, metrics[0], root),
+                _of_family(held_out, family, family_metric, root),
+                _of_family(train, family, family_metric, root),
             )
             for family in families
         },
@@ -76,41 +67,28 @@ def _generalize_task(
 
 def _gap(
     task: str,
-    metric: str,
+    metric: Metric,
     held_out: Sequence[EpisodeMetrics],
     train: Sequence[EpisodeMetrics],
     root: Root,
 ) -> Gap:
     """Estimate a metric on each split, and the difference."""
-    one = _estimate(held_out, metric, stream(root, task, metric, HELD_OUT))
-    other = _estimate(train, metric, stream(root, task, metric, TRAIN))
-    if metric == "success":
+    one = metric.estimate(held_out, stream(root, task, metric.name, HELD_OUT))
+    other = metric.estimate(train, stream(root, task, metric.name, TRAIN))
+    assert one is not None  # such a metric has a value in every episode
+    assert other is not None
+    if metric.kind is Kind.SHARE:
         return Gap(one, other, newcombe(one, other))
-    rng = stream(root, task, metric, "gap")
-    return Gap(
-        one, other, bootstrap_difference(_values(held_out, metric), _values(train, metric), rng)
-    )
+    rng = stream(root, task, metric.name, "gap")
+    difference = bootstrap_difference(metric.values(held_out), metric.values(train), rng)
+    return Gap(one, other, difference)
 
 
 def _of_family(
-    episodes: Sequence[EpisodeMetrics], family: str, metric: str, root: Root
+    episodes: Sequence[EpisodeMetrics], family: str, metric: Metric, root: Root
 ) -> Estimate | None:
     """Estimate a metric on the shapes of one family, None where there is no episode."""
     own = [episode for episode in episodes if episode.family == family]
     if not own:
         return None
-    return _estimate(own, metric, stream(root, own[0].task, metric, own[0].split, family))
-
-
-def _estimate(
-    episodes: Sequence[EpisodeMetrics], metric: str, rng: np.random.Generator
-) -> Estimate:
-    """Estimate one metric of some episodes."""
-    if metric == "success":
-        return wilson(sum(episode.success for episode in episodes), len(episodes))
-    return bootstrap_mean(_values(episodes, metric), rng)
-
-
-def _values(episodes: Sequence[EpisodeMetrics], metric: str) -> list[float]:
-    """Return a metric's values, one an episode."""
-    return [float(getattr(episode, _ATTRIBUTES.get(metric, metric))) for episode in episodes]
+    return metric.estimate(own, stream(root, own[0].task, metric.name, own[0].split, family))

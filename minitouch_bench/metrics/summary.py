@@ -1,40 +1,24 @@
 """Estimates of a run, task by task."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.episode import measure
 from minitouch_bench.metrics.generalization import generalize
-from minitouch_bench.metrics.intervals import bootstrap_mean, wilson
 from minitouch_bench.metrics.streams import Root, stream
 from minitouch_bench.records import (
-    GOAL_TASKS,
     EpisodeMetrics,
     EpisodeRecord,
-    Estimate,
     EvaluationRun,
     Outcome,
     Role,
     Summary,
     TaskSummary,
 )
-
-MEANS_OF_EVERY_TASK = (
-    "touch_interaction",
-    "touch_onsets",
-    "touch_steps",
-    "touch_variance",
-    "object_movement",
-    "arm_time",
-    "return",
-    "clipped_actions",
-)
-"""Metrics that are plain means over all episodes of a task."""
-
-_ATTRIBUTES = {"return": "episode_return"}
 
 
 def summarize(run: EvaluationRun, rng: np.random.Generator) -> Summary:
@@ -74,16 +58,21 @@ def _summarize_task(
     root: Root,
 ) -> TaskSummary:
     """Estimate the metrics of one task; a task without episodes has no estimates."""
-    own = [episode for episode in episodes if episode.task == task]
-    explored = [episode for episode in exploration if episode.task == task]
-    estimates: dict[str, Estimate] = {}
-    if task in GOAL_TASKS:
-        if explored:
-            estimates["exploration"] = _share(episode.success for episode in explored)
-        estimates.update(_goal_estimates(task, own, root))
-    estimates.update(_touch_estimates(task, own, root))
-    outcomes = {outcome.value: sum(e.outcome is outcome for e in own) for outcome in Outcome}
-    return TaskSummary(task=task, estimates=estimates, outcomes=outcomes, touch_curve=())
+    own = {
+        Role.FINAL: [episode for episode in episodes if episode.task == task],
+        Role.EXPLORATION: [episode for episode in exploration if episode.task == task],
+    }
+    found = {
+        name: metric.estimate(own[metric.role], stream(root, task, name))
+        for name, metric in METRICS.items()
+        if metric.is_in(task)
+    }
+    return TaskSummary(
+        task=task,
+        estimates={name: figure for name, figure in found.items() if figure is not None},
+        outcomes={o.value: sum(e.outcome is o for e in own[Role.FINAL]) for o in Outcome},
+        touch_curve=(),
+    )
 
 
 def _with_touch_curve(summary: TaskSummary, run: EvaluationRun) -> TaskSummary:
@@ -92,47 +81,6 @@ def _with_touch_curve(summary: TaskSummary, run: EvaluationRun) -> TaskSummary:
         [r for r in run.records if r.spec.task == summary.task and r.spec.role is Role.FINAL]
     )
     return replace(summary, touch_curve=curve, touch_curve_episodes=counts)
-
-
-def _goal_estimates(
-    task: str, episodes: Sequence[EpisodeMetrics], root: Root
-) -> dict[str, Estimate]:
-    """Estimate what only a task with a goal has."""
-    if not episodes:
-        return {}
-    steps = [episode.steps for episode in episodes]
-    estimates = {
-        "success": _share(episode.success for episode in episodes),
-        "episode_steps": bootstrap_mean(steps, stream(root, task, "episode_steps")),
-    }
-    won = [episode.steps for episode in episodes if episode.success]
-    if won:
-        rng = stream(root, task, "steps_to_success")
-        estimates["steps_to_success"] = bootstrap_mean(won, rng)
-    return estimates
-
-
-def _touch_estimates(
-    task: str, episodes: Sequence[EpisodeMetrics], root: Root
-) -> dict[str, Estimate]:
-    """Estimate what every task has."""
-    if not episodes:
-        return {}
-    estimates = {"touched": _share(episode.touch_interaction > 0 for episode in episodes)}
-    for metric in MEANS_OF_EVERY_TASK:
-        values = [float(getattr(e, _ATTRIBUTES.get(metric, metric))) for e in episodes]
-        estimates[metric] = bootstrap_mean(values, stream(root, task, metric))
-    times = [e.time_to_first_touch for e in episodes if e.time_to_first_touch is not None]
-    if times:
-        rng = stream(root, task, "time_to_first_touch")
-        estimates["time_to_first_touch"] = bootstrap_mean(times, rng)
-    return estimates
-
-
-def _share(flags: Iterable[bool]) -> Estimate:
-    """Estimate the share of true flags."""
-    listed = list(flags)
-    return wilson(sum(listed), len(listed))
 
 
 def _touch_curve(

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from minitouch_bench.metrics.definitions import DOWN, METRICS
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.metric import DOWN
 from minitouch_bench.metrics.streams import Root, stream
 from minitouch_bench.records import Estimate
 from minitouch_bench.regression.means import paired_mean

@@ -7,7 +7,15 @@ from minitouch_bench.regression.comparison import Change, Entrant, Finding, Vers
 from minitouch_bench.regression.effects import Effect
 from minitouch_bench.regression.gate import Judgement, Ruling, Verdict
 from minitouch_bench.regression.pairing import PAIRED_METRICS
-from minitouch_bench.rendering.tables import ABSENT, Cell, Column, Row, Table, format_value
+from minitouch_bench.rendering.tables import (
+    ABSENT,
+    Cell,
+    Column,
+    Row,
+    Table,
+    format_value,
+    metric_head,
+)
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.tables import OUTCOME_TITLES
 
@@ -126,8 +134,7 @@ def ruling_text(judgement: Judgement) -> str:
 
 def metric_label(metric: str) -> str:
     """Write a metric with its better direction and its unit."""
-    known = METRICS[metric]
-    return f"{known.label} {known.direction} ({known.unit})"
+    return f"{metric_head(metric)} ({METRICS[metric].unit})"
 
 
 def _metric_table(

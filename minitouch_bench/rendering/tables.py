@@ -100,14 +100,13 @@ def format_value(metric: str, value: float) -> str:
     return format(value, METRICS[metric].number_format)
 
 
-def metric_head(metric: str) -> str:
-    """Name a metric with the arrow of its better direction."""
-    return f"{METRICS[metric].label} {METRICS[metric].direction}".rstrip()
-
-
-def is_share(metric: str) -> bool:
-    """Tell whether a metric's values lie between 0 and 1."""
-    return METRICS[metric].unit.startswith("share")
+def metric_head(metric: str, task: str | None = None) -> str:
+    """Name a metric with the arrow of its better direction, in one task or in all of them."""
+    found = METRICS[metric]
+    if task is None and found.task_directions:
+        arrows = (f"{arrow} in {name}" for name, arrow in found.task_directions.items())
+        return f"{found.label} ({', '.join(arrows)})"
+    return f"{found.label} {found.direction_in(task or '')}".rstrip()
 
 
 def estimate_cell(metric: str, estimate: Estimate | None, mark: float | None = None) -> Cell:
@@ -124,7 +123,7 @@ def estimate_cell(metric: str, estimate: Estimate | None, mark: float | None = N
         small=f"[{low}, {high}]",
         title=f"{estimate.count} {counted}, 95 % interval: {estimate.method}",
         sort_key=estimate.value,
-        gauge=_gauge(estimate, mark) if is_share(metric) else None,
+        gauge=_gauge(estimate, mark) if METRICS[metric].is_share else None,
     )
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from minitouch_bench.metrics.definitions import METRICS, unit_of
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric, unit_of
 from minitouch_bench.records import GOAL_TASKS, Estimate
 from minitouch_bench.rendering.tables import Cell, estimate_cell
 from minitouch_bench.reporting.labels import task_title
@@ -68,18 +68,18 @@ def picture_uri(task: str, pictures: Path = PICTURES) -> str:
 
 def _card(task: str, sections: Sequence[RunSection], pictures: Path) -> Card:
     """Compose the card of one task."""
-    metric = "success" if task in GOAL_TASKS else "touch_interaction"
+    metric = ranking_metric(task)
     printed = paper_figure(task, metric, PAPER_METHODS[0])
     estimates = [find_estimate(section.run, task, metric) for section in sections]
     highest = max([e.high for e in estimates if e] + [float(printed or 0)])
-    end = 1.0 if METRICS[metric].unit.startswith("share") else highest * HEADROOM
+    end = 1.0 if METRICS[metric].is_share else highest * HEADROOM
     paper = None if printed is None else float(printed)
     figures = [
         CardFigure(
             name=section.name,
             cell=estimate_cell(metric, estimate),
             gauge=_gauge(estimate, paper, end),
-            beside=_beside(task, section, BESIDE_SUCCESS if metric == "success" else BESIDE_TOUCH),
+            beside=_beside(task, section, BESIDE_SUCCESS if task in GOAL_TASKS else BESIDE_TOUCH),
         )
         for section, estimate in zip(sections, estimates, strict=True)
     ]

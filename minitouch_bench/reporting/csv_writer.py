@@ -11,24 +11,13 @@ from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_ord
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_figure
 from minitouch_bench.reporting.tables import TABLE4_METRICS, find_estimate
 
-EPISODE_COLUMNS = (
-    "task",
-    "index",
-    "seed",
-    "shape",
-    "outcome",
-    "success",
-    "steps",
-    "return",
-    "touch_interaction",
-    "touch_onsets",
-    "touch_steps",
-    "touch_variance",
-    "object_movement",
-    "time_to_first_touch",
-    "arm_time",
-    "clipped_actions",
-)
+EPISODE_COLUMNS = {
+    column: name
+    for column, name in EpisodeMetrics.columns().items()
+    if name not in ("family", "split", "digest")
+}
+"""Columns of ``episodes.csv`` with the field each holds; the rest stands in ``run.json`` alone."""
+
 TABLE4_COLUMNS = (
     "policy",
     "task",
@@ -63,7 +52,7 @@ Cell = str | int | float | bool | None
 
 def episodes_csv(episodes: Iterable[EpisodeMetrics]) -> str:
     """Write one row an episode; a time that does not exist is an empty cell."""
-    return write_csv(EPISODE_COLUMNS, (_episode_row(episode) for episode in episodes))
+    return write_csv(tuple(EPISODE_COLUMNS), (_episode_row(episode) for episode in episodes))
 
 
 def table4_csv(runs: Sequence[SavedRun]) -> str:
@@ -111,8 +100,7 @@ def _source(run: SavedRun) -> str:
 
 def _episode_row(episode: EpisodeMetrics) -> tuple[Cell, ...]:
     """Return an episode's cells in the order of EPISODE_COLUMNS."""
-    attributes = ("episode_return" if name == "return" else name for name in EPISODE_COLUMNS)
-    return tuple(getattr(episode, attribute) for attribute in attributes)
+    return tuple(getattr(episode, name) for name in EPISODE_COLUMNS.values())
 
 
 def _run_rows(runs: Sequence[SavedRun], task: str, metric: str) -> list[tuple[Cell, ...]]:

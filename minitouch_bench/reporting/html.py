@@ -7,7 +7,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.records import GOAL_TASKS
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting import plots
@@ -67,7 +67,9 @@ def _figures(report: Report) -> tuple[Figure, ...]:
             "Filled: this report, with its 95 % interval. Hollow: the paper's own figures, "
             "from other episodes and object sets.",
             "",
-            _draw(report.tasks, lambda task: plots.estimate_plot(task, _verdict(task), sections)),
+            _draw(
+                report.tasks, lambda task: plots.estimate_plot(task, ranking_metric(task), sections)
+            ),
         ),
         Figure(
             "How long episodes last",
@@ -110,7 +112,7 @@ def _split_figures(report: Report) -> tuple[Figure, ...]:
         ),
         Figure(
             "Families of shapes",
-            "Success, in Playing touch-interaction, by family. A ring around a dot: no difference.",
+            "Success, in Playing touch share, by family. A ring around a dot: no difference.",
             "splits",
             _draw(tasks, lambda task: plots.family_plot(task, sections)),
         ),
@@ -121,12 +123,7 @@ def _figure_11(task: str) -> tuple[str, str]:
     """Return the two metrics that the paper's Figure 11 and its text compare."""
     if task in GOAL_TASKS:
         return ("success", "episode_steps")
-    return ("touch_interaction", "object_movement")
-
-
-def _verdict(task: str) -> str:
-    """Return the metric that sums a task up."""
-    return "success" if task in GOAL_TASKS else "touch_interaction"
+    return ("touch_share", "object_movement")
 
 
 def _draw(tasks: Sequence[str], draw: Callable[[str], str]) -> tuple[tuple[str, Markup], ...]:

@@ -157,9 +157,8 @@ def _gap_document(result: Generalization) -> dict[str, Any]:
 
 def _episode_document(episode: EpisodeMetrics) -> dict[str, Any]:
     """Write one episode under the column names of ``episodes.csv``."""
-    row = asdict(episode)
-    row["outcome"] = episode.outcome.value
-    return {"return" if key == "episode_return" else key: value for key, value in row.items()}
+    row = {column: getattr(episode, name) for column, name in EpisodeMetrics.columns().items()}
+    return {**row, "outcome": episode.outcome.value}
 
 
 def _check_version(node: JsonNode) -> None:

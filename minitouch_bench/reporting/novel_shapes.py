@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
-from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, UP, unit_of
+from minitouch_bench.metrics.definitions import METRICS, direction_of, unit_of
+from minitouch_bench.metrics.metric import NO_DIRECTION, UP
 from minitouch_bench.records import (
     Estimate,
     FamilyResult,
@@ -46,8 +47,8 @@ def gap_table(runs: Sequence[SavedRun]) -> Table:
         results = [find_generalization(run, task) for run in runs]
         for metric in _in_order(result.gaps for result in results if result):
             gaps = [result.gaps.get(metric) if result else None for result in results]
-            cells = tuple(cell for gap in gaps for cell in _gap_cells(metric, gap))
-            heads = (task_title(task), metric_head(metric))
+            cells = tuple(cell for gap in gaps for cell in _gap_cells(task, metric, gap))
+            heads = (task_title(task), metric_head(metric, task))
             rows.append(Row(heads, cells, unit_of(metric, task)))
     return Table(
         title="Novel shapes",
@@ -98,17 +99,17 @@ def find_generalization(run: SavedRun, task: str) -> Generalization | None:
     return next((result for result in run.summary.generalization if result.task == task), None)
 
 
-def verdict(metric: str, difference: Estimate) -> str:
+def verdict(task: str, metric: str, difference: Estimate) -> str:
     """Say in words what the interval of a gap allows to say."""
     if difference.low <= 0 <= difference.high:
         return NO_DIFFERENCE
-    higher, direction = difference.low > 0, METRICS[metric].direction
+    higher, direction = difference.low > 0, direction_of(metric, task)
     if direction == NO_DIRECTION:
         return f"{'more' if higher else 'less'} on held-out"
     return f"{'better' if higher == (direction == UP) else 'worse'} on held-out"
 
 
-def _gap_cells(metric: str, gap: Gap | None) -> tuple[Cell, ...]:
+def _gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[Cell, ...]:
     """Write one metric's held-out and train values, the gap and the verdict."""
     if gap is None:
         return (Cell(),) * 4
@@ -116,7 +117,7 @@ def _gap_cells(metric: str, gap: Gap | None) -> tuple[Cell, ...]:
         estimate_cell(metric, gap.held_out),
         estimate_cell(metric, gap.train),
         difference_cell(metric, gap.difference),
-        Cell(verdict(metric, gap.difference)),
+        Cell(verdict(task, metric, gap.difference)),
     )
 
 
@@ -137,7 +138,7 @@ def _family_group(runs: Sequence[SavedRun], task: str) -> str:
     """Name a task's block by the task and the metric of its figures."""
     found = (find_generalization(run, task) for run in runs)
     metric = METRICS[next(result.family_metric for result in found if result)]
-    unit = "" if metric.name == "success" else f" ({metric.unit})"
+    unit = "" if metric.is_share else f" ({metric.unit})"
     return f"{task_title(task)}: {metric.label.lower()}{unit}"
 
 

@@ -215,7 +215,7 @@ def _name_rows(axes: Axes, names: Sequence[str]) -> None:
 
 def _metric_axis(axes: Axes, task: str, metric: str) -> None:
     """Name the axis of a metric and start it at 0; a share runs to 1."""
-    axes.set_xlim(*((-0.02, 1.02) if METRICS[metric].unit.startswith("share") else (0, None)))
+    axes.set_xlim(*((-0.02, 1.02) if METRICS[metric].is_share else (0, None)))
     axes.set_xlabel(f"{METRICS[metric].label} ({unit_of(metric, task)})")
 
 

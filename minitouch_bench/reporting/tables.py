@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from minitouch_bench.metrics.definitions import METRICS, unit_of
+from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in, unit_of
 from minitouch_bench.metrics.generalization import MIN_EPISODES, has_both_splits
+from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.records import Estimate, Outcome, SavedRun, TaskSummary
 from minitouch_bench.rendering.tables import (
     ABSENT,
@@ -23,15 +24,8 @@ from minitouch_bench.reporting.paper import (
     paper_figure,
 )
 
-TABLE4_METRICS = ("exploration", "success", "episode_steps", "touch_interaction")
-DIAGNOSTIC_METRICS = (
-    "touched",
-    "touch_onsets",
-    "time_to_first_touch",
-    "arm_time",
-    "object_movement",
-    "clipped_actions",
-)
+TABLE4_METRICS = metrics_shown_in(ShownIn.TABLE4)
+DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
 
 OUTCOME_TITLES = {outcome: outcome.value.replace("_", " ") for outcome in Outcome}
 
@@ -82,7 +76,7 @@ def diagnostics(runs: Sequence[SavedRun]) -> Table:
     names = marked_names(runs)
     columns = tuple(
         Column(
-            METRICS[metric].label, unit="" if metric == "object_movement" else METRICS[metric].unit
+            METRICS[metric].label, unit="" if METRICS[metric].task_units else METRICS[metric].unit
         )
         for metric in DIAGNOSTIC_METRICS
     )
@@ -114,7 +108,7 @@ def _diagnostic_cells(summary: TaskSummary) -> tuple[Cell, ...]:
     cells = []
     for metric in DIAGNOSTIC_METRICS:
         cell = estimate_cell(metric, summary.estimates.get(metric))
-        if metric == "object_movement" and cell.text != ABSENT:
+        if METRICS[metric].task_units and cell.text != ABSENT:
             cell = replace(cell, text=f"{cell.text} {unit_of(metric, summary.task)}")
         cells.append(cell)
     ended = ", ".join(

@@ -9,6 +9,7 @@ from minitouch_bench.records import Role
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, with_shapes, without_success
 
 ROOT = (1, 2, 3, 4)
+TOUCH = ("touch_interaction", "touch_share", "object_movement")
 
 
 def novel_run(episodes: int = 40, tasks=SHAPE_TASKS):
@@ -23,9 +24,9 @@ def of_task(run, task):
 def test_goal_tasks_and_playing_have_their_metrics():
     found = summarize(novel_run(), np.random.default_rng(3)).generalization
     assert [(result.task, tuple(result.gaps), result.family_metric) for result in found] == [
-        ("playing", ("touch_interaction", "object_movement"), "touch_interaction"),
+        ("playing", TOUCH, "touch_share"),
         *(
-            (task, ("success", "episode_steps", "touch_interaction", "object_movement"), "success")
+            (task, ("success", "episode_steps", *TOUCH), "success")
             for task in ("pushing", "pick-up")
         ),
     ]

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minitouch_bench.metrics.definitions import METRICS, unit_of
+from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import measure_run, summarize
 from minitouch_bench.records import Role
 from tests.reporting.synthetic import make_run, with_fault
@@ -123,6 +123,10 @@ def test_a_task_without_episodes_has_no_estimates():
     assert (dict(pushing.estimates), pushing.touch_curve) == ({}, ())
 
 
-def test_a_door_moves_in_radians():
-    assert unit_of("object_movement", "opening") == "rad²"
-    assert unit_of("object_movement", "pushing") == "m²"
+def test_touch_share_counts_steps_and_is_zero_without_any():
+    run = make_run(tasks=("playing",), episodes=4)
+    share = [np.mean(record.trace.contact_ticks > 0) for record in run.records]
+    playing = by_task(run)["playing"].estimates["touch_share"]
+    assert playing.value == pytest.approx(np.mean(share))
+    failed = replace(run, records=tuple(with_fault(r, "no") for r in run.records))
+    assert by_task(failed)["playing"].estimates["touch_share"].value == 0

@@ -104,7 +104,7 @@ def test_csv_is_long_and_signed(novel):
     assert float(own[2]["low"]) == gap.difference.low < 0
     assert own[2]["method"] == "newcombe"
     lathed = [row for row in rows if row["family"] == "lathed" and row["task"] == "playing"]
-    assert [(row["split"], row["metric"]) for row in lathed] == [("train", "touch_interaction")]
+    assert [(row["split"], row["metric"]) for row in lathed] == [("train", "touch_share")]
 
 
 def test_hostile_names_are_harmless():
@@ -125,6 +125,8 @@ def test_hostile_names_are_harmless():
 @pytest.mark.parametrize(
     ("metric", "low", "high", "words"),
     [
+        ("touch_interaction", 1.0, 2.0, "more on held-out"),
+        ("touch_share", 0.1, 0.2, "better on held-out"),
         ("success", -0.1, 0.1, "no difference seen"),
         ("success", -0.1, 0.0, "no difference seen"),
         ("success", -0.2, -0.1, "worse on held-out"),
@@ -136,7 +138,13 @@ def test_hostile_names_are_harmless():
     ],
 )
 def test_the_verdict_says_what_the_interval_says(metric, low, high, words):
-    assert verdict(metric, Estimate((low + high) / 2, low, high, 40, "bootstrap")) == words
+    estimate = Estimate((low + high) / 2, low, high, 40, "bootstrap")
+    assert verdict("pushing", metric, estimate) == words
+
+
+def test_only_playing_is_better_with_more_ticks_of_touch():
+    estimate = Estimate(1.5, 1.0, 2.0, 40, "bootstrap")
+    assert verdict("playing", "touch_interaction", estimate) == "better on held-out"
 
 
 def test_the_gap_table_has_a_row_a_metric(novel):
@@ -145,7 +153,7 @@ def test_the_gap_table_has_a_row_a_metric(novel):
         ("Pushing", "Success ↑"),
         ("Pushing", "Episode steps ↓"),
     ]
-    assert len(table.rows) == 10
+    assert len(table.rows) == 13
     gap = table.rows[0].cells[2]
     assert gap.text[0] in "+-"
     assert re.fullmatch(r"\[[+-]\d\.\d{3}, [+-]\d\.\d{3}\]", gap.small)
@@ -164,7 +172,7 @@ def test_several_runs_stand_side_by_side(novel, hac):
         ("carved", "hac-seed1"),
         ("carved", "other\u00a0*"),
     ]
-    assert families.groups[-1][0] == "Playing: touch-interaction (ticks)"
+    assert families.groups[-1][0] == "Playing: touch share"
     assert families.rows[-1].cells[0].text == ABSENT
     assert families.rows[-1].cells[1].text == "0"
     assert "* other: remote." in gaps.notes

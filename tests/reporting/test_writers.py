@@ -122,7 +122,7 @@ def test_cards_show_the_verdict_and_the_paper(hac):
     pushing, playing = cards[0], cards[-1]
     assert pushing.paper == "HaC in the paper: 0.733"
     assert pushing.figures[0].gauge.paper == 73.3
-    assert playing.metric == "Touch-interaction"
+    assert playing.metric == "Touch share"
     assert 0 < playing.figures[0].gauge.value < 100
 
 

@@ -1,0 +1,118 @@
+"""What a metric is: how it is measured, estimated and written, and where it is shown."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from minitouch_bench.metrics.intervals import bootstrap_mean, wilson
+from minitouch_bench.records import GOAL_TASKS, EpisodeMetrics, EpisodeRecord, Estimate, Role
+
+UP = "↑"
+DOWN = "↓"
+NO_DIRECTION = ""
+
+
+class Kind(StrEnum):
+    """How the episodes' values of a metric make one figure with a 95 % interval."""
+
+    SHARE = "share"
+    """Share of the episodes whose value is true; Wilson interval."""
+
+    MEAN = "mean"
+    """Mean over the episodes that have a value; bootstrap over episodes."""
+
+
+class ShownIn(StrEnum):
+    """Where a metric is shown, beside ``run.json``, which has them all."""
+
+    TABLE4 = "table4"
+    """A row of Table 4, and of the leaderboard's table of each task."""
+
+    DIAGNOSTICS = "diagnostics"
+    """A column of the diagnostics below Table 4."""
+
+    BOARD = "board"
+    """A column of the leaderboard's table of touch."""
+
+    NOVEL_SHAPES = "novel-shapes"
+    """A row of the gaps between held-out and train shapes."""
+
+
+Value = float | None
+"""A metric's value in one episode; None where the episode has none."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What a metric is called, what it counts, and how it is measured and written.
+
+    ``unit`` and ``direction`` (UP or DOWN where more or less is better) hold in every task
+    except those named in ``task_units`` and ``task_directions``. ``source``: T (text of the
+    paper), R (the released package) or D (decided here). ``number_format``: Python format of a
+    value.
+
+    ``measure`` reads a finished episode and fills ``column``, a field of EpisodeMetrics, by
+    default the one of the metric's name. ``derive`` gives the metric's value in a measured
+    episode, by default what its column holds. A metric has one of the two, or both.
+
+    ``role``: whose episodes are counted. ``needs_goal``: only tasks with a goal have the metric.
+    """
+
+    name: str
+    label: str
+    unit: str
+    source: str
+    number_format: str
+    meaning: str
+    measure: Callable[[EpisodeRecord], Value] | None = None
+    column: str = ""
+    derive: Callable[[EpisodeMetrics], Value] | None = None
+    direction: str = NO_DIRECTION
+    kind: Kind = Kind.MEAN
+    role: Role = Role.FINAL
+    needs_goal: bool = False
+    shown_in: frozenset[ShownIn] = frozenset()
+    task_units: Mapping[str, str] = field(default_factory=dict)
+    task_directions: Mapping[str, str] = field(default_factory=dict)
+
+    def value(self, episode: EpisodeMetrics) -> Value:
+        """Return the metric's value in one episode; a share's is true or false."""
+        if self.derive is not None:
+            return self.derive(episode)
+        found: Value = getattr(episode, self.column or self.name)
+        return found
+
+    @property
+    def is_share(self) -> bool:
+        """Whether values lie between 0 and 1."""
+        return self.unit.startswith("share")
+
+    def is_in(self, task: str) -> bool:
+        """Tell whether a task has this metric."""
+        return not self.needs_goal or task in GOAL_TASKS
+
+    def unit_in(self, task: str) -> str:
+        """Return what the metric counts in a task."""
+        return self.task_units.get(task, self.unit)
+
+    def direction_in(self, task: str) -> str:
+        """Return UP or DOWN where more or less is better in a task, else NO_DIRECTION."""
+        return self.task_directions.get(task, self.direction)
+
+    def values(self, episodes: Iterable[EpisodeMetrics]) -> list[float]:
+        """Return the metric's values, one for each episode that has one."""
+        found = map(self.value, episodes)
+        return [float(value) for value in found if value is not None]
+
+    def estimate(
+        self, episodes: Iterable[EpisodeMetrics], rng: np.random.Generator
+    ) -> Estimate | None:
+        """Estimate the metric, None where no episode has a value; a mean draws from ``rng``."""
+        values = self.values(episodes)
+        if not values:
+            return None
+        if self.kind is Kind.SHARE:
+            return wilson(int(sum(values)), len(values))
+        return bootstrap_mean(values, rng)

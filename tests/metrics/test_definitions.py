@@ -1,0 +1,52 @@
+from dataclasses import fields
+
+import pytest
+
+from minitouch_bench.metrics import METRICS, ShownIn, direction_of, metrics_shown_in, unit_of
+from minitouch_bench.metrics.definitions import ranking_metric
+from minitouch_bench.metrics.metric import DOWN, NO_DIRECTION, UP
+from minitouch_bench.records import TASK_NAMES, EpisodeMetrics, EpisodeSpec
+
+MEASURED = [metric.column or metric.name for metric in METRICS.values() if metric.measure]
+
+
+def test_every_field_of_an_episode_is_its_identity_or_measured_once():
+    identity = {"outcome", "digest"} | {f.name for f in fields(EpisodeSpec)} - {"role"}
+    assert sorted(MEASURED) == sorted({f.name for f in fields(EpisodeMetrics)} - identity)
+
+
+@pytest.mark.parametrize("metric", METRICS.values(), ids=list(METRICS))
+def test_every_metric_is_measured_or_derived(metric):
+    assert metric.measure or metric.derive
+    assert metric.direction in (UP, DOWN, NO_DIRECTION)
+    assert metric.source in ("T", "R", "D")
+    assert format(0.5, metric.number_format)
+
+
+def test_table4_has_the_rows_of_the_paper_and_what_playing_is_ranked_by():
+    assert metrics_shown_in(ShownIn.TABLE4) == (
+        "exploration",
+        "success",
+        "episode_steps",
+        "touch_interaction",
+        "touch_share",
+    )
+    assert metrics_shown_in(ShownIn.TABLE4, "playing") == ("touch_interaction", "touch_share")
+
+
+def test_touch_interaction_has_a_direction_in_playing_only():
+    directions = {task: direction_of("touch_interaction", task) for task in TASK_NAMES}
+    assert directions == {"playing": UP, "pushing": "", "opening": "", "pick-up": ""}
+    assert {direction_of("touch_share", task) for task in TASK_NAMES} == {UP}
+
+
+def test_a_task_is_ranked_by_a_share_of_which_more_is_better():
+    for task in TASK_NAMES:
+        assert direction_of(ranking_metric(task), task) == UP
+        assert METRICS[ranking_metric(task)].is_share
+    assert ranking_metric("playing") == "touch_share"
+
+
+def test_a_door_moves_in_radians():
+    assert unit_of("object_movement", "opening") == "rad²"
+    assert unit_of("object_movement", "pushing") == "m²"
