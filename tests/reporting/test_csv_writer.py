@@ -20,7 +20,7 @@ def test_episodes_have_exactly_the_published_columns(hac):
 
 def test_episodes_read_back_the_same(hac):
     frame = pd.read_csv(io.StringIO(episodes_csv(hac.episodes)))
-    assert tuple(frame.columns) == EPISODE_COLUMNS
+    assert tuple(frame.columns) == tuple(EPISODE_COLUMNS)
     assert frame["success"].dtype == bool
     assert frame["object_movement"].tolist() == [e.object_movement for e in hac.episodes]
     untouched = [e.time_to_first_touch is None for e in hac.episodes]
