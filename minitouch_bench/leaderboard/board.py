@@ -14,7 +14,7 @@ from minitouch_bench.metrics import ShownIn, metrics_shown_in
 from minitouch_bench.protocol.identity import protocol_digest
 from minitouch_bench.protocol.seeds import PROTOCOL
 from minitouch_bench.records import TASK_NAMES, Estimate, Gap, Role
-from minitouch_bench.reporting.paper import PAPER_METHODS, paper_figure
+from minitouch_bench.reporting.paper import PAPER_METHODS, PaperValue, paper_value
 from minitouch_bench.reporting.tables import TABLE4_METRICS
 
 CALIBRATION = ("scripted", "random", "zero")
@@ -48,7 +48,7 @@ class PaperRow:
     """A row of the paper's Table 4, as printed; never ranked."""
 
     method: str
-    figures: Mapping[tuple[str, str], str]
+    values: Mapping[tuple[str, str], PaperValue]
 
 
 @dataclass(frozen=True)
@@ -133,10 +133,10 @@ def _twins(entries: Sequence[Entry]) -> dict[str, tuple[str, ...]]:
 
 
 def _paper_row(method: str) -> PaperRow:
-    figures = {
-        (task, metric): figure
+    values = {
+        (task, metric): value
         for task in TASK_NAMES
         for metric in TABLE4_METRICS
-        if (figure := paper_figure(task, metric, method)) is not None
+        if (value := paper_value(task, metric, method)) is not None
     }
-    return PaperRow(method, figures)
+    return PaperRow(method, values)

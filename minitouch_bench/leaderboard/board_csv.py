@@ -36,8 +36,10 @@ def board_csv(board: Board) -> str:
         rows += _gaps(row)
     for paper in board.paper:
         head: tuple[Cell, ...] = (paper.method, PAPER, "", "", "", None, None)
-        for (task, metric), text in paper.figures.items():
-            rows.append((*head, "", task, metric, float(text), *(None,) * 3, "", None, None))
+        for (task, metric), printed in paper.values.items():
+            value = float(printed.text)
+            remark = printed.remark
+            rows.append((*head, "", task, metric, value, *(None,) * 3, remark, None, None))
     return write_csv(COLUMNS, rows)
 
 

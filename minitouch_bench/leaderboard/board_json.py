@@ -29,8 +29,13 @@ def board_json(board: Board) -> str:
             {
                 "method": paper.method,
                 "figures": [
-                    {"task": task, "metric": metric, "value": float(text)}
-                    for (task, metric), text in paper.figures.items()
+                    {
+                        "task": task,
+                        "metric": metric,
+                        "value": float(printed.text),
+                        "is_our_unit": printed.is_our_unit,
+                    }
+                    for (task, metric), printed in paper.values.items()
                 ],
             }
             for paper in board.paper

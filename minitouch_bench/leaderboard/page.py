@@ -27,7 +27,7 @@ from minitouch_bench.rendering.tables import metric_head
 from minitouch_bench.reporting.cards import BESIDE_SUCCESS, BESIDE_TOUCH
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.novel_shapes import verdict
-from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_TASKS, paper_figure
+from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_TASKS, paper_value
 from minitouch_bench.reporting.tables import TABLE4_METRICS
 
 HEADROOM = 1.1
@@ -79,8 +79,8 @@ def page_context(row: Row, ranked: int) -> dict[str, Any]:
 def _card(row: Row, task: str) -> Card:
     metric = RANKED_BY[task]
     estimate = row.figures[task, metric]
-    printed = paper_figure(task, metric, PAPER_METHODS[0])
-    paper = None if printed is None else float(printed)
+    printed = paper_value(task, metric, PAPER_METHODS[0])
+    paper = printed.number if printed else None
     end = 1.0 if METRICS[metric].is_share else HEADROOM * max(estimate.high, paper or 0.0, 1.0)
     places = [
         round(100 * value / end, 2) for value in (estimate.value, estimate.low, estimate.high)
@@ -98,7 +98,7 @@ def _card(row: Row, task: str) -> Card:
             places[2],
             None if paper is None else round(100 * paper / end, 2),
         ),
-        paper=f"{PAPER_METHODS[0]} in the paper: {printed}" if printed else "",
+        paper=f"{PAPER_METHODS[0]} in the paper: {printed.text}" if printed else "",
         beside=tuple(figures),
         rank=row.ranks.get(task),
     )

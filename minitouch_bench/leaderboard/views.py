@@ -11,7 +11,7 @@ from minitouch_bench.metrics import METRICS, ShownIn, direction_of, metrics_show
 from minitouch_bench.records import Estimate, Gap
 from minitouch_bench.rendering.tables import ABSENT, format_value
 from minitouch_bench.reporting.labels import task_title
-from minitouch_bench.reporting.paper import CAVEAT, PAPER_TASKS
+from minitouch_bench.reporting.paper import CAVEAT, PAPER_TASKS, PaperValue
 
 RANKED, CALIBRATION, PAPER = "ranked", "calibration", "paper"
 """Kinds of rows; only the first has ranks."""
@@ -182,7 +182,7 @@ def _view(  # noqa: PLR0917 - one table
     lines = tuple(
         Line(kind, name, note, rank, _cells(row, papers.get(name), wanted), row)
         for kind, name, note, rank, row in _heads(board, ranked_by or key)
-        if kind != PAPER or any(place in papers[name].figures for place in wanted)
+        if kind != PAPER or any(place in papers[name].values for place in wanted)
     )
     return View(key, title, lead, headings, lines)
 
@@ -215,13 +215,13 @@ def _cells(
     row: Row | None, paper: PaperRow | None, wanted: Sequence[tuple[str, str]]
 ) -> tuple[Figure, ...]:
     if paper is not None:
-        return tuple(_printed(paper.figures.get(place)) for place in wanted)
+        return tuple(_printed(paper.values.get(place)) for place in wanted)
     return tuple(
         figure(metric, row.estimate(task, metric) if row else None) for task, metric in wanted
     )
 
 
-def _printed(text: str | None) -> Figure:
-    if text is None:
+def _printed(value: PaperValue | None) -> Figure:
+    if value is None:
         return Figure()
-    return Figure(text, title="as printed in the paper", key=float(text))
+    return Figure(value.text, value.remark, "as printed in the paper", value.number)

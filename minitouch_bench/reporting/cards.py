@@ -9,7 +9,7 @@ from minitouch_bench.metrics.definitions import METRICS, ranking_metric, unit_of
 from minitouch_bench.records import GOAL_TASKS, Estimate
 from minitouch_bench.rendering.tables import Cell, estimate_cell
 from minitouch_bench.reporting.labels import task_title
-from minitouch_bench.reporting.paper import PAPER_METHODS, paper_figure
+from minitouch_bench.reporting.paper import PAPER_METHODS, paper_value
 from minitouch_bench.reporting.report import Report, RunSection
 from minitouch_bench.reporting.tables import find_estimate
 
@@ -69,11 +69,11 @@ def picture_uri(task: str, pictures: Path = PICTURES) -> str:
 def _card(task: str, sections: Sequence[RunSection], pictures: Path) -> Card:
     """Compose the card of one task."""
     metric = ranking_metric(task)
-    printed = paper_figure(task, metric, PAPER_METHODS[0])
+    printed = paper_value(task, metric, PAPER_METHODS[0])
+    paper = printed.number if printed else None
     estimates = [find_estimate(section.run, task, metric) for section in sections]
-    highest = max([e.high for e in estimates if e] + [float(printed or 0)])
+    highest = max([e.high for e in estimates if e] + [paper or 0.0])
     end = 1.0 if METRICS[metric].is_share else highest * HEADROOM
-    paper = None if printed is None else float(printed)
     figures = [
         CardFigure(
             name=section.name,
@@ -88,7 +88,7 @@ def _card(task: str, sections: Sequence[RunSection], pictures: Path) -> Card:
         metric=METRICS[metric].label,
         unit=unit_of(metric, task),
         picture=picture_uri(task, pictures),
-        paper=f"{PAPER_METHODS[0]} in the paper: {printed}" if printed else "",
+        paper=f"{PAPER_METHODS[0]} in the paper: {printed.text}" if printed else "",
         figures=tuple(figures),
     )
 

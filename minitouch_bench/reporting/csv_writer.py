@@ -8,7 +8,7 @@ from minitouch_bench.metrics.generalization import HELD_OUT, TRAIN
 from minitouch_bench.records import EpisodeMetrics, Estimate, Generalization, SavedRun
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
-from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_figure
+from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_value
 from minitouch_bench.reporting.tables import TABLE4_METRICS, find_estimate
 
 EPISODE_COLUMNS = {
@@ -118,10 +118,11 @@ def _paper_rows(task: str, metric: str) -> list[tuple[Cell, ...]]:
     """Return the paper's rows of one metric."""
     rows: list[tuple[Cell, ...]] = []
     for method in PAPER_METHODS:
-        figure = paper_figure(task, metric, method)
-        if figure is not None:
-            value = float(figure)
-            rows.append((method, task, metric, value, None, None, None, "", f"paper ({CAVEAT})"))
+        printed = paper_value(task, metric, method)
+        if printed is not None:
+            value = float(printed.text)
+            source = f"paper ({', '.join(filter(None, (printed.remark, CAVEAT)))})"
+            rows.append((method, task, metric, value, None, None, None, "", source))
     return rows
 
 

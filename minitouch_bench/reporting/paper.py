@@ -4,6 +4,7 @@ Source: "Haptics-based Curiosity for Sparse-reward Tasks", CoRL 2021, supplement
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 
 CITATION = "“Haptics-based Curiosity for Sparse-reward Tasks”, CoRL 2021, supplement, Table 4"
@@ -16,7 +17,14 @@ PAPER_METHODS = ("HaC", "RND+touch", "RND")
 """The columns of Table 4. Its Pick-up block prints "HaC-RND" over the second one, which the
 caption and the text describe as RND+touch."""
 
-_FIGURES: Mapping[tuple[str, str], tuple[str, str, str]] = MappingProxyType(
+OTHER_UNIT = "other unit"
+"""Stands beside a value whose unit the paper does not say."""
+
+_METRICS_OF_UNKNOWN_UNIT = ("touch_interaction",)
+"""No unit we tried reproduces the paper's values: random actions reach 550 to 990 ticks in the
+released package, above the paper's best method in Playing."""
+
+_PRINTED: Mapping[tuple[str, str], tuple[str, str, str]] = MappingProxyType(
     {
         ("pushing", "exploration"): ("0.403", "0.181", "0.077"),
         ("opening", "exploration"): ("0.669", "0.564", "0.380"),
@@ -35,7 +43,32 @@ _FIGURES: Mapping[tuple[str, str], tuple[str, str, str]] = MappingProxyType(
 )
 
 
-def paper_figure(task: str, metric: str, method: str) -> str | None:
-    """Return a figure as the paper prints it, None where it gives none."""
-    figures = _FIGURES.get((task, metric))
-    return None if figures is None else figures[PAPER_METHODS.index(method)]
+@dataclass(frozen=True)
+class PaperValue:
+    """A value as the paper prints it.
+
+    Where ``is_our_unit`` is false it counts something else than ours: it is shown as OTHER_UNIT,
+    never drawn on an axis of ours, never sorted among ours and never called better or worse.
+    """
+
+    text: str
+    is_our_unit: bool
+
+    @property
+    def number(self) -> float | None:
+        """The value as a number to set beside ours, None in another unit."""
+        return float(self.text) if self.is_our_unit else None
+
+    @property
+    def remark(self) -> str:
+        """What must be said beside the value, "" if nothing."""
+        return "" if self.is_our_unit else OTHER_UNIT
+
+
+def paper_value(task: str, metric: str, method: str) -> PaperValue | None:
+    """Return a value of Table 4, None where the paper gives none."""
+    printed = _PRINTED.get((task, metric))
+    if printed is None:
+        return None
+    text = printed[PAPER_METHODS.index(method)]
+    return PaperValue(text, is_our_unit=metric not in _METRICS_OF_UNKNOWN_UNIT)

@@ -22,7 +22,7 @@ from minitouch_bench.records import EpisodeMetrics, Estimate, Outcome, TaskSumma
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.novel_shapes import find_generalization
-from minitouch_bench.reporting.paper import PAPER_METHODS, paper_figure
+from minitouch_bench.reporting.paper import PAPER_METHODS, paper_value
 from minitouch_bench.reporting.report import RunSection
 from minitouch_bench.reporting.tables import OUTCOME_TITLES, find_estimate, task_summary
 
@@ -82,9 +82,13 @@ SPLIT_OFFSET = 0.17
 
 
 def estimate_plot(task: str, metric: str, sections: Sequence[RunSection]) -> str:
-    """Draw an estimate of each run with its interval, and the paper's figures below."""
-    printed = [(method, paper_figure(task, metric, method)) for method in PAPER_METHODS]
-    paper = [(method, float(figure)) for method, figure in printed if figure is not None]
+    """Draw an estimate of each run with its interval, and the paper's values below.
+
+    Values of the paper in another unit are left out.
+    """
+    printed = [(method, paper_value(task, metric, method)) for method in PAPER_METHODS]
+    numbers = [(method, value.number) for method, value in printed if value is not None]
+    paper = [(method, number) for method, number in numbers if number is not None]
     rows = len(sections) + len(paper)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, 0.85 + 0.3 * rows), layout="constrained")

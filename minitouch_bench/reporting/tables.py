@@ -20,8 +20,10 @@ from minitouch_bench.reporting.labels import run_labels, run_names, task_title, 
 from minitouch_bench.reporting.paper import (
     CAVEAT,
     CITATION,
+    OTHER_UNIT,
     PAPER_METHODS,
-    paper_figure,
+    PaperValue,
+    paper_value,
 )
 
 TABLE4_METRICS = metrics_shown_in(ShownIn.TABLE4)
@@ -52,7 +54,7 @@ def table4(runs: Sequence[SavedRun]) -> Table:
         columns += [Column(method, group, is_paper=True) for method in PAPER_METHODS]
         for metric, row in cells.items():
             row += [estimate_cell(metric, find_estimate(run, task, metric)) for run in runs]
-            row += [Cell(paper_figure(task, metric, method) or ABSENT) for method in PAPER_METHODS]
+            row += [paper_cell(paper_value(task, metric, method)) for method in PAPER_METHODS]
     rows = tuple(
         Row(
             heads=(metric_head(metric),),
@@ -66,9 +68,17 @@ def table4(runs: Sequence[SavedRun]) -> Table:
         *split_notes(runs),
         "Brackets: 95 % interval, Wilson for shares, bootstrap over episodes for means; "
         "episode variance only (one training seed).",
-        f"{', '.join(PAPER_METHODS)}: the paper's own figures, {CAVEAT} ({CITATION}).",
+        f"{', '.join(PAPER_METHODS)}: the paper's own figures, {CAVEAT} ({CITATION}). "
+        f"“{OTHER_UNIT}”: the paper does not say what it counts; never compare it with ours.",
     )
     return Table("Table 4", ("Metric",), tuple(columns), rows, notes)
+
+
+def paper_cell(value: PaperValue | None) -> Cell:
+    """Write a value of the paper as printed, without a number to sort by in another unit."""
+    if value is None:
+        return Cell()
+    return Cell(value.text, value.remark, "as printed in the paper", value.number)
 
 
 def diagnostics(runs: Sequence[SavedRun]) -> Table:

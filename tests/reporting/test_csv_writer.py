@@ -61,7 +61,7 @@ def test_table4_is_long_and_labelled(hac, scripted):
     assert [(r["metric"], r["value"], r["low"]) for r in paper] == [
         ("touch_interaction", "388.15", "")
     ]
-    assert paper[0]["source"].startswith("paper")
+    assert paper[0]["source"].startswith("paper (other unit, ")
 
 
 def test_a_hostile_name_is_harmless(hostile):

@@ -1,6 +1,6 @@
 import pytest
 
-from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_TASKS, paper_figure
+from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_TASKS, paper_value
 
 
 def test_tasks_and_methods_stand_in_the_order_of_the_paper():
@@ -27,8 +27,16 @@ def test_tasks_and_methods_stand_in_the_order_of_the_paper():
     ],
 )
 def test_figures_are_those_of_table_4(task, metric, printed):
-    assert tuple(paper_figure(task, metric, method) for method in PAPER_METHODS) == printed
+    values = [paper_value(task, metric, method) for method in PAPER_METHODS]
+    assert tuple(value.text for value in values) == printed
 
 
 def test_a_figure_the_paper_does_not_give_is_none():
-    assert paper_figure("playing", "success", "HaC") is None
+    assert paper_value("playing", "success", "HaC") is None
+
+
+def test_ticks_of_touch_are_in_no_unit_of_ours():
+    touch = paper_value("playing", "touch_interaction", "HaC")
+    assert (touch.number, touch.remark) == (None, "other unit")
+    success = paper_value("pushing", "success", "HaC")
+    assert (success.number, success.remark) == (0.733, "")
