@@ -3,15 +3,21 @@
 What never moves in an episode is drawn once, at the reset; each step draws only what moves
 and lays it over that background by depth. The picture is the same as one drawn whole, and
 costs a third: the software renderer's time goes into the pixels a table fills.
+
+Shadows are discs on the table straight below what hovers over it, as from a lamp overhead:
+the one cue of height that a camera without stereo has, for the price of a comparison a pixel.
 """
 
-from collections.abc import Collection
+import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.simulation.client import PhysicsClient, View
+from minitouch_bench.simulation.scene import TABLE_TOP_M
 from minitouch_bench.simulation.values import INVISIBLE, Image, Part
 
 IMAGE_SIZE = 84
@@ -44,31 +50,83 @@ class CameraPreset:
             aspect=aspect,
         )
 
+    def seen_on_plane(self, height: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the x and y (m) at which each pixel's ray meets the plane z = ``height`` (m).
+
+        float64 (84, 84) each. Elementwise arithmetic only, so that every processor agrees.
+        """
+        yaw, pitch = math.radians(self.yaw), math.radians(self.pitch)
+        forward = np.array(
+            (-math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch))
+        )
+        right = np.array((math.cos(yaw), math.sin(yaw), 0.0))
+        up = np.array(
+            (math.sin(yaw) * math.sin(pitch), -math.cos(yaw) * math.sin(pitch), math.cos(pitch))
+        )
+        half = math.tan(math.radians(self.field_of_view) / 2)
+        steps = ((np.arange(IMAGE_SIZE) + 0.5) / IMAGE_SIZE * 2.0 - 1.0) * half
+        across, upward = steps[np.newaxis, :], -steps[:, np.newaxis]
+        rays = [forward[i] + across * right[i] + upward * up[i] for i in range(3)]
+        eye = [self.target[i] - self.distance * forward[i] for i in range(3)]
+        reach = (height - eye[2]) / rays[2]
+        return eye[0] + reach * rays[0], eye[1] + reach * rays[1]
+
+
+class Shadow(NamedTuple):
+    """A disc on the table: centre x, y and radius (m)."""
+
+    x: float
+    y: float
+    radius: float
+
 
 class GreyCamera:
     """A camera whose unmoving background is kept between pictures."""
 
     def __init__(self, preset: CameraPreset) -> None:
         self._view = preset.view()
+        self._table_x, self._table_y = preset.seen_on_plane(TABLE_TOP_M)
         self._background = np.zeros((IMAGE_SIZE, IMAGE_SIZE), np.uint8)
         self._background_depth = np.ones((IMAGE_SIZE, IMAGE_SIZE), np.float32)
+        self._background_bodies = np.full((IMAGE_SIZE, IMAGE_SIZE), -1, np.int32)
+        self._is_table = np.zeros((IMAGE_SIZE, IMAGE_SIZE), np.bool_)
 
-    def keep_background(self, client: PhysicsClient, still: Collection[Part]) -> None:
-        """Take the picture of ``still`` alone as the background, and draw it no more."""
+    def keep_background(self, client: PhysicsClient, table: int, still: Collection[Part]) -> None:
+        """Take the picture of the table and ``still`` alone as the background, from now on."""
+        still = {(table, -1), *still}
         colors = client.colors()
         moving = {part: color for part, color in colors.items() if part not in still}
         client.paint(dict.fromkeys(moving, INVISIBLE))
-        image = client.render(self._view, IMAGE_SIZE, IMAGE_SIZE)
+        image = client.render(self._view, IMAGE_SIZE, IMAGE_SIZE, bodies=True)
         client.paint(moving)
         client.paint(dict.fromkeys(still, INVISIBLE))
         self._background = _grey(image)
         self._background_depth = image.depth
+        assert image.bodies is not None
+        self._background_bodies = image.bodies
+        self._is_table = image.bodies == table
 
-    def capture(self, client: PhysicsClient) -> NDArray[np.uint8]:
+    def visible_bodies(self, client: PhysicsClient) -> NDArray[np.int32]:
+        """Return the body seen at each pixel, int32 (84, 84)."""
+        image = client.render(self._view, IMAGE_SIZE, IMAGE_SIZE, bodies=True)
+        assert image.bodies is not None
+        hidden = image.depth >= self._background_depth
+        return np.where(hidden, self._background_bodies, image.bodies)
+
+    def capture(self, client: PhysicsClient, shadows: Sequence[Shadow] = ()) -> NDArray[np.uint8]:
         """Return the picture, uint8 (1, 84, 84): what is visible now, over the background."""
         image = client.render(self._view, IMAGE_SIZE, IMAGE_SIZE)
         hidden = image.depth >= self._background_depth
-        return np.where(hidden, self._background, _grey(image))[np.newaxis]
+        return np.where(hidden, self._shaded(shadows), _grey(image))[np.newaxis]
+
+    def _shaded(self, shadows: Sequence[Shadow]) -> NDArray[np.uint8]:
+        """Return the background with a quarter of the light taken from the shadows."""
+        background = self._background
+        for shadow in shadows:
+            across, along = self._table_x - shadow.x, self._table_y - shadow.y
+            inside = across * across + along * along < shadow.radius * shadow.radius
+            background = np.where(inside & self._is_table, self._background * 0.75, background)
+        return background.astype(np.uint8)
 
 
 def _grey(image: Image) -> NDArray[np.uint8]:

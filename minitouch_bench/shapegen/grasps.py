@@ -35,15 +35,16 @@ class Grasp:
     width: float
 
 
-def plan_grasp(points: Points) -> Grasp:
+def plan_grasp(points: Points, lowest_target: float = LOWEST_TARGET) -> Grasp:
     """Choose the best grasp of a resting body by pads that close along y.
 
     ``points``: dense surface points (N, 3), m, x and y from the centre of mass, z from the
-    table. Prefers a narrow place near the centre of mass with contacts opposite each other.
+    table; ``lowest_target``: the least height of the grasp target over the table, m. Prefers a
+    narrow place near the centre of mass with contacts opposite each other.
     """
     top = float(points[:, 2].max())
-    middle = float(np.clip((points[:, 2].min() + top) / 2.0, LOWEST_TARGET, None))
-    lowest = max(LOWEST_TARGET, top + 0.003 - PALM_ABOVE_TARGET)
+    middle = float(np.clip((points[:, 2].min() + top) / 2.0, lowest_target, None))
+    lowest = max(lowest_target, top + 0.003 - PALM_ABOVE_TARGET)
     heights = sorted({max(lowest, middle + step) for step in (-0.008, 0.0, 0.008)})
     best, best_score = Grasp(0.0, 0.0, lowest, float("inf")), float("inf")
     for z in heights:

@@ -22,11 +22,16 @@ from minitouch_bench.simulation.installed import data_directory
 LIGHT_TRIANGLES = 90
 """Triangles kept of each link; at 84 x 84 pixels more cannot be told apart."""
 
+HAND_DRAWN_WIDTH = 0.4
+"""The hand is drawn narrower than it is: whole, it would hide the fingers from the camera."""
+
 TOUCHING_MESHES = ("hand", "finger")
+
+FINGER_STIFFNESS = 300_000.0
 
 WHITE = "0.93 0.93 0.95 1"
 DARK = "0.30 0.32 0.36 1"
-LINK_COLORS = {"panda_hand": DARK, "panda_leftfinger": DARK, "panda_rightfinger": DARK}
+LINK_COLORS = {"panda_hand": DARK}
 
 
 def stock_panda() -> Path:
@@ -93,6 +98,10 @@ def _urdf(source: Path) -> str:
                 stem = Path(mesh.attrib["filename"]).stem
                 stock = kind == "collision" and stem in TOUCHING_MESHES
                 mesh.set("filename", f"{stem}-{'stock' if stock else 'light'}.obj")
+                if kind == "visual" and stem == "hand":
+                    mesh.set("scale", f"1 {HAND_DRAWN_WIDTH} 1")
+        for stiffness in link.iterfind("contact/stiffness"):
+            stiffness.set("value", str(FINGER_STIFFNESS))
         for material in link.iterfind("visual/material"):
             name = link.attrib["name"]
             material.clear()

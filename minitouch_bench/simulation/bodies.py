@@ -11,10 +11,10 @@ from minitouch_bench.cache import materialise
 Box = tuple[Sequence[float], Sequence[float]]
 """Centre and full size (m) in the link's frame."""
 
-BODY_COLOR = "0.55 0.58 0.62 1"
-DOOR_COLOR = "0.83 0.86 0.90 1"
-HANDLE_COLOR = "0.16 0.17 0.19 1"
-CUBE_COLOR = "0.80 0.25 0.20 1"
+BODY_COLOR = "0.30 0.31 0.33 1"
+DOOR_COLOR = "0.40 0.38 0.36 1"
+HANDLE_COLOR = "0.92 0.92 0.92 1"
+CUBE_COLOR = "0.30 0.12 0.10 1"
 
 
 @cache
@@ -25,7 +25,7 @@ def cube(side: float, mass: float, friction: float) -> Path:
         "cube",
         ".urdf",
         f"""<robot name="cube"><link name="cube">
-  <contact><lateral_friction value="{friction}"/></contact>
+  <contact><friction_anchor/><lateral_friction value="{friction}"/></contact>
   <inertial><mass value="{mass}"/>{_inertia(inertia, inertia, inertia)}</inertial>
 {_boxes([((0, 0, 0), (side, side, side))], CUBE_COLOR)}
 </link></robot>
@@ -58,7 +58,7 @@ class Cabinet:
     handle_radius: float = 0.455
     handle_thickness: float = 0.026
     handle_low: float = 0.03
-    handle_high: float = 0.43
+    handle_high: float = 0.85
 
     def handle_place(self, front: float, middle: float, angle: float) -> tuple[float, float]:
         """Return x, y (m) of the handle's middle with the door at ``angle`` (rad)."""
@@ -115,23 +115,17 @@ def cabinet_urdf(cabinet: Cabinet) -> Path:
 
 
 def _body_boxes(c: Cabinet) -> list[Box]:
-    """Walls, and a fixed panel where the second door would be."""
+    """Walls; the half beside the door stays open, as in the released cabinet."""
     gap = 0.002
     inner = c.depth - c.door_thickness - gap
     x = c.door_thickness + gap + inner / 2
     side = (c.width - c.wall) / 2
-    panel_low = c.hinge_y - c.door_overhang + c.door_width + gap
-    panel_high = c.width / 2
     return [
         ((x, side, c.height / 2), (inner, c.wall, c.height)),
         ((x, -side, c.height / 2), (inner, c.wall, c.height)),
         ((x, 0.0, c.wall / 2), (inner, c.width, c.wall)),
         ((x, 0.0, c.height - c.wall / 2), (inner, c.width, c.wall)),
         ((c.depth - c.wall / 2, 0.0, c.height / 2), (c.wall, c.width, c.height)),
-        (
-            (c.door_thickness / 2, (panel_low + panel_high) / 2, c.height / 2),
-            (c.door_thickness, panel_high - panel_low, c.door_height),
-        ),
     ]
 
 

@@ -279,20 +279,42 @@ class PhysicsClient:
         points = pybullet.getClosestPoints(body_a, body_b, distance, physicsClientId=self._id)
         return len(points) > 0
 
-    def render(self, view: View, width: int, height: int, *, shadow: bool = False) -> Image:
-        """Draw the world with the software renderer."""
-        _, _, rgba, depth, _ = pybullet.getCameraImage(
+    def contact_force(self, body: int, link: int) -> tuple[float, float, float]:
+        """Return the sum of the normal forces (N) that contacts put on a link, in the world frame."""
+        total = [0.0, 0.0, 0.0]
+        for point in pybullet.getContactPoints(
+            bodyA=body, linkIndexA=link, physicsClientId=self._id
+        ):
+            normal, force = point[7], point[9]  # the normal points towards ``body``
+            for axis in range(3):
+                total[axis] += normal[axis] * force
+        return total[0], total[1], total[2]
+
+    def link_axis_y(self, body: int, link: int) -> tuple[float, float, float]:
+        """Return the y axis of a link's frame in the world."""
+        x, y, z, w = pybullet.getLinkState(body, link, 0, 0, self._id)[5]
+        return 2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)
+
+    def render(
+        self, view: View, width: int, height: int, *, shadow: bool = False, bodies: bool = False
+    ) -> Image:
+        """Draw the world with the software renderer; ``bodies`` also tells what is seen where."""
+        _, _, rgba, depth, seen = pybullet.getCameraImage(
             width,
             height,
             view.view,
             view.projection,
             shadow=int(shadow),
             renderer=pybullet.ER_TINY_RENDERER,
-            flags=pybullet.ER_NO_SEGMENTATION_MASK,
+            flags=0 if bodies else pybullet.ER_NO_SEGMENTATION_MASK,
             physicsClientId=self._id,
         )
         pixels = np.reshape(np.asarray(rgba, np.uint8), (height, width, 4))
-        return Image(pixels[..., :3], np.reshape(np.asarray(depth, np.float32), (height, width)))
+        return Image(
+            pixels[..., :3],
+            np.reshape(np.asarray(depth, np.float32), (height, width)),
+            np.reshape(np.asarray(seen, np.int32), (height, width)) if bodies else None,
+        )
 
 
 def quaternion_from_euler(angles: Vector) -> tuple[float, float, float, float]:

@@ -66,8 +66,8 @@ START_XY = (0.700, -0.029)
 """Where the end effector of ``POINTING_DOWN`` starts (m), at a height of 0.039 m."""
 
 FACING_DOOR = ArmPreset(
-    start_joints=(-0.77, 1.50, 0.98, -2.18, 2.83, 1.66, -0.25, 0.0, 0.0),
-    posture=(-1.2, 1.27, 0.98, -1.74, 2.16, 2.33, -0.11),
+    start_joints=(-0.747, 1.465, 0.968, -2.182, 2.856, 1.649, -0.220, 0.0, 0.0),
+    posture=(-1.5, 1.296, 1.603, -1.97, 2.059, 2.732, -0.031),
     faces_door=True,
     discrete_gripper=True,
 )
@@ -85,7 +85,7 @@ class PandaArm:
         self.body = client.load_urdf(light_panda(), fixed=True)
         self.yaw = 0.0
         """Commanded yaw of the gripper (rad)."""
-        self.gripper_opening = 0.0
+        self.gripper_opening = 1.0
         """The internal opening of a discrete gripper, 0 to 1."""
         client.sense_joint_forces(self.body, FINGER_JOINTS)
         self._place_joints(preset.start_joints[: len(ARM_JOINTS)])
@@ -100,8 +100,19 @@ class PandaArm:
         return self._client.joint_positions(self.body, FINGER_JOINTS)
 
     def finger_forces(self) -> list[tuple[float, float, float]]:
-        """Return the reaction forces at the finger joints, left and right (N)."""
-        return self._client.joint_forces(self.body, FINGER_JOINTS)
+        """Return the forces at the finger joints, left and right (N), in the finger's frame.
+
+        x and z: the joint's reaction. PyBullet's reaction leaves out y, the axis along which the
+        fingers close, because the motor drives it; there, the contacts' normal forces stand in,
+        with the reaction's sign: what the hand puts against them.
+        """
+        reactions = self._client.joint_forces(self.body, FINGER_JOINTS)
+        axis = self._client.link_axis_y(self.body, FINGER_JOINTS[0])
+        forces = []
+        for joint, (x, _, z) in zip(FINGER_JOINTS, reactions, strict=True):
+            contact = self._client.contact_force(self.body, joint)
+            forces.append((x, -sum(a * b for a, b in zip(axis, contact, strict=True)), z))
+        return forces
 
     def place(self, target: Vector) -> None:
         """Put the end effector at ``target`` (m) at once, at rest: for resets only."""

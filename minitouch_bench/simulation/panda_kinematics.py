@@ -18,6 +18,8 @@ DAMPING = 1e-3
 this one finds 1e-6 m in a few."""
 ITERATIONS = 20
 RESIDUAL_M = 1e-6
+PROJECTIONS = 10
+LIMIT_MARGIN_RAD = 0.02
 
 
 class PandaKinematics:
@@ -31,9 +33,7 @@ class PandaKinematics:
     def __init__(self, posture: Sequence[float]) -> None:
         self._client = PhysicsClient()
         self._body = self._client.load_urdf(light_panda(), fixed=True)
-        for joint, position in zip(ARM_JOINTS, posture, strict=True):
-            self._client.set_joint(self._body, joint, position)
-        self._client.placed_link_position(self._body, END_EFFECTOR)
+        self._posture = tuple(posture)
         limits = [self._client.joint_limits(self._body, joint) for joint in ARM_JOINTS]
         self._low = [low for low, _ in limits]
         self._high = [high for _, high in limits]
@@ -45,8 +45,23 @@ class PandaKinematics:
     def solve(self, position: Vector, orientation: Vector) -> list[float]:
         """Return the seven joint positions (rad) that bring the end effector to a pose.
 
-        They may lie outside the joints' limits; see ``within_limits``.
+        Where the first solution leaves a joint's range, the joints are moved into their ranges
+        and the next solution starts from there: the arm's free motion absorbs the rest. The
+        result may still lie outside; see ``within_limits``.
         """
+        joints = self._solve_from(self._posture, position, orientation)
+        for _ in range(PROJECTIONS):
+            if self.within_limits(joints):
+                break
+            inside = self.clamp(joints, LIMIT_MARGIN_RAD)
+            joints = self._solve_from(inside, position, orientation)
+        return joints
+
+    def _solve_from(
+        self, start: Sequence[float], position: Vector, orientation: Vector
+    ) -> list[float]:
+        for joint, value in zip(ARM_JOINTS, start, strict=True):
+            self._client.set_joint(self._body, joint, value)
         x, y, z = position
         qx, qy, qz, qw = orientation
         solution = self._client.inverse_kinematics(
@@ -66,9 +81,9 @@ class PandaKinematics:
             for joint, low, high in zip(joints, self._low, self._high, strict=True)
         )
 
-    def clamp(self, joints: Sequence[float]) -> list[float]:
-        """Return the joint positions, each moved into its joint's range."""
+    def clamp(self, joints: Sequence[float], margin: float = 0.0) -> list[float]:
+        """Return the joint positions, each moved into its joint's range less a margin (rad)."""
         return [
-            min(max(joint, low), high)
+            min(max(joint, low + margin), high - margin)
             for joint, low, high in zip(joints, self._low, self._high, strict=True)
         ]

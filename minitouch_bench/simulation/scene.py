@@ -8,12 +8,14 @@ from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.values import Rgba
 
 TABLE_HALF_EXTENTS = (1.0, 1.0, 0.05)
-TABLE_CENTER = (0.5, 0.0, -0.05)
+TABLE_TOP_M = -0.025
+TABLE_CENTER = (0.5, 0.0, TABLE_TOP_M - 0.05)
 TABLE_FRICTION = 1.0
 """As the table of ``pybullet_data``, which the released package uses."""
 
-TABLE_COLOR: Rgba = (0.72, 0.62, 0.49, 1.0)
-TARGET_COLOR: Rgba = (0.90, 0.90, 0.90, 1.0)
+TABLE_COLOR: Rgba = (0.85, 0.73, 0.58, 1.0)
+TARGET_COLOR: Rgba = (0.48, 0.48, 0.48, 1.0)
+OBJECT_COLOR: Rgba = (0.30, 0.12, 0.10, 1.0)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,12 @@ class Contact(NamedTuple):
 
 
 class Image(NamedTuple):
-    """A rendered picture: ``rgb`` uint8 (H, W, 3) and ``depth`` float32 (H, W), 1 = nothing."""
+    """A rendered picture: ``rgb`` uint8 (H, W, 3) and ``depth`` float32 (H, W), 1 = nothing.
+
+    ``bodies`` int32 (H, W): the body seen at each pixel, -1 where there is none; None unless
+    asked for.
+    """
 
     rgb: NDArray[np.uint8]
     depth: NDArray[np.float32]
+    bodies: NDArray[np.int32] | None = None

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import InvalidActionError, UsageError
 from minitouch_bench.records import Outcome
-from minitouch_bench.sensing.camera import GreyCamera
+from minitouch_bench.sensing.camera import GreyCamera, Shadow
 from minitouch_bench.sensing.observation import Observation, observation_space
 from minitouch_bench.sensing.touch import read_touch
 from minitouch_bench.simulation.client import PhysicsClient
@@ -22,6 +22,11 @@ from minitouch_bench.tasks.studio import Studio
 from minitouch_bench.tasks.task import MAX_STEPS, SUCCESS_REWARD, Task
 
 Info = dict[str, Any]
+
+LEAST_VISIBLE_PIXELS = 15
+MAX_DRAWS = 50
+HAND_SHADOW_M = 0.035
+OBJECT_SHADOW_M = 0.025
 
 
 class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -73,18 +78,27 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed)
         client, task = self.client, self.task
         model = self._choose_object((options or {}).get("object"))
-        task.draw(self.np_random, model)
-        client.reset_world()
-        table = add_table(client)
-        self._camera.keep_background(client, ((table, -1), *task.add_scenery(client)))
-        task.add_object(client)
-        self.arm = PandaArm(client, self._kinematics, task.preset.arm)
-        task.place_arm(self.arm)
+        for _ in range(MAX_DRAWS):
+            self._build(model)
+            seen = self._camera.visible_bodies(client)
+            if all((seen == body).sum() >= LEAST_VISIBLE_PIXELS for body in task.landmarks):
+                break
         self._watch = ContactWatch(client, self.arm.body, task.target_body, task.target_links)
         self._steps = 0
         if self._studio is not None:
             self._studio.forget()
         return self._observe(), {"object": model.name if model else "", **self._state()}
+
+    def _build(self, model: ObjectModel | None) -> None:
+        """Draw where everything stands, and build that world."""
+        client, task = self.client, self.task
+        task.draw(self.np_random, model)
+        client.reset_world()
+        table = add_table(client)
+        self._camera.keep_background(client, table, task.add_scenery(client))
+        task.add_object(client)
+        self.arm = PandaArm(client, self._kinematics, task.preset.arm)
+        task.place_arm(self.arm)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
         """Carry out one control step."""
@@ -153,9 +167,20 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def _observe(self) -> Observation:
         return {
-            "image": self._camera.capture(self.client),
+            "image": self._camera.capture(self.client, self._shadows()),
             "touch": read_touch(self.arm, self.task.preset.force_limit),
         }
+
+    def _shadows(self) -> tuple[Shadow, ...]:
+        """Return the shadows of the hand and the object, where the camera can see any."""
+        if not self.task.preset.shadows:
+            return ()
+        hand_x, hand_y, _ = self.arm.position
+        object_x, object_y = self.client.pose(self.task.target_body).position[:2]
+        return (
+            Shadow(hand_x, hand_y, HAND_SHADOW_M),
+            Shadow(object_x, object_y, OBJECT_SHADOW_M),
+        )
 
     def _state(self, outcome: Outcome | None = None) -> Info:
         return {

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from minitouch_bench.shapegen.mesh import Mesh
 from minitouch_bench.simulation.bodies import cube
 from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.scene import TABLE_TOP_M
 
 CUBE = "cube"
 """The name of a task's own cube."""
@@ -41,16 +42,23 @@ class ObjectModel:
         """Add the object at a place on the table (m), turned by ``yaw`` (rad)."""
         return client.load_urdf(
             self.urdf,
-            (x, y, self.rest_height),
+            (x, y, TABLE_TOP_M + self.rest_height),
             _turned(self.rest, yaw),
             inertia_from_file=True,
         )
 
     def lowest_point(self, client: PhysicsClient, body: int) -> float:
         """Return the height of the lowest corner (m), without the collision margin."""
+        return float(self._heights(client, body).min())
+
+    def highest_point(self, client: PhysicsClient, body: int) -> float:
+        """Return the height of the highest corner (m), without the collision margin."""
+        return float(self._heights(client, body).max())
+
+    def _heights(self, client: PhysicsClient, body: int) -> NDArray[np.float64]:
         position, (x, y, z, w) = client.pose(body)
         up = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
-        return float(position[2] + (self.corners * up).sum(axis=1).min())
+        return position[2] + (self.corners * up).sum(axis=1)
 
 
 def cube_model(side: float, mass: float, friction: float) -> ObjectModel:

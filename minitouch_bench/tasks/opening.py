@@ -17,17 +17,17 @@ from minitouch_bench.simulation.bodies import (
 )
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import FACING_DOOR
-from minitouch_bench.simulation.scene import Workspace
+from minitouch_bench.simulation.scene import TABLE_TOP_M, Workspace
 from minitouch_bench.simulation.values import Part
 from minitouch_bench.tasks.objects import ObjectModel
 from minitouch_bench.tasks.task import Task, TaskPreset
 
 SUCCESS_ANGLE_RAD = math.radians(30.0)
 """Source: text (the release has 33 degrees)."""
-FRONT_M = (0.755, 0.77)
+FRONT_M = (0.70, 0.705)
 """Range of the door's outer face, x. Ours: from the closed door to 30 degrees the fingers
 can then stand beside the handle inside the workspace."""
-MIDDLE_M = (-0.05, 0.05)
+MIDDLE_M = (-0.05, 0.10)
 """Range of the cabinet's middle, y. Ours."""
 CABINET = Cabinet()
 WORKSPACE = Workspace((0.5, -0.20, 0.10), (0.75, 0.20, 0.15))
@@ -51,6 +51,7 @@ class Opening(Task):
         ),
         arm=FACING_DOOR,
         default_objects="",
+        shadows=False,
     )
     target_links = (DOOR_LINK, HANDLE_LINK)
 
@@ -65,7 +66,9 @@ class Opening(Task):
 
     def add_scenery(self, client: PhysicsClient) -> tuple[Part, ...]:
         """Add the cabinet; its body never moves."""
-        self.target_body = client.load_urdf(cabinet_urdf(CABINET), (*self._place, 0.0), fixed=True)
+        self.target_body = client.load_urdf(
+            cabinet_urdf(CABINET), (*self._place, TABLE_TOP_M), fixed=True
+        )
         client.set_joint_friction(self.target_body, DOOR_JOINT, CABINET.hinge_friction)
         return ((self.target_body, -1),)
 

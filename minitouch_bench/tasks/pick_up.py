@@ -10,7 +10,7 @@ from minitouch_bench.records import Outcome
 from minitouch_bench.sensing.camera import CameraPreset
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import POINTING_DOWN
-from minitouch_bench.simulation.scene import Workspace
+from minitouch_bench.simulation.scene import TABLE_TOP_M, Workspace
 from minitouch_bench.tasks.objects import ObjectModel, cube_model
 from minitouch_bench.tasks.tabletop import TABLETOP_PORTRAIT, draw_placement, position_of
 from minitouch_bench.tasks.task import Task, TaskPreset
@@ -37,7 +37,7 @@ class PickUp(Task):
         name="pick-up",
         goal="object 5 cm above the table",
         workspace=WORKSPACE,
-        camera=CameraPreset((0.625, 0.0, -0.125), yaw=90.0, pitch=-60.0, near=0.26),
+        camera=CameraPreset((0.625, 0.0, -0.2), yaw=90.0, pitch=-60.0, near=0.26),
         portrait=TABLETOP_PORTRAIT,
         arm=replace(POINTING_DOWN, finger_forces=FINGER_FORCES, discrete_gripper=True),
         force_limit=FORCE_LIMIT,
@@ -68,7 +68,7 @@ class PickUp(Task):
 
     def outcome(self, client: PhysicsClient) -> Outcome | None:
         """Return success at 5 cm above the table, a failure outside the workspace."""
-        if self._object.model.lowest_point(client, self.target_body) >= LIFT_M:
+        if self._object.model.lowest_point(client, self.target_body) >= TABLE_TOP_M + LIFT_M:
             return Outcome.SUCCESS
         x, y, _ = client.pose(self.target_body).position
         return None if WORKSPACE.holds(x, y) else Outcome.LEFT_WORKSPACE

@@ -28,7 +28,7 @@ class Playing(Task):
         name="playing",
         goal="none: touch is the metric",
         workspace=WORKSPACE,
-        camera=CameraPreset((0.625, 0.025, -0.15), yaw=90.0, pitch=-60.0, near=0.26),
+        camera=CameraPreset((0.625, 0.025, -0.2), yaw=90.0, pitch=-60.0, near=0.26),
         portrait=TABLETOP_PORTRAIT,
         arm=POINTING_DOWN,
     )

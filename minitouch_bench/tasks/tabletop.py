@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from minitouch_bench.sensing.camera import CameraPreset
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import START_XY
-from minitouch_bench.simulation.scene import Workspace
+from minitouch_bench.simulation.scene import OBJECT_COLOR, Workspace
 from minitouch_bench.tasks.objects import CUBE, ObjectModel
 
 MARGIN_M = 0.05
@@ -40,6 +40,7 @@ class Placement:
     def load(self, client: PhysicsClient) -> int:
         """Add the object, let it come to rest, and return its body's id."""
         body = self.model.load(client, self.x, self.y, self.yaw)
+        client.paint({(body, -1): OBJECT_COLOR})
         if self.model.name != CUBE:
             for _ in range(SETTLE_TICKS):
                 client.step()

@@ -37,6 +37,7 @@ class TaskPreset:
     arm: ArmPreset
     force_limit: float = 50.0
     default_objects: str = CUBE
+    shadows: bool = True
 
 
 class Task(ABC):
@@ -51,6 +52,11 @@ class Task(ABC):
     """The body whose contact with the fingers counts as touch."""
     target_links: tuple[int, ...] = (-1,)
     """Its links that count (-1 is the base)."""
+
+    @property
+    def landmarks(self) -> tuple[int, ...]:
+        """The bodies that the camera must see when an episode begins."""
+        return (self.target_body,)
 
     @staticmethod
     def own_object() -> ObjectModel | None:

@@ -32,15 +32,21 @@ class Controller(ABC):
         return self.environment.task.object_state(self.client)
 
     def toward(
-        self, goal: Sequence[float] | NDArray[np.float64], *, finger: float = 0.0
+        self,
+        goal: Sequence[float] | NDArray[np.float64],
+        *,
+        finger: float = 0.0,
+        yaw: float = 0.0,
     ) -> NDArray[np.float32]:
         """Return the action that leads straight to ``goal`` (m), as far as one step reaches.
 
-        ``finger`` is the gripper's number. Where the gripper can turn, it is kept at yaw 0.
+        ``finger`` is the gripper's number. Where the gripper can turn, it turns to ``yaw`` (rad).
         """
         offset = (np.asarray(goal) - self.hand) / REACH_M
         offset /= max(1.0, float(np.abs(offset).max()))
         action = [*offset, finger]
         if self.environment.task.preset.arm.faces_door:
-            action.append(float(np.clip(-self.environment.arm.yaw / YAW_REACH_RAD, -1.0, 1.0)))
+            action.append(
+                float(np.clip((yaw - self.environment.arm.yaw) / YAW_REACH_RAD, -1.0, 1.0))
+            )
         return np.array(action, np.float32)

@@ -1,7 +1,7 @@
-"""Opening by script: press the closed fingers against the handle's free side, along its arc.
+"""Opening by script: reach behind the door's free edge with turned fingers, then follow its arc.
 
-The handle stands in front of the hinge, so pressing it towards the hinge turns the door; the
-fingers follow the door's angle, a little ahead of it.
+The half of the cabinet beside the door is open. The fingers go in there, pointing towards the
+hinge, slide behind the door, and pull; they aim a little ahead of the door's angle.
 """
 
 import math
@@ -14,41 +14,52 @@ from minitouch_bench.policies.scripted.controller import Controller
 from minitouch_bench.tasks.opening import CABINET, Opening
 
 HEIGHT_M = 0.125
-LOWEST_M = 0.11
-AHEAD_RAD = 0.08
+TURN_RAD = math.pi / 4
+"""Yaw of the gripper: its fingers point 45 degrees towards the hinge."""
+AHEAD_RAD = 0.12
 """How far ahead of the door's angle the fingers aim."""
-PRESS_M = 0.016
-"""Where they aim, from the handle's middle: closer than they can get, hence the pressure."""
-BESIDE_M = 0.034
-IN_FRONT_M = 0.05
+BEHIND_M = 0.030
+"""Distance of the end effector from the door's middle plane, behind it, on the way in."""
+HOOK_M = 0.022
+"""The same while it pulls: closer than it can get, hence the pressure."""
+ENTRY_M = 0.055
+"""How far beyond the free edge the end effector passes the door."""
+GRIP_M = 0.455
+"""Distance from the hinge's axis at which the door is pulled."""
+SLIDE_M = 0.02
 
 
 class OpeningController(Controller):
-    """Go beside the handle, then sweep."""
+    """Go beside the door, in, behind it, and pull."""
 
     def act(self) -> NDArray[np.float32]:
         """Return the next action, float32 (5,)."""
         angle = float(self.object_state[0])
-        handle, outward, opening = self._frame(angle)
-        hand = self.hand
-        if hand[2] < LOWEST_M:
-            return self._to(np.array((min(hand[0], 0.66), max(hand[1], handle[1] + 0.07))))
-        from_handle = hand[:2] - handle
-        beside, in_front = float(from_handle @ outward), float(from_handle @ opening)
-        if in_front < 0.018 and beside > 0.012:
-            ahead, ahead_outward, _ = self._frame(angle + AHEAD_RAD)
-            return self._to(ahead + ahead_outward * PRESS_M)
-        if 0.03 <= beside <= 0.06:
-            return self._to(handle + outward * BESIDE_M)
-        if beside < 0.03 and in_front < 0.045:
-            return self._to(handle + opening * 0.07 + outward * beside)
-        return self._to(handle + opening * IN_FRONT_M + outward * 0.04)
+        along, behind = self._in_door_frame(angle)
+        edge = CABINET.door_width - CABINET.door_overhang
+        turned = self.environment.arm.yaw > TURN_RAD - 0.1
+        if along < edge + 0.01 and behind > 0.012 and turned:
+            return self._to(angle + AHEAD_RAD, GRIP_M - 0.06 * math.sin(angle), HOOK_M)
+        if along < edge + ENTRY_M - SLIDE_M and behind < BEHIND_M - 0.01:
+            return self._to(angle, edge + ENTRY_M + 0.02, min(behind, -0.08))
+        if behind < BEHIND_M - 0.008 or not turned:
+            return self._to(angle, edge + ENTRY_M, BEHIND_M if turned else min(behind, -0.05))
+        return self._to(angle, GRIP_M + SLIDE_M, BEHIND_M)
 
-    def _frame(self, angle: float) -> tuple[NDArray[np.float64], ...]:
-        """Return the handle's middle, the way to the door's free edge, and the way it opens."""
-        place = CABINET.handle_place(*cast(Opening, self.environment.task).place, angle)
+    def _in_door_frame(self, angle: float) -> tuple[float, float]:
+        """Return how far the hand is from the hinge along the door, and behind the door (m)."""
+        hinge_x, hinge_y = self._hinge()
         sine, cosine = math.sin(angle), math.cos(angle)
-        return np.array(place), np.array((-sine, cosine)), np.array((-cosine, -sine))
+        x, y = self.hand[0] - hinge_x, self.hand[1] - hinge_y
+        return float(-sine * x + cosine * y), float(cosine * x + sine * y)
 
-    def _to(self, place: NDArray[np.float64]) -> NDArray[np.float32]:
-        return self.toward((*place, HEIGHT_M))
+    def _hinge(self) -> tuple[float, float]:
+        front, middle = cast(Opening, self.environment.task).place
+        return front + CABINET.door_thickness / 2, middle + CABINET.hinge_y
+
+    def _to(self, angle: float, along: float, behind: float) -> NDArray[np.float32]:
+        hinge_x, hinge_y = self._hinge()
+        sine, cosine = math.sin(angle), math.cos(angle)
+        x = hinge_x - along * sine + behind * cosine
+        y = hinge_y + along * cosine + behind * sine
+        return self.toward((x, y, HEIGHT_M), finger=-1.0, yaw=TURN_RAD)

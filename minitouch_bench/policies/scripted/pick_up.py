@@ -9,6 +9,7 @@ from minitouch_bench.policies.scripted.controller import Controller
 from minitouch_bench.shapegen.grasps import plan_grasp
 from minitouch_bench.shapegen.mesh import surface_points
 from minitouch_bench.shapegen.poses import rotation_matrix
+from minitouch_bench.simulation.scene import TABLE_TOP_M
 from minitouch_bench.tasks.pick_up import PickUp
 
 OPEN, CLOSE = 1.0, -1.0
@@ -18,7 +19,7 @@ FINGERTIP_M = 0.008
 """How far the fingertips reach below the end effector."""
 NEAR_M = 0.002
 POINT_SPACING_M = 0.003
-LOST_ABOVE_M, LOST_BELOW_M = 0.08, 0.01
+LOST_ABOVE_M, LOST_BELOW_M = 0.055, TABLE_TOP_M + 0.01
 CLOSING_STEPS = 4
 NUDGE = 0.05
 """A step without motion lasts one tick; one of 3 mm gives the fingers time to close."""
@@ -40,7 +41,7 @@ class PickUpController(Controller):
         grasp = self._grasp()
         top, hand = self._top, self.hand
         if np.abs(hand[:2] - grasp[:2]).max() > NEAR_M:
-            hover = max(top + HOVER_M + FINGERTIP_M, 0.06)
+            hover = max(top + HOVER_M + FINGERTIP_M, 0.035)
             clear = hand[2] > top + FINGERTIP_M + 0.005
             goal = (*grasp[:2], hover) if clear else (*hand[:2], hover)
             return self.toward(goal, finger=OPEN)
@@ -68,9 +69,13 @@ class PickUpController(Controller):
             task = cast(PickUp, self.environment.task)
             position, orientation = self.client.pose(task.target_body)
             points = surface_points(task.model.surface, POINT_SPACING_M)
-            world = points @ rotation_matrix(orientation).T + (0.0, 0.0, position[2])
+            height = position[2] - TABLE_TOP_M
+            above_table = points @ rotation_matrix(orientation).T + (0.0, 0.0, height)
             # The planner's pads close along y, the hand's along the world's x.
-            grasp = plan_grasp(world[:, (1, 0, 2)])
-            self._place = np.array((position[0] + grasp.y, position[1] + grasp.x, grasp.z))
-            self._top = float(world[:, 2].max())
+            lowest = task.preset.workspace.low[2] - TABLE_TOP_M
+            grasp = plan_grasp(above_table[:, (1, 0, 2)], lowest)
+            self._place = np.array(
+                (position[0] + grasp.y, position[1] + grasp.x, grasp.z + TABLE_TOP_M)
+            )
+            self._top = float(above_table[:, 2].max()) + TABLE_TOP_M
         return self._place

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.policies.scripted.controller import Controller
 
-PRESS_HEIGHT_M = 0.02
+PRESS_HEIGHT_M = 0.0
 
 
 class PlayingController(Controller):

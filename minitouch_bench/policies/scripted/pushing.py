@@ -1,4 +1,9 @@
-"""Pushing by script: go round the cube, then push it along the line to the target."""
+"""Pushing by script: go round the object, then push it towards the target.
+
+The 50 kg cube gives way badly to a push square on a face that the fingers meet with their
+tips side by side: they slide apart. A push 30 degrees off such a direction moves it, so the
+object goes to its target in a zigzag where the straight way is one of those.
+"""
 
 import math
 from typing import cast
@@ -10,25 +15,33 @@ from minitouch_bench.policies.scripted.controller import Controller
 from minitouch_bench.simulation.panda_arm import REACH_M
 from minitouch_bench.tasks.pushing import WORKSPACE, Pushing
 
-PUSH_HEIGHT_M = 0.018
-ROUND_M = 0.08
+OVERLAP_M = 0.001
+"""How far the end effector stays below the object's top; the fingertips are 8 mm lower."""
+ROUND_M = 0.085
 """Radius of the way round the object."""
-BEHIND_M = 0.06
+BEHIND_M = 0.065
 """Distance from the object's middle at which a push begins."""
 LANE_M = 0.012
-"""A push goes on while the fingers are this close to the line."""
+"""A push begins when the fingers are this close to the line."""
+LOST_M = 0.03
+"""A push ends when they are further from it than this."""
 TURN_RAD = 0.6
 """Angle covered by one step on the way round."""
 ALIGNED_RAD = 0.4
+WEAK_RAD = (0.0, math.pi / 2, -math.pi / 2)
+"""Directions in which the cube hardly gives way."""
+SLANT_RAD = math.radians(30.0)
+ASTRAY_RAD = math.radians(50.0)
+"""A push ends when the target lies further off its direction than this."""
 STUCK_M = 0.003
 RETREAT_STEPS = 2
-TILTED_M = 0.028
-"""A middle this high means that the fingers have got under the cube: back off."""
 
 
 class PushingController(Controller):
-    """Keep behind the object, seen from the target."""
+    """Choose a direction, go behind the object, push, and choose again when it went astray."""
 
+    _direction: float | None = None
+    _pushing = False
     _turn = 0.0
     _last: NDArray[np.float64] | None = None
     _retreat = 0
@@ -37,27 +50,37 @@ class PushingController(Controller):
         """Return the next action, float32 (4,); fingers that are stuck back off first."""
         hand = self.hand
         if self._last is not None and math.dist(hand, self._last) < STUCK_M:
-            self._retreat, self._turn = RETREAT_STEPS, 0.0
+            self._retreat = RETREAT_STEPS
+            self._give_up()
         self._last = hand
+        place = self.object_state[:2]
         if self._retreat > 0:
             self._retreat -= 1
-            from_object = hand[:2] - self.object_state[:2]
+            from_object = hand[:2] - place
             return self._to(hand[:2] + REACH_M * from_object / max(np.abs(from_object).max(), 1e-6))
-        return self._push()
+        return self._push(place, hand[:2])
 
-    def _push(self) -> NDArray[np.float32]:
+    def _give_up(self) -> None:
+        self._direction, self._pushing, self._turn = None, False, 0.0
+
+    def _push(self, place: NDArray[np.float64], hand: NDArray[np.float64]) -> NDArray[np.float32]:
         target = np.array(cast(Pushing, self.environment.task).target)
-        place, hand = self.object_state, self.hand[:2]
-        away = (place[:2] - target) / math.dist(place[:2], target)
-        across = np.array((-away[1], away[0]))
-        from_object = hand - place[:2]
-        along, aside = float(from_object @ away), float(from_object @ across)
-        if along > 0.0 and abs(aside) < LANE_M:
+        wanted = math.atan2(*(target - place)[::-1])
+        astray = self._direction is not None and (
+            abs(math.remainder(wanted - self._direction, math.tau)) > ASTRAY_RAD
+        )
+        if self._direction is None or astray:
+            self._give_up()
+            self._direction = _direction(wanted, place)
+        ahead = np.array((math.cos(self._direction), math.sin(self._direction)))
+        across = np.array((-ahead[1], ahead[0]))
+        from_object = hand - place
+        behind, aside = -float(from_object @ ahead), float(from_object @ across)
+        self._pushing = behind > 0.0 and abs(aside) < (LOST_M if self._pushing else LANE_M)
+        if self._pushing:
             self._turn = 0.0
-            if place[2] > TILTED_M:
-                return self._to(hand + away * REACH_M)
-            return self._to(hand - away * REACH_M - across * aside)
-        return self._go_round(place[:2], from_object, away)
+            return self._to(hand + ahead * REACH_M - across * aside)
+        return self._go_round(place, from_object, -ahead)
 
     def _go_round(
         self,
@@ -76,7 +99,26 @@ class PushingController(Controller):
         return self._to(_on_circle(place, ahead))
 
     def _to(self, place: NDArray[np.float64]) -> NDArray[np.float32]:
-        return self.toward((*place, PUSH_HEIGHT_M))
+        task = cast(Pushing, self.environment.task)
+        top = task.model.highest_point(self.client, task.target_body)
+        height = max(WORKSPACE.low[2], min(top - OVERLAP_M, WORKSPACE.high[2]))
+        return self.toward((*place, height), finger=-1.0)
+
+
+def _direction(wanted: float, place: NDArray[np.float64]) -> float:
+    """Return the direction (rad) to push in: ``wanted``, or slanted where that is weak."""
+    for weak in WEAK_RAD:
+        off = math.remainder(wanted - weak, math.tau)
+        if abs(off) < SLANT_RAD:
+            slants = (weak + SLANT_RAD, weak - SLANT_RAD)
+            return min(slants, key=lambda angle: _slant_cost(place, angle, wanted))
+    return wanted
+
+
+def _slant_cost(place: NDArray[np.float64], angle: float, wanted: float) -> float:
+    start = place - BEHIND_M * np.array((math.cos(angle), math.sin(angle)))
+    outside = not WORKSPACE.holds(float(start[0]), float(start[1]))
+    return abs(math.remainder(wanted - angle, math.tau)) + 10.0 * outside
 
 
 def _on_circle(center: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
