@@ -280,7 +280,7 @@ class PhysicsClient:
         return len(points) > 0
 
     def contact_force(self, body: int, link: int) -> tuple[float, float, float]:
-        """Return the sum of the normal forces (N) that contacts put on a link, in the world frame."""
+        """Return the normal forces (N) that contacts put on a link, summed, in the world."""
         total = [0.0, 0.0, 0.0]
         for point in pybullet.getContactPoints(
             bodyA=body, linkIndexA=link, physicsClientId=self._id

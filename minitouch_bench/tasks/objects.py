@@ -58,7 +58,8 @@ class ObjectModel:
     def _heights(self, client: PhysicsClient, body: int) -> NDArray[np.float64]:
         position, (x, y, z, w) = client.pose(body)
         up = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
-        return position[2] + (self.corners * up).sum(axis=1)
+        heights: NDArray[np.float64] = position[2] + (self.corners * up).sum(axis=1)
+        return heights
 
 
 def cube_model(side: float, mass: float, friction: float) -> ObjectModel:

@@ -27,8 +27,9 @@ def shape_names(chosen: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def shape_model(name: str, shapes: ShapeSet | None = None) -> ObjectModel:
-    """Return a shape, by default of the canonical set, lying in its likeliest pose
-    that stands high enough for the fingers, else in its highest.
+    """Return a shape, by default of the canonical set.
+
+    It lies in its likeliest pose that stands ``STANDS_M`` high, else in its highest.
 
     Raises:
         UsageError: there is no such shape.

@@ -26,7 +26,7 @@ def test_the_picture_is_grey_with_the_weights_of_the_eye(client):
     table, _ = scene(client)
     rgb = client.render(ABOVE.view(), 84, 84).rgb.astype(float)
     camera = GreyCamera(ABOVE)
-    camera.keep_background(client, [(table, -1)])
+    camera.keep_background(client, table, [])
     picture = camera.capture(client)
     assert (picture.shape, picture.dtype) == ((1, 84, 84), np.uint8)
     grey = rgb @ (0.2989, 0.5870, 0.1140)
@@ -36,7 +36,7 @@ def test_the_picture_is_grey_with_the_weights_of_the_eye(client):
 def test_what_moves_is_drawn_where_it_is_and_leaves_nothing_behind(client):
     table, thing = scene(client)
     camera = GreyCamera(ABOVE)
-    camera.keep_background(client, [(table, -1)])
+    camera.keep_background(client, table, [])
     before = camera.capture(client)
     client.set_pose(thing, (0.6, 0.1, 0.03), (0, 0, 0, 1))
     moved = camera.capture(client)
@@ -48,8 +48,8 @@ def test_what_moves_is_drawn_where_it_is_and_leaves_nothing_behind(client):
 def test_what_is_behind_the_background_is_hidden(client):
     table, thing = scene(client)
     camera = GreyCamera(ABOVE)
-    camera.keep_background(client, [(table, -1)])
-    client.set_pose(thing, (0.5, 0.0, -0.06), (0, 0, 0, 1))  # inside the table
+    camera.keep_background(client, table, [])
+    client.set_pose(thing, (0.5, 0.0, -0.08), (0, 0, 0, 1))  # inside the table
     buried = camera.capture(client)
     client.set_pose(thing, (9.0, 9.0, 0.03), (0, 0, 0, 1))
     assert np.array_equal(buried, camera.capture(client))

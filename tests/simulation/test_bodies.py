@@ -12,7 +12,7 @@ from minitouch_bench.simulation.bodies import (
     cube,
 )
 from minitouch_bench.simulation.client import PhysicsClient
-from minitouch_bench.simulation.scene import add_table
+from minitouch_bench.simulation.scene import TABLE_TOP_M, add_table
 
 CABINET = Cabinet()
 
@@ -77,7 +77,9 @@ def test_the_door_weighs_and_measures_as_specified(client, cabinet):
 
 
 def test_a_cube_rests_on_its_side_where_it_is_put(client):
-    body = client.load_urdf(cube(0.05, 50.0, 1.0), (0.5, 0.1, 0.025), inertia_from_file=True)
+    body = client.load_urdf(
+        cube(0.05, 50.0, 1.0), (0.5, 0.1, TABLE_TOP_M + 0.025), inertia_from_file=True
+    )
     before = client.pose(body).position
     for _ in range(240):
         client.step()

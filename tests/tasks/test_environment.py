@@ -240,8 +240,17 @@ def test_without_a_render_mode_nothing_is_drawn(environments):
 class WholeCamera(GreyCamera):
     """Draws everything, each time."""
 
-    def keep_background(self, client, still):
-        pass
+    def keep_background(self, client, table, still):
+        self._table = table
+
+    def visible_bodies(self, client):
+        return client.render(self._view, 84, 84, bodies=True).bodies
+
+    def capture(self, client, shadows=()):
+        image = client.render(self._view, 84, 84, bodies=True)
+        self._background = (image.rgb @ (0.2989, 0.5870, 0.1140)).round().astype(np.uint8)
+        self._is_table = image.bodies == self._table
+        return self._shaded(shadows)[np.newaxis]
 
 
 def test_the_composed_image_is_that_of_the_whole_scene(environment):

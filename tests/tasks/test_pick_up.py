@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.simulation.panda_arm import START_XY
+from minitouch_bench.simulation.scene import TABLE_TOP_M
 from minitouch_bench.tasks.pick_up import WORKSPACE, PickUp
 from minitouch_bench.tasks.registration import make_environment
 
@@ -52,7 +53,7 @@ def test_success_is_the_lowest_point_five_centimetres_up(with_cube, height, succ
     with_cube.reset(seed=1)
     lowest = 0.0225 * (math.cos(tilt) + math.sin(tilt))
     orientation = (math.sin(tilt / 2), 0.0, 0.0, math.cos(tilt / 2))
-    place = (0.6, 0.0, lowest + height)
+    place = (0.6, 0.0, TABLE_TOP_M + lowest + height)
     with_cube.client.set_pose(with_cube.task.target_body, place, orientation)
     _, reward, terminated, truncated, info = with_cube.step(STILL)
     assert (terminated, truncated, info["success"]) == (success, False, success)

@@ -30,7 +30,7 @@ def test_never_in_contact_at_the_start(environment):
         assert not environment.client.overlapping(
             environment.arm.body, environment.task.target_body, 0.005
         )
-        assert info["object_state"][2] == pytest.approx(0.0275)
+        assert info["object_state"][2] == pytest.approx(0.0025)
 
 
 def test_nothing_but_the_step_limit_ends_it(environment):

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from minitouch_bench.simulation.scene import TABLE_TOP_M
 from minitouch_bench.tasks.pushing import WORKSPACE, Pushing
 
 STILL = np.zeros(4, np.float32)
@@ -15,21 +16,24 @@ def environment(environments):
 
 def test_two_hundred_layouts_keep_the_rules():
     task, rng = Pushing(), np.random.default_rng(0)
-    angles = []
+    angles, targets = [], []
     for _ in range(200):
         task.draw(rng, None)
         target = np.array(task.target)
         place = np.array((task._object.x, task._object.y))
         start = np.array(task._start)
         away = (place - target) / math.dist(place, target)
-        assert 0.45 <= target[0] <= 0.50
-        assert 0.00 <= target[1] <= 0.05
+        targets.append(target)
         for center, around in ((target, place), (place, start)):
             assert 0.10 <= math.dist(center, around) <= 0.20
             assert WORKSPACE.holds(*around)
         assert WORKSPACE.holds(*(place + 0.07 * away))
         assert task._object.yaw == 0.0
         angles.append(math.atan2(away[1], away[0]))
+    low, high = np.min(targets, axis=0), np.max(targets, axis=0)
+    assert np.all(low >= np.array(WORKSPACE.low[:2]) + 0.025)
+    assert np.all(high <= np.array(WORKSPACE.high[:2]) - 0.025)
+    assert np.all(high - low > 0.38)  # of 0.40 m
     assert np.histogram(angles, 8, (-math.pi, math.pi))[0].min() > 5  # from every side
 
 
@@ -46,7 +50,9 @@ def test_the_world_is_built_as_drawn_and_never_in_contact(environment):
 
 
 def put(environment, x, y):
-    environment.client.set_pose(environment.task.target_body, (x, y, 0.025), (0, 0, 0, 1))
+    environment.client.set_pose(
+        environment.task.target_body, (x, y, TABLE_TOP_M + 0.025), (0, 0, 0, 1)
+    )
 
 
 @pytest.mark.parametrize(("distance", "success"), [(0.0695, True), (0.0705, False)])
