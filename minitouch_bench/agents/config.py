@@ -45,7 +45,8 @@ class SacConfig:
 
     ``shift``: pixels by which pictures are shifted at random (DrQ; 0 does not).
     ``target_rate``: share by which the target networks follow at each update.
-    ``bfloat16``: encode in half precision where the processor can.
+    ``target_encoder``: the critics' targets see through an encoder that follows, too; DrQ-v2
+    has none. ``bfloat16``: encode in half precision where the processor can.
     """
 
     batch_size: int = 128
@@ -53,7 +54,7 @@ class SacConfig:
     target_rate: float = 0.01
     shift: int = 4
     critic_layer_norm: bool = False
-    target_encoder: bool = True
+    target_encoder: bool = False
     bfloat16: bool = True
 
 
@@ -67,7 +68,7 @@ class CuriosityConfig:
     """
 
     learning_rate: float = 3e-4
-    width: float = 0.5
+    width: float = 0.25
     normalize: bool = True
     bfloat16: bool = True
     haptics: str = "forces"
@@ -133,7 +134,7 @@ def paper_config(task: str) -> TrainingConfig:
         updates_per_step=1.0,
         exploration=phase,
         task_phase=replace(phase, steps=40_000),
-        sac=SacConfig(shift=0, target_rate=0.005),
+        sac=SacConfig(shift=0, target_rate=0.005, target_encoder=True),
         curiosity=CuriosityConfig(learning_rate=3e-5, width=1.0, normalize=False),
     )
 

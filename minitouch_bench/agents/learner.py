@@ -10,7 +10,7 @@ from torch import Tensor
 
 from minitouch_bench.agents.config import PhaseConfig, TrainingConfig
 from minitouch_bench.agents.curiosity import make_curiosity
-from minitouch_bench.agents.encoding import has_bfloat16
+from minitouch_bench.agents.encoding import arrange, has_bfloat16
 from minitouch_bench.agents.replay import Batch, Replay
 from minitouch_bench.agents.sac import Sac
 from minitouch_bench.agents.touch_scale import TouchScale
@@ -30,10 +30,12 @@ class Learner:
         curiosity = replace(config.curiosity, bfloat16=config.curiosity.bfloat16 and half)
         action_size = preset.arm.action_size
         torch.manual_seed(config.seed)
-        self.sac = Sac(sac, action_size=action_size, touch_size=TOUCH_SIZE).to(device)
+        self.sac = Sac(sac, action_size=action_size, touch_size=TOUCH_SIZE)
+        arrange(self.sac, device)
         self.curiosity = make_curiosity(config.method, curiosity, action_size)
         if self.curiosity is not None:
-            self.curiosity.to(device).begin()
+            arrange(self.curiosity, device)
+            self.curiosity.begin()
         self.scale = TouchScale.of(preset.workspace, config.force_scale).to(device)
         self.exploring = config.exploration_steps > 0
         self.sac.begin_phase(self.phase)
@@ -47,9 +49,7 @@ class Learner:
 
     def begin_task_phase(self) -> None:
         """Seed the task's networks with the exploration's; drop those not carried over."""
-        fresh = Sac(self.sac.config, action_size=self.sac.action_size, touch_size=TOUCH_SIZE).to(
-            self.device
-        )
+        fresh = Sac(self.sac.config, action_size=self.sac.action_size, touch_size=TOUCH_SIZE)
         if "encoder" not in self.config.carry:
             self.sac.encoder.load_state_dict(fresh.encoder.state_dict())
             self.sac.target_encoder.load_state_dict(fresh.encoder.state_dict())

@@ -20,7 +20,7 @@ CONFIG = TrainingConfig(
     "pushing",
     random_steps=10,
     log_every=5,
-    evaluate_every=20,
+    evaluate_every=40,
     evaluate_episodes=1,
     checkpoint_every=7,
     exploration=PhaseConfig(30),
