@@ -77,6 +77,7 @@ def train(
                 device=device,
                 on_row=progress.show,
                 should_stop=lambda: bool(interrupts),
+                note=lambda text: notes.print(text, markup=False),
             )
         )
     if not finished:

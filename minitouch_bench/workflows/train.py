@@ -9,10 +9,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from minitouch_bench.agents.config import TrainingConfig, config_text, read_config
+from minitouch_bench.agents.config import TrainingConfig, config_text
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
-from minitouch_bench.agents.training import PROGRESS_FILE, Training, TrainingCallbacks
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.agents.training import Training, TrainingCallbacks
+from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.storage import lock_directory
 from minitouch_bench.policies.native import NativePolicy
@@ -23,6 +23,7 @@ from minitouch_bench.protocol.suites import StandardSuite
 from minitouch_bench.records import EpisodeSpec, Outcome
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registration import make_environment
+from minitouch_bench.workflows.training_events import EventWriter
 
 CONFIG_FILE = "config.toml"
 EVALUATION_SUITE = "training"
@@ -34,7 +35,7 @@ class TrainingRequest:
     """What to train, and where.
 
     ``device``: "auto", "cpu" or "cuda". ``on_row`` and ``should_stop`` as in
-    ``TrainingCallbacks``.
+    ``TrainingCallbacks``; ``note`` takes a line for the user.
     """
 
     config: TrainingConfig
@@ -43,6 +44,7 @@ class TrainingRequest:
     device: str = "auto"
     on_row: Callable[[ProgressRow], None] = lambda _: None
     should_stop: Callable[[], bool] = lambda: False
+    note: Callable[[str], None] = lambda _: None
 
 
 def train(request: TrainingRequest) -> bool:
@@ -59,13 +61,30 @@ def train(request: TrainingRequest) -> bool:
         _prepare(request)
         environment = make_environment(request.config.task, request.config.objects or None)
         evaluator = TrainingEvaluator(request.config)
-        callbacks = TrainingCallbacks(evaluator.evaluate, request.on_row, request.should_stop)
+        events = _open_events(request)
+
+        def on_row(row: ProgressRow) -> None:
+            request.on_row(row)
+            if events is not None:
+                events.add(row)
+
+        callbacks = TrainingCallbacks(evaluator.evaluate, on_row, request.should_stop)
         try:
             training = Training(request.config, environment, request.directory, callbacks, device)
             return training.run()
         finally:
+            if events is not None:
+                events.close()
             evaluator.close()
             environment.close()
+
+
+def _open_events(request: TrainingRequest) -> EventWriter | None:
+    try:
+        return EventWriter(request.directory)
+    except MissingExtraError as error:
+        request.note(f"no TensorBoard events are written: {error}")
+        return None
 
 
 def choose_device(name: str) -> torch.device:
@@ -150,8 +169,3 @@ class _ActorInMemory:
 
     def close(self) -> None:
         """Do nothing: there is no process."""
-
-
-__all__ = [
-    "CONFIG_FILE", "PROGRESS_FILE", "TrainingRequest", "read_config", "train",
-]  # fmt: skip

@@ -1,0 +1,84 @@
+"""The command, killed at random moments of both phases, ends in the bits of a quiet run."""
+
+import csv
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+
+KILLS = 5
+SETTINGS = """
+random_steps = 50
+log_every = 10
+evaluate_every = 0
+checkpoint_every = 15
+[exploration]
+steps = 150
+[task_phase]
+steps = 150
+n_step = 3
+[sac]
+batch_size = 8
+[curiosity]
+width = 0.25
+"""
+
+
+def start(directory, *options):
+    file = directory.parent / "settings.toml"
+    file.write_text(SETTINGS)
+    return subprocess.Popen(
+        [
+            sys.executable, "-m", "minitouch_bench.cli.entry", "train", "opening",
+            "--config", str(file), "--output", str(directory), "--device", "cpu", *options,
+        ],
+        stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+
+
+def rows(directory):
+    file = directory / "progress.csv"
+    if not file.exists():
+        return []
+    with file.open() as lines:
+        return [{**row, "seconds": ""} for row in csv.DictReader(lines)]
+
+
+def phase(directory):
+    found = rows(directory)
+    return found[-1]["phase"] if found else "exploration"
+
+
+def test_killed_at_random_moments_in_both_phases(tmp_path):
+    quiet, killed = tmp_path / "quiet", tmp_path / "killed"
+    assert start(quiet).wait() == 0
+    moments, options = random.Random(0), []
+    for wanted in ("exploration", "task"):
+        for _ in range(KILLS):
+            process = start(killed, *options)
+            while phase(killed) != wanted and process.poll() is None:
+                time.sleep(0.05)
+            time.sleep(moments.uniform(1.0, 4.0))
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+            options = ["--resume"] if (killed / "config.toml").exists() else []
+    process = start(killed, *options)
+    assert process.wait() == 0, process.stderr.read()
+    assert rows(killed) == rows(quiet)
+    for name in ("exploration.safetensors", "final.safetensors"):
+        assert (killed / name).read_bytes() == (quiet / name).read_bytes()
+
+
+def test_ctrl_c_says_how_to_go_on(tmp_path):
+    process = start(tmp_path / "run")
+    while not rows(tmp_path / "run"):
+        time.sleep(0.05)
+    os.kill(process.pid, signal.SIGINT)
+    assert process.wait() == 130
+    assert "--resume" in process.stderr.read()
