@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-COMPRESSION_LEVEL = 1
-"""zlib's quickest: 22 microseconds in and 11 out for a picture, at 1/17 of its size."""
+COMPRESSION_LEVEL = 6
+"""Of zlib: a picture takes 60 to 90 microseconds in, 20 out, and 300 to 800 of 7,056 bytes."""
 
 SUCCESS_STEPS = 50
 """How many of the last steps before a success count as leading to it."""

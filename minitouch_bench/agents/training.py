@@ -16,13 +16,13 @@ from minitouch_bench.agents.progress import Evaluation, ProgressRow, Tally, appe
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.policies.sources import TRAINED_FILE
 from minitouch_bench.sensing.observation import Observation
 from minitouch_bench.sensing.touch import TOUCH_SIZE
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 PROGRESS_FILE = "progress.csv"
 EXPLORATION_FILE = "exploration.safetensors"
-FINAL_FILE = "final.safetensors"
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class Training:
         return self._seconds
 
     def _finish(self) -> None:
-        name = EXPLORATION_FILE if self._learner.exploring else FINAL_FILE
+        name = EXPLORATION_FILE if self._learner.exploring else TRAINED_FILE
         save_native(self._learner.actor(), self._directory / name)
         self._save()
 

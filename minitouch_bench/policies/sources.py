@@ -4,7 +4,7 @@ import hashlib
 import re
 import urllib.parse
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.errors import PolicyLoadError
@@ -13,6 +13,8 @@ from minitouch_bench.records import TASK_NAMES, PolicyIdentity
 
 DIRECTORY = "directory"
 MAX_FILE_BYTES = 2**30
+TRAINED_FILE = "final.safetensors"
+"""What ``train`` leaves in its directory, which can be given in its place."""
 FACTORY_PATTERN = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 
 NOTES = {"scripted": ("reads the simulator's state",), "remote": ("remote",)}
@@ -139,6 +141,9 @@ def _parse_directory(path: Path) -> PolicySource:
             raise PolicyLoadError(f"{path} has two policies for one task: {other}, {file.name}")
         parts[file.stem] = _parse_file(file)
         sha.update(f"{file.name} {parts[file.stem].digest}\n".encode())
+    trained = path / TRAINED_FILE
+    if not parts and trained.is_file():
+        return replace(_parse_file(trained), name=path.resolve().name)
     if not parts:
         raise PolicyLoadError(
             f"{path} has no policies in it; name one file a task, as in {TASK_NAMES[1]}.onnx"

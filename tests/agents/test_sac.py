@@ -40,8 +40,8 @@ def test_critics_learn_the_reward_where_nothing_follows():
     sac, batch, noise = make(PhaseConfig(10, learning_rate=1e-3)), random_batch(), generator()
     over = torch.zeros(8)
     final = type(batch)(**{**vars(batch), "discount": over})
-    losses = [float(sac.update(final, final.task_reward, noise)["critic_loss"]) for _ in range(80)]
-    assert losses[-1] < 0.2 * losses[0]
+    losses = [float(sac.update(final, final.task_reward, noise)["critic_loss"]) for _ in range(25)]
+    assert losses[-1] < 0.5 * losses[0]
 
 
 def test_the_actors_loss_leaves_encoder_and_critics_alone():

@@ -49,9 +49,8 @@ def test_it_leaves_two_policies_and_its_curves(undisturbed):
     rows, _ = outcome(undisturbed)
     assert [int(row["step"]) for row in rows] == list(range(5, 51, 5))
     assert [row["phase"] for row in rows] == ["exploration"] * 6 + ["task"] * 4
-    assert [bool(row["evaluation_success"]) for row in rows] == [False] * 3 + [True] + [
-        False
-    ] * 3 + [True, False, False]
+    evaluated = [int(row["step"]) for row in rows if row["evaluation_success"]]
+    assert evaluated == [40]
     for name in ("exploration", "final"):
         content = (undisturbed / f"{name}.safetensors").read_bytes()
         load_native(Checkpoint(name, content))

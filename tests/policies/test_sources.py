@@ -110,3 +110,12 @@ def test_a_directory_with_a_files_suffix_is_a_directory(tmp_path):
     (tmp_path / "run.pt").mkdir()
     with pytest.raises(PolicyLoadError, match="no policies"):
         parse_source(str(tmp_path / "run.pt"))
+
+
+def test_a_training_directory_is_its_final_policy(tmp_path):
+    for name in ("exploration", "final"):
+        (tmp_path / f"{name}.safetensors").write_bytes(name.encode())
+    source = parse_source(str(tmp_path), ("pushing",))
+    assert (source.name, source.kind) == (tmp_path.name, "native")
+    assert source.target == str(tmp_path / "final.safetensors")
+    assert source.digest == hashlib.sha256(b"final").hexdigest()
