@@ -14,8 +14,8 @@ from minitouch_bench.evaluation.engine import Contest, Engine
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.ray_engine import RayEngine
+from minitouch_bench.evaluation.suites import StandardSuite
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.suites import StandardSuite
 from minitouch_bench.records import EpisodeSpec
 
 WORKERS = 2

@@ -15,11 +15,11 @@ from rich.table import Table
 
 from minitouch_bench.evaluation.engine import Contest
 from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import PolicySource, parse_source
-from minitouch_bench.protocol.suites import find_suite
 from minitouch_bench.records import EpisodeSpec
 
 LEVELS = (Isolation.PROCESS, Isolation.SANDBOX, Isolation.NONE)

@@ -6,15 +6,15 @@ Importing it registers the four tasks with Gymnasium, and imports no simulator:
 
 import gymnasium
 
-from minitouch_bench.records import TASK_NAMES, gym_id
+from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 
 
 def register_environments() -> None:
     """Register the tasks with Gymnasium, once."""
     for task in TASK_NAMES:
-        if gym_id(task) not in gymnasium.registry:
+        if PROTOCOL.task(task).gym_id not in gymnasium.registry:
             gymnasium.register(
-                gym_id(task),
+                PROTOCOL.task(task).gym_id,
                 entry_point="minitouch_bench.tasks.registration:make_environment",
                 kwargs={"task": task},
             )

@@ -9,21 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-TASK_NAMES = ("playing", "pushing", "opening", "pick-up")
-"""Names of the tasks as the command line writes them, in the order of every table."""
-
-GOAL_TASKS = ("pushing", "opening", "pick-up")
-"""The tasks with a goal; Playing has touch-interaction only."""
-
-
-def gym_id(task: str) -> str:
-    """Return the Gymnasium id of a task, as ``MiniTouch/PickUp-v1`` for "pick-up"."""
-    return f"MiniTouch/{task.title().replace('-', '')}-v1"
-
-
-TICKS_PER_SECOND = 240
-"""Physics ticks in a simulated second."""
-
 
 class Outcome(StrEnum):
     """How an episode ended."""

@@ -11,7 +11,7 @@ import gymnasium
 import pytest
 
 import minitouch_bench
-from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, gym_id
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
 from minitouch_bench.tasks.registration import TASKS
 
 MODULES = sorted(
@@ -42,7 +42,7 @@ def test_public_names_are_documented_and_resolve(name):
 def test_the_tasks_have_one_table_and_one_order():
     assert tuple(TASKS) == TASK_NAMES == tuple(GYM_IDS)
     assert TASK_NAMES[1:] == GOAL_TASKS
-    assert {task: gym_id(task) for task in TASK_NAMES} == GYM_IDS
+    assert {task: PROTOCOL.task(task).gym_id for task in TASK_NAMES} == GYM_IDS
 
 
 def test_gymnasium_makes_each_task_with_no_import_of_ours():

@@ -14,21 +14,20 @@ from minitouch_bench.agents.encoding import arrange, has_bfloat16
 from minitouch_bench.agents.replay import Batch, Replay
 from minitouch_bench.agents.sac import Sac
 from minitouch_bench.agents.touch_scale import TouchScale
-from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.sensing.touch import TOUCH_SIZE
-from minitouch_bench.tasks.task import TaskPreset
+from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
+from minitouch_bench.protocol.spec import TaskSpec
 
 
 class Learner:
     """The networks of one training and their sources of chance."""
 
-    def __init__(self, config: TrainingConfig, preset: TaskPreset, device: torch.device) -> None:
+    def __init__(self, config: TrainingConfig, spec: TaskSpec, device: torch.device) -> None:
         self.config = config
         self.device = device
         half = has_bfloat16(device)
         sac = replace(config.sac, bfloat16=config.sac.bfloat16 and half)
         curiosity = replace(config.curiosity, bfloat16=config.curiosity.bfloat16 and half)
-        action_size = preset.arm.action_size
+        action_size = spec.action_size
         torch.manual_seed(config.seed)
         self.sac = Sac(sac, action_size=action_size, touch_size=TOUCH_SIZE)
         arrange(self.sac, device)
@@ -36,7 +35,7 @@ class Learner:
         if self.curiosity is not None:
             arrange(self.curiosity, device)
             self.curiosity.begin()
-        self.scale = TouchScale.of(preset.workspace, config.force_scale).to(device)
+        self.scale = TouchScale.of(spec.workspace, config.force_scale).to(device)
         self.exploring = config.exploration_steps > 0
         self.sac.begin_phase(self.phase)
         self.noise = torch.Generator(device).manual_seed(config.seed)

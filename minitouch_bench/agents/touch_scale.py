@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.sensing.touch import FORCES, OPENINGS, POSITION, TOUCH_SIZE
-from minitouch_bench.simulation.scene import Workspace
+from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
+from minitouch_bench.protocol.spec import Workspace
+from minitouch_bench.sensing.touch import FORCES, OPENINGS, POSITION
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,9 @@ from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.progress import Evaluation, ProgressRow, Tally, append_row, cut_rows
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.policies.native import save_native
-from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
 from minitouch_bench.policies.sources import TRAINED_FILE
 from minitouch_bench.sensing.observation import Observation
-from minitouch_bench.sensing.touch import TOUCH_SIZE
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 PROGRESS_FILE = "progress.csv"
@@ -53,10 +52,10 @@ class Training:
         self._environment = environment
         self._directory = directory
         self._callbacks = callbacks
-        preset = environment.task.preset
-        self._learner = Learner(config, preset, device)
+        spec = environment.task.spec
+        self._learner = Learner(config, spec, device)
         self._replay = Replay(
-            config.replay_size, TOUCH_SIZE, preset.arm.action_size, compress=config.compress
+            config.replay_size, TOUCH_SIZE, spec.action_size, compress=config.compress
         )
         self._files = CheckpointFiles(directory)
         self._tally = Tally()

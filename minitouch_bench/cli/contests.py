@@ -10,7 +10,7 @@ from minitouch_bench.policies.holding import probe
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.policies.sources import PolicySource, parse_source
-from minitouch_bench.records import GOAL_TASKS
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
 
 MAX_WORKERS = 1024
 AUTO = "auto"

@@ -18,10 +18,10 @@ from minitouch_bench.evaluation.evaluation import Begun, Request, begin
 from minitouch_bench.evaluation.evaluation import evaluate as run_evaluation
 from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.storage import lock_directory, write_actions
+from minitouch_bench.evaluation.suites import find_suite, parse_tasks
 from minitouch_bench.metrics import summarize
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.process import PolicyLimits
-from minitouch_bench.protocol.suites import find_suite, parse_tasks
 from minitouch_bench.records import EvaluationRun, Outcome, SavedRun
 from minitouch_bench.reporting import Report, show_report, write_report, write_run
 from minitouch_bench.reporting.json_document import to_text

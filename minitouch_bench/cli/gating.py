@@ -14,8 +14,8 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import ActorSource, Engine
 from minitouch_bench.evaluation.evaluation import Request, begin, evaluate
 from minitouch_bench.evaluation.storage import lock_directory
+from minitouch_bench.evaluation.suites import find_suite, parse_tasks
 from minitouch_bench.metrics import measure
-from minitouch_bench.protocol.suites import find_suite, parse_tasks
 from minitouch_bench.records import (
     EpisodeRecord,
     EpisodeSpec,

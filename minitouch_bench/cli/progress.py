@@ -12,7 +12,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from minitouch_bench.records import GOAL_TASKS, EpisodeRecord, Outcome, Role
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import EpisodeRecord, Outcome, Role
 
 
 class EvaluationProgress:

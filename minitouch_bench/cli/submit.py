@@ -18,6 +18,7 @@ from minitouch_bench.evaluation.evaluation import Request, begin
 from minitouch_bench.evaluation.journal import JOURNAL_FILE
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.storage import LOCK_FILE, clear_run, lock_directory, write_actions
+from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.leaderboard.packing import (
     add_seed,
     begun_submission,
@@ -42,7 +43,6 @@ from minitouch_bench.metrics import summarize
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
-from minitouch_bench.protocol.suites import OFFICIAL_SEED, find_suite
 from minitouch_bench.records import PolicyIdentity, Role, SavedRun
 from minitouch_bench.reporting import read_run, write_run
 from minitouch_bench.reporting.run_directory import RUN_FILE
@@ -176,7 +176,7 @@ def _evaluate(job: _Job, contest: Contest, suites: Sequence[str], engine: Place)
             suite,
             suite.tasks,
             suite.episodes_per_task,
-            OFFICIAL_SEED,
+            suite.seed,
             replace(contest, exploration=explorer),
         )
         _run_suite(job, request, job.place / run_place(job.seed, name), engine)

@@ -3,14 +3,15 @@
 from rich.table import Table
 
 from minitouch_bench.cli.consoles import data_console
-from minitouch_bench.records import gym_id
-from minitouch_bench.tasks.registration import TASKS
-from minitouch_bench.tasks.task import MAX_STEPS
+from minitouch_bench.protocol.minitouch import PROTOCOL
 
 
 def tasks() -> None:
     """List the tasks: Gymnasium id, action, workspace, objects, and what counts as success."""
-    table = Table(title=f"MiniTouch tasks, {MAX_STEPS} control steps at most", title_justify="left")
+    table = Table(
+        title=f"MiniTouch tasks, control steps at most: {PROTOCOL.tasks[0].max_steps}",
+        title_justify="left",
+    )
     for heading in (
         "task",
         "Gymnasium id",
@@ -20,15 +21,14 @@ def tasks() -> None:
         "success",
     ):
         table.add_column(heading)
-    for name, task in TASKS.items():
-        preset = task.preset
-        ranges = zip(preset.workspace.low, preset.workspace.high, strict=True)
+    for task in PROTOCOL.tasks:
+        ranges = zip(task.workspace.low, task.workspace.high, strict=True)
         table.add_row(
-            name,
-            gym_id(name),
-            f"float32 ({preset.arm.action_size},)",
+            task.name,
+            task.gym_id,
+            f"float32 ({task.action_size},)",
             "; ".join(f"{low:g} to {high:g}" for low, high in ranges),
-            preset.default_objects or "cabinet",
-            preset.goal,
+            task.default_objects or "cabinet",
+            task.goal or "none: touch is the metric",
         )
     data_console().print(table)

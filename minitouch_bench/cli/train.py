@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from minitouch_bench.cli.consoles import notes
 from minitouch_bench.errors import InterruptedRunError, UsageError
-from minitouch_bench.records import TASK_NAMES
+from minitouch_bench.protocol.minitouch import TASK_NAMES
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.progress import ProgressRow

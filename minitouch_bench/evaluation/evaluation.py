@@ -12,10 +12,9 @@ from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import Contest, Engine
 from minitouch_bench.evaluation.journal import Journal, read_journal
 from minitouch_bench.evaluation.storage import clear_run, holds_run
+from minitouch_bench.evaluation.suites import Suite
 from minitouch_bench.policies.sources import identify
-from minitouch_bench.protocol.identity import protocol_digest
-from minitouch_bench.protocol.seeds import PROTOCOL
-from minitouch_bench.protocol.suites import Suite
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import (
     EpisodeRecord,
     EvaluationRun,
@@ -42,8 +41,8 @@ class Request:
         differences = self.suite.differences(self.tasks, self.episodes, self.seed)
         exploration = self.contest.exploration
         return RunHeader(
-            protocol=PROTOCOL,
-            protocol_digest=protocol_digest(),
+            protocol=PROTOCOL.name,
+            protocol_digest=PROTOCOL.digest(),
             suite=self.suite.name,
             official=not differences,
             unofficial_because=differences,

@@ -10,7 +10,7 @@ from minitouch_bench.evaluation.engine import EpisodeRunner
 from minitouch_bench.evaluation.evaluation import package_versions
 from minitouch_bench.evaluation.parcel import unpack
 from minitouch_bench.optional import require
-from minitouch_bench.protocol.identity import protocol_digest
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 PACKAGE = "minitouch-bench"
@@ -41,7 +41,7 @@ def this_machine() -> Machine:
         "the C library": " ".join(platform.libc_ver()),
         "the processor": _processor_class(),
     }
-    return Machine(protocol_digest(), parts)
+    return Machine(PROTOCOL.digest(), parts)
 
 
 def _processor_class() -> str:

@@ -69,7 +69,7 @@ class _Attempt(NamedTuple):
 def _attempt(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> _Attempt:
     options = {"object": spec.shape} if spec.shape else None
     observation, info = environment.reset(seed=spec.seed, options=options)
-    recorder = _Recorder(environment.task.preset.arm.action_size, observation, info)
+    recorder = _Recorder(environment.task.spec.action_size, observation, info)
     outcome = ""
     try:
         actor.begin(environment, spec)

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.journal import JOURNAL_FILE
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
-from minitouch_bench.tasks.registration import TASKS
-from minitouch_bench.tasks.task import MAX_STEPS
 
 LOCK_FILE = ".lock"
 ACTIONS_FILE = "actions.npz"
@@ -109,8 +108,9 @@ def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, task: str) ->
     Raises:
         ValueError: it is something else.
     """
-    size = TASKS[task].preset.arm.action_size
-    longest = MAX_STEPS * size * np.dtype(np.float32).itemsize
+    spec = PROTOCOL.task(task)
+    size = spec.action_size
+    longest = spec.max_steps * size * np.dtype(np.float32).itemsize
     if member.file_size > longest + MAX_NPY_HEADER:
         raise ValueError(f"{member.filename} declares {member.file_size} bytes")
     with archive.open(member) as file:
@@ -120,8 +120,8 @@ def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, task: str) ->
         content = file.read()
     if dtype != np.float32 or fortran or len(shape) != 2 or shape[1] != size:
         raise ValueError(f"{member.filename} is {dtype} {shape}, not float32 (steps, {size})")
-    if not 0 <= shape[0] <= MAX_STEPS or len(content) != shape[0] * size * 4:
-        raise ValueError(f"{member.filename} does not hold 0 to {MAX_STEPS} actions")
+    if not 0 <= shape[0] <= spec.max_steps or len(content) != shape[0] * size * 4:
+        raise ValueError(f"{member.filename} does not hold 0 to {spec.max_steps} actions")
     actions = np.frombuffer(content, np.float32).reshape(shape).copy()
     if not (np.abs(actions) <= 1).all():
         raise ValueError(f"{member.filename} holds actions beyond -1 to 1")

@@ -11,9 +11,8 @@ from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, Figures, s
 from minitouch_bench.leaderboard.submission import MAIN_SUITE
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics import ShownIn, metrics_shown_in
-from minitouch_bench.protocol.identity import protocol_digest
-from minitouch_bench.protocol.seeds import PROTOCOL
-from minitouch_bench.records import TASK_NAMES, Estimate, Gap, Role
+from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
+from minitouch_bench.records import Estimate, Gap, Role
 from minitouch_bench.reporting.paper import PAPER_METHODS, PaperValue, paper_value
 from minitouch_bench.reporting.tables import TABLE4_METRICS
 
@@ -93,8 +92,8 @@ def make_board(
     ]
     ranked = sorted(rows[: len(contenders)], key=_standing)
     return Board(
-        protocol=PROTOCOL,
-        protocol_digest=protocol_digest(),
+        protocol=PROTOCOL.name,
+        protocol_digest=PROTOCOL.digest(),
         ranked=tuple(ranked),
         calibration=tuple(rows[len(contenders) :]),
         missing_calibration=tuple(

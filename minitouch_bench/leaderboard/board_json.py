@@ -8,7 +8,8 @@ from minitouch_bench.leaderboard.board import Board, Row
 from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics.definitions import unit_of
-from minitouch_bench.records import TASK_NAMES, Estimate
+from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.escaping import printable
 
 FORMAT = "minitouch-leaderboard"

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.leaderboard.entries import OUTCOMES, Episodes
-from minitouch_bench.records import GOAL_TASKS, Outcome
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import Outcome
 
 
 class Ending(StrEnum):

@@ -9,7 +9,7 @@ from pathlib import Path
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.submission import SUBMISSION_FILE, Submission
-from minitouch_bench.records import TASK_NAMES
+from minitouch_bench.protocol.minitouch import TASK_NAMES
 
 KIB, MIB, GIB = 2**10, 2**20, 2**30
 

@@ -21,7 +21,8 @@ from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.submission import MAIN_SUITE
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, Figure, figure, gap_figures
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.records import GOAL_TASKS, TICKS_PER_SECOND, Role
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
+from minitouch_bench.records import Role
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.tables import metric_head
 from minitouch_bench.reporting.cards import BESIDE_SUCCESS, BESIDE_TOUCH
@@ -217,7 +218,7 @@ def _whole(counts: NDArray[np.float64]) -> list[int]:
 
 
 def _ticks(seconds: float) -> float:
-    return round(round(seconds * TICKS_PER_SECOND) / TICKS_PER_SECOND, 3)
+    return round(round(seconds * PROTOCOL.physics.tick_rate) / PROTOCOL.physics.tick_rate, 3)
 
 
 def _faults(entry: Entry) -> tuple[tuple[str, tuple[str, ...]], ...]:

@@ -2,13 +2,11 @@
 
 from collections.abc import Iterator
 
-from minitouch_bench.records import GOAL_TASKS, TICKS_PER_SECOND, EpisodeMetrics, Outcome
-from minitouch_bench.simulation.panda_arm import MAX_TICKS
-from minitouch_bench.tasks.task import MAX_STEPS, SUCCESS_REWARD
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
+from minitouch_bench.records import EpisodeMetrics, Outcome
 
 FINGERS = 2
-TASKS_THAT_CAN_BE_LEFT = ("pushing", "pick-up")
-"""Where the object can leave the workspace and end the episode."""
+MAX_TICKS = PROTOCOL.control.max_ticks
 
 
 def contradictions(row: EpisodeMetrics) -> Iterator[str]:
@@ -23,27 +21,28 @@ def _outcome(row: EpisodeMetrics) -> Iterator[str]:
         yield f"success is {row.success} and the outcome '{row.outcome}'"
     if row.outcome is Outcome.SUCCESS and row.task not in GOAL_TASKS:
         yield f"{row.task} has no goal and cannot succeed"
-    if row.outcome is Outcome.LEFT_WORKSPACE and row.task not in TASKS_THAT_CAN_BE_LEFT:
+    if row.outcome is Outcome.LEFT_WORKSPACE and not PROTOCOL.task(row.task).object_can_leave:
         yield f"in {row.task} nothing can leave the workspace"
-    reward = SUCCESS_REWARD if row.success else 0.0
+    reward = PROTOCOL.task(row.task).success_reward if row.success else 0.0
     if row.episode_return != reward:
         yield f"the return is {row.episode_return:g}, not {reward:g}"
 
 
 def _length(row: EpisodeMetrics) -> Iterator[str]:
+    longest = PROTOCOL.task(row.task).max_steps
     least = 0 if row.outcome is Outcome.POLICY_FAULT else 1
-    if not least <= row.steps <= MAX_STEPS:
-        yield f"{row.steps} steps, not {least} to {MAX_STEPS}"
-    if row.outcome is Outcome.STEP_LIMIT and row.steps != MAX_STEPS:
-        yield f"it ended at the step limit after {row.steps} of {MAX_STEPS} steps"
-    if not row.steps <= row.arm_time * TICKS_PER_SECOND <= row.steps * MAX_TICKS:
+    if not least <= row.steps <= longest:
+        yield f"{row.steps} steps, not {least} to {longest}"
+    if row.outcome is Outcome.STEP_LIMIT and row.steps != longest:
+        yield f"it ended at the step limit after {row.steps} of {longest} steps"
+    if not row.steps <= row.arm_time * PROTOCOL.physics.tick_rate <= row.steps * MAX_TICKS:
         yield f"{row.arm_time:g} s are not {row.steps} steps of 1 to {MAX_TICKS} ticks"
     if row.clipped_actions > row.steps:
         yield f"{row.clipped_actions} clipped actions in {row.steps} steps"
 
 
 def _touch(row: EpisodeMetrics) -> Iterator[str]:
-    ticks = row.arm_time * TICKS_PER_SECOND
+    ticks = row.arm_time * PROTOCOL.physics.tick_rate
     if row.touch_interaction > ticks:
         yield f"{row.touch_interaction} ticks of contact in {ticks:g} ticks"
     if not row.touch_steps <= min(row.steps, row.touch_interaction):

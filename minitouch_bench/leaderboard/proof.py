@@ -16,7 +16,7 @@ from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.storage import ACTIONS_FILE
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.leaderboard.validation import Verdict
-from minitouch_bench.protocol.identity import protocol_digest
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import SavedRun
 from minitouch_bench.reporting.json_reader import JsonNode
 from minitouch_bench.reporting.run_directory import RUN_FILE
@@ -69,7 +69,7 @@ def make_proof(verdict: Verdict, level: ProofLevel, rerun_episodes: int = 0) -> 
     return Proof(
         level,
         file_digests(verdict.directory, tuple(verdict.runs)),
-        protocol_digest(),
+        PROTOCOL.digest(),
         rerun_episodes,
         version("minitouch-bench"),
     )
@@ -147,7 +147,7 @@ def level_of(verdict: Verdict, proof: Proof | None) -> ProofLevel:
 
 def holds(proof: Proof, verdict: Verdict) -> bool:
     """Tell whether a proof is about a submission's runs as they are now, and this protocol."""
-    if proof.protocol_digest != protocol_digest():
+    if proof.protocol_digest != PROTOCOL.digest():
         return False
     try:
         return proof.files == file_digests(verdict.directory, tuple(verdict.runs))

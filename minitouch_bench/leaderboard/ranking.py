@@ -11,7 +11,8 @@ from minitouch_bench.leaderboard.pairs import Sample, mean_p_values, share_p_val
 from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.submission import MAIN_SUITE
 from minitouch_bench.metrics import ranking_metric
-from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, Role
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
+from minitouch_bench.records import Role
 
 ALPHA = 0.05
 """Share of rows whose range of ranks may miss the true one."""

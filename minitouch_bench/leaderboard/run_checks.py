@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import cache
 
+from minitouch_bench.evaluation.suites import SUITES
 from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.plausibility import contradictions
 from minitouch_bench.leaderboard.submission import ALL_TASKS, CheckpointFile, TrainingSeed
@@ -13,9 +14,7 @@ from minitouch_bench.metrics.digest import run_digest
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.loading import BUILT_IN, FORMATS
 from minitouch_bench.policies.sources import DIRECTORY, NOTES
-from minitouch_bench.protocol.identity import protocol_digest
-from minitouch_bench.protocol.seeds import PROTOCOL
-from minitouch_bench.protocol.suites import SUITES
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import (
     EpisodeMetrics,
     EpisodeSpec,
@@ -44,7 +43,7 @@ PACK_AGAIN = "pack the run as it was written"
 
 def is_other_protocol(header: RunHeader) -> bool:
     """Tell whether a run was made under another protocol than this installation's."""
-    return (header.protocol, header.protocol_digest) != (PROTOCOL, protocol_digest())
+    return (header.protocol, header.protocol_digest) != (PROTOCOL.name, PROTOCOL.digest())
 
 
 def check_run(saved: SavedRun, suite: str, seed: TrainingSeed, place: str, faults: Faults) -> None:
@@ -89,7 +88,7 @@ def _has_role(saved: SavedRun, role: Role) -> bool:
 def _other_protocol(header: RunHeader) -> str:
     return (
         f"its protocol is {header.protocol} {header.protocol_digest[:12]}, this installation's "
-        f"{PROTOCOL} {protocol_digest()[:12]}"
+        f"{PROTOCOL} {PROTOCOL.digest()[:12]}"
     )
 
 

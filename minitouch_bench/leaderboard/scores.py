@@ -19,7 +19,8 @@ from minitouch_bench.metrics.shared_bootstrap import (
     resample_weights,
     stratified_intervals,
 )
-from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, Estimate
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
+from minitouch_bench.records import Estimate
 
 ROOT = (0,)
 """Root of the board's random streams: the same submissions give the same board."""

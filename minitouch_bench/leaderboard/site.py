@@ -14,6 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.evaluation.suites import SUITES
 from minitouch_bench.leaderboard.board import Board, Row
 from minitouch_bench.leaderboard.board_markdown import notes
 from minitouch_bench.leaderboard.crew import Crew
@@ -23,7 +24,6 @@ from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.submission import MAIN_SUITE, MODALITIES
 from minitouch_bench.leaderboard.views import Heading, View, views
-from minitouch_bench.protocol.suites import SUITES
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.cards import PICTURES
 from minitouch_bench.reporting.html import TEMPLATES as REPORT_TEMPLATES

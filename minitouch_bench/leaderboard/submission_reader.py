@@ -29,7 +29,8 @@ from minitouch_bench.leaderboard.texts import (
     check_name,
     check_text,
 )
-from minitouch_bench.records import TASK_NAMES, Role
+from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.records import Role
 from minitouch_bench.reporting.json_reader import JsonNode
 
 MAX_METHOD, MAX_AUTHOR, MAX_NOTES = 120, 100, 2000

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.metrics.metric import DOWN, UP, Kind, Metric, ShownIn
-from minitouch_bench.records import GOAL_TASKS, TICKS_PER_SECOND, EpisodeRecord, Outcome, Role
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
+from minitouch_bench.records import EpisodeRecord, Outcome, Role
 
 FORCE_COMPONENTS = slice(5, 11)
 """Columns of the touch vector that hold the two fingers' forces, N."""
@@ -28,11 +29,11 @@ def _object_movement(record: EpisodeRecord) -> float:
 
 def _time_to_first_touch(record: EpisodeRecord) -> float | None:
     tick = record.trace.first_touch_tick
-    return None if tick < 0 else tick / TICKS_PER_SECOND
+    return None if tick < 0 else tick / PROTOCOL.physics.tick_rate
 
 
 def _arm_time(record: EpisodeRecord) -> float:
-    return int(record.trace.ticks.sum(dtype=np.int64)) / TICKS_PER_SECOND
+    return int(record.trace.ticks.sum(dtype=np.int64)) / PROTOCOL.physics.tick_rate
 
 
 def _axis_variances(

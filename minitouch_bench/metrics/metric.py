@@ -7,7 +7,8 @@ from enum import StrEnum
 import numpy as np
 
 from minitouch_bench.metrics.intervals import bootstrap_mean, wilson
-from minitouch_bench.records import GOAL_TASKS, EpisodeMetrics, EpisodeRecord, Estimate, Role
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, Estimate, Role
 
 UP = "↑"
 DOWN = "↓"

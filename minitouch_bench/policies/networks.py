@@ -5,6 +5,8 @@ from collections.abc import Callable, Mapping
 import torch
 from torch import Tensor, nn
 
+from minitouch_bench.protocol.minitouch import PROTOCOL
+
 ENCODER_CHANNELS = (32, 64, 124, 256)
 """Outputs of the four convolutions (supplement, Table 3)."""
 
@@ -23,7 +25,7 @@ FEATURES = 256
 HIDDEN_UNITS = 128
 """Units in each of the actor's two hidden layers (supplement, Table 2)."""
 
-TOUCH_SIZE = 11
+TOUCH_SIZE = PROTOCOL.observation.touch_size
 """Length of the touch vector (supplement, 7.3)."""
 
 LOG_STD_BOUNDS = (-20.0, 2.0)

@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import InvalidActionError
+from minitouch_bench.protocol.minitouch import PROTOCOL
 
 Observation = Mapping[str, NDArray[Any]]
 """``image`` uint8 (1, 84, 84) and ``touch`` float32 (11,)."""
 
-IMAGE_SHAPE = (1, 84, 84)
-TOUCH_SHAPE = (11,)
+IMAGE_SHAPE = (1, PROTOCOL.observation.image_size, PROTOCOL.observation.image_size)
+TOUCH_SHAPE = (PROTOCOL.observation.touch_size,)
 
-ACTION_SIZES = (4, 5)
+ACTION_SIZES = tuple(sorted({task.action_size for task in PROTOCOL.tasks}))
 """The lengths an action can have; Opening alone has the fifth number, the yaw."""
 
 FLOAT_BYTES = (2, 4, 8)
@@ -48,7 +49,7 @@ class Checkpoint:
 
 def action_size(task: str) -> int:
     """Return how many numbers an action of the task has."""
-    return 5 if task == "opening" else 4
+    return PROTOCOL.task(task).action_size
 
 
 def zero_observation() -> dict[str, NDArray[Any]]:

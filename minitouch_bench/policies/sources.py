@@ -9,7 +9,8 @@ from pathlib import Path
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.loading import BUILT_IN, KIND_BY_SUFFIX
-from minitouch_bench.records import TASK_NAMES, PolicyIdentity
+from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.records import PolicyIdentity
 
 DIRECTORY = "directory"
 MAX_FILE_BYTES = 2**30

@@ -4,8 +4,7 @@ import hashlib
 
 import numpy as np
 
-PROTOCOL = "minitouch-v1"
-"""Name of the protocol; a change of any rule of an episode changes it."""
+from minitouch_bench.protocol.minitouch import PROTOCOL
 
 
 def episode_seed(suite: str, task: str, index: int, run_seed: int) -> int:
@@ -14,7 +13,7 @@ def episode_seed(suite: str, task: str, index: int, run_seed: int) -> int:
     It does not depend on the number of episodes or workers, nor on what ran before.
     """
     sequence = np.random.SeedSequence(
-        [_number(PROTOCOL), _number(suite), _number(task), index, run_seed]
+        [_number(PROTOCOL.name), _number(suite), _number(task), index, run_seed]
     )
     return int(sequence.generate_state(1, np.uint32)[0])
 
@@ -31,7 +30,7 @@ def policy_seed(episode: int) -> int:
 
 def suite_generator(suite: str) -> np.random.Generator:
     """Return the generator of what a suite draws once for all its runs."""
-    return np.random.default_rng([_number(PROTOCOL), _number(suite)])
+    return np.random.default_rng([_number(PROTOCOL.name), _number(suite)])
 
 
 def _number(text: str) -> int:

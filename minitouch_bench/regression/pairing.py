@@ -7,14 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.records import (
-    GOAL_TASKS,
-    EpisodeMetrics,
-    EpisodeSpec,
-    Role,
-    RunHeader,
-    SavedRun,
-)
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, RunHeader, SavedRun
 from minitouch_bench.rendering.escaping import printable
 
 SHARE_METRICS = ("success", "exploration")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.records import GOAL_TASKS, TASK_NAMES
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.regression.pairing import PAIRED_METRICS, SHARE_METRICS
 from minitouch_bench.rendering.escaping import printable
 

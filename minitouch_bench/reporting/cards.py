@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric, unit_of
-from minitouch_bench.records import GOAL_TASKS, Estimate
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.tables import Cell, estimate_cell
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_value

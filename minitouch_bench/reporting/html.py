@@ -8,7 +8,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
-from minitouch_bench.records import GOAL_TASKS
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting import plots
 from minitouch_bench.reporting.cards import build_cards

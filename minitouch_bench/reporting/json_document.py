@@ -14,8 +14,8 @@ from minitouch_bench.metrics.definitions import METRICS, unit_of
 from minitouch_bench.metrics.digest import run_digest
 from minitouch_bench.metrics.intervals import BOOTSTRAP, NEWCOMBE, WILSON
 from minitouch_bench.metrics.summary import measure_run
+from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import (
-    TASK_NAMES,
     EpisodeMetrics,
     Estimate,
     EvaluationRun,

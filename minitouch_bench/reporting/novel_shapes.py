@@ -4,13 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from minitouch_bench.metrics.definitions import METRICS, direction_of, unit_of
 from minitouch_bench.metrics.metric import NO_DIRECTION, UP
-from minitouch_bench.records import (
-    Estimate,
-    FamilyResult,
-    Gap,
-    Generalization,
-    SavedRun,
-)
+from minitouch_bench.records import Estimate, FamilyResult, Gap, Generalization, SavedRun
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.tables import (
     ABSENT,

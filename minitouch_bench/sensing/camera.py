@@ -10,70 +10,23 @@ the one cue of height that a camera without stereo has, for the price of a compa
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.simulation.client import PhysicsClient, View
-from minitouch_bench.simulation.scene import TABLE_TOP_M
 from minitouch_bench.simulation.values import INVISIBLE, Image, Part
 
-IMAGE_SIZE = 84
-"""Width and height in pixels. Source: the paper's supplement."""
-
-_RED, _GREEN, _BLUE = np.uint32(2989), np.uint32(5870), np.uint32(1140)
-"""Ten-thousandths of each colour in grey (ITU-R BT.601). Source: the released package."""
-
-
-@dataclass(frozen=True)
-class CameraPreset:
-    """Where a camera stands: looking at ``target`` (m), angles in degrees."""
-
-    target: tuple[float, float, float]
-    yaw: float
-    pitch: float
-    near: float
-    distance: float = 0.7
-    field_of_view: float = 60.0
-
-    def view(self, aspect: float = 1.0) -> View:
-        """Return the camera's matrices."""
-        return View.orbit(
-            self.target,
-            distance=self.distance,
-            yaw=self.yaw,
-            pitch=self.pitch,
-            fov=self.field_of_view,
-            near=self.near,
-            aspect=aspect,
-        )
-
-    def seen_on_plane(self, height: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the x and y (m) at which each pixel's ray meets the plane z = ``height`` (m).
-
-        float64 (84, 84) each. Elementwise arithmetic only, so that every processor agrees.
-        """
-        yaw, pitch = math.radians(self.yaw), math.radians(self.pitch)
-        forward = np.array(
-            (-math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch))
-        )
-        right = np.array((math.cos(yaw), math.sin(yaw), 0.0))
-        up = np.array(
-            (math.sin(yaw) * math.sin(pitch), -math.cos(yaw) * math.sin(pitch), math.cos(pitch))
-        )
-        half = math.tan(math.radians(self.field_of_view) / 2)
-        steps = ((np.arange(IMAGE_SIZE) + 0.5) / IMAGE_SIZE * 2.0 - 1.0) * half
-        across, upward = steps[np.newaxis, :], -steps[:, np.newaxis]
-        rays = [forward[i] + across * right[i] + upward * up[i] for i in range(3)]
-        eye = [self.target[i] - self.distance * forward[i] for i in range(3)]
-        reach = (height - eye[2]) / rays[2]
-        return eye[0] + reach * rays[0], eye[1] + reach * rays[1]
+OBSERVATION = PROTOCOL.observation
+SIZE = OBSERVATION.image_size
+_RED, _GREEN, _BLUE = (np.uint32(weight) for weight in OBSERVATION.grey_weights)
 
 
 class Shadow(NamedTuple):
-    """A disc on the table: centre x, y and radius (m)."""
+    """A disc on the table: center x, y and radius (m)."""
 
     x: float
     y: float
@@ -83,13 +36,13 @@ class Shadow(NamedTuple):
 class GreyCamera:
     """A camera whose unmoving background is kept between pictures."""
 
-    def __init__(self, preset: CameraPreset) -> None:
-        self._view = preset.view()
-        self._table_x, self._table_y = preset.seen_on_plane(TABLE_TOP_M)
-        self._background = np.zeros((IMAGE_SIZE, IMAGE_SIZE), np.uint8)
-        self._background_depth = np.ones((IMAGE_SIZE, IMAGE_SIZE), np.float32)
-        self._background_bodies = np.full((IMAGE_SIZE, IMAGE_SIZE), -1, np.int32)
-        self._is_table = np.zeros((IMAGE_SIZE, IMAGE_SIZE), np.bool_)
+    def __init__(self, camera: CameraSpec) -> None:
+        self._view = View.of(camera)
+        self._table_x, self._table_y = seen_on_plane(camera, PROTOCOL.physics.table_top)
+        self._background = np.zeros((SIZE, SIZE), np.uint8)
+        self._background_depth = np.ones((SIZE, SIZE), np.float32)
+        self._background_bodies = np.full((SIZE, SIZE), -1, np.int32)
+        self._is_table = np.zeros((SIZE, SIZE), np.bool_)
 
     def keep_background(self, client: PhysicsClient, table: int, still: Collection[Part]) -> None:
         """Take the picture of the table and ``still`` alone as the background, from now on."""
@@ -97,7 +50,7 @@ class GreyCamera:
         colors = client.colors()
         moving = {part: color for part, color in colors.items() if part not in still}
         client.paint(dict.fromkeys(moving, INVISIBLE))
-        image = client.render(self._view, IMAGE_SIZE, IMAGE_SIZE, bodies=True)
+        image = client.render(self._view, SIZE, SIZE, bodies=True)
         client.paint(moving)
         client.paint(dict.fromkeys(still, INVISIBLE))
         self._background = _grey(image)
@@ -108,24 +61,26 @@ class GreyCamera:
 
     def visible_bodies(self, client: PhysicsClient) -> NDArray[np.int32]:
         """Return the body seen at each pixel, int32 (84, 84)."""
-        image = client.render(self._view, IMAGE_SIZE, IMAGE_SIZE, bodies=True)
+        image = client.render(self._view, SIZE, SIZE, bodies=True)
         assert image.bodies is not None
         hidden = image.depth >= self._background_depth
         return np.where(hidden, self._background_bodies, image.bodies)
 
     def capture(self, client: PhysicsClient, shadows: Sequence[Shadow] = ()) -> NDArray[np.uint8]:
         """Return the picture, uint8 (1, 84, 84): what is visible now, over the background."""
-        image = client.render(self._view, IMAGE_SIZE, IMAGE_SIZE)
+        image = client.render(self._view, SIZE, SIZE)
         hidden = image.depth >= self._background_depth
         return np.where(hidden, self._shaded(shadows), _grey(image))[np.newaxis]
 
     def _shaded(self, shadows: Sequence[Shadow]) -> NDArray[np.uint8]:
-        """Return the background with a quarter of the light taken from the shadows."""
+        """Return the background with less light where the shadows fall."""
         background = self._background
         for shadow in shadows:
             across, along = self._table_x - shadow.x, self._table_y - shadow.y
             inside = across * across + along * along < shadow.radius * shadow.radius
-            background = np.where(inside & self._is_table, self._background * 0.75, background)
+            background = np.where(
+                inside & self._is_table, self._background * OBSERVATION.shadow_light, background
+            )
         return background.astype(np.uint8)
 
 
@@ -137,3 +92,23 @@ def _grey(image: Image) -> NDArray[np.uint8]:
     total += np.uint32(5000)
     total //= np.uint32(10000)
     return total.astype(np.uint8)
+
+
+def seen_on_plane(
+    camera: CameraSpec, height: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the x and y (m) at which each pixel's ray meets the plane z = ``height`` (m).
+
+    float64 (84, 84) each. Elementwise arithmetic only, so that every processor agrees.
+    """
+    yaw, pitch = math.radians(camera.yaw), math.radians(camera.pitch)
+    forward = (-math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch))
+    right = (math.cos(yaw), math.sin(yaw), 0.0)
+    up = (math.sin(yaw) * math.sin(pitch), -math.cos(yaw) * math.sin(pitch), math.cos(pitch))
+    half = math.tan(math.radians(camera.field_of_view) / 2)
+    steps = ((np.arange(SIZE) + 0.5) / SIZE * 2.0 - 1.0) * half
+    across, upward = steps[np.newaxis, :], -steps[:, np.newaxis]
+    rays = [forward[i] + across * right[i] + upward * up[i] for i in range(3)]
+    eye = [camera.target[i] - camera.distance * forward[i] for i in range(3)]
+    reach = (height - eye[2]) / rays[2]
+    return eye[0] + reach * rays[0], eye[1] + reach * rays[1]

@@ -10,7 +10,7 @@ import numpy as np
 import pybullet
 import pybullet_data
 
-from minitouch_bench.records import TICKS_PER_SECOND
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.shapegen.files import body_files
 from minitouch_bench.shapegen.grasps import plan_grasp
 from minitouch_bench.shapegen.mesh import Points
@@ -146,7 +146,7 @@ class Bench:
         pybullet.resetSimulation(physicsClientId=client)
         pybullet.setPhysicsEngineParameter(
             deterministicOverlappingPairs=1,
-            fixedTimeStep=1.0 / TICKS_PER_SECOND,
+            fixedTimeStep=1.0 / PROTOCOL.physics.tick_rate,
             physicsClientId=client,
         )
         pybullet.setGravity(0.0, 0.0, GRAVITY, physicsClientId=client)

@@ -1,73 +1,36 @@
 """Bodies of our own making, as URDF text: the cube and the cabinet with its hinged door."""
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from minitouch_bench.cache import materialise
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.spec import Rgba
+from minitouch_bench.protocol.tasks import CabinetSpec, CubeSpec
+from minitouch_bench.simulation.panda_model import rgba_text
 
 Box = tuple[Sequence[float], Sequence[float]]
 """Centre and full size (m) in the link's frame."""
 
-BODY_COLOR = "0.30 0.31 0.33 1"
-DOOR_COLOR = "0.40 0.38 0.36 1"
-HANDLE_COLOR = "0.92 0.92 0.92 1"
-CUBE_COLOR = "0.30 0.12 0.10 1"
+COLORS = PROTOCOL.observation
 
 
 @cache
-def cube(side: float, mass: float, friction: float) -> Path:
-    """Return the URDF of a cube (m, kg)."""
+def cube_urdf(cube: CubeSpec) -> Path:
+    """Return the URDF of a cube."""
+    side, mass = cube.side, cube.mass
     inertia = mass * side**2 / 6
     return materialise(
         "cube",
         ".urdf",
         f"""<robot name="cube"><link name="cube">
-  <contact><friction_anchor/><lateral_friction value="{friction}"/></contact>
+  <contact><friction_anchor/><lateral_friction value="{cube.friction}"/></contact>
   <inertial><mass value="{mass}"/>{_inertia(inertia, inertia, inertia)}</inertial>
-{_boxes([((0, 0, 0), (side, side, side))], CUBE_COLOR)}
+{_boxes([((0, 0, 0), (side, side, side))], COLORS.object_color)}
 </link></robot>
 """.encode(),
     )
-
-
-@dataclass(frozen=True)
-class Cabinet:
-    """A cabinet with one hinged door, in metres, kilograms and newton metres.
-
-    Its front (the door's outer face) is the plane x = 0 of its frame, facing the robot at
-    negative x; its floor is z = 0 and its middle y = 0. Proportions measured off the
-    released package's cabinet: the hinge's axis lies ``door_overhang`` inside the door's edge,
-    the handle's middle ``handle_radius`` from the axis. The door is link 0, its handle link 1.
-    """
-
-    depth: float = 0.37
-    width: float = 1.01
-    height: float = 0.88
-    wall: float = 0.02
-    door_width: float = 0.497
-    door_height: float = 0.835
-    door_thickness: float = 0.021
-    door_mass: float = 2.64
-    hinge_y: float = -0.49
-    hinge_friction: float = 0.496
-    max_angle: float = 1.57
-    door_overhang: float = 0.007
-    handle_radius: float = 0.455
-    handle_thickness: float = 0.026
-    handle_low: float = 0.03
-    handle_high: float = 0.85
-
-    def handle_place(self, front: float, middle: float, angle: float) -> tuple[float, float]:
-        """Return x, y (m) of the handle's middle with the door at ``angle`` (rad)."""
-        outward = self.door_thickness / 2 + self.handle_thickness / 2
-        hinge_x, hinge_y = front + self.door_thickness / 2, middle + self.hinge_y
-        sine, cosine = math.sin(angle), math.cos(angle)
-        x = hinge_x - self.handle_radius * sine - outward * cosine
-        y = hinge_y + self.handle_radius * cosine - outward * sine
-        return x, y
 
 
 DOOR_LINK = 0
@@ -76,7 +39,7 @@ DOOR_JOINT = 0
 
 
 @cache
-def cabinet_urdf(cabinet: Cabinet) -> Path:
+def cabinet_urdf(cabinet: CabinetSpec) -> Path:
     """Return the URDF of a cabinet."""
     c = cabinet
     handle_height = c.handle_high - c.handle_low
@@ -93,18 +56,18 @@ def cabinet_urdf(cabinet: Cabinet) -> Path:
         ".urdf",
         f"""<robot name="cabinet">
 <link name="body"><inertial><mass value="0"/>{_inertia(0, 0, 0)}</inertial>
-{_boxes(_body_boxes(c), BODY_COLOR)}
+{_boxes(_body_boxes(c), COLORS.cabinet_color)}
 </link>
 <link name="door"><inertial><origin xyz="{_text(door_middle)}"/><mass value="{c.door_mass}"/>
 {_inertia(depth_inertia, tilt_inertia, swing_inertia)}</inertial>
-{_boxes([(door_middle, door)], DOOR_COLOR)}
+{_boxes([(door_middle, door)], COLORS.door_color)}
 </link>
 <joint name="hinge" type="revolute"><parent link="body"/><child link="door"/>
   <origin xyz="{c.door_thickness / 2} {c.hinge_y} 0"/><axis xyz="0 0 1"/>
   <limit lower="0" upper="{c.max_angle}" effort="100" velocity="10"/>
 </joint>
 <link name="handle"><inertial><mass value="0.01"/>{_inertia(1e-5, 1e-5, 1e-5)}</inertial>
-{_boxes([((0, 0, 0), handle)], HANDLE_COLOR)}
+{_boxes([((0, 0, 0), handle)], COLORS.handle_color)}
 </link>
 <joint name="mount" type="fixed"><parent link="door"/><child link="handle"/>
   <origin xyz="{handle_x} {c.handle_radius} {handle_z}"/>
@@ -114,7 +77,7 @@ def cabinet_urdf(cabinet: Cabinet) -> Path:
     )
 
 
-def _body_boxes(c: Cabinet) -> list[Box]:
+def _body_boxes(c: CabinetSpec) -> list[Box]:
     """Walls; the half beside the door stays open, as in the released cabinet."""
     gap = 0.002
     inner = c.depth - c.door_thickness - gap
@@ -129,11 +92,11 @@ def _body_boxes(c: Cabinet) -> list[Box]:
     ]
 
 
-def _boxes(boxes: Sequence[Box], color: str) -> str:
-    parts = []
+def _boxes(boxes: Sequence[Box], color: Rgba) -> str:
+    parts, rgba = [], rgba_text(color)
     for kind in ("visual", "collision"):
         paint = (
-            f'<material name="paint {color}"><color rgba="{color}"/></material>'
+            f'<material name="paint {rgba}"><color rgba="{rgba}"/></material>'
             if kind == "visual"
             else ""
         )

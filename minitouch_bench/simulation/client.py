@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.records import TICKS_PER_SECOND
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.spec import CameraSpec, Rgba
 from minitouch_bench.simulation.quiet_pybullet import pybullet
-from minitouch_bench.simulation.values import Contact, Image, Part, Pose, Rgba, Vector
-
-GRAVITY_M_S2 = -9.8
-"""Source: the released MiniTouch package."""
+from minitouch_bench.simulation.values import Contact, Image, Part, Pose, Vector
 
 ANY_LINK = -2
 """PyBullet's wildcard for a link."""
@@ -25,21 +23,14 @@ class View:
     projection: tuple[float, ...]
 
     @classmethod
-    def orbit(
-        cls,
-        target: Vector,
-        *,
-        distance: float,
-        yaw: float,
-        pitch: float,
-        fov: float,
-        near: float,
-        far: float = 10.0,
-        aspect: float = 1.0,
-    ) -> "View":
-        """Look at ``target`` (m) from ``distance`` (m), angles in degrees, z up."""
-        view = pybullet.computeViewMatrixFromYawPitchRoll(target, distance, yaw, pitch, 0.0, 2)
-        projection = pybullet.computeProjectionMatrixFOV(fov, aspect, near, far)
+    def of(cls, camera: CameraSpec, aspect: float = 1.0) -> "View":
+        """Return the matrices of a camera; z is up."""
+        view = pybullet.computeViewMatrixFromYawPitchRoll(
+            camera.target, camera.distance, camera.yaw, camera.pitch, 0.0, 2
+        )
+        projection = pybullet.computeProjectionMatrixFOV(
+            camera.field_of_view, aspect, camera.near, camera.far
+        )
         return cls(tuple(view), tuple(projection))
 
 
@@ -69,10 +60,10 @@ class PhysicsClient:
         pybullet.resetSimulation(physicsClientId=self._id)
         pybullet.setPhysicsEngineParameter(
             deterministicOverlappingPairs=1,
-            fixedTimeStep=1.0 / TICKS_PER_SECOND,
+            fixedTimeStep=1.0 / PROTOCOL.physics.tick_rate,
             physicsClientId=self._id,
         )
-        pybullet.setGravity(0.0, 0.0, GRAVITY_M_S2, physicsClientId=self._id)
+        pybullet.setGravity(0.0, 0.0, PROTOCOL.physics.gravity, physicsClientId=self._id)
 
     def step(self) -> None:
         """Advance one tick of 1/240 s."""

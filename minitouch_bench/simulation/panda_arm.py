@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.simulation.arm_assets import light_panda
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.spec import ArmSpec
 from minitouch_bench.simulation.client import PhysicsClient, quaternion_from_euler
 from minitouch_bench.simulation.panda_kinematics import (
     ARM_JOINTS,
@@ -15,80 +15,26 @@ from minitouch_bench.simulation.panda_kinematics import (
     FINGER_JOINTS,
     PandaKinematics,
 )
+from minitouch_bench.simulation.panda_model import light_panda
 from minitouch_bench.simulation.values import Vector
 
-# Constants of the released MiniTouch package, unless a docstring says otherwise.
-REACH_M = 0.06
-"""Offset of the end effector per unit of action."""
-FINGER_REACH_M = 0.075
-"""Change of each finger's target per unit of action."""
-FINGER_OPEN_M = 0.04
-"""Upper end of a finger joint."""
-YAW_REACH_RAD = 0.3
-"""Change of the gripper's yaw per unit of action."""
-MAX_YAW_RAD = math.pi / 4
-YAW_BACKTRACK_RAD = 0.05
-"""Step in which the yaw is lowered where the wrist meets its limits. Ours."""
-TOLERANCE_M = 1e-4
-"""A control step ends when the end effector is this close to its target."""
-MAX_TICKS = 100
-"""A control step ends after this many ticks in any case."""
-ARM_FORCE = 500.0
-"""Largest motor force of the arm's joints (N·m)."""
-
-
-@dataclass(frozen=True)
-class ArmPreset:
-    """How a task holds the Panda.
-
-    ``start_joints``: seven arm joints (rad) and two fingers (m). ``posture``: the seven arm
-    joints (rad) that inverse kinematics starts from, chosen for the distance to the joint
-    limits over the whole workspace. ``finger_forces``: left and right motor (N).
-    """
-
-    start_joints: tuple[float, ...]
-    posture: tuple[float, ...]
-    faces_door: bool = False
-    finger_forces: tuple[float, float] = (25.0, 20.0)
-    discrete_gripper: bool = False
-
-    @property
-    def action_size(self) -> int:
-        """4 numbers (dx, dy, dz, finger); 5 where the gripper can turn."""
-        return 5 if self.faces_door else 4
-
-
-POINTING_DOWN = ArmPreset(
-    start_joints=(-0.028, 0.853, -0.016, -1.547, 0.017, 2.4, 2.305, 0.0, 0.0),
-    posture=(0.03, 1.06, 0.23, -1.89, 0.52, 2.64, 2.21),
-)
-START_XY = (0.700, -0.029)
-"""Where the end effector of ``POINTING_DOWN`` starts (m), at a height of 0.039 m."""
-
-FACING_DOOR = ArmPreset(
-    start_joints=(-0.747, 1.465, 0.968, -2.182, 2.856, 1.649, -0.220, 0.0, 0.0),
-    posture=(-1.5, 1.296, 1.603, -1.97, 2.059, 2.732, -0.031),
-    faces_door=True,
-    discrete_gripper=True,
-)
+CONTROL = PROTOCOL.control
 
 
 class PandaArm:
     """A Panda in a world, moved by the benchmark's actions."""
 
-    def __init__(
-        self, client: PhysicsClient, kinematics: PandaKinematics, preset: ArmPreset
-    ) -> None:
+    def __init__(self, client: PhysicsClient, kinematics: PandaKinematics, spec: ArmSpec) -> None:
         self._client = client
         self._kinematics = kinematics
-        self._preset = preset
+        self._spec = spec
         self.body = client.load_urdf(light_panda(), fixed=True)
         self.yaw = 0.0
         """Commanded yaw of the gripper (rad)."""
-        self.gripper_opening = 1.0
+        self.gripper_opening = CONTROL.gripper_start
         """The internal opening of a discrete gripper, 0 to 1."""
         client.sense_joint_forces(self.body, FINGER_JOINTS)
-        self._place_joints(preset.start_joints[: len(ARM_JOINTS)])
+        self._place_joints(spec.start_joints[: len(ARM_JOINTS)])
 
     @property
     def position(self) -> tuple[float, float, float]:
@@ -135,27 +81,29 @@ class PandaArm:
         """
         values = [float(value) for value in action]
         target = [
-            _clamp(now + REACH_M * value, lowest, highest)
+            _clamp(now + CONTROL.reach * value, lowest, highest)
             for now, value, lowest, highest in zip(
                 self.position, values[:3], low, high, strict=True
             )
         ]
-        turn = YAW_REACH_RAD * values[4] if self._preset.faces_door else 0.0
+        turn = CONTROL.yaw_reach * values[4] if self._spec.faces_door else 0.0
         self._drive(self._joint_targets(target, turn), self._finger_targets(values[3]))
-        for tick in range(MAX_TICKS):
+        for tick in range(CONTROL.max_ticks):
             self._client.step()
             after_tick()
-            if math.dist(self.position, target) < TOLERANCE_M:
+            if math.dist(self.position, target) < CONTROL.tolerance:
                 return tick + 1
-        return MAX_TICKS
+        return CONTROL.max_ticks
 
     def _finger_targets(self, value: float) -> list[float]:
-        if self._preset.discrete_gripper:
-            step = value * FINGER_REACH_M / FINGER_OPEN_M
+        if self._spec.discrete_gripper:
+            step = value * CONTROL.finger_reach / CONTROL.finger_open
             self.gripper_opening = _clamp(self.gripper_opening + step, 0.0, 1.0)
-            return [FINGER_OPEN_M if self.gripper_opening >= 0.5 else 0.0] * 2
+            return [
+                CONTROL.finger_open if self.gripper_opening >= CONTROL.gripper_threshold else 0.0
+            ] * 2
         return [
-            _clamp(position + FINGER_REACH_M * value, 0.0, FINGER_OPEN_M)
+            _clamp(position + CONTROL.finger_reach * value, 0.0, CONTROL.finger_open)
             for position in self.finger_positions()
         ]
 
@@ -165,27 +113,25 @@ class PandaArm:
         Towards +45 degrees the wrist meets its limits in parts of Opening's workspace; the
         yaw is then lowered until a solution within the limits exists.
         """
-        self.yaw = _clamp(self.yaw + turn, -MAX_YAW_RAD, MAX_YAW_RAD)
+        self.yaw = _clamp(self.yaw + turn, -CONTROL.max_yaw, CONTROL.max_yaw)
         joints = self._solve(target, self.yaw)
         while (
-            self._preset.faces_door
-            and self.yaw > -MAX_YAW_RAD
+            self._spec.faces_door
+            and self.yaw > -CONTROL.max_yaw
             and not self._kinematics.within_limits(joints)
         ):
-            self.yaw = max(self.yaw - YAW_BACKTRACK_RAD, -MAX_YAW_RAD)
+            self.yaw = max(self.yaw - CONTROL.yaw_backtrack, -CONTROL.max_yaw)
             joints = self._solve(target, self.yaw)
         return self._kinematics.clamp(joints)
 
     def _solve(self, target: Vector, yaw: float) -> list[float]:
         # Fixed-axis roll, pitch, yaw. Down: the text's Euler (0, -pi, pi/2). Door: a pitch of
         # pi/2 lays the hand flat, and a roll before it turns the fingers in the plane.
-        angles = (
-            (yaw, math.pi / 2, 0.0) if self._preset.faces_door else (0.0, -math.pi, math.pi / 2)
-        )
+        angles = (yaw, math.pi / 2, 0.0) if self._spec.faces_door else (0.0, -math.pi, math.pi / 2)
         return self._kinematics.solve(target, quaternion_from_euler(angles))
 
     def _place_joints(self, joints: Sequence[float]) -> None:
-        fingers = self._preset.start_joints[len(ARM_JOINTS) :]
+        fingers = self._spec.start_joints[len(ARM_JOINTS) :]
         for joint, position in zip((*ARM_JOINTS, *FINGER_JOINTS), (*joints, *fingers), strict=True):
             self._client.set_joint(self.body, joint, position)
         self._client.placed_link_position(self.body, END_EFFECTOR)
@@ -196,7 +142,7 @@ class PandaArm:
             self.body,
             (*ARM_JOINTS, *FINGER_JOINTS),
             (*joints, *fingers),
-            (*[ARM_FORCE] * len(ARM_JOINTS), *self._preset.finger_forces),
+            (*[CONTROL.arm_force] * len(ARM_JOINTS), *self._spec.finger_forces),
         )
 
 

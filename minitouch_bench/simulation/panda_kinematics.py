@@ -3,8 +3,9 @@
 import math
 from collections.abc import Sequence
 
-from minitouch_bench.simulation.arm_assets import light_panda
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.panda_model import light_panda
 from minitouch_bench.simulation.values import Pose, Vector
 
 ARM_JOINTS = (0, 1, 2, 3, 4, 5, 6)
@@ -13,13 +14,7 @@ FINGER_JOINTS = (9, 10)
 END_EFFECTOR = 11
 """The grasp-target link, between the fingertips."""
 
-DAMPING = 1e-3
-"""PyBullet's own damping, about 0.1, needs hundreds of iterations for a millimetre;
-this one finds 1e-6 m in a few."""
-ITERATIONS = 20
-RESIDUAL_M = 1e-6
-PROJECTIONS = 10
-LIMIT_MARGIN_RAD = 0.02
+CONTROL = PROTOCOL.control
 
 
 class PandaKinematics:
@@ -50,10 +45,10 @@ class PandaKinematics:
         result may still lie outside; see ``within_limits``.
         """
         joints = self._solve_from(self._posture, position, orientation)
-        for _ in range(PROJECTIONS):
+        for _ in range(CONTROL.ik_projections):
             if self.within_limits(joints):
                 break
-            inside = self.clamp(joints, LIMIT_MARGIN_RAD)
+            inside = self.clamp(joints, CONTROL.ik_limit_margin)
             joints = self._solve_from(inside, position, orientation)
         return joints
 
@@ -68,9 +63,9 @@ class PandaKinematics:
             self._body,
             END_EFFECTOR,
             Pose((x, y, z), (qx, qy, qz, qw)),
-            damping=[DAMPING] * (len(ARM_JOINTS) + len(FINGER_JOINTS)),
-            iterations=ITERATIONS,
-            residual=RESIDUAL_M,
+            damping=[CONTROL.ik_damping] * (len(ARM_JOINTS) + len(FINGER_JOINTS)),
+            iterations=CONTROL.ik_iterations,
+            residual=CONTROL.ik_residual,
         )
         return list(solution[: len(ARM_JOINTS)])
 

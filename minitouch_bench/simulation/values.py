@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.protocol.spec import Rgba
+
 Vector = Sequence[float]
 Part = tuple[int, int]
 """A body and one of its links (-1 is the base)."""
-Rgba = tuple[float, float, float, float]
-
 
 INVISIBLE: Rgba = (1.0, 1.0, 1.0, 0.0)
 

@@ -8,6 +8,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import InvalidActionError, UsageError
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Outcome
 from minitouch_bench.sensing.camera import GreyCamera, Shadow
 from minitouch_bench.sensing.observation import Observation, observation_space
@@ -19,14 +20,11 @@ from minitouch_bench.simulation.scene import add_table
 from minitouch_bench.tasks.contact_watch import ContactWatch
 from minitouch_bench.tasks.objects import ObjectModel, ObjectPool
 from minitouch_bench.tasks.studio import Studio
-from minitouch_bench.tasks.task import MAX_STEPS, SUCCESS_REWARD, Task
+from minitouch_bench.tasks.task import Task
 
 Info = dict[str, Any]
 
-LEAST_VISIBLE_PIXELS = 15
-MAX_DRAWS = 50
-HAND_SHADOW_M = 0.035
-OBJECT_SHADOW_M = 0.025
+OBSERVATION = PROTOCOL.observation
 
 
 class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -53,7 +51,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         *,
         width: int = 480,
         height: int = 480,
-        max_steps: int = MAX_STEPS,
+        max_steps: int | None = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode is 'rgb_array' or None, not '{render_mode}'")
@@ -61,14 +59,14 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.task = task
         self._pool = pool
         self._size = (width, height)
-        self._max_steps = max_steps
-        preset = task.preset
-        self.action_space = spaces.Box(-1.0, 1.0, (preset.arm.action_size,), np.float32)
+        self._max_steps = max_steps or task.spec.max_steps
+        spec = task.spec
+        self.action_space = spaces.Box(-1.0, 1.0, (spec.action_size,), np.float32)
         # Gymnasium has no type for a Dict space whose samples are plain dicts.
-        self.observation_space = observation_space(preset.force_limit)  # type: ignore[assignment]
+        self.observation_space = observation_space(spec.force_limit)  # type: ignore[assignment]
         self.client = PhysicsClient()
-        self._kinematics = PandaKinematics(preset.arm.posture)
-        self._camera = GreyCamera(preset.camera)
+        self._kinematics = PandaKinematics(spec.arm.posture)
+        self._camera = GreyCamera(spec.camera)
         self._studio: Studio | None = None
 
     def reset(
@@ -78,10 +76,12 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed)
         client, task = self.client, self.task
         model = self._choose_object((options or {}).get("object"))
-        for _ in range(MAX_DRAWS):
+        for _ in range(OBSERVATION.max_draws):
             self._build(model)
             seen = self._camera.visible_bodies(client)
-            if all((seen == body).sum() >= LEAST_VISIBLE_PIXELS for body in task.landmarks):
+            if all(
+                (seen == body).sum() >= OBSERVATION.least_visible_pixels for body in task.landmarks
+            ):
                 break
         self._watch = ContactWatch(client, self.arm.body, task.target_body, task.target_links)
         self._steps = 0
@@ -97,13 +97,13 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         table = add_table(client)
         self._camera.keep_background(client, table, task.add_scenery(client))
         task.add_object(client)
-        self.arm = PandaArm(client, self._kinematics, task.preset.arm)
+        self.arm = PandaArm(client, self._kinematics, task.spec.arm)
         task.place_arm(self.arm)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
         """Carry out one control step."""
         applied, clipped = self._checked(action)
-        workspace, watch = self.task.preset.workspace, self._watch
+        workspace, watch = self.task.spec.workspace, self._watch
         contact_ticks, onsets = watch.contact_ticks, watch.onsets
         ticks = self.arm.move(applied, workspace.low, workspace.high, watch.after_tick)
         self._steps += 1
@@ -119,7 +119,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             "clipped": clipped,
             **self._state(outcome),
         }
-        reward = SUCCESS_REWARD if info["success"] else 0.0
+        reward = self.task.spec.success_reward if info["success"] else 0.0
         return self._observe(), reward, outcome is not None, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -155,7 +155,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             given = np.asarray(action)
         except ValueError as error:
             raise InvalidActionError("the action is not an array of numbers") from error
-        size = self.task.preset.arm.action_size
+        size = self.task.spec.action_size
         if given.shape != (size,) or not np.issubdtype(given.dtype, np.floating):
             raise InvalidActionError(
                 f"an action is float32 ({size},); this one is {given.dtype} {given.shape}"
@@ -168,18 +168,18 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def _observe(self) -> Observation:
         return {
             "image": self._camera.capture(self.client, self._shadows()),
-            "touch": read_touch(self.arm, self.task.preset.force_limit),
+            "touch": read_touch(self.arm, self.task.spec.force_limit),
         }
 
     def _shadows(self) -> tuple[Shadow, ...]:
         """Return the shadows of the hand and the object, where the camera can see any."""
-        if not self.task.preset.shadows:
+        if not self.task.spec.shadows:
             return ()
         hand_x, hand_y, _ = self.arm.position
         object_x, object_y = self.client.pose(self.task.target_body).position[:2]
         return (
-            Shadow(hand_x, hand_y, HAND_SHADOW_M),
-            Shadow(object_x, object_y, OBJECT_SHADOW_M),
+            Shadow(hand_x, hand_y, OBSERVATION.hand_shadow_radius),
+            Shadow(object_x, object_y, OBSERVATION.object_shadow_radius),
         )
 
     def _state(self, outcome: Outcome | None = None) -> Info:

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.tasks import CubeSpec
 from minitouch_bench.shapegen.mesh import Mesh
-from minitouch_bench.simulation.bodies import cube
+from minitouch_bench.simulation.bodies import cube_urdf
 from minitouch_bench.simulation.client import PhysicsClient
-from minitouch_bench.simulation.scene import TABLE_TOP_M
 
 CUBE = "cube"
 """The name of a task's own cube."""
@@ -42,7 +43,7 @@ class ObjectModel:
         """Add the object at a place on the table (m), turned by ``yaw`` (rad)."""
         return client.load_urdf(
             self.urdf,
-            (x, y, TABLE_TOP_M + self.rest_height),
+            (x, y, PROTOCOL.physics.table_top + self.rest_height),
             _turned(self.rest, yaw),
             inertia_from_file=True,
         )
@@ -62,15 +63,13 @@ class ObjectModel:
         return heights
 
 
-def cube_model(side: float, mass: float, friction: float) -> ObjectModel:
-    """Return a cube (m, kg)."""
-    half = side / 2
+def cube_model(cube: CubeSpec) -> ObjectModel:
+    """Return a task's own cube."""
+    half = cube.side / 2
     signs = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
     corners = np.array(signs) * half
     surface = Mesh(corners, np.array(_CUBE_FACES, np.int32))
-    return ObjectModel(
-        CUBE, cube(side, mass, friction), (0.0, 0.0, 0.0, 1.0), half, surface, corners
-    )
+    return ObjectModel(CUBE, cube_urdf(cube), (0.0, 0.0, 0.0, 1.0), half, surface, corners)
 
 
 def _turned(

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.shapegen.manifest import ShapeSet, canonical_shape_set
+from minitouch_bench.protocol.tasks import TabletopSpec
+from minitouch_bench.shapegen.manifest import ShapeSet
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.objects import CUBE, ObjectPool
 from minitouch_bench.tasks.opening import Opening
@@ -17,7 +18,7 @@ Objects = str | Sequence[str] | ShapeSet
 """What an environment's objects can be named by."""
 
 TASKS: dict[str, type[Task]] = {
-    task.preset.name: task for task in (Playing, Pushing, Opening, PickUp)
+    task.spec.name: task for task in (Playing, Pushing, Opening, PickUp)
 }
 """Every task by its name on the command line."""
 
@@ -41,21 +42,17 @@ def make_environment(task: str, objects: Objects | None = None, **options: objec
 
 def _pool(task: Task, objects: Objects | None) -> ObjectPool | None:
     own = task.own_object()
-    chosen = task.preset.default_objects if objects is None else objects
-    if own is None:
+    chosen = task.spec.default_objects if objects is None else objects
+    if own is None or not isinstance(task.spec, TabletopSpec):
         if chosen:
-            raise UsageError(f"{task.preset.name} has no object to choose")
+            raise UsageError(f"{task.spec.name} has no object to choose")
         return None
+    stands = task.spec.stands
     if isinstance(chosen, ShapeSet):
         own_shapes = chosen
         return ObjectPool(
             tuple(shape.name for shape in own_shapes.shapes),
-            lambda name: shape_model(name, own_shapes),
+            lambda name: shape_model(name, stands, own_shapes),
         )
     names = (CUBE,) if chosen == CUBE else shape_names(chosen)
-    return ObjectPool(names, lambda name: own if name == CUBE else shape_model(name))
-
-
-def shape_set_digest() -> str:
-    """Return the digest of the shapes that episodes draw from."""
-    return canonical_shape_set().digest
+    return ObjectPool(names, lambda name: own if name == CUBE else shape_model(name, stands))

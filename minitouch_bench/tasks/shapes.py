@@ -9,8 +9,6 @@ from minitouch_bench.shapegen.poses import rotation_matrix
 from minitouch_bench.tasks.objects import ObjectModel
 
 ALL = "all"
-STANDS_M = 0.026
-"""Least height at which the pads, kept 17 mm above the table, have enough to hold. Ours."""
 
 
 def shape_names(chosen: str | Sequence[str]) -> tuple[str, ...]:
@@ -26,10 +24,11 @@ def shape_names(chosen: str | Sequence[str]) -> tuple[str, ...]:
     return tuple(shape.name for shape in found)
 
 
-def shape_model(name: str, shapes: ShapeSet | None = None) -> ObjectModel:
+def shape_model(name: str, stands: float, shapes: ShapeSet | None = None) -> ObjectModel:
     """Return a shape, by default of the canonical set.
 
-    It lies in its likeliest pose that stands ``STANDS_M`` high, else in its highest.
+    It lies in its likeliest pose that is ``stands`` (m) high, else in its highest: the pads,
+    kept 17 mm above the table, must have enough to hold.
 
     Raises:
         UsageError: there is no such shape.
@@ -38,6 +37,6 @@ def shape_model(name: str, shapes: ShapeSet | None = None) -> ObjectModel:
     body = shape.body()
     corners = np.concatenate([hull.vertices for hull in body.hulls])
     heights = [float(np.ptp(corners @ rotation_matrix(p.quaternion)[2])) for p in shape.poses]
-    high = [index for index, height in enumerate(heights) if height >= STANDS_M]
+    high = [index for index, height in enumerate(heights) if height >= stands]
     pose = shape.poses[high[0] if high else int(np.argmax(heights))]
     return ObjectModel(name, shape.urdf, pose.quaternion, pose.height, body.visual, corners)

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.simulation.arm_assets import stock_panda
-from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.client import PhysicsClient, View
+from minitouch_bench.simulation.panda_model import stock_panda
 from minitouch_bench.simulation.scene import add_table
 from minitouch_bench.tasks.task import Task
 
@@ -34,7 +34,7 @@ class Studio:
             self._build(task)
         self._client.mirror(simulated)
         width, height = self._size
-        view = task.preset.portrait.view(aspect=width / height)
+        view = View.of(task.spec.portrait, aspect=width / height)
         return self._client.render(view, width, height, shadow=True).rgb.copy()
 
     def _build(self, task: Task) -> None:

@@ -2,30 +2,19 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.sensing.camera import CameraPreset
+from minitouch_bench.protocol.spec import Workspace
+from minitouch_bench.protocol.tasks import TabletopSpec
 from minitouch_bench.simulation.client import PhysicsClient
-from minitouch_bench.simulation.panda_arm import START_XY
-from minitouch_bench.simulation.scene import OBJECT_COLOR, Workspace
-from minitouch_bench.tasks.objects import CUBE, ObjectModel
+from minitouch_bench.tasks.objects import CUBE, ObjectModel, cube_model
+from minitouch_bench.tasks.task import Task
 
-MARGIN_M = 0.05
-"""Least distance of an object from the workspace's sides. Source: the released package."""
-HAND_CLEARANCE_M = 0.07
-"""Least distance of an object from the end effector's start: no episode begins in contact.
-Ours."""
-
-
-SETTLE_TICKS = 30
-"""Shapes are laid down in a rest pose by statics; in this time the last 0.1 mm settle. Ours."""
-
-TABLETOP_PORTRAIT = CameraPreset(
-    (0.55, 0.0, 0.14), yaw=56.0, pitch=-24.0, near=0.05, distance=0.92, field_of_view=45.0
-)
-"""The view of ``render``, for people."""
+START_XY = (0.700, -0.029)
+"""Where the end effector of ``POINTING_DOWN`` starts (m), at a height of 0.039 m."""
 
 
 @dataclass(frozen=True)
@@ -37,29 +26,54 @@ class Placement:
     y: float
     yaw: float
 
-    def load(self, client: PhysicsClient) -> int:
-        """Add the object, let it come to rest, and return its body's id."""
-        body = self.model.load(client, self.x, self.y, self.yaw)
-        client.paint({(body, -1): OBJECT_COLOR})
-        if self.model.name != CUBE:
-            for _ in range(SETTLE_TICKS):
+
+class TabletopTask(Task):
+    """A task with one object, at a random position on the table."""
+
+    spec: ClassVar[TabletopSpec]
+    _object: Placement
+
+    @classmethod
+    def own_object(cls) -> ObjectModel:
+        """Return the task's cube."""
+        return cube_model(cls.spec.cube)
+
+    @property
+    def model(self) -> ObjectModel:
+        """The object of this episode."""
+        return self._object.model
+
+    def draw(self, rng: np.random.Generator, model: ObjectModel | None) -> None:
+        """Draw a uniform position in the workspace less a margin that the hand does not cover."""
+        model = model or self.own_object()
+        while True:
+            x, y = draw_position(self.spec.workspace, rng, self.spec.margin)
+            if math.dist((x, y), START_XY) >= self.spec.clearance:
+                self._object = Placement(model, x, y, draw_yaw(rng, model))
+                return
+
+    def add_object(self, client: PhysicsClient) -> None:
+        """Add the object and let it come to rest."""
+        placed = self._object
+        self.target_body = placed.model.load(client, placed.x, placed.y, placed.yaw)
+        if placed.model.name != CUBE:
+            for _ in range(self.spec.settle_ticks):
                 client.step()
-        return body
+
+    def object_state(self, client: PhysicsClient) -> NDArray[np.float64]:
+        """Return the object's center of mass, float64 (3,) in m."""
+        return np.array(client.pose(self.target_body).position)
+
+
+def draw_position(
+    workspace: Workspace, rng: np.random.Generator, margin: float
+) -> tuple[float, float]:
+    """Return a uniform position (m) at least ``margin`` from the four sides."""
+    x = rng.uniform(workspace.low[0] + margin, workspace.high[0] - margin)
+    y = rng.uniform(workspace.low[1] + margin, workspace.high[1] - margin)
+    return float(x), float(y)
 
 
 def draw_yaw(rng: np.random.Generator, model: ObjectModel) -> float:
     """Return a random yaw (rad) for a shape; the tasks' own cubes lie square."""
     return 0.0 if model.name == CUBE else float(rng.uniform(0.0, 2.0 * math.pi))
-
-
-def draw_placement(workspace: Workspace, rng: np.random.Generator, model: ObjectModel) -> Placement:
-    """Draw a uniform place in the workspace less 5 cm that the hand does not cover."""
-    while True:
-        x, y = workspace.draw_place(rng, MARGIN_M)
-        if math.dist((x, y), START_XY) >= HAND_CLEARANCE_M:
-            return Placement(model, x, y, draw_yaw(rng, model))
-
-
-def position_of(client: PhysicsClient, body: int) -> NDArray[np.float64]:
-    """Return a body's centre of mass, float64 (3,) in m."""
-    return np.array(client.pose(body).position)

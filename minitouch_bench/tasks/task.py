@@ -1,43 +1,17 @@
-"""What a task is: a frozen preset and the rules of its scene."""
+"""What a task is: its facts and the rules of its scene."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.protocol.spec import TaskSpec
 from minitouch_bench.records import Outcome
-from minitouch_bench.sensing.camera import CameraPreset
 from minitouch_bench.simulation.client import PhysicsClient
-from minitouch_bench.simulation.panda_arm import ArmPreset, PandaArm
-from minitouch_bench.simulation.scene import Workspace
+from minitouch_bench.simulation.panda_arm import PandaArm
 from minitouch_bench.simulation.values import Part
-from minitouch_bench.tasks.objects import CUBE, ObjectModel
-
-MAX_STEPS = 200
-"""Control steps in an episode. Source: the released package."""
-SUCCESS_REWARD = 25.0
-"""Source: the paper's supplement."""
-
-
-@dataclass(frozen=True)
-class TaskPreset:
-    """The constants of a task.
-
-    ``goal`` says in words what success is; ``camera`` is the policy's view, ``portrait`` that of
-    people; ``force_limit`` (N) bounds the touch vector's forces.
-    """
-
-    name: str
-    goal: str
-    workspace: Workspace
-    camera: CameraPreset
-    portrait: CameraPreset
-    arm: ArmPreset
-    force_limit: float = 50.0
-    default_objects: str = CUBE
-    shadows: bool = True
+from minitouch_bench.tasks.objects import ObjectModel
 
 
 class Task(ABC):
@@ -47,7 +21,7 @@ class Task(ABC):
     same draws in the same order build the same world, bit for bit.
     """
 
-    preset: ClassVar[TaskPreset]
+    spec: ClassVar[TaskSpec]
     target_body: int
     """The body whose contact with the fingers counts as touch."""
     target_links: tuple[int, ...] = (-1,)
@@ -58,8 +32,8 @@ class Task(ABC):
         """The bodies that the camera must see when an episode begins."""
         return (self.target_body,)
 
-    @staticmethod
-    def own_object() -> ObjectModel | None:
+    @classmethod
+    def own_object(cls) -> ObjectModel | None:
         """Return the task's own object, None where it has none to choose."""
         return None
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.storage import Actions, read_actions
-from minitouch_bench.protocol.identity import protocol_digest
-from minitouch_bench.protocol.suites import SUITES
+from minitouch_bench.evaluation.suites import SUITES
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, RunHeader, SavedRun
 from minitouch_bench.reporting import read_run
 from minitouch_bench.verification.differences import Difference, compare_values
@@ -65,11 +65,11 @@ def open_run(directory: Path) -> tuple[RecordedRun | None, tuple[Difference, ...
 
 
 def _protocol(header: RunHeader) -> Iterator[Difference]:
-    if header.protocol_digest != protocol_digest():
+    if header.protocol_digest != PROTOCOL.digest():
         yield Difference(
             "protocol",
             f"the run's is {header.protocol} {header.protocol_digest[:12]}, this installation's "
-            f"{protocol_digest()[:12]}; only the version that made a run can replay it",
+            f"{PROTOCOL.digest()[:12]}; only the version that made a run can replay it",
         )
 
 

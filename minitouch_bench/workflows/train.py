@@ -15,11 +15,11 @@ from minitouch_bench.agents.training import Training, TrainingCallbacks
 from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.storage import lock_directory
+from minitouch_bench.evaluation.suites import StandardSuite
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import Observation
 from minitouch_bench.protocol.seeds import policy_seed
-from minitouch_bench.protocol.suites import StandardSuite
 from minitouch_bench.records import EpisodeSpec, Outcome
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registration import make_environment

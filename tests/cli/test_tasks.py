@@ -1,4 +1,4 @@
-from minitouch_bench.records import TASK_NAMES, gym_id
+from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from tests.cli.command import run
 
 
@@ -6,6 +6,6 @@ def test_the_tasks_are_listed(tmp_path):
     done = run("tasks", directory=tmp_path)
     assert (done.code, done.err) == (0, "")
     for task in TASK_NAMES:
-        (line,) = [line for line in done.out.splitlines() if gym_id(task) in line]
+        (line,) = [line for line in done.out.splitlines() if PROTOCOL.task(task).gym_id in line]
         assert task in line
         assert f"({5 if task == 'opening' else 4},)" in line

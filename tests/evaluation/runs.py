@@ -6,10 +6,10 @@ from minitouch_bench.evaluation.engine import Contest
 from minitouch_bench.evaluation.evaluation import Request, begin, evaluate
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.storage import lock_directory, write_actions
+from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.suites import find_suite
 from minitouch_bench.records import EvaluationRun
 
 TASKS = ("pushing", "opening", "pick-up")

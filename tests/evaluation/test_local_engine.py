@@ -12,8 +12,8 @@ import pytest
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.journal import JOURNAL_FILE, read_journal
 from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.protocol.suites import find_suite
 from tests.evaluation.runs import digests, request, run
 
 ROOT = Path(__file__).parents[2]

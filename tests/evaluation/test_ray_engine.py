@@ -22,7 +22,7 @@ from minitouch_bench.evaluation.ray_engine import RayEngine
 from minitouch_bench.evaluation.storage import ACTIONS_FILE
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.records import TASK_NAMES
+from minitouch_bench.protocol.minitouch import TASK_NAMES
 from tests.evaluation import ray_nodes
 from tests.evaluation.ray_nodes import command_line, holds_a_policy
 from tests.evaluation.runs import digests, request, run

@@ -6,7 +6,7 @@ import pytest
 from minitouch_bench.errors import InvalidActionError, PolicyLoadError, PolicyTimeoutError
 from minitouch_bench.evaluation.actors import ScriptedActor, make_actor
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.protocol.suites import find_suite
+from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.records import Outcome, Role
 from minitouch_bench.tasks.registration import TASKS, make_environment
 from tests.evaluation.runs import request
@@ -40,7 +40,7 @@ class Failing(ScriptedActor):
 
 
 def test_a_trace_has_one_row_a_step(environment):
-    spec = SPECS[environment.task.preset.name]
+    spec = SPECS[environment.task.spec.name]
     record = run_episode(environment, ScriptedActor(), spec)
     trace, steps = record.trace, len(record.trace.actions)
     size, states = environment.action_space.shape[0], 1 if spec.task == "opening" else 3
@@ -69,7 +69,7 @@ def test_a_trace_has_one_row_a_step(environment):
     "error", [InvalidActionError("the action holds NaN"), PolicyTimeoutError("late")]
 )
 def test_a_fault_ends_the_episode_and_keeps_what_was(environment, error):
-    spec = SPECS[environment.task.preset.name]
+    spec = SPECS[environment.task.spec.name]
     record = run_episode(environment, Failing(error), spec)
     assert record.outcome is Outcome.POLICY_FAULT
     assert record.fault == str(error)
@@ -78,7 +78,7 @@ def test_a_fault_ends_the_episode_and_keeps_what_was(environment, error):
 
 
 def test_a_fault_before_the_first_action_leaves_an_empty_trace(environment):
-    spec = SPECS[environment.task.preset.name]
+    spec = SPECS[environment.task.spec.name]
     record = run_episode(environment, Failing(PolicyLoadError("gone"), at_once=True), spec)
     assert record.outcome is Outcome.POLICY_FAULT
     assert record.trace.actions.shape == (0, environment.action_space.shape[0])
@@ -86,13 +86,13 @@ def test_a_fault_before_the_first_action_leaves_an_empty_trace(environment):
 
 
 def test_any_other_error_is_not_the_policy_s(environment):
-    spec = SPECS[environment.task.preset.name]
+    spec = SPECS[environment.task.spec.name]
     with pytest.raises(ZeroDivisionError):
         run_episode(environment, Failing(ZeroDivisionError()), spec)
 
 
 def test_a_process_actor_gives_the_same_episode_again(environment):
-    spec = SPECS[environment.task.preset.name]
+    spec = SPECS[environment.task.spec.name]
     contest = request("random").contest
     actor = make_actor(contest.policy, Role.FINAL, contest.limits, trust=False)
     first, other, again = (

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.evaluation.storage import write_actions
+from minitouch_bench.evaluation.suites import SUITES
 from minitouch_bench.leaderboard.packing import add_seed, begun_submission, tidy
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
@@ -17,16 +18,8 @@ from minitouch_bench.leaderboard.submission import (
     run_place,
 )
 from minitouch_bench.metrics import summarize
-from minitouch_bench.protocol.identity import protocol_digest
-from minitouch_bench.protocol.seeds import PROTOCOL
-from minitouch_bench.protocol.suites import SUITES
-from minitouch_bench.records import (
-    EvaluationRun,
-    PolicyIdentity,
-    Role,
-    RunEnvironment,
-    RunHeader,
-)
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.records import EvaluationRun, PolicyIdentity, Role, RunEnvironment, RunHeader
 from minitouch_bench.reporting import write_run
 from tests.reporting.synthetic import make_record, with_fault
 
@@ -70,8 +63,8 @@ def official_run(
     if kind == "remote":
         policy = PolicyIdentity("host", "http://host:1", kind, "", ("remote",))
     header = RunHeader(
-        protocol=PROTOCOL,
-        protocol_digest=protocol_digest(),
+        protocol=PROTOCOL.name,
+        protocol_digest=PROTOCOL.digest(),
         suite=suite,
         official=True,
         unofficial_because=(),

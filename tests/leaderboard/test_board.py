@@ -18,7 +18,8 @@ from minitouch_bench.leaderboard.failures import Ending
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.validation import Depth, validate
 from minitouch_bench.metrics import ranking_metric
-from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, Role
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
+from minitouch_bench.records import Role
 from minitouch_bench.reporting import read_run
 from tests.leaderboard.synthetic import ABOUT, make_submission
 

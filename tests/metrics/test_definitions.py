@@ -5,7 +5,8 @@ import pytest
 from minitouch_bench.metrics import METRICS, ShownIn, direction_of, metrics_shown_in, unit_of
 from minitouch_bench.metrics.definitions import ranking_metric
 from minitouch_bench.metrics.metric import DOWN, NO_DIRECTION, UP
-from minitouch_bench.records import TASK_NAMES, EpisodeMetrics, EpisodeSpec
+from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.records import EpisodeMetrics, EpisodeSpec
 
 MEASURED = [metric.column or metric.name for metric in METRICS.values() if metric.measure]
 

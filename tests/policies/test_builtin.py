@@ -3,7 +3,7 @@ import pytest
 
 from minitouch_bench.policies.loading import load_policy
 from minitouch_bench.policies.policy import Checkpoint, action_size, validate_action
-from minitouch_bench.records import TASK_NAMES
+from minitouch_bench.protocol.minitouch import TASK_NAMES
 
 
 @pytest.mark.parametrize("name", ["random", "zero"])

@@ -3,7 +3,7 @@ import pytest
 
 from minitouch_bench.errors import InvalidActionError
 from minitouch_bench.policies.policy import action_size, validate_action
-from minitouch_bench.records import TASK_NAMES
+from minitouch_bench.protocol.minitouch import TASK_NAMES
 
 
 def test_only_opening_has_a_fifth_number():

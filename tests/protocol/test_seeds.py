@@ -1,5 +1,5 @@
+from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.protocol.seeds import episode_seed
-from minitouch_bench.protocol.suites import find_suite
 
 KNOWN = {
     ("table4", "pushing", 0, 0): 3634405880,

@@ -11,7 +11,8 @@ import numpy as np
 
 from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.records import GOAL_TASKS, EvaluationRun, RunEnvironment, SavedRun
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import EvaluationRun, RunEnvironment, SavedRun
 from minitouch_bench.regression.gate import Verdict, judge_runs
 from minitouch_bench.regression.sequential import SequentialGate, play_order
 from minitouch_bench.regression.tables import difference_text, p_text

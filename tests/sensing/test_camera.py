@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.sensing.camera import CameraPreset, GreyCamera
-from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.protocol.spec import CameraSpec
+from minitouch_bench.sensing.camera import GreyCamera
+from minitouch_bench.simulation.client import PhysicsClient, View
 from minitouch_bench.simulation.scene import add_table
 
-ABOVE = CameraPreset((0.5, 0.0, 0.0), yaw=0.0, pitch=-89.0, near=0.05, distance=0.7)
+ABOVE = CameraSpec((0.5, 0.0, 0.0), yaw=0.0, pitch=-89.0, near=0.05, distance=0.7)
 
 
 @pytest.fixture
@@ -24,7 +25,7 @@ def scene(client):
 
 def test_the_picture_is_grey_with_the_weights_of_the_eye(client):
     table, _ = scene(client)
-    rgb = client.render(ABOVE.view(), 84, 84).rgb.astype(float)
+    rgb = client.render(View.of(ABOVE), 84, 84).rgb.astype(float)
     camera = GreyCamera(ABOVE)
     camera.keep_background(client, table, [])
     picture = camera.capture(client)

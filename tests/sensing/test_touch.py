@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from minitouch_bench.policies.scripted import make_controller
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.sensing.observation import observation_space
-from minitouch_bench.sensing.touch import FORCES, OPENINGS, POSITION, TOUCH_SIZE, read_touch
+from minitouch_bench.sensing.touch import FORCES, OPENINGS, POSITION, read_touch
 from minitouch_bench.tasks.registration import make_environment
 
 
@@ -15,7 +16,7 @@ def environment():
 
 
 def test_the_slices_cover_the_vector_in_the_text_s_order():
-    order = np.arange(TOUCH_SIZE)
+    order = np.arange(PROTOCOL.observation.touch_size)
     assert np.concatenate([order[POSITION], order[OPENINGS], order[FORCES]]).tolist() == [
         *range(11)
     ]

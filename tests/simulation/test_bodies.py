@@ -3,18 +3,21 @@ import math
 import pybullet
 import pytest
 
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.tasks import CabinetSpec, CubeSpec
 from minitouch_bench.simulation.bodies import (
     DOOR_JOINT,
     DOOR_LINK,
     HANDLE_LINK,
-    Cabinet,
     cabinet_urdf,
-    cube,
+    cube_urdf,
 )
 from minitouch_bench.simulation.client import PhysicsClient
-from minitouch_bench.simulation.scene import TABLE_TOP_M, add_table
+from minitouch_bench.simulation.scene import add_table
 
-CABINET = Cabinet()
+TABLE_TOP_M = PROTOCOL.physics.table_top
+
+CABINET = CabinetSpec()
 
 
 @pytest.fixture
@@ -78,7 +81,7 @@ def test_the_door_weighs_and_measures_as_specified(client, cabinet):
 
 def test_a_cube_rests_on_its_side_where_it_is_put(client):
     body = client.load_urdf(
-        cube(0.05, 50.0, 1.0), (0.5, 0.1, TABLE_TOP_M + 0.025), inertia_from_file=True
+        cube_urdf(CubeSpec(0.05, 50.0)), (0.5, 0.1, TABLE_TOP_M + 0.025), inertia_from_file=True
     )
     before = client.pose(body).position
     for _ in range(240):

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.simulation.bodies import cube
+from minitouch_bench.protocol.tasks import CubeSpec
+from minitouch_bench.simulation.bodies import cube_urdf
 from minitouch_bench.simulation.client import PhysicsClient, View, quaternion_from_euler
 from minitouch_bench.simulation.scene import add_table
 from minitouch_bench.simulation.values import INVISIBLE
@@ -21,7 +22,7 @@ def drop(client):
     client.reset_world()
     add_table(client)
     body = client.load_urdf(
-        cube(0.05, 0.3, 1.0), (0.5, 0, 0.2), quaternion_from_euler((0.3, 0.2, 0))
+        cube_urdf(CubeSpec(0.05, 0.3)), (0.5, 0, 0.2), quaternion_from_euler((0.3, 0.2, 0))
     )
     for _ in range(240):
         client.step()
@@ -41,7 +42,7 @@ def test_closing_twice_is_harmless(client):
 
 
 def test_a_tick_is_a_240th_of_a_second(client):
-    body = client.load_urdf(cube(0.05, 0.3, 1.0), (0.0, 0.0, 10.0))
+    body = client.load_urdf(cube_urdf(CubeSpec(0.05, 0.3)), (0.0, 0.0, 10.0))
     for _ in range(24):
         client.step()
     linear, angular = client.speed(body)
@@ -63,7 +64,7 @@ def test_paint_hides_and_shows(client):
 
 def test_a_ghost_is_never_touched(client):
     ghost = client.add_ghost_box((0.1, 0.1, 0.1), (0, 0, 0), RED)
-    body = client.load_urdf(cube(0.05, 0.3, 1.0))
+    body = client.load_urdf(cube_urdf(CubeSpec(0.05, 0.3)))
     client.step()
     assert client.contacts(ghost, body) == []
     assert not client.overlapping(ghost, body, 0.01)
@@ -72,7 +73,7 @@ def test_a_ghost_is_never_touched(client):
 def test_mirror_takes_over_every_pose(client):
     other = PhysicsClient()
     for one, height in ((client, 0.3), (other, 0.0)):
-        one.load_urdf(cube(0.05, 0.3, 1.0), (0.1, 0.2, height))
+        one.load_urdf(cube_urdf(CubeSpec(0.05, 0.3)), (0.1, 0.2, height))
     other.mirror(client)
     assert other.pose(0) == client.pose(0)
     other.close()

@@ -19,11 +19,11 @@ class Bench:
     """An arm alone over the table, held as a task holds it."""
 
     def __init__(self, task):
-        self.preset = TASKS[task].preset
+        self.spec = TASKS[task].spec
         self.client = PhysicsClient()
         add_table(self.client)
-        self.kinematics = PandaKinematics(self.preset.arm.posture)
-        self.arm = PandaArm(self.client, self.kinematics, self.preset.arm)
+        self.kinematics = PandaKinematics(self.spec.arm.posture)
+        self.arm = PandaArm(self.client, self.kinematics, self.spec.arm)
         self.rng = np.random.default_rng(1)
         self.ticks = 0
 
@@ -31,17 +31,17 @@ class Bench:
         self.ticks += 1
 
     def random_action(self, low=-1.0):
-        size = self.preset.arm.action_size
+        size = self.spec.action_size
         return self.rng.uniform(low, 1.0, size).astype(np.float32)
 
     def move(self, action):
-        space = self.preset.workspace
+        space = self.spec.workspace
         return self.arm.move(action, space.low, space.high, self.count)
 
     def move_clear_of_the_table(self):
         """Make a random move and return its miss (m) and its ticks; yaw only one way."""
-        low, high = np.array(self.preset.workspace.low), np.array(self.preset.workspace.high)
-        low[2] = CLEAR_M[self.preset.name]
+        low, high = np.array(self.spec.workspace.low), np.array(self.spec.workspace.high)
+        low[2] = CLEAR_M[self.spec.name]
         action = self.random_action()
         action[4:] = -np.abs(action[4:])
         target = np.clip(self.arm.position + 0.06 * action[:3], low, high)
@@ -84,7 +84,7 @@ def test_the_arm_s_joints_stay_within_their_limits(bench):
 
 
 def test_the_end_effector_keeps_to_the_workspace(bench):
-    space = bench.preset.workspace
+    space = bench.spec.workspace
     for _ in range(30):
         bench.move(bench.random_action(low=0.3))
     inside = np.clip(bench.arm.position, space.low, space.high)
@@ -99,7 +99,7 @@ def test_ticks_are_those_announced(bench):
 def test_a_step_without_motion_is_short(bench):
     for _ in range(5):
         bench.move_clear_of_the_table()
-    still = np.zeros(bench.preset.arm.action_size, np.float32)
+    still = np.zeros(bench.spec.action_size, np.float32)
     bench.move(still)
     assert bench.move(still) <= 3
 

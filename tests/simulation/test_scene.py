@@ -1,6 +1,7 @@
 import numpy as np
 
-from minitouch_bench.simulation.scene import Workspace
+from minitouch_bench.protocol.spec import Workspace
+from minitouch_bench.tasks.tabletop import draw_position
 
 SPACE = Workspace((0.5, -0.2, 0.0), (0.7, 0.2, 0.1))
 
@@ -13,7 +14,7 @@ def test_holds_looks_from_above():
 
 
 def test_drawn_places_keep_the_margin_and_come_from_the_generator():
-    places = [SPACE.draw_place(np.random.default_rng(seed), 0.05) for seed in range(100)]
+    places = [draw_position(SPACE, np.random.default_rng(seed), 0.05) for seed in range(100)]
     assert np.all(np.array(places) >= (0.55, -0.15))
     assert np.all(np.array(places) <= (0.65, 0.15))
-    assert SPACE.draw_place(np.random.default_rng(7), 0.05) == places[7]
+    assert draw_position(SPACE, np.random.default_rng(7), 0.05) == places[7]

@@ -20,7 +20,7 @@ def test_it_counts_what_the_simulator_says_tick_by_tick(environments, task):
         watch.after_tick()
 
     controller = make_controller(environment)
-    space = scene.preset.workspace
+    space = scene.spec.workspace
     for _ in range(25):
         arm.move(controller.act(), space.low, space.high, after_tick)
     begun = [now - before for before, now in zip([set(), *ticks], ticks, strict=False)]

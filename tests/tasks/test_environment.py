@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as equal
 
 from minitouch_bench.errors import InvalidActionError, UsageError
-from minitouch_bench.records import gym_id
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.sensing.camera import GreyCamera
 from minitouch_bench.tasks.registration import TASKS, make_environment
 from tests.tasks.playback import digest, play, random_actions
@@ -25,8 +25,8 @@ def zero(environment):
 
 
 def test_spaces(environment):
-    size = 5 if environment.task.preset.name == "opening" else 4
-    limit = 200.0 if environment.task.preset.name == "pick-up" else 50.0
+    size = 5 if environment.task.spec.name == "opening" else 4
+    limit = 200.0 if environment.task.spec.name == "pick-up" else 50.0
     action, observed = environment.action_space, environment.observation_space
     assert (action.shape, action.dtype) == ((size,), np.float32)
     assert (action.low.min(), action.high.max()) == (-1.0, 1.0)
@@ -44,7 +44,10 @@ def test_gymnasium_finds_nothing_to_warn_of(environment):
 @pytest.mark.parametrize("task", TASKS)
 def test_gymnasium_finds_nothing_to_warn_of_in_what_it_makes_and_draws(task):
     made = gymnasium.make(
-        f"minitouch_bench:{gym_id(task)}", render_mode="rgb_array", width=64, height=48
+        f"minitouch_bench:{PROTOCOL.task(task).gym_id}",
+        render_mode="rgb_array",
+        width=64,
+        height=48,
     )
     check_env(made.unwrapped)
     made.close()
@@ -254,8 +257,8 @@ class WholeCamera(GreyCamera):
 
 
 def test_the_composed_image_is_that_of_the_whole_scene(environment):
-    whole = make_environment(environment.task.preset.name)
-    whole._camera = WholeCamera(whole.task.preset.camera)
+    whole = make_environment(environment.task.spec.name)
+    whole._camera = WholeCamera(whole.task.spec.camera)
     differing = pixels = 0
     for seed in (1, 2):
         seen = [environment.reset(seed=seed)[0], whole.reset(seed=seed)[0]]

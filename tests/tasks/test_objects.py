@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.tasks import CubeSpec
 from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.tasks.objects import ObjectPool, cube_model
@@ -9,7 +10,7 @@ from minitouch_bench.tasks.registration import TASKS, make_environment
 from minitouch_bench.tasks.shapes import shape_names
 from tests.shapegen.conftest import subset
 
-CUBE = cube_model(0.05, 1.0, 1.0)
+CUBE = cube_model(CubeSpec(0.05, 1.0))
 
 
 def test_the_lowest_point_is_that_of_the_simulator():
@@ -39,11 +40,9 @@ def test_a_pool_loads_what_is_drawn_and_only_once():
 
 
 def test_each_task_says_what_it_draws_from():
-    assert TASKS["opening"].preset.default_objects == ""
-    assert (
-        TASKS["pushing"].preset.default_objects == TASKS["playing"].preset.default_objects == "cube"
-    )
-    assert len(shape_names(TASKS["pick-up"].preset.default_objects)) > 1
+    assert TASKS["opening"].spec.default_objects == ""
+    assert TASKS["pushing"].spec.default_objects == TASKS["playing"].spec.default_objects == "cube"
+    assert len(shape_names(TASKS["pick-up"].spec.default_objects)) > 1
 
 
 def test_unknown_tasks_and_objects_are_usage_errors():

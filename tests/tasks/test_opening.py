@@ -3,8 +3,11 @@ import math
 import numpy as np
 import pytest
 
+from minitouch_bench.protocol.tasks import OPENING
 from minitouch_bench.simulation.bodies import DOOR_JOINT
-from minitouch_bench.tasks.opening import CABINET, WORKSPACE, Opening
+from minitouch_bench.tasks.opening import Opening
+
+CABINET, WORKSPACE = OPENING.cabinet, OPENING.workspace
 
 STILL = np.zeros(5, np.float32)
 
@@ -18,8 +21,8 @@ def test_two_hundred_placements_put_the_shut_handle_in_reach():
     task, rng, places = Opening(), np.random.default_rng(0), []
     for _ in range(200):
         task.draw(rng, None)
-        places.append(task.place)
-        x, y = CABINET.handle_place(*task.place, 0.0)
+        places.append(task.position)
+        x, y = CABINET.handle_position(*task.position, 0.0)
         assert WORKSPACE.low[0] <= x - CABINET.handle_thickness / 2 <= WORKSPACE.high[0]
         assert WORKSPACE.low[1] <= y <= WORKSPACE.high[1]
     assert np.ptp(places, axis=0) == pytest.approx((0.005, 0.15), rel=0.1)
@@ -31,7 +34,7 @@ def test_the_handle_is_where_the_cabinet_says(environment):
     for degrees in (0.0, 15.0, 40.0):
         client.set_joint(task.target_body, DOOR_JOINT, math.radians(degrees))
         x, y, _ = client.placed_link_position(task.target_body, 1)
-        expected = CABINET.handle_place(*task.place, math.radians(degrees))
+        expected = CABINET.handle_position(*task.position, math.radians(degrees))
         assert (x, y) == pytest.approx(expected, abs=1e-6)
 
 

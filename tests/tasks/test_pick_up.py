@@ -3,10 +3,13 @@ import math
 import numpy as np
 import pytest
 
-from minitouch_bench.simulation.panda_arm import START_XY
-from minitouch_bench.simulation.scene import TABLE_TOP_M
-from minitouch_bench.tasks.pick_up import WORKSPACE, PickUp
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.tasks import PICK_UP
+from minitouch_bench.tasks.pick_up import PickUp
 from minitouch_bench.tasks.registration import make_environment
+from minitouch_bench.tasks.tabletop import START_XY
+
+TABLE_TOP_M, WORKSPACE = PROTOCOL.physics.table_top, PICK_UP.workspace
 
 STILL = np.zeros(4, np.float32)
 

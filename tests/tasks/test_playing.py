@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from minitouch_bench.simulation.panda_arm import START_XY
 from minitouch_bench.tasks.playing import Playing
+from minitouch_bench.tasks.tabletop import START_XY
 
 
 @pytest.fixture

@@ -3,8 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from minitouch_bench.simulation.scene import TABLE_TOP_M
-from minitouch_bench.tasks.pushing import WORKSPACE, Pushing
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.tasks import PUSHING
+from minitouch_bench.tasks.pushing import Pushing
+
+TABLE_TOP_M, WORKSPACE = PROTOCOL.physics.table_top, PUSHING.workspace
 
 STILL = np.zeros(4, np.float32)
 

@@ -21,7 +21,7 @@ CONTROLLERS: dict[str, type[Controller]] = {
 
 def make_controller(environment: MiniTouchEnv) -> Controller:
     """Return the controller of one episode of the environment's task."""
-    return CONTROLLERS[environment.task.preset.name](environment)
+    return CONTROLLERS[environment.task.spec.name](environment)
 
 
 __all__ = ["CONTROLLERS", "Controller", "make_controller"]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.simulation.panda_arm import REACH_M, YAW_REACH_RAD
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
@@ -42,11 +42,15 @@ class Controller(ABC):
 
         ``finger`` is the gripper's number. Where the gripper can turn, it turns to ``yaw`` (rad).
         """
-        offset = (np.asarray(goal) - self.hand) / REACH_M
+        offset = (np.asarray(goal) - self.hand) / PROTOCOL.control.reach
         offset /= max(1.0, float(np.abs(offset).max()))
         action = [*offset, finger]
-        if self.environment.task.preset.arm.faces_door:
+        if self.environment.task.spec.arm.faces_door:
             action.append(
-                float(np.clip((yaw - self.environment.arm.yaw) / YAW_REACH_RAD, -1.0, 1.0))
+                float(
+                    np.clip(
+                        (yaw - self.environment.arm.yaw) / PROTOCOL.control.yaw_reach, -1.0, 1.0
+                    )
+                )
             )
         return np.array(action, np.float32)

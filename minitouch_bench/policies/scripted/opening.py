@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.policies.scripted.controller import Controller
-from minitouch_bench.tasks.opening import CABINET, Opening
+from minitouch_bench.protocol.tasks import OPENING
+from minitouch_bench.tasks.opening import Opening
+
+CABINET = OPENING.cabinet
 
 HEIGHT_M = 0.125
 TURN_RAD = math.pi / 4
@@ -54,7 +57,7 @@ class OpeningController(Controller):
         return float(-sine * x + cosine * y), float(cosine * x + sine * y)
 
     def _hinge(self) -> tuple[float, float]:
-        front, middle = cast(Opening, self.environment.task).place
+        front, middle = cast(Opening, self.environment.task).position
         return front + CABINET.door_thickness / 2, middle + CABINET.hinge_y
 
     def _to(self, angle: float, along: float, behind: float) -> NDArray[np.float32]:

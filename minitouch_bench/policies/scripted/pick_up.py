@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.policies.scripted.controller import Controller
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.shapegen.grasps import plan_grasp
 from minitouch_bench.shapegen.mesh import surface_points
 from minitouch_bench.shapegen.poses import rotation_matrix
-from minitouch_bench.simulation.scene import TABLE_TOP_M
 from minitouch_bench.tasks.pick_up import PickUp
 
 OPEN, CLOSE = 1.0, -1.0
@@ -19,6 +19,7 @@ FINGERTIP_M = 0.008
 """How far the fingertips reach below the end effector."""
 NEAR_M = 0.002
 POINT_SPACING_M = 0.003
+TABLE_TOP_M = PROTOCOL.physics.table_top
 LOST_ABOVE_M, LOST_BELOW_M = 0.055, TABLE_TOP_M + 0.01
 CLOSING_STEPS = 4
 NUDGE = 0.05
@@ -72,7 +73,7 @@ class PickUpController(Controller):
             height = position[2] - TABLE_TOP_M
             above_table = points @ rotation_matrix(orientation).T + (0.0, 0.0, height)
             # The planner's pads close along y, the hand's along the world's x.
-            lowest = task.preset.workspace.low[2] - TABLE_TOP_M
+            lowest = task.spec.workspace.low[2] - TABLE_TOP_M
             grasp = plan_grasp(above_table[:, (1, 0, 2)], lowest)
             self._place = np.array(
                 (position[0] + grasp.y, position[1] + grasp.x, grasp.z + TABLE_TOP_M)

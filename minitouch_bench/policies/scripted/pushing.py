@@ -12,8 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.policies.scripted.controller import Controller
-from minitouch_bench.simulation.panda_arm import REACH_M
-from minitouch_bench.tasks.pushing import WORKSPACE, Pushing
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.tasks import PUSHING
+from minitouch_bench.tasks.pushing import Pushing
+
+REACH_M = PROTOCOL.control.reach
+WORKSPACE = PUSHING.workspace
 
 OVERLAP_M = 0.001
 """How far the end effector stays below the object's top; the fingertips are 8 mm lower."""

@@ -3,8 +3,9 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.protocol.suites import SUITES, find_suite, parse_tasks
-from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, Role
+from minitouch_bench.evaluation.suites import SUITES, find_suite, parse_tasks
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
+from minitouch_bench.records import Role
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 
 TABLE4 = find_suite("table4")

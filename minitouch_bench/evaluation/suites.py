@@ -1,34 +1,24 @@
 """The suites, and the episodes they consist of."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.protocol.seeds import episode_seed, suite_generator
-from minitouch_bench.records import GOAL_TASKS, TASK_NAMES, EpisodeSpec, Role
+from minitouch_bench.protocol.spec import SuiteSpec
+from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
 from minitouch_bench.tasks.objects import CUBE
-from minitouch_bench.tasks.registration import TASKS
-
-OFFICIAL_SEED = 0
-SHAPE_TASKS = ("playing", "pushing", "pick-up")
-"""The tasks that can be played with any shape."""
 
 
-@dataclass(frozen=True)
-class Suite(ABC):
-    """A fixed set of episodes: so many of each task. ``rankable`` runs may enter a leaderboard."""
-
-    name: str
-    tasks: tuple[str, ...]
-    episodes_per_task: int
-    rankable: bool
-    seed: int = OFFICIAL_SEED
+class Suite(SuiteSpec, ABC):
+    """A suite that can name its episodes."""
 
     @abstractmethod
-    def place_object(self, spec: EpisodeSpec) -> EpisodeSpec:
+    def assign_object(self, spec: EpisodeSpec) -> EpisodeSpec:
         """Return the episode with its object filled in."""
 
     def episodes(self, *, exploration: bool) -> tuple[EpisodeSpec, ...]:
@@ -37,7 +27,7 @@ class Suite(ABC):
         Both roles face the same episodes. Playing has no exploration figure.
         """
         final = tuple(
-            self.place_object(EpisodeSpec(Role.FINAL, task, index, self._seed_of(task, index)))
+            self.assign_object(EpisodeSpec(Role.FINAL, task, index, self._seed_of(task, index)))
             for task in self.tasks
             for index in range(self.episodes_per_task)
         )
@@ -56,7 +46,7 @@ class Suite(ABC):
             found.append(f"tasks {', '.join(tasks)} only")
         if episodes != self.episodes_per_task:
             found.append(f"{episodes} of {self.episodes_per_task} episodes a task")
-        if seed != OFFICIAL_SEED:
+        if seed != PROTOCOL.suite(self.name).seed:
             found.append(f"seed {seed}")
         return tuple(found)
 
@@ -67,9 +57,9 @@ class Suite(ABC):
 class StandardSuite(Suite):
     """Each task with its own object; where it draws from a shape set, the seed chooses."""
 
-    def place_object(self, spec: EpisodeSpec) -> EpisodeSpec:
+    def assign_object(self, spec: EpisodeSpec) -> EpisodeSpec:
         """Return the episode with its cube, its train shape, or nothing (Opening)."""
-        objects = TASKS[spec.task].preset.default_objects
+        objects = PROTOCOL.task(spec.task).default_objects
         if objects in ("", CUBE):
             return replace(spec, shape=objects)
         shapes = canonical_shape_set().split(objects)
@@ -84,7 +74,7 @@ class NovelShapesSuite(Suite):
     The train shapes are drawn once, without replacement, from the protocol's name alone.
     """
 
-    def place_object(self, spec: EpisodeSpec) -> EpisodeSpec:
+    def assign_object(self, spec: EpisodeSpec) -> EpisodeSpec:
         """Return the episode with its shape."""
         shapes = canonical_shape_set()
         held_out = shapes.split("held-out")
@@ -101,12 +91,8 @@ def _with_shape(spec: EpisodeSpec, shape: Shape) -> EpisodeSpec:
 
 
 SUITES: dict[str, Suite] = {
-    suite.name: suite
-    for suite in (
-        StandardSuite("table4", TASK_NAMES, 100, rankable=True),
-        NovelShapesSuite("novel-shapes", SHAPE_TASKS, 400, rankable=True),
-        StandardSuite("smoke", TASK_NAMES, 5, rankable=False),
-    )
+    spec.name: (NovelShapesSuite if spec.novel_shapes else StandardSuite)(**vars(spec))
+    for spec in PROTOCOL.suites
 }
 
 

@@ -1,0 +1,87 @@
+"""The protocol ``minitouch-v1``: one frozen value.
+
+Letters: T text of the paper, R the released package, D ours; ``docs/protocol.md`` gives the
+fact behind every R and the reason of every D.
+"""
+
+import math
+from importlib.metadata import version
+
+from minitouch_bench.protocol.spec import (
+    ControlSpec,
+    ObservationSpec,
+    PhysicsSpec,
+    ProtocolSpec,
+    SuiteSpec,
+)
+from minitouch_bench.protocol.tasks import OPENING, PICK_UP, PLAYING, PUSHING
+
+PROTOCOL = ProtocolSpec(
+    name="minitouch-v1",
+    physics=PhysicsSpec(
+        simulator=f"pybullet {version('pybullet')}",
+        tick_rate=240,  # R
+        gravity=-9.8,  # R
+        table_top=-0.025,  # R
+        table_center=(0.5, 0.0),  # R
+        table_half_extents=(1.0, 1.0, 0.05),  # D
+        table_friction=1.0,  # R
+        finger_stiffness=300_000.0,  # R
+        finger_damping=1_000.0,  # R
+        arm_meshes="2f84a5ff1b24791f",
+    ),
+    control=ControlSpec(
+        reach=0.06,  # R
+        finger_reach=0.075,  # R
+        finger_open=0.04,  # R
+        yaw_reach=0.3,  # R
+        max_yaw=math.pi / 4,  # R
+        yaw_backtrack=0.05,  # D
+        tolerance=1e-4,  # R
+        max_ticks=100,  # R
+        arm_force=500.0,  # R
+        gripper_start=1.0,  # R: open
+        gripper_threshold=0.5,  # D
+        ik_damping=1e-3,  # D
+        ik_iterations=20,  # D
+        ik_residual=1e-6,  # D
+        ik_projections=10,  # D
+        ik_limit_margin=0.02,  # D
+    ),
+    observation=ObservationSpec(
+        image_size=84,  # T
+        grey_weights=(2989, 5870, 1140),  # R
+        touch_size=11,  # T
+        position_limit=2.0,  # D
+        table_color=(0.85, 0.73, 0.58, 1.0),  # D
+        object_color=(0.30, 0.12, 0.10, 1.0),  # D
+        target_color=(0.48, 0.48, 0.48, 1.0),  # T: gray
+        arm_color=(0.93, 0.93, 0.95, 1.0),  # D
+        hand_color=(0.30, 0.32, 0.36, 1.0),  # D
+        cabinet_color=(0.30, 0.31, 0.33, 1.0),  # D
+        door_color=(0.40, 0.38, 0.36, 1.0),  # D
+        handle_color=(0.92, 0.92, 0.92, 1.0),  # D
+        hand_drawn_width=0.4,  # D
+        shadow_light=0.75,  # D
+        hand_shadow_radius=0.035,  # D
+        object_shadow_radius=0.025,  # D
+        least_visible_pixels=15,  # D
+        max_draws=50,  # D
+    ),
+    shapes="2083181d29df0c08f8f9d42604212b9774ee4150d89f2622388b446ff083635f",
+    tasks=(PLAYING, PUSHING, OPENING, PICK_UP),
+    suites=(
+        SuiteSpec("table4", ("playing", "pushing", "opening", "pick-up"), 100, rankable=True),
+        SuiteSpec(
+            "novel-shapes", ("playing", "pushing", "pick-up"), 400, rankable=True, novel_shapes=True
+        ),
+        SuiteSpec("smoke", ("playing", "pushing", "opening", "pick-up"), 5, rankable=False),
+    ),
+)
+"""The protocol, whose tasks every list of tasks anywhere follows."""
+
+TASK_NAMES = tuple(task.name for task in PROTOCOL.tasks)
+"""Names of the tasks as the command line writes them, in the order of every table."""
+
+GOAL_TASKS = tuple(task.name for task in PROTOCOL.tasks if task.has_goal)
+"""The tasks with a goal; Playing has touch only."""

@@ -1,0 +1,284 @@
+"""The types of the protocol: everything that fixes an episode, as frozen values.
+
+``protocol.minitouch`` holds the values. Simulation, sensing and tasks receive them; no number
+of the protocol stands anywhere else. A digest is taken over a value's document, whose keys are
+the fields' names, or ``metadata["key"]`` where a field was renamed: names in code may change
+without changing a digest. ``for_people`` marks fields that no episode depends on.
+"""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+from minitouch_bench.errors import UsageError
+
+Rgba = tuple[float, float, float, float]
+
+FOR_PEOPLE: Mapping[str, Any] = {"for_people": True}
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The box in which the end effector moves (m)."""
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+
+    @property
+    def center(self) -> tuple[float, float, float]:
+        """Center of the box (m)."""
+        x, y, z = ((low + high) / 2 for low, high in zip(self.low, self.high, strict=True))
+        return x, y, z
+
+    def holds(self, x: float, y: float) -> bool:
+        """Tell whether a position on the table lies inside, looking from above."""
+        return self.low[0] <= x <= self.high[0] and self.low[1] <= y <= self.high[1]
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """Where a camera stands: looking at ``target`` (m) from ``distance`` (m), angles in degrees."""
+
+    target: tuple[float, float, float]
+    yaw: float
+    pitch: float
+    near: float
+    distance: float = 0.7
+    field_of_view: float = 60.0
+    far: float = 10.0
+
+
+@dataclass(frozen=True)
+class PhysicsSpec:
+    """The simulated world that all tasks share; SI units."""
+
+    simulator: str
+    tick_rate: int
+    gravity: float
+    table_top: float
+    table_center: tuple[float, float]
+    table_half_extents: tuple[float, float, float]
+    table_friction: float
+    finger_stiffness: float
+    finger_damping: float
+    arm_meshes: str
+    """Digest of the arm's mesh files."""
+
+
+@dataclass(frozen=True)
+class ControlSpec:
+    """How one control step moves the arm; m, rad, N, N·m."""
+
+    reach: float
+    """Offset of the end effector per unit of action."""
+    finger_reach: float
+    """Change of each finger's target per unit of action."""
+    finger_open: float
+    """Upper end of a finger joint."""
+    yaw_reach: float
+    """Change of the gripper's yaw per unit of action."""
+    max_yaw: float
+    yaw_backtrack: float
+    """Step in which the yaw is lowered where the wrist meets its limits."""
+    tolerance: float
+    """A control step ends when the end effector is this close to its target."""
+    max_ticks: int
+    """A control step ends after this many ticks in any case."""
+    arm_force: float
+    gripper_start: float
+    """Where the inner opening of a discrete gripper starts, 0 to 1."""
+    gripper_threshold: float
+    """A discrete gripper closes below this opening, else it opens."""
+    ik_damping: float
+    ik_iterations: int
+    ik_residual: float
+    ik_projections: int
+    """How often a solution beyond the joints' limits is moved inside and solved again."""
+    ik_limit_margin: float
+    """How far inside its limit a joint is moved then."""
+
+
+@dataclass(frozen=True)
+class ObservationSpec:
+    """What a policy sees and feels."""
+
+    image_size: int
+    """Width and height in pixels."""
+    grey_weights: tuple[int, int, int]
+    """Ten-thousandths of red, green and blue."""
+    touch_size: int
+    position_limit: float
+    """Bound of the end effector's position (m)."""
+    table_color: Rgba
+    object_color: Rgba
+    target_color: Rgba
+    arm_color: Rgba
+    hand_color: Rgba
+    cabinet_color: Rgba
+    door_color: Rgba
+    handle_color: Rgba
+    hand_drawn_width: float
+    """Share of the hand's width that is drawn: whole, it would hide the fingers."""
+    shadow_light: float
+    """Share of the light that is left in a shadow."""
+    hand_shadow_radius: float
+    object_shadow_radius: float
+    least_visible_pixels: int
+    """What a task needs shows at least this many pixels when an episode begins."""
+    max_draws: int
+    """How often a scene that hides it is drawn, at most."""
+
+
+@dataclass(frozen=True)
+class ArmSpec:
+    """How a task holds the Panda.
+
+    ``start_joints``: seven arm joints (rad) and two fingers (m). ``posture``: the seven arm
+    joints (rad) that inverse kinematics starts from. ``finger_forces``: left and right motor (N).
+    """
+
+    start_joints: tuple[float, ...]
+    posture: tuple[float, ...]
+    faces_door: bool = False
+    finger_forces: tuple[float, float] = (25.0, 20.0)
+    discrete_gripper: bool = False
+
+    @property
+    def action_size(self) -> int:
+        """4 numbers (dx, dy, dz, finger); 5 where the gripper can turn."""
+        return 5 if self.faces_door else 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskSpec:
+    """The facts of a task that are not its scene's own.
+
+    ``revision`` is raised when code changes an episode without changing a value.
+    ``goal`` says in words what success is; "" where the task has none. ``portrait`` is the view
+    for people. ``force_limit`` (N) bounds the touch vector's forces. ``movement_unit``: what
+    ``object_movement`` is measured in. ``default_objects``: "cube", a split of the shape set,
+    or "" where there is no object to choose.
+    """
+
+    name: str
+    revision: int
+    title: str = field(metadata=FOR_PEOPLE)
+    goal: str = field(metadata=FOR_PEOPLE)
+    portrait: CameraSpec = field(metadata=FOR_PEOPLE)
+    movement_unit: str = field(default="m²", metadata=FOR_PEOPLE)
+    workspace: Workspace
+    camera: CameraSpec
+    arm: ArmSpec
+    force_limit: float = 50.0
+    default_objects: str = "cube"
+    object_can_leave: bool = False
+    """Whether an episode ends when the object leaves the workspace in x, y."""
+    shadows: bool = True
+    max_steps: int = 200
+    success_reward: float = 25.0
+
+    @property
+    def gym_id(self) -> str:
+        """The Gymnasium id, as ``MiniTouch/PickUp-v1`` for "pick-up"."""
+        return f"MiniTouch/{self.name.title().replace('-', '')}-v1"
+
+    @property
+    def action_size(self) -> int:
+        """How many numbers an action of the task has."""
+        return self.arm.action_size
+
+    @property
+    def has_goal(self) -> bool:
+        """Whether an episode can succeed."""
+        return bool(self.goal)
+
+
+@dataclass(frozen=True)
+class SuiteSpec:
+    """A fixed set of episodes; ``rankable`` runs may enter a leaderboard."""
+
+    name: str
+    tasks: tuple[str, ...]
+    episodes_per_task: int
+    rankable: bool
+    novel_shapes: bool = False
+    """Held-out shapes beside train shapes, in place of each task's own objects."""
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class ProtocolSpec:
+    """The whole protocol. ``shapes`` is the digest of the canonical shape set."""
+
+    name: str
+    physics: PhysicsSpec
+    control: ControlSpec
+    observation: ObservationSpec
+    shapes: str
+    tasks: tuple[TaskSpec, ...]
+    suites: tuple[SuiteSpec, ...]
+
+    def task(self, name: str) -> TaskSpec:
+        """Return the task called ``name``.
+
+        Raises:
+            UsageError: there is none.
+        """
+        for task in self.tasks:
+            if task.name == name:
+                return task
+        names = ", ".join(task.name for task in self.tasks)
+        raise UsageError(f"no task '{name}'; the tasks are {names}")
+
+    def suite(self, name: str) -> SuiteSpec:
+        """Return the suite called ``name``.
+
+        Raises:
+            UsageError: there is none.
+        """
+        for suite in self.suites:
+            if suite.name == name:
+                return suite
+        names = ", ".join(suite.name for suite in self.suites)
+        raise UsageError(f"no suite '{name}'; the suites are {names}")
+
+    @cache  # noqa: B019  a protocol is a value that lives as long as the program
+    def task_digest(self, name: str) -> str:
+        """Return the SHA-256 over all that an episode of one task depends on."""
+        shared = {
+            "protocol": self.name,
+            "physics": document(self.physics),
+            "control": document(self.control),
+            "observation": document(self.observation),
+        }
+        task = self.task(name)
+        shapes = self.shapes if task.default_objects else ""
+        return _sha({**shared, "task": document(task), "shapes": shapes})
+
+    @cache  # noqa: B019
+    def digest(self) -> str:
+        """Return the SHA-256 over the digests of all tasks and the suites."""
+        tasks = {task.name: self.task_digest(task.name) for task in self.tasks}
+        return _sha({"tasks": tasks, "suites": [document(suite) for suite in self.suites]})
+
+
+def document(value: Any) -> Any:
+    """Return a value as JSON holds it, without the fields for people."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {
+            f.metadata.get("key", f.name): document(getattr(value, f.name))
+            for f in dataclasses.fields(value)
+            if not f.metadata.get("for_people")
+        }
+    if isinstance(value, tuple | list):
+        return [document(item) for item in value]
+    return value
+
+
+def _sha(content: Any) -> str:
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()

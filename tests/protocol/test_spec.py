@@ -1,0 +1,117 @@
+import dataclasses
+from dataclasses import dataclass, field, replace
+
+import pytest
+
+from minitouch_bench.cache import content_digest
+from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
+from minitouch_bench.protocol.spec import TaskSpec, document
+from minitouch_bench.shapegen.manifest import canonical_shape_set
+from minitouch_bench.simulation.panda_model import MESHES
+
+
+def digests(protocol):
+    return {task: protocol.task_digest(task) for task in TASK_NAMES}
+
+
+def with_task(name, **changes):
+    tasks = tuple(replace(t, **changes) if t.name == name else t for t in PROTOCOL.tasks)
+    return replace(PROTOCOL, tasks=tasks)
+
+
+def changed(protocol):
+    """Return the tasks whose digest differs from the protocol's."""
+    return {task for task in TASK_NAMES if digests(protocol)[task] != digests(PROTOCOL)[task]}
+
+
+def test_digests_are_sha256_and_differ():
+    assert {len(digest) for digest in digests(PROTOCOL).values()} == {64}
+    assert len({*digests(PROTOCOL).values(), PROTOCOL.digest()}) == len(TASK_NAMES) + 1
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "value"),
+    [
+        ("physics", "gravity", -9.81),
+        ("physics", "table_top", 0.0),
+        ("physics", "simulator", "pybullet 3.2.8"),
+        ("control", "tolerance", 1e-3),
+        ("observation", "object_color", (0.0, 0.0, 0.0, 1.0)),
+    ],
+)
+def test_what_all_tasks_share_changes_every_digest(part, name, value):
+    shared = replace(getattr(PROTOCOL, part), **{name: value})
+    assert changed(replace(PROTOCOL, **{part: shared})) == set(TASK_NAMES)
+
+
+@pytest.mark.parametrize(
+    ("task", "changes"),
+    [
+        ("pushing", {"success_distance": 0.077}),
+        ("opening", {"success_angle": 0.57}),
+        ("opening", {"cabinet": replace(PROTOCOL.task("opening").cabinet, hinge_friction=0.4)}),
+        ("pick-up", {"lift": 0.06}),
+        ("playing", {"margin": 0.06}),
+        ("playing", {"max_steps": 100}),
+        ("pick-up", {"revision": 99}),
+    ],
+)
+def test_a_task_s_own_value_changes_its_digest_alone(task, changes):
+    other = with_task(task, **changes)
+    assert changed(other) == {task}
+    assert other.digest() != PROTOCOL.digest()
+
+
+def test_what_people_see_changes_no_digest():
+    portrait = replace(PROTOCOL.task("pushing").portrait, yaw=1.0)
+    other = with_task("pushing", portrait=portrait, goal="win", title="Shove")
+    assert changed(other) == set()
+    assert other.digest() == PROTOCOL.digest()
+
+
+def test_another_shape_set_leaves_opening_alone():
+    assert changed(replace(PROTOCOL, shapes="other")) == {"playing", "pushing", "pick-up"}
+
+
+def test_a_fifth_task_changes_no_digest_of_the_four():
+    fifth = replace(PROTOCOL.task("pushing"), name="pegging")
+    other = replace(PROTOCOL, tasks=(*PROTOCOL.tasks, fifth))
+    assert changed(other) == set()
+    assert other.digest() != PROTOCOL.digest()
+
+
+def test_a_renamed_field_keeps_its_key_and_the_digest():
+    spec = PROTOCOL.task("pushing")
+
+    def renamed(f):
+        name = "how_near" if f.name == "success_distance" else f.name
+        metadata = {**f.metadata, "key": f.name} if name != f.name else f.metadata
+        return name, f.type, field(metadata=metadata, kw_only=True)
+
+    other = dataclasses.make_dataclass(
+        "Renamed", [renamed(f) for f in dataclasses.fields(spec)], frozen=True
+    )
+    values = {f.name: getattr(spec, f.name) for f in dataclasses.fields(spec)}
+    values["how_near"] = values.pop("success_distance")
+    assert document(other(**values)) == document(spec)
+
+
+def test_the_meshes_and_shapes_are_those_of_the_protocol():
+    assert content_digest(sorted(MESHES.glob("*.obj"))) == PROTOCOL.physics.arm_meshes
+    assert canonical_shape_set().digest == PROTOCOL.shapes
+
+
+def test_a_task_that_is_not_there_is_named():
+    with pytest.raises(UsageError, match="no task 'flying'; the tasks are playing"):
+        PROTOCOL.task("flying")
+
+
+@dataclass(frozen=True)
+class Plain:
+    pair: tuple[float, ...] = (1.0, 2.0)
+
+
+def test_a_document_is_plain():
+    assert document(Plain()) == {"pair": [1.0, 2.0]}
+    assert all(isinstance(task, TaskSpec) for task in PROTOCOL.tasks)
