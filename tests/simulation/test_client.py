@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.protocol.tasks import CubeSpec
 from minitouch_bench.simulation.bodies import cube_urdf
 from minitouch_bench.simulation.client import PhysicsClient, View, quaternion_from_euler
@@ -52,7 +53,7 @@ def test_a_tick_is_a_240th_of_a_second(client):
 
 def test_paint_hides_and_shows(client):
     body = client.add_ghost_box((0.2, 0.2, 0.2), (0, 0, 0), RED)
-    view = View.orbit((0, 0, 0), distance=1.0, yaw=0, pitch=-60, fov=60, near=0.1)
+    view = View.of(CameraSpec((0.0, 0.0, 0.0), yaw=0.0, pitch=-60.0, near=0.1, distance=1.0))
     shown = client.render(view, 32, 24)
     assert (shown.rgb.shape, shown.depth.shape) == ((24, 32, 3), (24, 32))
     assert shown.depth.min() < 1.0
