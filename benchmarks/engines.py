@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
-from minitouch_bench.evaluation.engine import Contest, Engine
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.ray_engine import RayEngine
@@ -51,7 +52,7 @@ def measure(engine: Engine, specs: Sequence[EpisodeSpec]) -> tuple[float, float]
     """Return the seconds to the first episode's end, and the control steps a second after it."""
     begun = time.perf_counter()
     steps, first = 0, 0.0
-    for record in engine.run(Contest(parse_source(POLICY)), specs):
+    for record in engine.run(PolicySetup(parse_source(POLICY)), specs):
         if not first:
             first = time.perf_counter() - begun
         else:

@@ -14,7 +14,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import parse_source
@@ -53,7 +53,8 @@ def measure(text: str) -> tuple[dict[Isolation, float], dict[Isolation, float]]:
     """Return the median seconds of a reset and of an act at each level."""
     source, observation = parse_source(text), zero_observation()
     policies = {
-        level: PolicyProcess(source, None, level, trust=level is LEVELS[0]) for level in LEVELS
+        level: PolicyProcess(source, IsolationOptions(level, trust=level is LEVELS[0]))
+        for level in LEVELS
     }
     resets: dict[Isolation, list[float]] = {level: [] for level in LEVELS}
     acts: dict[Isolation, list[float]] = {level: [] for level in LEVELS}

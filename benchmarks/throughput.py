@@ -13,10 +13,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from minitouch_bench.evaluation.engine import Contest
+from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.suites import find_suite
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import PolicySource, parse_source
@@ -50,9 +50,9 @@ def measure(
     source: PolicySource, level: Isolation, specs: Sequence[EpisodeSpec]
 ) -> tuple[float, tuple[str, ...]]:
     """Return the control steps a second after the first episode's end, and all digests."""
-    contest = Contest(source, trust=True, isolation=level)
+    setup = PolicySetup(source, isolation=IsolationOptions(level, trust=True))
     digests, steps, begun = {}, 0, 0.0
-    for record in LocalEngine(WORKERS).run(contest, specs):
+    for record in LocalEngine(WORKERS).run(setup, specs):
         digests[record.spec.key] = record.trace.digest()
         if begun:
             steps += len(record.trace.actions)

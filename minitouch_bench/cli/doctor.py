@@ -7,9 +7,10 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from minitouch_bench.cli import options
 from minitouch_bench.cli.consoles import data_console, notes
-from minitouch_bench.cli.contests import worker_count
 from minitouch_bench.errors import InterruptedRunError
+from minitouch_bench.evaluation.engine import core_count
 from minitouch_bench.verification.doctor import Check, Verdict, examine
 
 CHECK_FAILED = 1
@@ -24,7 +25,7 @@ def doctor(
     checks: list[Check] = []
     try:
         with notes.status("examining") as status:
-            for check in examine(worker_count(workers)):
+            for check in examine(options.worker_count(workers) or core_count()):
                 checks.append(check)
                 status.update(f"{check.name}: {check.verdict}")
     except KeyboardInterrupt as error:

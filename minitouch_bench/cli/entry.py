@@ -9,7 +9,7 @@ def main() -> None:
     """Run the command line; Ctrl-C ends it without a traceback, even while it is loading."""
     try:
         # Not at the top: loading takes a second in which Ctrl-C must be caught as well.
-        from minitouch_bench.cli.app import main as run_application  # noqa: PLC0415
+        from minitouch_bench.cli.app import main as run_application
 
         run_application()
     except KeyboardInterrupt:

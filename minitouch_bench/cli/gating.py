@@ -2,20 +2,19 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.cli.consoles import notes
-from minitouch_bench.cli.contests import Holding, make_contest
-from minitouch_bench.cli.engines import Place
-from minitouch_bench.cli.evaluate import resumable, run_name, write_files
-from minitouch_bench.cli.progress import EvaluationProgress
+from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.engine import ActorSource, Engine
-from minitouch_bench.evaluation.evaluation import Request, begin, evaluate
+from minitouch_bench.evaluation.engine import Engine, EngineHandle
+from minitouch_bench.evaluation.rollout import ActorSource
+from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run
 from minitouch_bench.evaluation.storage import lock_directory
 from minitouch_bench.evaluation.suites import find_suite, parse_tasks
 from minitouch_bench.metrics import measure
+from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.records import (
     EpisodeRecord,
     EpisodeSpec,
@@ -31,14 +30,17 @@ from minitouch_bench.regression.sequential import SequentialGate, play_order
 from minitouch_bench.regression.tolerances import GateSettings
 from minitouch_bench.regression.verdicts import early_verdict, final_verdict
 from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.workflows.callbacks import Callbacks
+from minitouch_bench.workflows.evaluate import play, run_name, save_run
+from minitouch_bench.workflows.policies import prepare_policies
 
 
 @dataclass(frozen=True)
-class Play:
+class PlaySettings:
     """How a policy is played: where its run is kept, and by which engine."""
 
     directory: Path | None
-    place: Place
+    handle: EngineHandle
     resume: bool
     fresh: bool
 
@@ -60,7 +62,7 @@ class _InOrder:
         yield from self._engine.run(source, ordered)
 
 
-def request_like(baseline: SavedRun, policy: str, holding: Holding) -> Request:
+def request_like(baseline: SavedRun, policy: str, isolation: IsolationOptions) -> RunRequest:
     """Return the request that plays a policy on the baseline's episodes.
 
     Raises:
@@ -71,15 +73,19 @@ def request_like(baseline: SavedRun, policy: str, holding: Holding) -> Request:
     header = baseline.header
     suite = find_suite(header.suite)
     tasks = parse_tasks(",".join(header.tasks), suite)
-    contest = make_contest(policy, None, tasks, holding)
-    request = Request(suite, tasks, header.episodes, header.seed, contest)
-    refuse_other_rules(header, request.header(), (baseline.name, contest.policy.name))
+    setup = prepare_policies(policy, tasks, isolation)
+    request = RunRequest(suite, tasks, header.episodes, header.seed, setup)
+    refuse_other_rules(header, request.header(), (baseline.name, setup.policy.name))
     _refuse_other_episodes(baseline, request)
     return request
 
 
 def play_gate(
-    baseline: SavedRun, baseline_place: str, request: Request, settings: GateSettings, play: Play
+    baseline: SavedRun,
+    baseline_place: str,
+    request: RunRequest,
+    settings: GateSettings,
+    options: PlaySettings,
 ) -> Verdict:
     """Play episodes until the answer is certain, or all; the run is kept in its directory.
 
@@ -90,13 +96,15 @@ def play_gate(
     if baseline.exploration_episodes:
         notes.print("the baseline's exploration episodes are left out: POLICY has none")
         baseline = final_episodes(baseline)
-    directory = play.directory or Path("reports") / f"{run_name(request)}-regress"
+    directory = options.directory or Path("reports") / f"{run_name(request)}-regress"
     root = (baseline.header.seed,)
     order = play_order(baseline.episodes, root)
     gate = SequentialGate(order, settings, root)
     with lock_directory(directory):
-        run = _play(request, gate, [episode_key(Role.FINAL, one) for one in order], directory, play)
-        saved = None if run is None else write_files(run, directory).saved
+        run = _play(
+            request, gate, [episode_key(Role.FINAL, one) for one in order], directory, options
+        )
+        saved = None if run is None else save_run(run, directory).saved
     if saved is not None and not gate.is_certain:
         return final_verdict(baseline, saved, (baseline_place, str(directory)), settings)
     header = request.header()
@@ -104,11 +112,11 @@ def play_gate(
     return early_verdict(gate, baseline, baseline_place, candidate, header)
 
 
-def _refuse_other_episodes(baseline: SavedRun, request: Request) -> None:
+def _refuse_other_episodes(baseline: SavedRun, request: RunRequest) -> None:
     found = {episode_key(Role.FINAL, one): (one.seed, one.shape) for one in baseline.episodes}
     expected = len(request.tasks) * request.episodes
     if len(found) == len(baseline.episodes) == expected:
-        specs = request.chosen().episodes(exploration=False)
+        specs = request.specs()
         if found == {spec.key: (spec.seed, spec.shape) for spec in specs}:
             return
     raise UsageError(
@@ -118,31 +126,35 @@ def _refuse_other_episodes(baseline: SavedRun, request: Request) -> None:
 
 
 def _play(
-    request: Request, gate: SequentialGate, order: Sequence[str], directory: Path, play: Play
+    request: RunRequest,
+    gate: SequentialGate,
+    order: Sequence[str],
+    directory: Path,
+    options: PlaySettings,
 ) -> EvaluationRun | None:
     """Play into a locked directory; return the run if it is whole."""
-    begun = begin(request, directory, resume=play.resume, fresh=play.fresh)
-    if begun.torn:
-        notes.print("the journal's last line was torn and has been cut off", markup=False)
-    gate.add(measure(record) for record in begun.records)
-    if gate.is_certain and len(begun.records) < gate.planned:
+    opened = open_run(request, directory, resume=options.resume, fresh=options.fresh)
+    gate.add(measure(record) for record in opened.records)
+    if gate.is_certain and len(opened.records) < gate.planned:
         return None
-    engine = _InOrder(play.place.engine, order)
-    with (
-        suppress(_EnoughError),
-        resumable(directory),
-        EvaluationProgress(gate.planned, notes) as progress,
-    ):
-        for record in begun.records:
-            progress.add(record)
-
-        def take(record: EpisodeRecord) -> None:
-            progress.add(record)
-            if gate.add([measure(record)]) and gate.used < gate.planned:
-                raise _EnoughError
-
-        return evaluate(request, engine, begun, directory, take, workers=play.place.workers)
+    handle = replace(options.handle, engine=_InOrder(options.handle.engine, order))
+    with suppress(_EnoughError), EpisodeProgress(notes) as progress:
+        return play(request, opened, handle, _stopping(gate, opened, progress.callbacks))
     return None
+
+
+def _stopping(gate: SequentialGate, opened: OpenRun, callbacks: Callbacks) -> Callbacks:
+    """Return callbacks that add each new episode to the gate, and end the run where it is sure."""
+    seen = {record.spec for record in opened.records}
+
+    def take(record: EpisodeRecord) -> None:
+        callbacks.episode(record)
+        if record.spec in seen:
+            return
+        if gate.add([measure(record)]) and gate.used < gate.planned:
+            raise _EnoughError
+
+    return replace(callbacks, episode=take)
 
 
 def _labels(policy: PolicyIdentity, gate: SequentialGate) -> tuple[str, ...]:

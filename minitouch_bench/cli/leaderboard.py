@@ -7,8 +7,9 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from minitouch_bench.cli import options
 from minitouch_bench.cli.consoles import notes
-from minitouch_bench.cli.contests import worker_count
+from minitouch_bench.evaluation.engine import core_count
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.leaderboard import proof as proofs
 from minitouch_bench.leaderboard.build import build_board
@@ -42,7 +43,7 @@ def validate(
 
     With --replay a proof is written beside them, which the board shows.
     """
-    count = worker_count(workers)
+    count = options.worker_count(workers) or core_count()
     valid = [_validate(directory, replay_actions, rerun, count) for directory in directories]
     notes.print(f"{sum(valid)} of {len(valid)} valid", markup=False)
     if not all(valid):

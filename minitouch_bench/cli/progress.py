@@ -1,4 +1,4 @@
-"""The progress display of an evaluation, on stderr."""
+"""The progress display of episodes, on stderr."""
 
 from types import TracebackType
 
@@ -7,6 +7,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -14,16 +15,19 @@ from rich.progress import (
 
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import EpisodeRecord, Outcome, Role
+from minitouch_bench.workflows.callbacks import Callbacks
 
 
-class EvaluationProgress:
-    """Episodes done, success so far, and the time left."""
+class EpisodeProgress:
+    """Episodes done, success so far, and the time left; shown from the first phase on."""
 
-    def __init__(self, total: int, console: Console) -> None:
+    def __init__(self, console: Console) -> None:
+        self._console = console
         self._tally: dict[str, list[bool]] = {}
         self._faults = 0
+        self._bar: TaskID | None = None
         self._progress = Progress(
-            TextColumn("[bold]episodes"),
+            TextColumn("[bold]{task.description}"),
             BarColumn(bar_width=30),
             MofNCompleteColumn(),
             TextColumn("{task.fields[success]}"),
@@ -33,10 +37,13 @@ class EvaluationProgress:
             console=console,
             refresh_per_second=2,
         )
-        self._bar = self._progress.add_task("episodes", total=total, success="")
 
-    def __enter__(self) -> "EvaluationProgress":
-        self._progress.start()
+    @property
+    def callbacks(self) -> Callbacks:
+        """What a workflow calls to have its episodes shown."""
+        return Callbacks(self._note, self._begin_phase, self._add)
+
+    def __enter__(self) -> "EpisodeProgress":
         return self
 
     def __exit__(
@@ -45,10 +52,20 @@ class EvaluationProgress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._progress.stop()
+        if self._bar is not None:
+            self._progress.stop()
 
-    def add(self, record: EpisodeRecord) -> None:
-        """Count one episode."""
+    def _note(self, line: str) -> None:
+        self._console.print(line, markup=False)
+
+    def _begin_phase(self, name: str, episodes: int) -> None:
+        if self._bar is None:
+            self._progress.start()
+        self._tally, self._faults = {}, 0
+        self._bar = self._progress.add_task(name, total=episodes, success="")
+
+    def _add(self, record: EpisodeRecord) -> None:
+        assert self._bar is not None
         self._faults += record.outcome is Outcome.POLICY_FAULT
         if record.spec.task in GOAL_TASKS and record.spec.role is Role.FINAL:
             success = record.outcome is Outcome.SUCCESS

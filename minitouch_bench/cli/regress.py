@@ -6,15 +6,13 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli.consoles import data_console
-from minitouch_bench.cli.contests import Holding
-from minitouch_bench.cli.engines import EngineName, choose_engine
-from minitouch_bench.cli.evaluate import MAX_ACT_TIMEOUT_S
+from minitouch_bench.cli import options
+from minitouch_bench.cli.consoles import data_console, notes
 from minitouch_bench.cli.files import write_text
-from minitouch_bench.cli.gating import Play, play_gate, request_like
+from minitouch_bench.cli.gating import PlaySettings, play_gate, request_like
 from minitouch_bench.errors import UsageError
-from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.policies.process import PolicyLimits
+from minitouch_bench.evaluation.engine import EngineOptions, open_engine
+from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.regression.documents import to_text, verdict_document
 from minitouch_bench.regression.gate import Verdict, judge_runs
 from minitouch_bench.regression.junit import verdict_junit
@@ -61,31 +59,18 @@ def regress(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit 1 where the gate is inconclusive too.")
     ] = False,
-    workers: Annotated[str, typer.Option(help="POLICY: worker processes, or auto.")] = "auto",
-    engine: Annotated[
-        EngineName, typer.Option(help="POLICY: local, or ray: see docs/cluster.md.")
-    ] = EngineName.LOCAL,
-    address: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="POLICY: the Ray cluster.")
-    ] = None,
+    workers: options.Workers = options.AUTO,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
     output: Annotated[
         Path | None,
         typer.Option(help="POLICY: its run's directory; by default reports/POLICY-SUITE-regress."),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue the run there.")] = False,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Replace the run there.")] = False,
-    isolation: Annotated[
-        Isolation, typer.Option(help="How POLICY is held: see docs/isolation.md.")
-    ] = Isolation.SANDBOX,
-    trust: Annotated[
-        bool, typer.Option("--trust", help="Run a policy's own Python code on this machine.")
-    ] = False,
-    act_timeout: Annotated[
-        float,
-        typer.Option(
-            min=0.01, max=MAX_ACT_TIMEOUT_S, help="Seconds a policy may take for one action."
-        ),
-    ] = PolicyLimits().act_timeout_s,
+    resume: options.Resume = False,
+    fresh: options.Fresh = False,
+    isolation: options.IsolationLevel = Isolation.SANDBOX,
+    trust: options.Trust = False,
+    act_timeout: options.ActTimeout = options.ACT_TIMEOUT_S,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML there.")] = None,
     summary: Annotated[
         Path | None,
@@ -109,11 +94,13 @@ def regress(
         verdict = judge_runs(known, read_run(candidate), places, settings)
     else:
         assert policy is not None
-        chosen = choose_engine(engine, address, workers)
-        holding = Holding(PolicyLimits(act_timeout_s=act_timeout), isolation, trust)
-        request = request_like(known, policy, holding)
-        with chosen as place:
-            play = Play(output, place, resume=resume, fresh=fresh)
+        chosen = open_engine(
+            EngineOptions(engine, options.worker_count(workers), address), notes.print
+        )
+        isolated = options.isolation_options(isolation, trust, act_timeout)
+        request = request_like(known, policy, isolated)
+        with chosen as handle:
+            play = PlaySettings(output, handle, resume=resume, fresh=fresh)
             verdict = play_gate(known, str(baseline), request, settings, play)
     _report(verdict, junit, summary, as_json=as_json)
     if verdict.exit_code:

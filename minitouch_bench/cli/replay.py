@@ -11,9 +11,9 @@ from rich.table import Table
 
 from minitouch_bench.cli.consoles import data_console, notes
 from minitouch_bench.errors import InterruptedRunError, UsageError
-from minitouch_bench.evaluation.engine import EpisodeRunner
 from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.replay import Recording
+from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 from minitouch_bench.sensing.touch import FORCES, POSITION
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run

@@ -49,9 +49,9 @@ def train(
 ) -> None:
     """Train a learner in two phases: curiosity alone, then the task."""
     # Not at the top: torch takes seconds, and --help shall not.
-    from minitouch_bench.agents.config import PRESETS, TrainingConfig, read_config  # noqa: PLC0415
-    from minitouch_bench.workflows.train import TrainingRequest  # noqa: PLC0415
-    from minitouch_bench.workflows.train import train as run_training  # noqa: PLC0415
+    from minitouch_bench.agents.config import PRESETS, TrainingConfig, read_config
+    from minitouch_bench.workflows.train import TrainingRequest
+    from minitouch_bench.workflows.train import train as run_training
 
     if task not in TASK_NAMES:
         raise UsageError(f"no task '{task}'; the tasks are {', '.join(TASK_NAMES)}")

@@ -10,19 +10,20 @@ import numpy as np
 import typer
 from rich.progress import Progress
 
+from minitouch_bench.cli import options
 from minitouch_bench.cli.consoles import data_console, notes
-from minitouch_bench.cli.contests import Holding, make_contest
-from minitouch_bench.cli.engines import EngineName, choose_engine
 from minitouch_bench.errors import InterruptedRunError
-from minitouch_bench.evaluation.engine import Contest, Engine
-from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.policies.process import PolicyLimits
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.reporting import read_run
 from minitouch_bench.verification.differences import Difference
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
 from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun
 from minitouch_bench.verification.verify import Verification, replay_run
+from minitouch_bench.workflows.callbacks import Callbacks
+from minitouch_bench.workflows.policies import prepare_policies
 
 CHECK_FAILED = 1
 SHOWN = 10
@@ -44,36 +45,29 @@ def verify(
     draw: Annotated[
         int | None, typer.Option(min=0, help="Seed of the draw; by default nobody can foresee it.")
     ] = None,
-    workers: Annotated[str, typer.Option(help="Worker processes, or auto: one a core.")] = "auto",
-    engine: Annotated[
-        EngineName, typer.Option(help="Where episodes run: see docs/cluster.md.")
-    ] = EngineName.LOCAL,
-    address: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="Head of the Ray cluster.")
-    ] = None,
-    isolation: Annotated[
-        Isolation, typer.Option(help="How the policy of --rerun is held.")
-    ] = Isolation.SANDBOX,
-    trust: Annotated[
-        bool, typer.Option("--trust", help="Run a policy's own Python code on this machine.")
-    ] = False,
+    workers: options.Workers = options.AUTO,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
+    isolation: options.IsolationLevel = Isolation.SANDBOX,
+    trust: options.Trust = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Replay a run's recorded actions and recompute every figure; exit 1 if any differs."""
-    place = choose_engine(engine, address, workers)
-    contest = None
+    opening = open_engine(
+        EngineOptions(engine, options.worker_count(workers), address), notes.print
+    )
+    setup = None
     if again:
-        held = Holding(PolicyLimits(), isolation, trust)
-        contest = _contest(run, policy, exploration, held)
+        setup = _setup(run, policy, exploration, options.isolation_options(isolation, trust))
     seed = secrets.randbits(32) if draw is None else draw
     try:
-        with place as (chosen, _):
+        with opening as handle:
             opened, differences = open_run(run)
             result = Verification(0, differences)
             if opened is not None:
-                result = _replay(opened, chosen)
-                if contest is not None and result.passed:
-                    result = _rerun(opened, contest, chosen, (again, seed), result)
+                result = _replay(opened, handle.engine)
+                if setup is not None and result.passed:
+                    result = _rerun(opened, setup, handle.engine, (again, seed), result)
     except KeyboardInterrupt as error:
         raise InterruptedRunError("interrupted; nothing was changed") from error
     if as_json:
@@ -84,18 +78,24 @@ def verify(
         raise typer.Exit(CHECK_FAILED)
 
 
-def _contest(
-    directory: Path, policy: str | None, exploration: str | None, held: Holding
-) -> Contest:
+def _setup(
+    directory: Path, policy: str | None, exploration: str | None, isolation: IsolationOptions
+) -> PolicySetup:
     """Find the run's checkpoints, see that they are the ones evaluated, and load each once."""
     header = read_run(directory).header
     limits = PolicyLimits(act_timeout_s=header.act_timeout_s)
     policy = policy or header.policy.source
-    check_identity(header.policy, parse_source(policy, header.tasks, trust=held.trust))
+    check_identity(header.policy, parse_source(policy, header.tasks, trust=isolation.trust))
     if header.exploration is not None:
         exploration = exploration or header.exploration.source
-        check_identity(header.exploration, parse_source(exploration, trust=held.trust))
-    return make_contest(policy, exploration, header.tasks, held._replace(limits=limits))
+        check_identity(header.exploration, parse_source(exploration, trust=isolation.trust))
+    return prepare_policies(
+        policy,
+        header.tasks,
+        replace(isolation, limits=limits),
+        Callbacks(note=notes.print),
+        exploration=exploration,
+    )
 
 
 def _replay(run: RecordedRun, engine: Engine) -> Verification:
@@ -106,7 +106,7 @@ def _replay(run: RecordedRun, engine: Engine) -> Verification:
 
 def _rerun(
     run: RecordedRun,
-    contest: Contest,
+    setup: PolicySetup,
     engine: Engine,
     draw: tuple[int, int],
     replayed: Verification,
@@ -117,7 +117,7 @@ def _rerun(
     found: list[Difference] = []
     with Progress(console=notes) as progress:
         bar = progress.add_task("running again", total=len(specs))
-        for _, differences in rerun(run, contest, specs, engine):
+        for _, differences in rerun(run, setup, specs, engine):
             found += differences
             progress.advance(bar)
     return replace(replayed, differences=tuple(found), reran=len(specs))

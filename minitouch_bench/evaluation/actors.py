@@ -1,14 +1,21 @@
-"""The two kinds of actor, and which one serves a policy."""
+"""The policies of a run, and the actors that play its episodes with them."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.evaluation.rollout import Actor
-from minitouch_bench.policies.holding import hold
 from minitouch_bench.policies.in_process import InProcessPolicy
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolate import effective_level, isolate
+from minitouch_bench.policies.isolation.options import (
+    SANDBOXED,
+    Isolation,
+    IsolationOptions,
+    weakest,
+)
 from minitouch_bench.policies.policy import Observation
-from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
+from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.scripted import Controller, make_controller
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.protocol.seeds import policy_seed
@@ -16,23 +23,23 @@ from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
-class ProcessActor:
-    """A policy that is held away from the simulator, or loaded beside it for debugging."""
+class PolicyActor:
+    """A policy that sees observations only."""
 
-    def __init__(self, process: PolicyProcess | InProcessPolicy) -> None:
-        self._process = process
+    def __init__(self, policy: PolicyProcess | InProcessPolicy) -> None:
+        self._policy = policy
 
-    def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
-        """Fork and load afresh."""
-        self._process.reset(policy_seed(spec.seed), spec.task)
+    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+        """Load the policy again and reset it with its seed."""
+        self._policy.reset(policy_seed(spec.seed), spec.task)
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
-        """Ask the process."""
-        return self._process.act(observation)
+        """Ask the policy."""
+        return self._policy.act(observation)
 
     def close(self) -> None:
-        """End the process."""
-        self._process.close()
+        """End the policy's process."""
+        self._policy.close()
 
 
 class ScriptedActor:
@@ -40,7 +47,7 @@ class ScriptedActor:
 
     _controller: Controller
 
-    def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
         """Make a new controller."""
         self._controller = make_controller(environment)
 
@@ -52,19 +59,29 @@ class ScriptedActor:
         """Do nothing: there is no process."""
 
 
-def make_actor(
-    source: PolicySource,
-    role: Role,
-    limits: PolicyLimits,
-    isolation: Isolation = Isolation.SANDBOX,
-    *,
-    trust: bool,
-) -> ProcessActor | ScriptedActor:
-    """Return the actor of a policy; exploration policies act stochastically."""
-    if source.kind == "scripted":
-        return ScriptedActor()
-    deterministic = role is Role.FINAL
-    return ProcessActor(hold(source, limits, isolation, deterministic=deterministic, trust=trust))
+@dataclass(frozen=True)
+class PolicySetup:
+    """The policies of a run by role, and how they are isolated."""
 
+    policy: PolicySource
+    exploration: PolicySource | None = None
+    isolation: IsolationOptions = SANDBOXED
 
-__all__ = ["Actor", "ProcessActor", "ScriptedActor", "make_actor"]
+    def source(self, role: Role) -> PolicySource:
+        """Return the policy of a role."""
+        if role is Role.FINAL:
+            return self.policy
+        assert self.exploration is not None
+        return self.exploration
+
+    def isolation_level(self) -> Isolation:
+        """Return the weakest level at which a policy of the run is isolated."""
+        sources = [self.policy, *([self.exploration] if self.exploration else [])]
+        return weakest(effective_level(source, self.isolation.level) for source in sources)
+
+    def make_actor(self, role: Role) -> Actor:
+        """Return a new actor of a role; exploration policies act stochastically."""
+        source = self.source(role)
+        if source.kind == "scripted":
+            return ScriptedActor()
+        return PolicyActor(isolate(source, self.isolation, deterministic=role is Role.FINAL))

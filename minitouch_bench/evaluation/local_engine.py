@@ -12,13 +12,24 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
 from minitouch_bench.arithmetic import same_arithmetic
-from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.evaluation.engine import ActorSource, EpisodeRunner
-from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS
+from minitouch_bench.errors import InfrastructureError, UsageError
+from minitouch_bench.evaluation.engine import EngineHandle, EngineOptions, Note, core_count
+from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS, ActorSource, EpisodeRunner
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 PR_SET_PDEATHSIG = 1
 CLOSE_TIMEOUT_S = 2.0
+
+
+def open_local(
+    options: EngineOptions,
+    note: Note,  # noqa: ARG001 - an opener's signature
+) -> contextlib.AbstractContextManager[EngineHandle]:
+    """Open the engine of this machine: see ``engine.ENGINES``."""
+    if options.address is not None:
+        raise UsageError("--address is a Ray cluster's: add --engine ray")
+    workers = options.workers or core_count()
+    return contextlib.nullcontext(EngineHandle(LocalEngine(workers), workers))
 
 
 class LocalEngine:

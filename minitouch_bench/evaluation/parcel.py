@@ -1,4 +1,4 @@
-"""What goes to another machine to run episodes there: the contest, and the files it names."""
+"""What goes to another machine to run episodes there: the policies, and the files they name."""
 
 import hashlib
 from collections.abc import Iterator, Mapping
@@ -7,7 +7,8 @@ from pathlib import Path
 
 from minitouch_bench.cache import materialise
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.evaluation.engine import ActorSource, Contest
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.rollout import ActorSource
 from minitouch_bench.policies.sources import PolicySource, read_checkpoint
 
 STEM = "policy"
@@ -23,7 +24,7 @@ class Parcel:
 
 
 def pack(source: ActorSource) -> Parcel:
-    """Read the checkpoints of a contest; what is no contest has none.
+    """Read the checkpoints of a run's policies; a recording has none.
 
     Raises:
         PolicyLoadError: one cannot be read, or is no longer what it was.
@@ -46,7 +47,7 @@ def unpack(parcel: Parcel) -> tuple[ActorSource, dict[str, str]]:
         InfrastructureError: the cache cannot be written.
     """
     source = parcel.source
-    if not isinstance(source, Contest):
+    if not isinstance(source, PolicySetup):
         return source, {}
     places = {
         policy.target: str(
@@ -63,7 +64,7 @@ def unpack(parcel: Parcel) -> tuple[ActorSource, dict[str, str]]:
 
 
 def _files_of(source: ActorSource) -> Iterator[PolicySource]:
-    if not isinstance(source, Contest):
+    if not isinstance(source, PolicySetup):
         return
     for policy in (source.policy, source.exploration):
         if policy is not None:

@@ -2,14 +2,31 @@
 
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from types import ModuleType
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.evaluation.engine import ActorSource
+from minitouch_bench.evaluation.engine import EngineHandle, EngineOptions, Note
 from minitouch_bench.evaluation.parcel import pack
+from minitouch_bench.evaluation.ray_cluster import check_address, ray_cluster
 from minitouch_bench.evaluation.ray_crew import Crew, Loss
-from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS
+from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS, ActorSource
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
+
+
+def open_ray(options: EngineOptions, note: Note) -> AbstractContextManager[EngineHandle]:
+    """Open an engine on a Ray cluster: see ``engine.ENGINES``."""
+    if options.address is not None:
+        check_address(options.address)
+    return _joined(options, note)
+
+
+@contextmanager
+def _joined(options: EngineOptions, note: Note) -> Iterator[EngineHandle]:
+    # A Ray started here has one CPU per core, and a cluster the CPUs that it has.
+    with ray_cluster(options.address, options.workers) as ray:
+        engine = RayEngine(ray, options.workers, note)
+        yield EngineHandle(engine, engine.workers)
 
 
 class RayEngine:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from minitouch_bench.evaluation.engine import EpisodeRunner
-from minitouch_bench.evaluation.evaluation import package_versions
 from minitouch_bench.evaluation.parcel import unpack
+from minitouch_bench.evaluation.rollout import EpisodeRunner
+from minitouch_bench.evaluation.run import package_versions
 from minitouch_bench.optional import require
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec

@@ -34,7 +34,7 @@ class RecordedActor:
     def __init__(self, actions: Mapping[str, NDArray[np.float32]]) -> None:
         self._actions = actions
 
-    def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
         """Find the episode's actions."""
         self._rest = iter(self._actions[spec.key])
 

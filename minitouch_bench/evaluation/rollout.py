@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyFaultError, PolicyKilledError, PolicyLoadError
 from minitouch_bench.policies.policy import Observation
-from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
 from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.registration import make_environment
 
 MAX_ATTEMPTS = 3
 """An episode that meets an infrastructure fault is tried again with its seed, twice."""
@@ -20,7 +21,7 @@ NOT_REPEATED = "its process was killed, and tried again it did not repeat its ac
 class Actor(Protocol):
     """What drives an episode: a policy in its own process, or the scripted one."""
 
-    def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
         """Get ready for an episode, with no memory of earlier ones.
 
         Raises:
@@ -36,6 +37,37 @@ class Actor(Protocol):
 
     def close(self) -> None:
         """Free what it holds."""
+
+
+class ActorSource(Protocol):
+    """Where a worker gets its actors from: a run's policies, or its recorded actions."""
+
+    def make_actor(self, role: Role) -> Actor:
+        """Return a new actor for the episodes of a role."""
+
+
+class EpisodeRunner:
+    """Runs episodes one after the other in this process, keeping environments and policies."""
+
+    def __init__(self, source: ActorSource) -> None:
+        self._source = source
+        self._environments: dict[str, MiniTouchEnv] = {}
+        self._actors: dict[Role, Actor] = {}
+
+    def run(self, spec: EpisodeSpec) -> EpisodeRecord:
+        """Run one episode."""
+        if spec.task not in self._environments:
+            self._environments[spec.task] = make_environment(spec.task)
+        if spec.role not in self._actors:
+            self._actors[spec.role] = self._source.make_actor(spec.role)
+        return run_episode(self._environments[spec.task], self._actors[spec.role], spec)
+
+    def close(self) -> None:
+        """End the policies and the worlds."""
+        for actor in self._actors.values():
+            actor.close()
+        for environment in self._environments.values():
+            environment.close()
 
 
 def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> EpisodeRecord:
@@ -72,7 +104,7 @@ def _attempt(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> _Att
     recorder = _Recorder(environment.task.spec.action_size, observation, info)
     outcome = ""
     try:
-        actor.begin(environment, spec)
+        actor.reset(environment, spec)
         while not outcome:
             action = actor.act(observation)
             observation, reward, _, _, info = environment.step(action)

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.engine import Contest, Engine
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.submission import CHECKPOINTS, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.policies.isolation.options import IsolationOptions, PolicyLimits
 from minitouch_bench.policies.loading import BUILT_IN
-from minitouch_bench.policies.process import PolicyLimits
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.records import PolicyIdentity, Role
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
@@ -63,9 +64,9 @@ def _run_again(  # noqa: PLR0917 - one run of one seed of a submission
         faults.add(f"{place}, {difference.place}", difference.what)
     if run is None:
         return
-    contest = _contest(directory, seed, run)
+    setup = _setup(directory, seed, run)
     specs = draw_episodes(run, count, proving.rng)
-    for _, found in rerun(run, contest, specs, proving.engine):
+    for _, found in rerun(run, setup, specs, proving.engine):
         proving.progress()
         for difference in found:
             faults.add(
@@ -75,13 +76,13 @@ def _run_again(  # noqa: PLR0917 - one run of one seed of a submission
             )
 
 
-def _contest(directory: Path, seed: TrainingSeed, run: RecordedRun) -> Contest:
+def _setup(directory: Path, seed: TrainingSeed, run: RecordedRun) -> PolicySetup:
     header = run.saved.header
     exploration = header.exploration
-    return Contest(
+    return PolicySetup(
         _source(directory, seed, Role.FINAL, header.policy),
         None if exploration is None else _source(directory, seed, Role.EXPLORATION, exploration),
-        PolicyLimits(act_timeout_s=header.act_timeout_s),
+        IsolationOptions(limits=PolicyLimits(act_timeout_s=header.act_timeout_s)),
     )
 
 

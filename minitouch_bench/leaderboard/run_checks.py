@@ -11,7 +11,7 @@ from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.plausibility import contradictions
 from minitouch_bench.leaderboard.submission import ALL_TASKS, CheckpointFile, TrainingSeed
 from minitouch_bench.metrics.digest import run_digest
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.loading import BUILT_IN, FORMATS
 from minitouch_bench.policies.sources import DIRECTORY, NOTES
 from minitouch_bench.protocol.minitouch import PROTOCOL

@@ -28,8 +28,8 @@ from typing import Any
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError
 from minitouch_bench.policies.episode_child import Episode, run_episode
 from minitouch_bench.policies.isolation.kernel import die_with
-from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.isolation.limits import Limits
+from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.isolation.readable import factory_paths
 from minitouch_bench.policies.isolation.sandbox import Sandbox, prepare
 from minitouch_bench.policies.loading import FORMATS, check_permitted, find_loader

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from minitouch_bench.arithmetic import SETTINGS
-from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.isolation.limits import HOST_VARIABLES
+from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.wire import MAX_PAYLOAD, plain_line
 
 KEPT_OUTPUT = 4096

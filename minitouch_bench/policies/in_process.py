@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import MiniTouchError, PolicyRaisedError
 from minitouch_bench.policies.episode_child import seed_everything
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.loading import FORMATS, check_permitted, load_policy
 from minitouch_bench.policies.policy import (
     Checkpoint,

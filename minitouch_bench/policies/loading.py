@@ -6,7 +6,7 @@ from typing import Any
 
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError
 from minitouch_bench.optional import look_up, require
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.policy import Checkpoint, Policy
 from minitouch_bench.policies.wire import describe
 

@@ -1,12 +1,10 @@
 """A policy in a process of its own: the trusted side, which never imports torch."""
 
 import contextlib
-import math
 import os
 import signal
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, NoReturn
 
@@ -27,7 +25,7 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.policies.episode_pipes import EpisodePipes
 from minitouch_bench.policies.host_connection import HostConnection, HostGoneError
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.policies.policy import (
     Observation,
     action_size,
@@ -51,30 +49,10 @@ END_GRACE_S = {"remote": 1.0}
 
 STOP_TIMEOUT_S = 10.0
 
-MAX_ACTS = 256
-"""More than the 200 of an episode, for the limit of processor time."""
-
 REFUSALS: Mapping[str, type[MiniTouchError]] = {
     error.__name__: error for error in (IsolationError, MissingExtraError, PolicyLoadError)
 }
 """What a host may answer to the order to start an episode."""
-
-
-@dataclass(frozen=True)
-class PolicyLimits:
-    """How long a policy may take, in s: to load and reset, and to give one action.
-
-    In the sandbox its memory is limited too, in MiB beyond what the format's packages take.
-    """
-
-    load_timeout_s: float = 60.0
-    act_timeout_s: float = 5.0
-    memory_mb: int = 8192
-
-    @property
-    def cpu_s(self) -> int:
-        """Return the processor time that one thread could use within the deadlines."""
-        return math.ceil(self.load_timeout_s + MAX_ACTS * self.act_timeout_s)
 
 
 class PolicyProcess:
@@ -87,19 +65,16 @@ class PolicyProcess:
     def __init__(
         self,
         source: PolicySource,
-        limits: PolicyLimits | None = None,
-        isolation: Isolation = Isolation.SANDBOX,
+        options: IsolationOptions = SANDBOXED,
         *,
         deterministic: bool = True,
-        trust: bool = False,
     ) -> None:
         if source.kind == "scripted":
             raise ValueError("the scripted policy reads the simulator: it runs beside it")
         self._source = source
-        self._limits = limits or PolicyLimits()
-        self._isolation = isolation
+        self._options = options
+        self._limits = options.limits
         self._deterministic = deterministic
-        self._trust = trust
         self._host: HostConnection | None = None
         self._pipes: EpisodePipes | None = None
         self._size = 0
@@ -137,10 +112,10 @@ class PolicyProcess:
             "target": part.target,
             "digest": part.digest,
             "deterministic": self._deterministic,
-            "trust": self._trust,
+            "trust": self._options.trust,
             "task": task,
             "seed": seed,
-            "isolation": self._isolation,
+            "isolation": self._options.level,
             "memory_bytes": self._limits.memory_mb * 2**20,
             "cpu_s": self._limits.cpu_s,
         }
@@ -196,7 +171,7 @@ class PolicyProcess:
         """Have a child forked; a host that has ended is replaced, once."""
         for _ in range(2):
             if self._host is None:
-                self._host = HostConnection(self._isolation)
+                self._host = HostConnection(self._options.level)
             requests, ours = os.pipe()
             answers, theirs = os.pipe()
             pipes = EpisodePipes(self._host, ours, answers)

@@ -15,14 +15,13 @@ import numpy as np
 
 from minitouch_bench.cache import cache_directory, materialise
 from minitouch_bench.errors import MiniTouchError
-from minitouch_bench.evaluation.engine import ActorSource, EpisodeRunner
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.replay import RecordedActor, Recording
+from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
 from minitouch_bench.evaluation.storage import Actions
 from minitouch_bench.evaluation.suites import SUITES, find_suite
-from minitouch_bench.policies.holding import hold, probe
+from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.isolation import landlock
-from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import PROTOCOL
@@ -111,11 +110,11 @@ class _Crasher(RecordedActor):
         super().__init__(actions)
         self._marker = marker
 
-    def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
         if not self._marker.exists():
             self._marker.touch()
             os.kill(os.getpid(), signal.SIGKILL)
-        super().begin(environment, spec)
+        super().reset(environment, spec)
 
 
 def _guarded(name: str, check: Callable[[], Check]) -> Check:
@@ -159,7 +158,7 @@ def _protocol() -> Check:
 
 
 def _isolation() -> Check:
-    probe(parse_source("zero"), ("pushing",), isolation=Isolation.SANDBOX)
+    try_policy(parse_source("zero"), ("pushing",))
     text = f"a sandbox was tried and holds: seccomp, Landlock {landlock.supported_abi()}"
     return Check("isolation", Verdict.OK, text)
 
@@ -180,7 +179,7 @@ def _policy_repeats() -> Check:
 
 
 def _answers(checkpoint: Path) -> list[bytes]:
-    with contextlib.closing(hold(parse_source(str(checkpoint)))) as policy:
+    with contextlib.closing(isolate(parse_source(str(checkpoint)))) as policy:
         policy.reset(7, "pushing")
         return [policy.act(zero_observation()).tobytes() for _ in range(POLICY_STEPS)]
 

@@ -5,7 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.engine import Contest, Engine
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.storage import Actions
 from minitouch_bench.policies.sources import PolicySource, identify
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EpisodeSpec, PolicyIdentity
@@ -39,7 +40,7 @@ def check_identity(recorded: PolicyIdentity, source: PolicySource) -> None:
 
 
 def rerun(
-    run: RecordedRun, contest: Contest, specs: Sequence[EpisodeSpec], engine: Engine
+    run: RecordedRun, setup: PolicySetup, specs: Sequence[EpisodeSpec], engine: Engine
 ) -> Iterator[tuple[EpisodeRecord, tuple[Difference, ...]]]:
     """Run these episodes with the checkpoint and yield each with how it differs.
 
@@ -47,7 +48,7 @@ def rerun(
         InfrastructureError: an episode failed three times for no fault of the policy.
     """
     rows = dict(run.rows())
-    for record in engine.run(contest, specs):
+    for record in engine.run(setup, specs):
         recorded = run.actions[record.spec.key]
         yield record, tuple(_differences(record, rows[record.spec], recorded))
 

@@ -1,1 +1,1 @@
-"""The program's jobs as functions: settings in, results out."""
+"""The program's jobs as functions: options in, a result out."""

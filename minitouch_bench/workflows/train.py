@@ -159,7 +159,7 @@ class _ActorInMemory:
     def __init__(self, actor: TouchActor, deterministic: bool) -> None:
         self._policy = NativePolicy(actor, deterministic)
 
-    def begin(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
         """Seed the policy as an evaluation does."""
         self._policy.reset(policy_seed(spec.seed), spec.task)
 

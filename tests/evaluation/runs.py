@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from minitouch_bench.evaluation.engine import Contest
-from minitouch_bench.evaluation.evaluation import Request, begin, evaluate
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.engine import EngineHandle
 from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.run import RunRequest, open_run, run_episodes
 from minitouch_bench.evaluation.storage import lock_directory, write_actions
 from minitouch_bench.evaluation.suites import find_suite
-from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.policies.process import PolicyLimits
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EvaluationRun
 
@@ -25,27 +25,25 @@ def request(
     isolation=Isolation.SANDBOX,
     **limits,
 ):
-    contest = Contest(
+    setup = PolicySetup(
         parse_source(policy, trust=True),
         None if exploration is None else parse_source(exploration, trust=True),
-        PolicyLimits(**limits),
-        trust=True,
-        isolation=isolation,
+        IsolationOptions(isolation, trust=True, limits=PolicyLimits(**limits)),
     )
-    return Request(find_suite("table4"), tasks, episodes, seed, contest)
+    return RunRequest(find_suite("table4"), tasks, episodes, seed, setup)
 
 
 def run(
-    wanted: Request, directory: Path, workers=1, *, engine=None, resume=False, fresh=False
+    wanted: RunRequest, directory: Path, workers=1, *, engine=None, resume=False, fresh=False
 ) -> EvaluationRun:
     """Run into a directory; its journal and actions are there afterwards."""
     seen = []
     with lock_directory(directory):
-        begun = begin(wanted, directory, resume=resume, fresh=fresh)
-        engine = engine or LocalEngine(workers)
-        done = evaluate(wanted, engine, begun, directory, seen.append, workers=workers)
+        opened = open_run(wanted, directory, resume=resume, fresh=fresh)
+        handle = EngineHandle(engine or LocalEngine(workers), workers)
+        done = run_episodes(wanted, opened, handle, seen.append)
         write_actions(done.records, directory)
-    assert len(seen) == len(done.records) - len(begun.records)
+    assert len(seen) == len(done.records) - len(opened.records)
     return done
 
 

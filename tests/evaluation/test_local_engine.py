@@ -13,7 +13,7 @@ from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.journal import JOURNAL_FILE, read_journal
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.suites import find_suite
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolation.options import Isolation
 from tests.evaluation.runs import digests, request, run
 
 ROOT = Path(__file__).parents[2]
@@ -52,9 +52,9 @@ def is_worker(pid):
 
 def test_a_worker_killed_from_outside_is_replaced_and_its_episode_repeated(finished):
     wanted = request()
-    specs = wanted.chosen().episodes(exploration=False)
+    specs = wanted.specs()
     records = {}
-    for record in LocalEngine(1).run(wanted.contest, specs):
+    for record in LocalEngine(1).run(wanted.setup, specs):
         if not records:
             for pid in filter(is_worker, children(os.getpid())):
                 os.kill(pid, signal.SIGKILL)
@@ -84,13 +84,13 @@ def test_an_episode_is_tried_three_times(tmp_path, monkeypatch, importable, deat
 
 
 def test_no_episodes_need_no_workers():
-    assert list(LocalEngine(4).run(request().contest, ())) == []
+    assert list(LocalEngine(4).run(request().setup, ())) == []
 
 
 def test_breaking_off_ends_the_workers():
     wanted = request("zero")
     specs = find_suite("table4").episodes(exploration=False)
-    records = LocalEngine(2).run(wanted.contest, specs[:10])
+    records = LocalEngine(2).run(wanted.setup, specs[:10])
     next(records)
     records.close()
     assert not any(map(is_worker, children(os.getpid())))

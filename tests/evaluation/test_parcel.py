@@ -6,7 +6,7 @@ import pytest
 
 from minitouch_bench.cache import VARIABLE
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.evaluation.engine import Contest
+from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.parcel import pack, unpack
 from minitouch_bench.policies.sources import parse_source
 
@@ -25,11 +25,11 @@ def write(path, content):
 
 def test_a_checkpoint_is_the_same_where_its_file_never_was(tmp_path, cache):
     file = write(tmp_path / "actor.pt", b"weights")
-    contest = Contest(parse_source(str(file)))
-    parcel = pack(contest)
+    setup = PolicySetup(parse_source(str(file)))
+    parcel = pack(setup)
     file.unlink()
     there, names = unpack(parcel)
-    assert there.policy.digest == contest.policy.digest
+    assert there.policy.digest == setup.policy.digest
     assert there.policy.name == "actor"
     place = cache / f"policy-{hashlib.sha256(b'weights').hexdigest()[:16]}.pt"
     assert there.policy.target == str(place)
@@ -38,7 +38,7 @@ def test_a_checkpoint_is_the_same_where_its_file_never_was(tmp_path, cache):
 
 
 def test_another_file_under_its_name_is_not_taken_for_it(tmp_path, cache):
-    parcel = pack(Contest(parse_source(str(write(tmp_path / "actor.pt", b"weights")))))
+    parcel = pack(PolicySetup(parse_source(str(write(tmp_path / "actor.pt", b"weights")))))
     place = unpack(parcel)[0].policy.target
     write(cache / place, b"others")
     assert unpack(parcel)[0].policy.target == place
@@ -49,9 +49,9 @@ def test_each_task_keeps_its_own_file_and_exploration_its_own_policy(tmp_path, c
     write(tmp_path / "mine" / "pushing.pt", b"one")
     write(tmp_path / "mine" / "opening.onnx", b"two")
     explorer = write(tmp_path / "early.zip", b"three")
-    contest = Contest(parse_source(str(tmp_path / "mine")), parse_source(str(explorer)))
-    there, _ = unpack(pack(contest))
-    assert there.policy.digest == contest.policy.digest
+    setup = PolicySetup(parse_source(str(tmp_path / "mine")), parse_source(str(explorer)))
+    there, _ = unpack(pack(setup))
+    assert there.policy.digest == setup.policy.digest
     for task, kind, content in (("pushing", "torchscript", b"one"), ("opening", "onnx", b"two")):
         part = there.policy.for_task(task)
         assert (part.kind, hashlib.sha256(content).hexdigest()) == (part.kind, part.digest)
@@ -63,20 +63,20 @@ def test_each_task_keeps_its_own_file_and_exploration_its_own_policy(tmp_path, c
 
 
 def test_a_policy_without_a_file_needs_none(cache):
-    contest = Contest(parse_source("zero"))
-    parcel = pack(contest)
+    setup = PolicySetup(parse_source("zero"))
+    parcel = pack(setup)
     assert parcel.files == {}
-    assert unpack(parcel) == (contest, {})
+    assert unpack(parcel) == (setup, {})
     assert not cache.exists()
 
 
 @pytest.mark.parametrize("content", [b"other weights", None])
 def test_a_checkpoint_that_changed_meanwhile_is_not_sent(tmp_path, content):
     file = write(tmp_path / "actor.pt", b"weights")
-    contest = Contest(parse_source(str(file)))
+    setup = PolicySetup(parse_source(str(file)))
     if content is None:
         file.unlink()
     else:
         file.write_bytes(content)
     with pytest.raises(PolicyLoadError, match=r"was changed since|does not exist"):
-        pack(contest)
+        pack(setup)

@@ -20,7 +20,7 @@ from minitouch_bench.evaluation.journal import JOURNAL_FILE
 from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.ray_engine import RayEngine
 from minitouch_bench.evaluation.storage import ACTIONS_FILE
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from tests.evaluation import ray_nodes
@@ -101,11 +101,11 @@ def test_a_run_begun_here_goes_on_there_and_ends_here(finished, cluster, tmp_pat
 def test_the_checkpoint_may_go_once_the_episodes_have_begun(cluster, script, tmp_path):
     file = tmp_path / "gone.pt"
     file.write_bytes(script.read_bytes())
-    specs = request(str(file), ("pushing",), 4).chosen().episodes(exploration=False)
+    specs = request(str(file), ("pushing",), 4).specs()
     wanted = request(str(file), ("pushing",), 4)
     faults = []
     with engine_on(cluster) as (engine, _):
-        for record in engine.run(wanted.contest, specs):
+        for record in engine.run(wanted.setup, specs):
             file.unlink(missing_ok=True)
             faults.append(record.fault)
     assert faults == [""] * 4
@@ -118,10 +118,10 @@ def test_the_checkpoint_may_go_once_the_episodes_have_begun(cluster, script, tmp
 def test_a_node_that_joins_is_used_and_its_loss_costs_time_only(cluster, tmp_path):
     wanted = request("zero", TASK_NAMES, 6)
     here = run(wanted, tmp_path, workers=2)
-    specs = wanted.chosen().episodes(exploration=False)
+    specs = wanted.specs()
     found, used = {}, False
     with contextlib.ExitStack() as stack, engine_on(cluster) as (engine, notes):
-        for record in engine.run(wanted.contest, specs):
+        for record in engine.run(wanted.setup, specs):
             assert record.spec.key not in found
             found[record.spec.key] = (record.spec.key, record.outcome, record.trace.digest())
             if len(found) == 1:
@@ -138,10 +138,10 @@ def test_a_node_that_joins_is_used_and_its_loss_costs_time_only(cluster, tmp_pat
 def test_a_worker_that_dies_is_replaced_and_its_policy_dies_with_it(cluster, tmp_path):
     wanted = request("zero", ("opening",), 3)
     here = run(wanted, tmp_path)
-    specs = wanted.chosen().episodes(exploration=False)
+    specs = wanted.specs()
     found, hosts = {}, set()
     with engine_on(cluster, 1) as (engine, notes):
-        for record in engine.run(wanted.contest, specs):
+        for record in engine.run(wanted.setup, specs):
             if not found:
                 threading.Timer(0.3, kill_workers, (hosts,)).start()
             found[record.spec.key] = (record.spec.key, record.outcome, record.trace.digest())
@@ -171,22 +171,22 @@ def test_an_episode_is_tried_three_times_where_its_node_stays(cluster, tmp_path,
     counter = Path(os.environ["DEATHS"])
     counter.write_text(str(deaths))
     wanted = request("misbehaved:KillsItsWorkerOnce", ("opening",), 1, isolation=Isolation.PROCESS)
-    specs = wanted.chosen().episodes(exploration=False)
+    specs = wanted.specs()
     with engine_on(cluster) as (engine, _):
         if deaths < 3:
-            assert len(list(engine.run(wanted.contest, specs))) == 1
+            assert len(list(engine.run(wanted.setup, specs))) == 1
         else:
             with pytest.raises(InfrastructureError, match=r"opening/0 failed 3 times.*was lost"):
-                list(engine.run(wanted.contest, specs))
+                list(engine.run(wanted.setup, specs))
     assert counter.read_text() == "0"
 
 
 @pytest.mark.slow
 def test_breaking_off_ends_the_workers(cluster):
-    specs = request("zero", TASK_NAMES, 4).chosen().episodes(exploration=False)
+    specs = request("zero", TASK_NAMES, 4).specs()
     before = policy_hosts()
     with engine_on(cluster) as (engine, _):
-        records = engine.run(request("zero").contest, specs)
+        records = engine.run(request("zero").setup, specs)
         next(records)
         records.close()
         wait_until(lambda: policy_hosts() <= before)
@@ -244,7 +244,7 @@ def test_where_every_node_is_refused_nothing_runs(tmp_path):
         address = stack.enter_context(ray_nodes.head())
         engine, notes = stack.enter_context(engine_on(address))
         with pytest.raises(InfrastructureError, match=r"no node of the cluster can run"):
-            list(engine.run(request().contest, request().chosen().episodes(exploration=False)))
+            list(engine.run(request().setup, request().specs()))
         assert len(notes) == 1
 
 

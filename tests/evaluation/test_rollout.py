@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import InvalidActionError, PolicyLoadError, PolicyTimeoutError
-from minitouch_bench.evaluation.actors import ScriptedActor, make_actor
+from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.records import Outcome, Role
@@ -27,10 +27,10 @@ class Failing(ScriptedActor):
     def __init__(self, error, at_once=False):
         self._error, self._at_once, self._acts = error, at_once, 0
 
-    def begin(self, environment, spec):
+    def reset(self, environment, spec):
         if self._at_once:
             raise self._error
-        super().begin(environment, spec)
+        super().reset(environment, spec)
 
     def act(self, observation):
         self._acts += 1
@@ -93,8 +93,7 @@ def test_any_other_error_is_not_the_policy_s(environment):
 
 def test_a_process_actor_gives_the_same_episode_again(environment):
     spec = SPECS[environment.task.spec.name]
-    contest = request("random").contest
-    actor = make_actor(contest.policy, Role.FINAL, contest.limits, trust=False)
+    actor = request("random").setup.make_actor(Role.FINAL)
     first, other, again = (
         run_episode(environment, actor, one) for one in (spec, replace(spec, seed=1), spec)
     )

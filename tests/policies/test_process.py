@@ -17,10 +17,10 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
-from minitouch_bench.policies.holding import probe
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolate import try_policy
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
 from minitouch_bench.policies.policy import zero_observation
-from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
+from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import PolicySource, parse_source
 from tests.policies.conftest import load
 from tests.policies.misbehaving import RESET_EXITS, RESET_RAISES, RESET_SLEEPS, SEEDS
@@ -49,7 +49,9 @@ def importable():
 @pytest.fixture(scope="module")
 def bad():
     """One host for all these tests: that it goes on working is part of what they show."""
-    with PolicyProcess(factory("Misbehaving"), LIMITS, Isolation.PROCESS, trust=True) as policy:
+    with PolicyProcess(
+        factory("Misbehaving"), IsolationOptions(Isolation.PROCESS, trust=True, limits=LIMITS)
+    ) as policy:
         yield policy
 
 
@@ -220,21 +222,21 @@ def test_a_file_that_changes_during_the_evaluation_is_refused(tmp_path):
     source = parse_source(str(path))
     path.write_bytes(b"two")
     with pytest.raises(PolicyLoadError, match="was changed"):
-        probe(source, ["pushing"])
+        try_policy(source, ["pushing"])
 
 
 def test_probe_refuses_a_bad_file_but_leaves_faults_to_episodes(tmp_path, light):
     (tmp_path / "opening.onnx").write_bytes(b"plain text")
     (tmp_path / "pushing.safetensors").symlink_to(light / "policy.safetensors")
     source = parse_source(str(tmp_path))
-    probe(source, ["pushing"])
+    try_policy(source, ["pushing"])
     with pytest.raises(PolicyLoadError, match="no ONNX file"):
-        probe(source, ["pushing", "opening"])
-    probe(parse_source("scripted"), ["pushing"])
+        try_policy(source, ["pushing", "opening"])
+    try_policy(parse_source("scripted"), ["pushing"])
 
 
 def test_a_policy_that_fails_at_probing_may_still_be_loadable():
-    probe(factory("Misbehaving"), ["pushing"], LIMITS, trust=True)
+    try_policy(factory("Misbehaving"), ["pushing"], IsolationOptions(trust=True, limits=LIMITS))
 
 
 def test_the_scripted_policy_has_no_process():
@@ -244,10 +246,13 @@ def test_the_scripted_policy_has_no_process():
 
 WORKER = """
 import sys, time
+from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.sources import parse_source
-policy = PolicyProcess(parse_source("misbehaving:Misbehaving", trust=True), trust=True)
+policy = PolicyProcess(
+    parse_source("misbehaving:Misbehaving", trust=True), IsolationOptions(trust=True)
+)
 policy.reset(int(sys.argv[1]), "pushing")
 print(*policy.act(zero_observation())[1:3].astype(int), "torch" in sys.modules, flush=True)
 time.sleep(1000)
@@ -275,4 +280,4 @@ def test_missing_extra_is_named(monkeypatch, tmp_path):
     from minitouch_bench.errors import MissingExtraError
 
     with pytest.raises(MissingExtraError, match=r"minitouch-bench\[onnx\]"):
-        probe(parse_source(str(tmp_path / "x.onnx")), ["pushing"])
+        try_policy(parse_source(str(tmp_path / "x.onnx")), ["pushing"])

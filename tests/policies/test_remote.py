@@ -9,7 +9,7 @@ import pytest
 
 from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError
 from minitouch_bench.policies import server as server_module
-from minitouch_bench.policies.holding import hold
+from minitouch_bench.policies.isolate import isolate
 from minitouch_bench.policies.loading import load_policy
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.policies.server import PolicyServer
@@ -83,7 +83,7 @@ def test_episodes_do_not_mix(connect, observation):
 
 
 def test_a_process_ends_its_episodes_on_the_server(server, url, observation):
-    with hold(parse_source(url)) as policy:
+    with isolate(parse_source(url)) as policy:
         for seed in (1, 2):
             policy.reset(seed, "pushing")
             assert policy.act(observation)[2:].tolist() == [1.0, seed]

@@ -33,8 +33,8 @@ class NoisyActor(ScriptedActor):
     def __init__(self, deviation: float) -> None:
         self._deviation = deviation
 
-    def begin(self, environment, spec):
-        super().begin(environment, spec)
+    def reset(self, environment, spec):
+        super().reset(environment, spec)
         self._rng = np.random.default_rng([spec.seed, 1])
 
     def act(self, observation):
@@ -62,7 +62,7 @@ class Variant:
 
 def play(variant: Variant, name: str, episodes: int, tasks: Sequence[str] = GOAL_TASKS) -> SavedRun:
     wanted = request(tasks=tuple(tasks), episodes=episodes)
-    specs = wanted.chosen().episodes(exploration=False)
+    specs = wanted.specs()
     records = {record.spec: record for record in LocalEngine(2).run(variant, specs)}
     header = wanted.header()
     header = replace(header, policy=replace(header.policy, name=name))

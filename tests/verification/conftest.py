@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minitouch_bench.evaluation.engine import EpisodeRunner
+from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.evaluation.storage import ACTIONS_FILE
 from minitouch_bench.metrics import summarize
 from minitouch_bench.reporting import write_report, write_run

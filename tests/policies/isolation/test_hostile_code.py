@@ -15,10 +15,10 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
-from minitouch_bench.policies.holding import hold
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolate import isolate
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
 from minitouch_bench.policies.policy import zero_observation
-from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
+from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import parse_source
 from tests.policies.isolation import hostile_factory, hostile_modules
 
@@ -58,7 +58,7 @@ def factory(home):
         patch.setenv("PYTHONPATH", str(home), prepend=":")
         patch.setenv("MINITOUCH_SECRET", "s3cret")
         source = parse_source("hostile_factory:Hostile", trust=True)
-        with PolicyProcess(source, LIMITS, trust=True) as policy:
+        with PolicyProcess(source, IsolationOptions(trust=True, limits=LIMITS)) as policy:
             policy.reset(0, "pushing")
             yield policy
 
@@ -93,7 +93,7 @@ def test_calls_by_other_numbers_kill(factory):
 @pytest.fixture(scope="module")
 def scripts():
     """One host for all modules."""
-    with PolicyProcess(parse_source("zero"), LIMITS) as policy:
+    with PolicyProcess(parse_source("zero"), IsolationOptions(limits=LIMITS)) as policy:
         yield policy
 
 
@@ -117,7 +117,7 @@ def test_the_same_module_writes_where_nothing_holds_it(tmp_path):
         hostile_modules.saved(hostile_modules.WritesAtLoad(str(canary)))
     )
     source = parse_source(str(tmp_path / "x.pt"))
-    with hold(source, LIMITS, Isolation.PROCESS, trust=True) as policy:
+    with isolate(source, IsolationOptions(Isolation.PROCESS, trust=True, limits=LIMITS)) as policy:
         policy.reset(0, "pushing")
     assert canary.exists()  # so the test above tests something
 
@@ -156,7 +156,9 @@ def test_a_module_that_never_answers_is_ended(scripts, tmp_path, monkeypatch, mo
 def test_processor_time_is_limited_too(scripts, tmp_path, monkeypatch):
     short = PolicyLimits(act_timeout_s=30.0)
     monkeypatch.setattr(PolicyLimits, "cpu_s", 1)
-    with PolicyProcess(parse_source("zero"), short) as policy:  # limits are a host's for good
+    with PolicyProcess(
+        parse_source("zero"), IsolationOptions(limits=short)
+    ) as policy:  # limits are a host's for good
         begin(policy, hostile_modules.Loops(""), tmp_path, monkeypatch, short)
         with pytest.raises(PolicyExitError, match=signal.SIGXCPU.name):
             policy.act(zero_observation())
@@ -207,7 +209,7 @@ def test_torchscript_out_of_the_sandbox_needs_trust(tmp_path, monkeypatch):
     path = tmp_path / "policy.pt"
     path.write_bytes(hostile_modules.saved(hostile_modules.Counts("")))
     for level in (Isolation.PROCESS, Isolation.NONE):
-        policy = hold(parse_source(str(path)), LIMITS, level)
+        policy = isolate(parse_source(str(path)), IsolationOptions(level, limits=LIMITS))
         with pytest.raises(PolicyLoadError, match="add --trust"):
             policy.reset(0, "pushing")
         policy.close()

@@ -15,10 +15,10 @@ import safetensors.torch
 import torch
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
-from minitouch_bench.policies.holding import hold
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.isolate import isolate
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
 from minitouch_bench.policies.policy import zero_observation
-from minitouch_bench.policies.process import PolicyLimits, PolicyProcess
+from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import MAX_FILE_BYTES, parse_source
 from tests.policies.isolation import hostile_modules
 from tests.policies.recipes import run_recipes
@@ -64,7 +64,9 @@ def files(light, onnx_file, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def policy():
-    with PolicyProcess(parse_source("zero"), PolicyLimits(memory_mb=2048)) as policy:
+    with PolicyProcess(
+        parse_source("zero"), IsolationOptions(limits=PolicyLimits(memory_mb=2048))
+    ) as policy:
         yield policy
 
 
@@ -103,7 +105,9 @@ def test_every_format_gives_the_same_bits_in_the_sandbox_and_out(files, observat
     for path in files.values():
         actions = []
         for level in (Isolation.PROCESS, Isolation.SANDBOX):
-            with hold(parse_source(str(path)), None, level, trust="pt" in path.name) as policy:
+            with isolate(
+                parse_source(str(path)), IsolationOptions(level, trust="pt" in path.name)
+            ) as policy:
                 policy.reset(3, "opening")
                 actions.append([policy.act(observation).tobytes() for _ in range(3)])
         assert actions[0] == actions[1]

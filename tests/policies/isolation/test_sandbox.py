@@ -7,12 +7,12 @@ import sys
 import pytest
 
 from minitouch_bench.errors import IsolationError
-from minitouch_bench.evaluation.engine import Contest
-from minitouch_bench.policies.holding import held_level, hold, probe
+from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.policies.in_process import InProcessPolicy
+from minitouch_bench.policies.isolate import effective_level, isolate, try_policy
 from minitouch_bench.policies.isolation import landlock, sandbox
-from minitouch_bench.policies.isolation.levels import Isolation, weakest
 from minitouch_bench.policies.isolation.limits import Limits
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, weakest
 from minitouch_bench.policies.isolation.readable import readable_paths
 from minitouch_bench.policies.sources import parse_source
 
@@ -98,23 +98,23 @@ def test_an_old_kernel_is_asked_for_no_more_than_it_knows(monkeypatch):
 
 def test_levels_that_cannot_be_had_are_named_as_they_are():
     remote, scripted, zero = map(parse_source, ("http://127.0.0.1:1", "scripted", "zero"))
-    assert held_level(remote, Isolation.SANDBOX) is Isolation.PROCESS
-    assert held_level(scripted, Isolation.SANDBOX) is Isolation.NONE
-    assert held_level(zero, Isolation.SANDBOX) is Isolation.SANDBOX
+    assert effective_level(remote, Isolation.SANDBOX) is Isolation.PROCESS
+    assert effective_level(scripted, Isolation.SANDBOX) is Isolation.NONE
+    assert effective_level(zero, Isolation.SANDBOX) is Isolation.SANDBOX
     assert weakest([Isolation.SANDBOX, Isolation.PROCESS]) is Isolation.PROCESS
-    assert Contest(zero).held_level() is Isolation.SANDBOX
-    assert Contest(zero, remote).held_level() is Isolation.PROCESS
+    assert PolicySetup(zero).isolation_level() is Isolation.SANDBOX
+    assert PolicySetup(zero, remote).isolation_level() is Isolation.PROCESS
 
 
 def test_level_none_is_this_process(observation):
-    policy = hold(parse_source("zero"), None, Isolation.NONE)
+    policy = isolate(parse_source("zero"), IsolationOptions(Isolation.NONE))
     assert isinstance(policy, InProcessPolicy)
     with pytest.raises(RuntimeError, match="no episode"):
         policy.act(observation)
     policy.reset(0, "opening")
     assert policy.act(observation).tolist() == [0.0] * 5
     policy.close()
-    probe(parse_source("random"), ["pushing"], None, Isolation.NONE)
+    try_policy(parse_source("random"), ["pushing"], IsolationOptions(Isolation.NONE))
 
 
 def test_packages_of_another_environment_may_be_read_and_other_folders_of_the_path_not(

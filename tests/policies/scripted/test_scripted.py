@@ -25,7 +25,7 @@ class InThisProcess:
     def __init__(self, name):
         self._policy = load_policy(name, Checkpoint(name))
 
-    def begin(self, environment, spec):
+    def reset(self, environment, spec):
         self._policy.reset(spec.seed, spec.task)
 
     def act(self, observation):

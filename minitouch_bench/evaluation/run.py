@@ -1,15 +1,17 @@
-"""The main path: a contest of policies over a suite becomes an ``EvaluationRun``."""
+"""A run: what was asked for, its directory, and the episodes that are missing from it."""
 
 import platform
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.evaluation.engine import Contest, Engine
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.engine import EngineHandle
 from minitouch_bench.evaluation.journal import Journal, read_journal
 from minitouch_bench.evaluation.storage import clear_run, holds_run
 from minitouch_bench.evaluation.suites import Suite
@@ -17,6 +19,7 @@ from minitouch_bench.policies.sources import identify
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import (
     EpisodeRecord,
+    EpisodeSpec,
     EvaluationRun,
     PolicyIdentity,
     RunEnvironment,
@@ -27,19 +30,19 @@ PACKAGES = ("minitouch-bench", "pybullet", "gymnasium", "numpy", "torch")
 
 
 @dataclass(frozen=True)
-class Request:
-    """What to evaluate: the suite as published, and this run's own settings of it."""
+class RunRequest:
+    """What to run: the suite as published, and this run's own settings of it."""
 
     suite: Suite
     tasks: tuple[str, ...]
     episodes: int
     seed: int
-    contest: Contest
+    setup: PolicySetup
 
     def header(self) -> RunHeader:
         """Return what fixes the run's numbers."""
         differences = self.suite.differences(self.tasks, self.episodes, self.seed)
-        exploration = self.contest.exploration
+        exploration = self.setup.exploration
         return RunHeader(
             protocol=PROTOCOL.name,
             protocol_digest=PROTOCOL.digest(),
@@ -49,29 +52,34 @@ class Request:
             tasks=self.tasks,
             episodes=self.episodes,
             seed=self.seed,
-            policy=identify(self.contest.policy),
+            policy=identify(self.setup.policy),
             exploration=None if exploration is None else identify(exploration),
-            act_timeout_s=self.contest.limits.act_timeout_s,
-            isolation=self.contest.held_level(),
+            act_timeout_s=self.setup.isolation.limits.act_timeout_s,
+            isolation=self.setup.isolation_level(),
         )
 
-    def chosen(self) -> Suite:
-        """Return the suite with this run's settings."""
-        return replace(
+    def specs(self) -> tuple[EpisodeSpec, ...]:
+        """Return the episodes, in the suite's order."""
+        chosen = replace(
             self.suite, tasks=self.tasks, episodes_per_task=self.episodes, seed=self.seed
         )
+        return chosen.episodes(exploration=self.setup.exploration is not None)
 
 
 @dataclass(frozen=True)
-class Begun:
-    """A run's directory, ready for the episodes that are missing."""
+class OpenRun:
+    """A run with the episodes that are done. ``directory`` None: it is kept in memory only.
+
+    ``torn``: the journal's last line was torn by a crash, and has been cut off.
+    """
 
     header: RunHeader
-    records: tuple[EpisodeRecord, ...]
+    directory: Path | None = None
+    records: tuple[EpisodeRecord, ...] = ()
     torn: bool = False
 
 
-def begin(request: Request, directory: Path, *, resume: bool, fresh: bool) -> Begun:
+def open_run(request: RunRequest, directory: Path, *, resume: bool, fresh: bool) -> OpenRun:
     """Open a run's directory, which must be locked: write the header, or read what is done.
 
     Raises:
@@ -87,50 +95,48 @@ def begin(request: Request, directory: Path, *, resume: bool, fresh: bool) -> Be
     if not holds_run(directory):
         with Journal(directory) as journal:
             journal.write_header(header)
-        return Begun(header, ())
+        return OpenRun(header, directory)
     if not resume:
         raise RunDirectoryError(
             f"{directory} holds a run already.\n"
-            "Add --resume to continue it, --fresh to replace it, or --output for another place"
+            "Add --resume to continue it, --fresh to replace it, or --output for another directory"
         )
     found, records, torn = read_journal(directory)
     _check_same(header, found, directory)
-    return Begun(header, tuple(records), torn)
+    return OpenRun(header, directory, tuple(records), torn)
 
 
-def evaluate(
-    request: Request,
-    engine: Engine,
-    begun: Begun,
-    directory: Path,
+def run_episodes(
+    request: RunRequest,
+    opened: OpenRun,
+    handle: EngineHandle,
     on_record: Callable[[EpisodeRecord], None],
-    *,
-    workers: int = 1,
 ) -> EvaluationRun:
-    """Run the episodes that ``begun`` lacks and return the whole run.
+    """Run the episodes that ``opened`` lacks and return the whole run.
 
-    Each record is in the journal before ``on_record`` sees it.
+    Where the run has a directory, each record is in its journal before ``on_record`` sees it.
 
     Raises:
-        InfrastructureError: the run is incomplete; what is done is kept.
+        InfrastructureError: the run is incomplete; what is done is kept in the journal.
     """
-    specs = request.chosen().episodes(exploration=request.contest.exploration is not None)
-    records = {record.spec: record for record in begun.records}
+    specs = request.specs()
+    records = {record.spec: record for record in opened.records}
     missing = [spec for spec in specs if spec not in records]
     started, clock = datetime.now(UTC), time.monotonic()
-    with Journal(directory) as journal:
-        for record in engine.run(request.contest, missing):
-            journal.write_record(record)
+    with nullcontext() if opened.directory is None else Journal(opened.directory) as journal:
+        for record in handle.engine.run(request.setup, missing):
+            if journal is not None:
+                journal.write_record(record)
             records[record.spec] = record
             on_record(record)
     environment = RunEnvironment(
         packages=package_versions(),
         machine={"system": platform.platform(), "processor": _processor()},
-        workers=workers,
+        workers=handle.workers,
         started=started.isoformat(timespec="seconds"),
         wall_s=round(time.monotonic() - clock, 3),
     )
-    return EvaluationRun(begun.header, environment, tuple(records[spec] for spec in specs))
+    return EvaluationRun(opened.header, environment, tuple(records[spec] for spec in specs))
 
 
 def _check_same(wanted: RunHeader, found: RunHeader, directory: Path) -> None:

@@ -1,0 +1,108 @@
+"""The arguments and options that several commands share, and what they become."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
+
+MAX_WORKERS = 1024
+MAX_ACT_TIMEOUT_S = 86400.0
+AUTO = "auto"
+
+EPISODES = "Episodes"
+OUTPUT = "Output"
+ENGINE = "Engine"
+ISOLATION = "Isolation"
+"""Groups of options in a command's help."""
+
+POLICIES = (
+    "random, zero, scripted, a checkpoint (.safetensors .pt .ts .onnx .zip), a directory with "
+    "one file per task, package.module:attribute, or http://..."
+)
+
+Exploration = Annotated[
+    str | None,
+    typer.Option(
+        help="The policy as of the end of the exploration phase.", rich_help_panel=EPISODES
+    ),
+]
+Workers = Annotated[
+    str,
+    typer.Option(
+        metavar="N|auto", help="Worker processes; auto: one per core.", rich_help_panel=ENGINE
+    ),
+]
+EngineName = Annotated[
+    str,
+    typer.Option(
+        metavar="local|ray",
+        help="ray runs episodes on a cluster: see docs/cluster.md.",
+        rich_help_panel=ENGINE,
+    ),
+]
+Address = Annotated[
+    str | None,
+    typer.Option(
+        metavar="HOST:PORT",
+        help="The Ray cluster; without it Ray starts here.",
+        rich_help_panel=ENGINE,
+    ),
+]
+IsolationLevel = Annotated[
+    Isolation,
+    typer.Option(help="See docs/isolation.md; none needs --trust.", rich_help_panel=ISOLATION),
+]
+Trust = Annotated[
+    bool,
+    typer.Option(
+        "--trust",
+        help="Run a policy's own Python code on this machine.",
+        rich_help_panel=ISOLATION,
+    ),
+]
+ActTimeout = Annotated[
+    float,
+    typer.Option(
+        min=0.01,
+        max=MAX_ACT_TIMEOUT_S,
+        help="Seconds a policy may take for one action.",
+        rich_help_panel=ISOLATION,
+    ),
+]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Continue the run there.", rich_help_panel=OUTPUT)
+]
+Fresh = Annotated[
+    bool, typer.Option("--fresh", help="Replace the run there.", rich_help_panel=OUTPUT)
+]
+RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="Directory of a finished run.")]
+
+ACT_TIMEOUT_S = PolicyLimits().act_timeout_s
+
+
+def worker_count(text: str) -> int | None:
+    """Return the number of workers, None for "auto".
+
+    Raises:
+        UsageError: it is no such number.
+    """
+    if text == AUTO:
+        return None
+    if not text.isdecimal() or not 1 <= int(text) <= MAX_WORKERS:
+        raise UsageError(f"--workers is a number from 1 to {MAX_WORKERS}, or auto, not '{text}'")
+    return int(text)
+
+
+def isolation_options(
+    level: Isolation, trust: bool, act_timeout_s: float = ACT_TIMEOUT_S
+) -> IsolationOptions:
+    """Return how to isolate a policy."""
+    return IsolationOptions(level, trust, PolicyLimits(act_timeout_s=act_timeout_s))
+
+
+def comma_separated(text: str) -> tuple[str, ...]:
+    """Return the words of a list, in order."""
+    return tuple(word.strip() for word in text.split(",") if word.strip())

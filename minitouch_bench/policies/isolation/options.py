@@ -1,0 +1,57 @@
+"""How a policy is isolated: the level, what its own code may do, and its limits."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+MAX_ACTS = 256
+"""More than the 200 of an episode, for the limit of processor time."""
+
+
+class Isolation(StrEnum):
+    """The levels of isolation, strictest first."""
+
+    SANDBOX = "sandbox"
+    """A process of its own that can reach neither files, network nor other processes."""
+
+    PROCESS = "process"
+    """A process of its own, with all the rights of the user who runs the evaluation."""
+
+    NONE = "none"
+    """The process of the simulator, for debugging."""
+
+
+def weakest(levels: Iterable[Isolation]) -> Isolation:
+    """Return the weakest of some levels."""
+    return max(levels, key=list(Isolation).index)
+
+
+@dataclass(frozen=True)
+class PolicyLimits:
+    """How long a policy may take, in s: to load and reset, and to give one action.
+
+    In the sandbox its memory is limited too, in MiB beyond what the format's packages take.
+    """
+
+    load_timeout_s: float = 60.0
+    act_timeout_s: float = 5.0
+    memory_mb: int = 8192
+
+    @property
+    def cpu_s(self) -> int:
+        """Return the processor time that one thread could use within the timeouts."""
+        return math.ceil(self.load_timeout_s + MAX_ACTS * self.act_timeout_s)
+
+
+@dataclass(frozen=True)
+class IsolationOptions:
+    """How to isolate a policy. ``trust`` permits Python code that comes with it."""
+
+    level: Isolation = Isolation.SANDBOX
+    trust: bool = False
+    limits: PolicyLimits = PolicyLimits()
+
+
+SANDBOXED = IsolationOptions()
+"""The default."""

@@ -1,0 +1,171 @@
+"""Evaluate a policy on a suite: play its episodes, then derive every file of the run."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from minitouch_bench.errors import InfrastructureError, InterruptedRunError
+from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions, open_engine
+from minitouch_bench.evaluation.filming import film, film_name
+from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_episodes
+from minitouch_bench.evaluation.storage import lock_directory, write_actions
+from minitouch_bench.evaluation.suites import find_suite, parse_tasks
+from minitouch_bench.metrics import summarize
+from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
+from minitouch_bench.records import EvaluationRun, SavedRun
+from minitouch_bench.reporting import Report, write_report, write_run
+from minitouch_bench.reporting.json_document import from_document, to_document
+from minitouch_bench.reporting.report import build_report
+from minitouch_bench.workflows.callbacks import SILENT, Callbacks
+from minitouch_bench.workflows.policies import prepare_policies
+
+REPORTS = Path("reports")
+"""A run without ``output`` gets a directory in here, named after its policy and suite."""
+
+
+@dataclass(frozen=True)
+class OutputOptions:
+    """Where a run is kept, and what to do with a run that is there already.
+
+    ``directory`` None: in ``REPORTS``. ``in_memory``: nothing is written, and an interrupted
+    run is lost. ``video``: how many episodes of each task are filmed.
+    """
+
+    directory: Path | None = None
+    in_memory: bool = False
+    resume: bool = False
+    fresh: bool = False
+    video: int = 0
+
+
+@dataclass(frozen=True)
+class EvaluateOptions:
+    """What to evaluate, and how.
+
+    ``tasks``, ``episodes`` (per task), ``seed``: None for the suite's own.
+    ``exploration``: the policy as of the end of the exploration phase. ``name``: what reports
+    call the policy.
+    """
+
+    policy: str
+    suite: str = "table4"
+    tasks: tuple[str, ...] | None = None
+    episodes: int | None = None
+    seed: int | None = None
+    exploration: str | None = None
+    name: str | None = None
+    engine: EngineOptions = LOCAL
+    isolation: IsolationOptions = SANDBOXED
+    output: OutputOptions = OutputOptions()
+
+
+@dataclass(frozen=True)
+class EvaluationResult:
+    """A finished run: what was saved, its report, and its directory if it has one."""
+
+    saved: SavedRun
+    report: Report
+    directory: Path | None = None
+
+
+def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> EvaluationResult:
+    """Run a policy through a suite, write every file of the run, and return it.
+
+    Raises:
+        UsageError: an option has no meaning.
+        PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
+        RunDirectoryError: the directory is in use, or holds another run.
+        InfrastructureError, InterruptedRunError: the run is incomplete and can be resumed.
+    """
+    engine = open_engine(options.engine, callbacks.note)
+    request = make_request(options, callbacks)
+    output = options.output
+    if output.in_memory:
+        with engine as handle:
+            run = play(request, OpenRun(request.header()), handle, callbacks)
+        return _in_memory(run, run_name(request))
+    directory = output.directory or REPORTS / run_name(request)
+    with engine as handle, lock_directory(directory):
+        opened = open_run(request, directory, resume=output.resume, fresh=output.fresh)
+        run = play(request, opened, handle, callbacks)
+        return save_run(run, directory, output.video)
+
+
+def make_request(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> RunRequest:
+    """Find suite, tasks and policies; each policy is loaded once.
+
+    Raises:
+        UsageError: an option has no meaning.
+        PolicyError, IsolationError, MissingExtraError: a policy cannot be used.
+    """
+    suite = find_suite(options.suite)
+    tasks = parse_tasks(None if options.tasks is None else ",".join(options.tasks), suite)
+    setup = prepare_policies(
+        options.policy,
+        tasks,
+        options.isolation,
+        callbacks,
+        exploration=options.exploration,
+        name=options.name,
+    )
+    episodes = options.episodes or suite.episodes_per_task
+    seed = suite.seed if options.seed is None else options.seed
+    return RunRequest(suite, tasks, episodes, seed, setup)
+
+
+def run_name(request: RunRequest) -> str:
+    """Name a run after its policy and suite, in characters that suit a file name."""
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", request.setup.policy.name).strip(".-")
+    return f"{name[:80] or 'policy'}-{request.suite.name}"
+
+
+def play(
+    request: RunRequest, opened: OpenRun, handle: EngineHandle, callbacks: Callbacks = SILENT
+) -> EvaluationRun:
+    """Run the episodes that are missing; tell the callbacks of those that are done, too."""
+    if opened.torn:
+        callbacks.note("the journal's last line was torn and has been cut off")
+    callbacks.phase("episodes", len(request.specs()))
+    for record in opened.records:
+        callbacks.episode(record)
+    with resumable(opened.directory):
+        return run_episodes(request, opened, handle, callbacks.episode)
+
+
+@contextmanager
+def resumable(directory: Path | None) -> Iterator[None]:
+    """Tell the user of an interrupted run how to continue it."""
+    advice = (
+        "Nothing is kept: a run with an output directory could be resumed."
+        if directory is None
+        else f"What is done is kept in {directory}; the same command with --resume continues."
+    )
+    try:
+        yield
+    except InfrastructureError as error:
+        raise InfrastructureError(f"{error}\n{advice}") from error
+    except KeyboardInterrupt as error:
+        raise InterruptedRunError(f"interrupted\n{advice}") from error
+
+
+def save_run(run: EvaluationRun, directory: Path, video: int = 0) -> EvaluationResult:
+    """Derive every file of a run from its records; film the first ``video`` of each task."""
+    summary = summarize(run, np.random.default_rng(run.header.seed))
+    write_actions(run.records, directory)
+    videos = [
+        film(record.spec, record.trace.actions, directory / "videos" / film_name(record.spec.key))
+        for record in run.records
+        if record.spec.index < video
+    ]
+    saved = write_run(run, summary, directory)
+    return EvaluationResult(saved, write_report([saved], directory, videos), directory)
+
+
+def _in_memory(run: EvaluationRun, name: str) -> EvaluationResult:
+    summary = summarize(run, np.random.default_rng(run.header.seed))
+    saved = from_document(to_document(run, summary), name)
+    return EvaluationResult(saved, build_report([saved]))

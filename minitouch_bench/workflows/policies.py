@@ -1,0 +1,58 @@
+"""Find the policies of a run and try each before its first episode."""
+
+from dataclasses import replace
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.policies.isolate import effective_level, try_policy
+from minitouch_bench.policies.isolation.options import SANDBOXED, Isolation, IsolationOptions
+from minitouch_bench.policies.sources import PolicySource, parse_source
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.workflows.callbacks import SILENT, Callbacks
+
+
+def prepare_policies(
+    policy: str,
+    tasks: tuple[str, ...],
+    isolation: IsolationOptions = SANDBOXED,
+    callbacks: Callbacks = SILENT,
+    *,
+    exploration: str | None = None,
+    name: str | None = None,
+) -> PolicySetup:
+    """Find the policies and load each once, so that a bad file is refused before any episode.
+
+    ``name`` is what reports call the policy; by default its own name.
+
+    Raises:
+        UsageError: an option has no meaning here.
+        PolicyError, IsolationError, MissingExtraError: a policy cannot be used.
+    """
+    if isolation.level is Isolation.NONE and not isolation.trust:
+        raise UsageError("--isolation none runs the policy in this very process: add --trust")
+    source = _find_policy(policy, tasks, isolation, callbacks)
+    if name is not None:
+        source = replace(source, name=name)
+    if exploration is None:
+        return PolicySetup(source, isolation=isolation)
+    goals = tuple(task for task in tasks if task in GOAL_TASKS)
+    if not goals:
+        raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
+    explorer = _find_policy(exploration, goals, isolation, callbacks, deterministic=False)
+    return PolicySetup(source, explorer, isolation)
+
+
+def _find_policy(
+    text: str,
+    tasks: tuple[str, ...],
+    isolation: IsolationOptions,
+    callbacks: Callbacks,
+    *,
+    deterministic: bool = True,
+) -> PolicySource:
+    source = parse_source(text, tasks, trust=isolation.trust)
+    level = effective_level(source, isolation.level)
+    if source.kind == "remote" and level is not isolation.level:
+        callbacks.note(f"a policy server needs the network: its client has isolation {level}")
+    try_policy(source, tasks, isolation, deterministic=deterministic)
+    return source

@@ -1,0 +1,266 @@
+"""Evaluate a policy on the official suites, or take finished runs, and pack a submission."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions, open_engine
+from minitouch_bench.evaluation.journal import JOURNAL_FILE
+from minitouch_bench.evaluation.run import RunRequest, open_run
+from minitouch_bench.evaluation.storage import LOCK_FILE, clear_run, lock_directory, write_actions
+from minitouch_bench.evaluation.suites import find_suite
+from minitouch_bench.leaderboard.faults import Fault
+from minitouch_bench.leaderboard.packing import (
+    add_seed,
+    begun_submission,
+    check_about,
+    copy_run,
+    name_files,
+    tidy,
+)
+from minitouch_bench.leaderboard.submission import (
+    MAIN_SUITE,
+    SUBMITTED_SUITES,
+    About,
+    CheckpointFile,
+    Submission,
+    TrainingSeed,
+    run_place,
+)
+from minitouch_bench.leaderboard.texts import check_name
+from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES, validate
+from minitouch_bench.metrics import summarize
+from minitouch_bench.policies.isolation.options import IsolationOptions
+from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
+from minitouch_bench.records import PolicyIdentity, Role, SavedRun
+from minitouch_bench.reporting import read_run, write_run
+from minitouch_bench.reporting.run_directory import RUN_FILE
+from minitouch_bench.workflows.callbacks import SILENT, Callbacks
+from minitouch_bench.workflows.evaluate import play
+from minitouch_bench.workflows.policies import prepare_policies
+
+DEFAULT_MODALITIES = ("vision", "touch")
+
+
+@dataclass(frozen=True)
+class SubmitOptions:
+    """What to submit: a policy to evaluate, or the directories of finished runs.
+
+    ``about`` holds fields of ``About``; what is left out stays as the submission has it.
+    ``training_seed`` names the training run that the policy comes from. With ``include`` the
+    checkpoint is copied, so that others can run it again. ``directory`` holds all submissions.
+    """
+
+    name: str
+    policy: str | None = None
+    runs: tuple[Path, ...] = ()
+    exploration: str | None = None
+    suites: tuple[str, ...] = (MAIN_SUITE,)
+    about: Mapping[str, Any] = field(default_factory=dict)
+    training_seed: int = 0
+    include: bool = True
+    directory: Path = Path("submissions")
+    engine: EngineOptions = LOCAL
+    trust: bool = False
+    resume: bool = False
+    fresh: bool = False
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A submission's directory, and the faults for which a maintainer would refuse it."""
+
+    directory: Path
+    faults: tuple[Fault, ...]
+
+
+def submit(options: SubmitOptions, callbacks: Callbacks = SILENT) -> Packed:
+    """Add a training seed to a submission, which begins with its first one, and check it.
+
+    Raises:
+        UsageError: an option has no meaning, or a run is no official one.
+        PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
+        RunDirectoryError: a run is there already, or cannot be read or written.
+        InfrastructureError, InterruptedRunError: a run is incomplete and can be resumed.
+    """
+    check_name(options.name)
+    _check_suites(options.suites)
+    directory = options.directory / options.name
+    begun = begun_submission(directory)
+    about = _about(options, begun)
+    check_about(about)
+    if (options.policy is None) == (not options.runs):
+        raise UsageError("give a POLICY to evaluate, or finished runs with --run")
+    packer = _Packer(options, directory, callbacks)
+    seed = packer.copy_runs() if options.policy is None else packer.evaluate(options.policy)
+    add_seed(directory, begun, about, seed)
+    return Packed(directory, validate(directory).faults)
+
+
+def _check_suites(suites: tuple[str, ...]) -> None:
+    if MAIN_SUITE not in suites or any(suite not in SUBMITTED_SUITES for suite in suites):
+        raise UsageError(
+            f"--suites is {MAIN_SUITE}, or {','.join(SUBMITTED_SUITES)}, not '{','.join(suites)}'"
+        )
+
+
+def _about(options: SubmitOptions, begun: Submission | None) -> About:
+    """Return what the submission tells: what it told before, changed by the options given."""
+    usual = RESERVED_MODALITIES.get(options.policy or options.name, DEFAULT_MODALITIES)
+    known = begun.about if begun else About(options.name, method=options.name, modalities=usual)
+    return replace(known, name=options.name, **options.about)
+
+
+@dataclass(frozen=True)
+class _Packer:
+    """Fills the runs and the checkpoints of one training seed into a submission."""
+
+    options: SubmitOptions
+    directory: Path
+    callbacks: Callbacks
+
+    def evaluate(self, policy: str) -> TrainingSeed:
+        """Run the suites into the submission, and return the entry of the training seed."""
+        options = self.options
+        opening = open_engine(options.engine, self.callbacks.note)
+        suites = [suite for suite in SUBMITTED_SUITES if suite in options.suites]
+        setup = prepare_policies(
+            policy,
+            find_suite(MAIN_SUITE).tasks,
+            IsolationOptions(trust=options.trust),
+            self.callbacks,
+            exploration=options.exploration,
+        )
+        files = self._checkpoints(setup.policy, setup.exploration)
+        with opening as handle:
+            for suite in suites:
+                self._run_suite(suite, setup, handle)
+        return self._entry(suites, files)
+
+    def copy_runs(self) -> TrainingSeed:
+        """Copy finished runs into the submission, and return the entry of the training seed."""
+        paths = self.options.runs
+        runs = [read_run(path) for path in paths]
+        by_suite = {run.header.suite: (run, path) for run, path in zip(runs, paths, strict=True)}
+        if MAIN_SUITE not in by_suite or len(by_suite) != len(runs):
+            raise UsageError(f"--run needs one run of {MAIN_SUITE}, and at most one of each suite")
+        main = by_suite[MAIN_SUITE][0].header
+        for run, path in by_suite.values():
+            _check_official(run, path)
+            _check_policy(run, path, main.policy)
+        for suite, (_, path) in by_suite.items():
+            self._copy_run(path, self._run_directory(suite))
+        explorer = None if main.exploration is None else _find_source(main.exploration)
+        files = self._checkpoints(_find_source(main.policy), explorer)
+        return self._entry([suite for suite in SUBMITTED_SUITES if suite in by_suite], files)
+
+    def _run_directory(self, suite: str) -> Path:
+        return self.directory / run_place(self.options.training_seed, suite)
+
+    def _entry(self, suites: list[str], files: tuple[CheckpointFile, ...]) -> TrainingSeed:
+        seed = self.options.training_seed
+        return TrainingSeed(seed, {suite: run_place(seed, suite) for suite in suites}, files)
+
+    def _run_suite(self, name: str, setup: PolicySetup, handle: EngineHandle) -> None:
+        """Run one suite alone in its directory, and leave no lock in what is then packed."""
+        suite = find_suite(name)
+        # The exploration figure is one of Table 4 alone.
+        setup = setup if name == MAIN_SUITE else replace(setup, exploration=None)
+        request = RunRequest(suite, suite.tasks, suite.episodes_per_task, suite.seed, setup)
+        directory = self._run_directory(name)
+        with lock_directory(directory):
+            try:
+                if _is_finished(directory) and not self.options.fresh:
+                    self._check_kept(request, directory)
+                else:
+                    self._play(request, directory, handle)
+            finally:
+                (directory / LOCK_FILE).unlink(missing_ok=True)
+
+    def _play(self, request: RunRequest, directory: Path, handle: EngineHandle) -> None:
+        if self.options.fresh:
+            clear_run(directory)
+        opened = open_run(request, directory, resume=self.options.resume, fresh=False)
+        self.callbacks.note(f"suite {request.suite.name}")
+        run = play(request, opened, handle, self.callbacks)
+        write_actions(run.records, directory)
+        write_run(run, summarize(run, np.random.default_rng(run.header.seed)), directory)
+        tidy(directory)
+
+    def _check_kept(self, request: RunRequest, directory: Path) -> None:
+        """Refuse to keep a finished run that nobody asked to keep, or that is another one."""
+        if not self.options.resume:
+            raise RunDirectoryError(
+                f"{directory} holds a finished run.\nAdd --resume to keep it, --fresh to replace "
+                "it, or another --training-seed"
+            )
+        if read_run(directory).header != request.header():
+            raise RunDirectoryError(
+                f"{directory} holds the run of another policy; --fresh replaces it"
+            )
+
+    def _copy_run(self, source: Path, directory: Path) -> None:
+        if (directory / RUN_FILE).exists() and not self.options.fresh:
+            raise RunDirectoryError(f"{directory} holds a run.\nAdd --fresh to replace it")
+        clear_run(directory)
+        copy_run(source, directory)
+
+    def _checkpoints(
+        self, policy: PolicySource, exploration: PolicySource | None
+    ) -> tuple[CheckpointFile, ...]:
+        """Name the checkpoint files of both roles, and copy them if asked for."""
+        options = self.options
+        files: list[CheckpointFile] = []
+        for role, source in ((Role.FINAL, policy), (Role.EXPLORATION, exploration)):
+            if source is None:
+                continue
+            there = not source.digest or Path(source.target).exists()
+            if options.include and not there:
+                self.callbacks.note(f"{source.target} is gone: only its SHA-256 is kept")
+            files += name_files(
+                self.directory,
+                source,
+                role,
+                options.training_seed,
+                include=options.include and there,
+            )
+        return tuple(files)
+
+
+def _is_finished(directory: Path) -> bool:
+    return (directory / RUN_FILE).exists() and not (directory / JOURNAL_FILE).exists()
+
+
+def _check_official(run: SavedRun, path: Path) -> None:
+    header = run.header
+    if header.suite not in SUBMITTED_SUITES or not header.official:
+        reasons = "; ".join(header.unofficial_because) or f"suite {header.suite}"
+        raise UsageError(f"{path} is no official run: {reasons}")
+
+
+def _check_policy(run: SavedRun, path: Path, main: PolicyIdentity) -> None:
+    policy = run.header.policy
+    if (policy.kind, policy.digest) != (main.kind, main.digest):
+        raise UsageError(f"{path} is the run of another policy than that of {MAIN_SUITE}")
+
+
+def _find_source(recorded: PolicyIdentity) -> PolicySource:
+    """Find the policy of a finished run again, or what is known of it where it is gone.
+
+    Raises:
+        UsageError: it is a directory, which is known by its files alone.
+    """
+    try:
+        source = parse_source(recorded.source, trust=True)
+        if (source.kind, source.digest) == (recorded.kind, recorded.digest):
+            return source
+    except PolicyLoadError:
+        pass
+    if recorded.kind == DIRECTORY:
+        raise UsageError(f"the policy {recorded.source} has changed or is gone: put it back")
+    return PolicySource(recorded.kind, recorded.name, recorded.source, recorded.digest)
