@@ -1,6 +1,9 @@
 """The application ``minitouch-bench`` and how its errors reach a user."""
 
 import sys
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Annotated
 
 import typer
 
@@ -19,33 +22,53 @@ from minitouch_bench.cli.train import train
 from minitouch_bench.cli.verify import verify
 from minitouch_bench.errors import MiniTouchError
 
+INTERRUPTED = 130
+"""What typer returns after a Ctrl-C that no command has told the user about."""
+
+COMMANDS: dict[Callable[..., None], str] = {
+    evaluate: "minitouch-bench evaluate my_policy.onnx --suite smoke",
+    report: "minitouch-bench report reports/a reports/b --output reports/both",
+    compare: "minitouch-bench compare reports/a reports/b",
+    regress: "minitouch-bench regress new.onnx --baseline reports/old",
+    verify: "minitouch-bench verify reports/a --rerun 20",
+    replay: "minitouch-bench replay reports/a pushing/17",
+    train: "minitouch-bench train opening --method hac --seed 1",
+    submit: "minitouch-bench submit my_policy.onnx --name my-policy",
+    tasks: "minitouch-bench tasks",
+    doctor: "minitouch-bench doctor",
+}
+"""Every command with an example of its use, in the order of the help."""
+
 app = typer.Typer(
     name="minitouch-bench",
-    help="Evaluate touch-driven manipulation policies on the MiniTouch benchmark.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-app.command()(evaluate)
-app.command()(report)
-app.command()(compare)
-app.command()(regress)
-app.command()(tasks)
-app.command()(verify)
-app.command()(replay)
-app.command()(train)
-app.command()(doctor)
-app.command()(submit)
+for command, example in COMMANDS.items():
+    app.command(epilog=f"Example: {example}")(command)
 app.add_typer(leaderboard, name="leaderboard")
 app.add_typer(shapes, name="shapes")
 
 
-INTERRUPTED = 130
-"""What typer returns after a Ctrl-C that no command has told the user about."""
+def _print_version(asked: bool) -> None:
+    if asked:
+        print(f"minitouch-bench {version('minitouch-bench')}")
+        raise typer.Exit
+
+
+@app.callback()
+def minitouch_bench(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print it."),
+    ] = False,
+) -> None:
+    """Evaluate touch-driven manipulation policies on the MiniTouch benchmark."""
 
 
 def main() -> None:
-    """Run the command line; a mistake of the user's ends in a line or two, no traceback."""
+    """Run the command line; a user's mistake ends in a line or two, without a traceback."""
     try:
         # So that usage errors come here too; the code of a typer.Exit is then returned.
         code = app(standalone_mode=False)

@@ -2,30 +2,35 @@
 
 import json
 from dataclasses import asdict
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.consoles import data_console, notes
 from minitouch_bench.errors import InterruptedRunError
-from minitouch_bench.evaluation.engine import core_count
-from minitouch_bench.verification.doctor import Check, Verdict, examine
+
+if TYPE_CHECKING:
+    from minitouch_bench.verification.doctor import Check
 
 CHECK_FAILED = 1
-SIGNS = {Verdict.OK: "[green]ok[/]", Verdict.NOTE: "[cyan]note[/]", Verdict.FAIL: "[red]FAIL[/]"}
+SIGNS = {"ok": "[green]ok[/]", "note": "[cyan]note[/]", "fail": "[red]FAIL[/]"}
+"""What is printed by verdict."""
 
 
 def doctor(
-    workers: Annotated[str, typer.Option(help="Worker processes, or auto: one a core.")] = "auto",
+    workers: options.Workers = options.AUTO,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Check the installation, the sandbox, and that this machine repeats its own bits."""
+    from minitouch_bench.evaluation.engine import core_count
+    from minitouch_bench.verification.doctor import Verdict, examine
+
+    count = options.worker_count(workers) or core_count()
     checks: list[Check] = []
     try:
         with notes.status("examining") as status:
-            for check in examine(options.worker_count(workers) or core_count()):
+            for check in examine(count):
                 checks.append(check)
                 status.update(f"{check.name}: {check.verdict}")
     except KeyboardInterrupt as error:
@@ -39,7 +44,9 @@ def doctor(
         raise typer.Exit(CHECK_FAILED)
 
 
-def _show(checks: list[Check], failed: list[str]) -> None:
+def _show(checks: "list[Check]", failed: list[str]) -> None:
+    from rich.table import Table
+
     table = Table(show_header=False, box=None, pad_edge=False)
     for check in checks:
         table.add_row(SIGNS[check.verdict], check.name, check.text)

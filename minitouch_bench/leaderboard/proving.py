@@ -15,7 +15,7 @@ from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.policies.isolation.options import IsolationOptions, PolicyLimits
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
-from minitouch_bench.records import PolicyIdentity, Role
+from minitouch_bench.records import EpisodeRecord, PolicyIdentity, Role
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
 from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun
 from minitouch_bench.verification.verify import verify_run
@@ -23,11 +23,11 @@ from minitouch_bench.verification.verify import verify_run
 
 @dataclass(frozen=True)
 class Proving:
-    """How to prove: on which engine, drawing from ``rng``, reporting each episode done."""
+    """How to prove: on which engine, drawing from ``rng``, and what takes each episode."""
 
     engine: Engine
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
-    progress: Callable[[], None] = lambda: None
+    on_record: Callable[[EpisodeRecord], None] = lambda _: None
 
 
 def replay(verdict: Verdict, proving: Proving) -> Faults:
@@ -35,7 +35,7 @@ def replay(verdict: Verdict, proving: Proving) -> Faults:
     faults = Faults()
     for place in verdict.runs:
         with faults.caught(place):
-            found = verify_run(verdict.directory / place, proving.engine, proving.progress)
+            found = verify_run(verdict.directory / place, proving.engine, proving.on_record)
             for difference in found.differences:
                 faults.add(
                     f"{place}, {difference.place}",
@@ -66,8 +66,8 @@ def _run_again(  # noqa: PLR0917 - one run of one seed of a submission
         return
     setup = _setup(directory, seed, run)
     specs = draw_episodes(run, count, proving.rng)
-    for _, found in rerun(run, setup, specs, proving.engine):
-        proving.progress()
+    for record, found in rerun(run, setup, specs, proving.engine):
+        proving.on_record(record)
         for difference in found:
             faults.add(
                 f"{place}, {difference.place}",

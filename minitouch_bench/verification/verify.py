@@ -35,14 +35,14 @@ class Verification:
 
 
 def verify_run(
-    directory: Path, engine: Engine, progress: Callable[[], None] = lambda: None
+    directory: Path, engine: Engine, on_record: Callable[[EpisodeRecord], None] = lambda _: None
 ) -> Verification:
     """Replay every episode of a run and recompute all that its files say.
 
     The episodes come from the suite, the actions from ``actions.npz``. From the replayed
     trajectories every metric, estimate and digest is computed anew and compared bit for bit
     with ``run.json``; so are the tables, the report and the journal that lie beside it.
-    ``progress`` is called after each episode. The texts of faults, and what the policy and
+    ``on_record`` takes each replayed episode. The texts of faults, and what the policy and
     the machine were called, cannot be recomputed and are taken as they are.
 
     Raises:
@@ -50,11 +50,11 @@ def verify_run(
         InfrastructureError: an episode could not be replayed.
     """
     run, differences = open_run(directory)
-    return Verification(0, differences) if run is None else replay_run(run, engine, progress)
+    return Verification(0, differences) if run is None else replay_run(run, engine, on_record)
 
 
 def replay_run(
-    run: RecordedRun, engine: Engine, progress: Callable[[], None] = lambda: None
+    run: RecordedRun, engine: Engine, on_record: Callable[[EpisodeRecord], None] = lambda _: None
 ) -> Verification:
     """Replay every episode of an opened run and recompute its files: see ``verify_run``.
 
@@ -64,7 +64,7 @@ def replay_run(
     records = []
     for record in engine.run(Recording(run.actions), run.specs):
         records.append(record)
-        progress()
+        on_record(record)
     found = tuple(compare_with_replay(run, records))
     return Verification(len(records), found)
 

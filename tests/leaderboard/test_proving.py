@@ -61,9 +61,7 @@ def change_actions(verdict, change):
 
 def test_an_honest_run_replays(verdict, proving):
     done = []
-    assert (
-        list(replay(verdict, dataclasses.replace(proving, progress=lambda: done.append(1)))) == []
-    )
+    assert list(replay(verdict, dataclasses.replace(proving, on_record=done.append))) == []
     assert len(done) == 2
 
 

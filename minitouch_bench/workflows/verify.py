@@ -1,0 +1,101 @@
+"""Check a run: replay its recorded actions, and run drawn episodes with its checkpoint."""
+
+import secrets
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from minitouch_bench.errors import InterruptedRunError
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
+from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions, PolicyLimits
+from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.reporting import read_run
+from minitouch_bench.verification.differences import Difference
+from minitouch_bench.verification.recorded_run import RecordedRun, open_run
+from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun
+from minitouch_bench.verification.verify import Verification, replay_run
+from minitouch_bench.workflows.callbacks import SILENT, Callbacks
+from minitouch_bench.workflows.policies import prepare_policies
+
+
+def unforeseen_draw() -> int:
+    """Return a seed that nobody can foresee."""
+    return secrets.randbits(32)
+
+
+@dataclass(frozen=True)
+class VerifyOptions:
+    """How to check a run.
+
+    ``rerun``: how many drawn episodes are also run with the checkpoint. ``policy`` and
+    ``exploration``: where the checkpoints lie now, by default where they lay. ``draw``: the
+    seed of the draw, by default one that nobody can foresee.
+    """
+
+    run: Path
+    rerun: int = 0
+    policy: str | None = None
+    exploration: str | None = None
+    draw: int = field(default_factory=unforeseen_draw)
+    engine: EngineOptions = LOCAL
+    isolation: IsolationOptions = SANDBOXED
+
+
+def verify(options: VerifyOptions, callbacks: Callbacks = SILENT) -> Verification:
+    """Replay a run and recompute every figure; then run drawn episodes with its checkpoint.
+
+    Raises:
+        UsageError: a checkpoint is not the run's.
+        PolicyError, IsolationError, MissingExtraError: a checkpoint cannot be used.
+        RunDirectoryError: it is no run, or a file of it is damaged.
+        InfrastructureError, InterruptedRunError: the check is incomplete.
+    """
+    opening = open_engine(options.engine, callbacks.note)
+    setup = _find_checkpoints(options, callbacks) if options.rerun else None
+    try:
+        with opening as handle:
+            run, differences = open_run(options.run)
+            if run is None:
+                return Verification(0, differences)
+            callbacks.phase("replaying", len(run.specs))
+            found = replay_run(run, handle.engine, callbacks.episode)
+            if setup is None or not found.passed:
+                return found
+            return _run_again(run, setup, handle.engine, options, callbacks, found)
+    except KeyboardInterrupt as error:
+        raise InterruptedRunError("interrupted; nothing was changed") from error
+
+
+def _find_checkpoints(options: VerifyOptions, callbacks: Callbacks) -> PolicySetup:
+    """Find the run's checkpoints, see that they are the ones evaluated, and load each once."""
+    header = read_run(options.run).header
+    trust = options.isolation.trust
+    policy = options.policy or header.policy.source
+    check_identity(header.policy, parse_source(policy, header.tasks, trust=trust))
+    exploration = None
+    if header.exploration is not None:
+        exploration = options.exploration or header.exploration.source
+        check_identity(header.exploration, parse_source(exploration, trust=trust))
+    limits = PolicyLimits(act_timeout_s=header.act_timeout_s)
+    isolation = replace(options.isolation, limits=limits)
+    return prepare_policies(policy, header.tasks, isolation, callbacks, exploration=exploration)
+
+
+def _run_again(  # noqa: PLR0917 - everything that verify has opened
+    run: RecordedRun,
+    setup: PolicySetup,
+    engine: Engine,
+    options: VerifyOptions,
+    callbacks: Callbacks,
+    replayed: Verification,
+) -> Verification:
+    """Add what the drawn episodes gave when run with the checkpoint."""
+    specs = draw_episodes(run, options.rerun, np.random.default_rng(options.draw))
+    callbacks.phase("running again", len(specs))
+    differences: list[Difference] = []
+    for record, found in rerun(run, setup, specs, engine):
+        differences += found
+        callbacks.episode(record)
+    return replace(replayed, differences=tuple(differences), reran=len(specs))
