@@ -54,7 +54,7 @@ def main():
         print(f"{task}: {rate:.0f} control steps/s, {memory:.0f} bytes a transition")
     for method in METHODS:
         config = replace(preset(TASK_NAMES[-1]), method=method)
-        learner = Learner(config, environment.task.preset, torch.device("cpu"))
+        learner = Learner(config, environment.task.spec, torch.device("cpu"))
         act = cpu_ms(ACTIONS, lambda one=learner: one.act(observation))
         update = cpu_ms(UPDATES, lambda one=learner: one.update(replay))
         print(f"{method}: {act:.1f} ms an action, {update:.0f} ms a gradient step")

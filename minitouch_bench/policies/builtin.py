@@ -1,4 +1,6 @@
-"""The two floors of every table: uniformly random actions, and none at all."""
+"""The floors of every table: random actions, none at all, and a fixed sequence played blind."""
+
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,30 @@ class RandomPolicy:
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return a uniformly random action."""
         return self._generator.uniform(-1.0, 1.0, self._size).astype(np.float32)
+
+
+OPEN_LOOP_FILE = Path(__file__).with_name("open_loop.npz")
+"""One action sequence per task, float32 (T, A); ``benchmarks.open_loop`` chooses them."""
+
+
+class OpenLoopPolicy:
+    """Play one fixed action sequence per task, then hold still; look at nothing."""
+
+    def __init__(self) -> None:
+        with np.load(OPEN_LOOP_FILE) as file:
+            self._sequences = {task: file[task] for task in file.files}
+
+    def reset(self, seed: int, task: str) -> None:
+        """Start the task's sequence."""
+        self._actions, self._step = self._sequences[task], 0
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the next action of the sequence, zeros after its end."""
+        self._step += 1
+        if self._step > len(self._actions):
+            return np.zeros(self._actions.shape[1], np.float32)
+        action: NDArray[np.float32] = self._actions[self._step - 1]
+        return action
 
 
 class ZeroPolicy:
@@ -39,3 +65,8 @@ def load_random(checkpoint: Checkpoint) -> RandomPolicy:  # noqa: ARG001 - a loa
 def load_zero(checkpoint: Checkpoint) -> ZeroPolicy:  # noqa: ARG001 - a loader's signature
     """Return the policy that never moves."""
     return ZeroPolicy()
+
+
+def load_open_loop(checkpoint: Checkpoint) -> OpenLoopPolicy:  # noqa: ARG001 - a loader's signature
+    """Return the policy that plays fixed sequences blind."""
+    return OpenLoopPolicy()

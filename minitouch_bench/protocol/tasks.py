@@ -168,7 +168,7 @@ OPENING = OpeningSpec(
     shadows=False,  # the camera stands where the light does
     cabinet=CabinetSpec(),
     front=(0.70, 0.705),  # D
-    middle=(-0.05, 0.10),  # D
+    middle=(-0.08, 0.14),  # D
     success_angle=math.radians(30.0),  # T
 )
 

@@ -2,7 +2,7 @@ import torch
 
 from minitouch_bench.agents.touch_scale import TouchScale
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.simulation.scene import Workspace
+from minitouch_bench.protocol.spec import Workspace
 
 WORKSPACE = Workspace((0.25, -0.2, 0.0), (0.7, 0.25, 0.04))
 

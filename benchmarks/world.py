@@ -1,0 +1,133 @@
+"""What the world is like: contacts, forces, depths and pictures over resets and random episodes.
+
+``python -m benchmarks.world [EPISODES] [RESETS]``, 50 and 500 by default; a task per process.
+"""
+
+import multiprocessing
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
+from minitouch_bench.simulation.quiet_pybullet import pybullet
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.registration import make_environment
+
+FIRST_SEED = 6_000_000
+TABLE = 0
+FINGERS = (9, 10)
+DISCOVERED_RAD = np.radians(5.0)
+
+
+@dataclass
+class RandomPlay:
+    """What random actions meet in one task."""
+
+    ticks: int = 0
+    table_ticks: int = 0
+    clipped_steps: int = 0
+    deepest: float = 0.0
+    touch_ticks: int = 0
+    touch_steps: int = 0
+    steps: int = 0
+    successes: int = 0
+    discovered: int = 0
+
+
+def deepest(environment: MiniTouchEnv) -> float:
+    """Return the deepest penetration (m) of the arm or the object, in any body but the base's."""
+    client, bodies = environment.client._id, (environment.arm.body, environment.task.target_body)
+    points = [
+        point
+        for body in bodies
+        for other in range(pybullet.getNumBodies(physicsClientId=client))
+        if other != body
+        for point in pybullet.getClosestPoints(body, other, 0.0, physicsClientId=client)
+        if not (body == environment.arm.body and point[3] < 0)
+        and not (body != environment.arm.body and other == environment.arm.body)
+    ]
+    if environment.task.spec.name == "opening":  # the cabinet's floor stands on the table
+        points = [point for point in points if environment.arm.body in point[1:3]]
+    return -min((point[8] for point in points), default=0.0)
+
+
+def look_at_resets(environment: MiniTouchEnv, count: int) -> str:
+    """Reset often and say what is seen and what overlaps."""
+    pixels, contrasts, depths = [], [], []
+    for seed in range(FIRST_SEED, FIRST_SEED + count):
+        observation, _ = environment.reset(seed=seed)
+        seen, image = environment._camera.visible_bodies(environment.client), observation["image"]
+        pixels.append(min((seen == body).sum() for body in environment.task.landmarks))
+        shown = seen == environment.task.target_body
+        table = image[0][seen == TABLE]
+        contrasts.append(abs(float(image[0][shown].mean()) - float(np.median(table))))
+        depths.append(deepest(environment))
+    few = np.mean(np.array(pixels) < PROTOCOL.observation.least_visible_pixels)
+    return (
+        f"{count} resets: below 15 pixels {few:.1%}, least contrast {min(contrasts):.0f} levels, "
+        f"deepest overlap {1000 * max(depths):.2f} mm"
+    )
+
+
+def play(environment: MiniTouchEnv, count: int) -> str:
+    """Play random episodes and say what happened."""
+    found, client = RandomPlay(), environment.client
+    limit = environment.task.spec.force_limit
+    step_client = client.step
+
+    def step_and_look() -> None:
+        step_client()
+        found.ticks += 1
+        found.table_ticks += any(
+            contact.link_a >= 0 and contact.normal_force > 0
+            for contact in client.contacts(environment.arm.body, TABLE)
+        )
+
+    client.step = step_and_look
+    for seed in range(FIRST_SEED, FIRST_SEED + count):
+        environment.reset(seed=seed)
+        rng, ended, angle = np.random.default_rng(seed), False, 0.0
+        while not ended:
+            action = rng.uniform(-1.0, 1.0, environment.action_space.shape).astype(np.float32)
+            observation, _, terminated, truncated, info = environment.step(action)
+            ended = terminated or truncated
+            found.steps += 1
+            found.clipped_steps += bool((np.abs(observation["touch"][5:]) >= limit).any())
+            found.touch_ticks += int(info["contact_ticks"])
+            found.touch_steps += info["contact_ticks"] > 0
+            angle = max(angle, float(info["object_state"][0]))
+            for finger in FINGERS:
+                points = pybullet.getContactPoints(
+                    environment.arm.body,
+                    environment.task.target_body,
+                    linkIndexA=finger,
+                    physicsClientId=client._id,
+                )
+                found.deepest = max(found.deepest, *(-point[8] for point in points), 0.0)
+        found.successes += bool(info["success"])
+        found.discovered += angle > DISCOVERED_RAD
+    opening = environment.task.spec.name == "opening"
+    return (
+        f"{count} random episodes: arm on the table {found.table_ticks / found.ticks:.2%} of ticks, "
+        f"clipped force {found.clipped_steps / count:.1f} steps an episode, "
+        f"deepest finger {1000 * found.deepest:.1f} mm, touch {found.touch_ticks / count:.0f} ticks "
+        f"({found.touch_steps / found.steps:.3f} of steps), success {found.successes / count:.3f}"
+        + (f", door beyond 5 degrees {found.discovered / count:.2f}" if opening else "")
+    )
+
+
+def look(task: str, episodes: int, resets: int) -> str:
+    """Return the lines of one task."""
+    environment = make_environment(task)
+    lines = [look_at_resets(environment, resets), play(environment, episodes)]
+    environment.close()
+    return "\n".join(f"{task}: {line}" for line in lines)
+
+
+if __name__ == "__main__":
+    given = [int(text) for text in sys.argv[1:]]
+    episodes, resets = (*given, *(50, 500)[len(given) :])
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        for lines in pool.starmap(look, [(task, episodes, resets) for task in TASK_NAMES]):
+            print(lines, flush=True)
