@@ -65,8 +65,9 @@ def look_at_resets(environment: MiniTouchEnv, count: int) -> str:
         depths.append(deepest(environment))
     few = np.mean(np.array(pixels) < PROTOCOL.observation.least_visible_pixels)
     return (
-        f"{count} resets: below 15 pixels {few:.1%}, least contrast {min(contrasts):.0f} levels, "
-        f"deepest overlap {1000 * max(depths):.2f} mm"
+        f"{count} resets: below 15 pixels {few:.1%}, "
+        f"below 50 gray levels {np.mean(np.array(contrasts) < 50):.1%} "
+        f"(median {np.median(contrasts):.0f}), deepest overlap {1000 * max(depths):.2f} mm"
     )
 
 
@@ -109,9 +110,10 @@ def play(environment: MiniTouchEnv, count: int) -> str:
         found.discovered += angle > DISCOVERED_RAD
     opening = environment.task.spec.name == "opening"
     return (
-        f"{count} random episodes: arm on the table {found.table_ticks / found.ticks:.2%} of ticks, "
+        f"{count} random episodes: on the table {found.table_ticks / found.ticks:.2%} of ticks, "
         f"clipped force {found.clipped_steps / count:.1f} steps an episode, "
-        f"deepest finger {1000 * found.deepest:.1f} mm, touch {found.touch_ticks / count:.0f} ticks "
+        f"deepest finger {1000 * found.deepest:.1f} mm, "
+        f"touch {found.touch_ticks / count:.0f} ticks "
         f"({found.touch_steps / found.steps:.3f} of steps), success {found.successes / count:.3f}"
         + (f", door beyond 5 degrees {found.discovered / count:.2f}" if opening else "")
     )
