@@ -18,7 +18,7 @@ prove: $(READY)
 
 # The calibration policies against their committed baselines.
 regress: $(READY)
-	for policy in zero random scripted; do \
+	for policy in zero random open-loop scripted; do \
 	  $(BIN)/minitouch-bench regress $$policy --baseline reports/baseline/$$policy \
 	    --output build/regress/$$policy --fresh || exit 1; \
 	done

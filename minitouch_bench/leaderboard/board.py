@@ -16,7 +16,7 @@ from minitouch_bench.records import Estimate, Gap, Role
 from minitouch_bench.reporting.paper import PAPER_METHODS, PaperValue, paper_value
 from minitouch_bench.reporting.tables import TABLE4_METRICS
 
-CALIBRATION = ("scripted", "random", "zero")
+CALIBRATION = ("scripted", "open-loop", "random", "zero")
 """The calibration rows in the order of every table: the ceiling, then the floors."""
 
 TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)

@@ -27,6 +27,7 @@ RUN_FILE = "run.json"
 RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
     "random": (),
     "zero": (),
+    "open-loop": (),
     "scripted": ("state",),
 }
 """What the calibration policies look at."""

@@ -31,6 +31,7 @@ class Format:
 FORMATS: Mapping[str, Format] = {
     "random": Format("minitouch_bench.policies.builtin:load_random"),
     "zero": Format("minitouch_bench.policies.builtin:load_zero"),
+    "open-loop": Format("minitouch_bench.policies.builtin:load_open_loop"),
     "native": Format("minitouch_bench.policies.native:load_native", (".safetensors",)),
     "torchscript": Format(
         "minitouch_bench.policies.torchscript:load_torchscript", (".pt", ".ts"), runs_code=True
@@ -49,7 +50,7 @@ FORMATS: Mapping[str, Format] = {
     "remote": Format("minitouch_bench.policies.remote:load_remote"),
 }
 
-BUILT_IN = ("random", "zero", "scripted")
+BUILT_IN = ("random", "zero", "open-loop", "scripted")
 """Policies known by name; ``scripted`` has no loader, it runs beside the simulator."""
 
 KIND_BY_SUFFIX: Mapping[str, str] = {
