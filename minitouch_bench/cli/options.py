@@ -19,8 +19,8 @@ ISOLATION = "Isolation"
 """Groups of options in a command's help."""
 
 POLICIES = (
-    "random, zero, scripted, a checkpoint (.safetensors .pt .ts .onnx .zip), a directory with "
-    "one file per task, package.module:attribute, or http://..."
+    "random, zero, open-loop, scripted, a checkpoint (.safetensors .pt .ts .onnx .zip), a "
+    "directory with one file per task, package.module:attribute, or http://..."
 )
 
 Exploration = Annotated[
