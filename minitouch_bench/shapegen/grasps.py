@@ -1,5 +1,6 @@
 """Where to grip: the best place for two parallel pads, straight down, at a fixed hand yaw."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,11 @@ LOWEST_TARGET = 0.0112
 """Grasp-target height that keeps the fingertips 4 mm above the table, m."""
 OPENING = 0.08
 """Distance between the open pads, m."""
+DEEP = 0.012
+"""How far above the fingertips a body should reach between the pads, m."""
+TRIED_NEAR = 0.004
+TRIED_COST = 0.02
+"""What a place this near one that was tried before costs, m."""
 
 
 @dataclass(frozen=True)
@@ -35,21 +41,25 @@ class Grasp:
     width: float
 
 
-def plan_grasp(points: Points, lowest_target: float = LOWEST_TARGET) -> Grasp:
+def plan_grasp(
+    points: Points, lowest_target: float = LOWEST_TARGET, tried: Sequence[float] = ()
+) -> Grasp:
     """Choose the best grasp of a resting body by pads that close along y.
 
     ``points``: dense surface points (N, 3), m, x and y from the centre of mass, z from the
     table; ``lowest_target``: the least height of the grasp target over the table, m. Prefers a
-    narrow place near the centre of mass with contacts opposite each other.
+    narrow place near the centre of mass, deep between the pads, with contacts opposite each
+    other, and x away from those ``tried`` before, m.
     """
     top = float(points[:, 2].max())
-    middle = float(np.clip((points[:, 2].min() + top) / 2.0, lowest_target, None))
+    middle = (float(points[:, 2].min()) + top) / 2.0
     lowest = max(lowest_target, top + 0.003 - PALM_ABOVE_TARGET)
     heights = sorted({max(lowest, middle + step) for step in (-0.008, 0.0, 0.008)})
     best, best_score = Grasp(0.0, 0.0, lowest, float("inf")), float("inf")
     for z in heights:
         for x in np.arange(-0.018, 0.0181, 0.003).tolist():
             grasp, score = _rated(points, x, z)
+            score += TRIED_COST * sum(abs(x - before) < TRIED_NEAR for before in tried)
             if score < best_score:
                 best, best_score = grasp, score
     return best
@@ -71,6 +81,8 @@ def _rated(points: Points, x: float, z: float) -> tuple[Grasp, float]:
     left, right = pad[pad[:, 1] <= low + 0.0015], pad[pad[:, 1] >= high - 0.0015]
     across = left.mean(axis=0) - right.mean(axis=0)
     ends = 0.5 * np.abs(left.mean(axis=0) + right.mean(axis=0))
+    shallow = max(0.0, DEEP + z - TIP_BELOW_TARGET - float(pad[:, 2].max()))
     overhang = (low - wide_low) + (wide_high - high)
     score = 0.3 * width + abs(float(across[0])) + abs(float(across[2])) + 0.8 * float(ends[0])
-    return Grasp(x, (wide_low + wide_high) / 2.0, z, width), score + 3.0 * overhang
+    score += 3.0 * (overhang + shallow)
+    return Grasp(x, (wide_low + wide_high) / 2.0, z, width), score

@@ -10,6 +10,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.shapegen.grasps import plan_grasp
 from minitouch_bench.shapegen.mesh import surface_points
 from minitouch_bench.shapegen.poses import rotation_matrix
+from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.pick_up import PickUp
 
 OPEN, CLOSE = 1.0, -1.0
@@ -22,16 +23,21 @@ POINT_SPACING_M = 0.003
 TABLE_TOP_M = PROTOCOL.physics.table_top
 LOST_ABOVE_M, LOST_BELOW_M = 0.055, TABLE_TOP_M + 0.01
 CLOSING_STEPS = 4
-NUDGE = 0.05
-"""A step without motion lasts one tick; one of 3 mm gives the fingers time to close."""
+NUDGE = 0.02
+"""A step without motion lasts one tick; one of 1 mm along the pads gives them time to close."""
+LIFT = 0.15
+"""Slow: some shapes reach only a few millimetres up between the pads."""
 
 
 class PickUpController(Controller):
-    """Hover, descend, close, lift."""
+    """Hover, descend, close, lift; after a grasp that failed, try another place."""
 
-    _closing = 0
-    _place: NDArray[np.float64] | None = None
-    _top = 0.0
+    def __init__(self, environment: MiniTouchEnv) -> None:
+        super().__init__(environment)
+        self._closing = 0
+        self._place: NDArray[np.float64] | None = None
+        self._top = 0.0
+        self._tried: list[float] = []
 
     def act(self) -> NDArray[np.float32]:
         """Return the next action, float32 (4,)."""
@@ -55,8 +61,8 @@ class PickUpController(Controller):
         self._closing += 1
         if self._closing <= CLOSING_STEPS:
             nudge = NUDGE if self._closing % 2 else -NUDGE
-            return np.array((0.0, 0.0, nudge, CLOSE), np.float32)
-        return np.array((0.0, 0.0, 0.5, CLOSE), np.float32)
+            return np.array((0.0, nudge, 0.0, CLOSE), np.float32)
+        return np.array((0.0, 0.0, LIFT, CLOSE), np.float32)
 
     def _lost(self) -> bool:
         """Tell whether the hand has gone up and left the object on the table."""
@@ -74,7 +80,8 @@ class PickUpController(Controller):
             above_table = points @ rotation_matrix(orientation).T + (0.0, 0.0, height)
             # The planner's pads close along y, the hand's along the world's x.
             lowest = task.spec.workspace.low[2] - TABLE_TOP_M
-            grasp = plan_grasp(above_table[:, (1, 0, 2)], lowest)
+            grasp = plan_grasp(above_table[:, (1, 0, 2)], lowest, self._tried)
+            self._tried.append(grasp.x)
             self._place = np.array(
                 (position[0] + grasp.y, position[1] + grasp.x, grasp.z + TABLE_TOP_M)
             )

@@ -1,8 +1,9 @@
-"""Pushing by script: go round the object, then push it towards the target.
+"""Pushing by script: go behind the object, low, then push it.
 
-The 50 kg cube gives way badly to a push square on a face that the fingers meet with their
-tips side by side: they slide apart. A push 30 degrees off such a direction moves it, so the
-object goes to its target in a zigzag where the straight way is one of those.
+The 50 kg cube does not slide under fingers that press on its side, for they press it down too.
+It tips over its far edge when they rise as they push, and so moves by its own side, 5 cm; it
+goes to its target along x and y, square on its faces. A shape is light: it slides straight
+there, a little at each step.
 """
 
 import math
@@ -14,124 +15,122 @@ from numpy.typing import NDArray
 from minitouch_bench.policies.scripted.controller import Controller
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.tasks import PUSHING
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.objects import CUBE
 from minitouch_bench.tasks.pushing import Pushing
 
 REACH_M = PROTOCOL.control.reach
 WORKSPACE = PUSHING.workspace
+CUBE_SIDE_M = PUSHING.cube.side
 
-OVERLAP_M = 0.001
-"""How far the end effector stays below the object's top; the fingertips are 8 mm lower."""
-ROUND_M = 0.085
-"""Radius of the way round the object."""
-BEHIND_M = 0.065
+LOW_M, HIGH_M = WORKSPACE.low[2], WORKSPACE.high[2]
+"""Heights of the end effector: where a push begins, and where the fingers pass over the object."""
+BEHIND_M = 0.06
 """Distance from the object's middle at which a push begins."""
-LANE_M = 0.012
-"""A push begins when the fingers are this close to the line."""
-LOST_M = 0.03
-"""A push ends when they are further from it than this."""
-TURN_RAD = 0.6
-"""Angle covered by one step on the way round."""
-ALIGNED_RAD = 0.4
-WEAK_RAD = (0.0, math.pi / 2, -math.pi / 2)
-"""Directions in which the cube hardly gives way."""
-SLANT_RAD = math.radians(30.0)
-ASTRAY_RAD = math.radians(50.0)
-"""A push ends when the target lies further off its direction than this."""
+FURTHEST_BEHIND_M = 0.08
+LEAST_BEHIND_M = 0.038
+"""The same where the workspace ends: the fingers just fit in."""
+SCARCE_M = 0.08
+"""With less room than this behind the cube, a push from there comes first."""
+CLEAR_M = 0.055
+"""At this distance from the object's middle, along x or y, low fingers do not touch it."""
+NEAR_M = 0.008
 STUCK_M = 0.003
-RETREAT_STEPS = 2
+SLIDE_M = 0.015
+"""How far a shape is pushed in one step."""
+CUBE_LOST_M, SHAPE_LOST_M = 0.03, 0.015
+"""A push ends when the fingers are this far beside the line through the object's middle."""
+PUSH_STEPS = 8
+"""A push of the cube ends after this many steps in any case."""
+
+Vector = NDArray[np.float64]
 
 
 class PushingController(Controller):
-    """Choose a direction, go behind the object, push, and choose again when it went astray."""
+    """Choose a direction, go behind the object, push, and choose again."""
 
-    _direction: float | None = None
-    _pushing = False
-    _turn = 0.0
-    _last: NDArray[np.float64] | None = None
-    _retreat = 0
+    def __init__(self, environment: MiniTouchEnv) -> None:
+        super().__init__(environment)
+        self._task = cast(Pushing, environment.task)
+        self._heavy = self._task.model.name == CUBE
+        self._ahead: Vector = np.zeros(2)
+        """The direction of the push, (0, 0) before it is chosen."""
+        self._pushes = 0
+        self._last: Vector = np.zeros(3)
 
     def act(self) -> NDArray[np.float32]:
-        """Return the next action, float32 (4,); fingers that are stuck back off first."""
-        hand = self.hand
-        if self._last is not None and math.dist(hand, self._last) < STUCK_M:
-            self._retreat = RETREAT_STEPS
-            self._give_up()
+        """Return the next action, float32 (4,)."""
+        hand, place = self.hand, self.object_state[:2]
+        if self._pushes and self._over(hand[:2] - place):
+            self._ahead, self._pushes = np.zeros(2), 0
+        if not self._heavy or not self._ahead.any():
+            self._ahead = self._direction(place)
+        start = np.clip(place - BEHIND_M * self._ahead, WORKSPACE.low[:2], WORKSPACE.high[:2])
+        behind = np.abs(hand[:2] - start).max() < NEAR_M and hand[2] < LOW_M + NEAR_M
+        stuck = math.dist(hand, self._last) < STUCK_M
         self._last = hand
-        place = self.object_state[:2]
-        if self._retreat > 0:
-            self._retreat -= 1
-            from_object = hand[:2] - place
-            return self._to(hand[:2] + REACH_M * from_object / max(np.abs(from_object).max(), 1e-6))
-        return self._push(place, hand[:2])
+        if self._pushes or behind:
+            self._pushes += 1
+            return self._push(hand, place)
+        return self._go(hand, start, place, stuck)
 
-    def _give_up(self) -> None:
-        self._direction, self._pushing, self._turn = None, False, 0.0
-
-    def _push(self, place: NDArray[np.float64], hand: NDArray[np.float64]) -> NDArray[np.float32]:
-        target = np.array(cast(Pushing, self.environment.task).target)
-        wanted = math.atan2(*(target - place)[::-1])
-        astray = self._direction is not None and (
-            abs(math.remainder(wanted - self._direction, math.tau)) > ASTRAY_RAD
+    def _over(self, from_object: Vector) -> bool:
+        """Tell whether the push is over: done, missed or without effect."""
+        behind = -float(from_object @ self._ahead)
+        aside = abs(float(from_object @ _across(self._ahead)))
+        return (
+            not 0.0 <= behind <= FURTHEST_BEHIND_M
+            or aside > (CUBE_LOST_M if self._heavy else SHAPE_LOST_M)
+            or (self._heavy and self._pushes > PUSH_STEPS)
         )
-        if self._direction is None or astray:
-            self._give_up()
-            self._direction = _direction(wanted, place)
-        ahead = np.array((math.cos(self._direction), math.sin(self._direction)))
-        across = np.array((-ahead[1], ahead[0]))
-        from_object = hand - place
-        behind, aside = -float(from_object @ ahead), float(from_object @ across)
-        self._pushing = behind > 0.0 and abs(aside) < (LOST_M if self._pushing else LANE_M)
-        if self._pushing:
-            self._turn = 0.0
-            return self._to(hand + ahead * REACH_M - across * aside)
-        return self._go_round(place, from_object, -ahead)
 
-    def _go_round(
-        self,
-        place: NDArray[np.float64],
-        from_object: NDArray[np.float64],
-        away: NDArray[np.float64],
-    ) -> NDArray[np.float32]:
-        angle = math.atan2(from_object[1], from_object[0])
-        wanted = math.atan2(away[1], away[0])
-        if abs(math.remainder(wanted - angle, math.tau)) < ALIGNED_RAD:
-            return self._to(place + away * BEHIND_M)
-        if self._turn == 0.0:
-            self._turn = min((1.0, -1.0), key=lambda turn: _cost(place, angle, wanted, turn))
-        arc = ((wanted - angle) * self._turn) % math.tau
-        ahead = angle + self._turn * min(arc, TURN_RAD)
-        return self._to(_on_circle(place, ahead))
+    def _push(self, hand: Vector, place: Vector) -> NDArray[np.float32]:
+        across = _across(self._ahead)
+        goal = hand[:2] + self._ahead * (REACH_M if self._heavy else SLIDE_M)
+        goal += across * float((place - hand[:2]) @ across)
+        top = self._task.model.highest_point(self.client, self._task.target_body)
+        return self.toward((*goal, min(top, HIGH_M) if self._heavy else LOW_M), finger=-1.0)
 
-    def _to(self, place: NDArray[np.float64]) -> NDArray[np.float32]:
-        task = cast(Pushing, self.environment.task)
-        top = task.model.highest_point(self.client, task.target_body)
-        height = max(WORKSPACE.low[2], min(top - OVERLAP_M, WORKSPACE.high[2]))
-        return self.toward((*place, height), finger=-1.0)
+    def _go(self, hand: Vector, start: Vector, place: Vector, stuck: bool) -> NDArray[np.float32]:
+        """Go to where the push begins, over the object where it is in the way."""
+        there = np.abs(start - hand[:2]).max() < NEAR_M
+        if not stuck and (there or _clear(hand[:2], start, place)):
+            return self.toward((*start, LOW_M), finger=-1.0)
+        above = hand[2] > HIGH_M - STUCK_M
+        return self.toward((*(start if above else hand[:2]), HIGH_M), finger=-1.0)
 
+    def _direction(self, place: Vector) -> Vector:
+        """Return the direction, a unit vector, in which to push next.
 
-def _direction(wanted: float, place: NDArray[np.float64]) -> float:
-    """Return the direction (rad) to push in: ``wanted``, or slanted where that is weak."""
-    for weak in WEAK_RAD:
-        off = math.remainder(wanted - weak, math.tau)
-        if abs(off) < SLANT_RAD:
-            slants = (weak + SLANT_RAD, weak - SLANT_RAD)
-            return min(slants, key=lambda angle: _slant_cost(place, angle, wanted))
-    return wanted
+        A shape straight to its target; the cube along x or y, the longer way first unless
+        there is too little room behind it, and before that a way for which there soon might be.
+        """
+        remaining = np.array(self._task.target) - place
+        if not self._heavy:
+            return remaining / float(np.hypot(*remaining))
+
+        def gain(ahead: Vector) -> float:
+            way, room = float(remaining @ ahead), _room(place, ahead)
+            if room < LEAST_BEHIND_M:
+                return -1.0
+            return way + (1.0 if room < SCARCE_M and way > CUBE_SIDE_M / 2 else 0.0)
+
+        signs = np.copysign(1.0, remaining)
+        return max(np.array((signs[0], 0.0)), np.array((0.0, signs[1])), key=gain)
 
 
-def _slant_cost(place: NDArray[np.float64], angle: float, wanted: float) -> float:
-    start = place - BEHIND_M * np.array((math.cos(angle), math.sin(angle)))
-    outside = not WORKSPACE.holds(float(start[0]), float(start[1]))
-    return abs(math.remainder(wanted - angle, math.tau)) + 10.0 * outside
+def _across(ahead: Vector) -> Vector:
+    return np.array((-ahead[1], ahead[0]))
 
 
-def _on_circle(center: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-    return center + ROUND_M * np.array((math.cos(angle), math.sin(angle)))
+def _room(place: Vector, ahead: Vector) -> float:
+    """Return how far behind ``place`` (m) the workspace ends; ``ahead`` is along x or y."""
+    edge = np.where(ahead > 0.0, WORKSPACE.low[:2], WORKSPACE.high[:2])
+    return float((place - edge) @ ahead)
 
 
-def _cost(place: NDArray[np.float64], angle: float, wanted: float, turn: float) -> float:
-    """Return the length of a way round (rad), much longer where it leaves the workspace."""
-    arc = ((wanted - angle) * turn) % math.tau
-    points = [_on_circle(place, angle + turn * part * arc) for part in np.linspace(0.1, 1.0, 12)]
-    outside = sum(not WORKSPACE.holds(float(x), float(y)) for x, y in points)
-    return arc + 10.0 * outside
+def _clear(hand: Vector, start: Vector, place: Vector) -> bool:
+    """Tell whether the straight way to the start passes beside the object."""
+    way = start - hand
+    part = np.clip((place - hand) @ way / max(float(way @ way), 1e-9), 0.0, 1.0)
+    return bool(np.abs(hand + part * way - place).max() > CLEAR_M)

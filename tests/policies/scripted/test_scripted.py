@@ -13,9 +13,9 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Outcome
 from minitouch_bench.tasks.registration import TASKS, make_environment
 
-TOUCHES = 0.95
-"""Share of Playing's episodes in which the scripted policy touches the cube."""
-LEAST_SUCCESS = {"pushing": 0.95, "opening": 0.95, "pick-up": 0.90}
+TOUCH_SHARE = 0.95
+"""Least share of Playing's control steps in which the scripted policy touches the cube."""
+LEAST_SUCCESS = {"pushing": 0.97, "opening": 0.99, "pick-up": 0.97}
 MOST_SUCCESS_OF_A_FLOOR = 0.10
 
 
@@ -48,8 +48,8 @@ def succeeds(record):
     return record.outcome is Outcome.SUCCESS
 
 
-def touches(record):
-    return bool(record.trace.contact_ticks.any())
+def touch_share(record):
+    return (record.trace.contact_ticks > 0).mean()
 
 
 def test_every_task_has_its_controller():
@@ -94,7 +94,8 @@ def test_a_hundred_episodes_of_each_goal(task):
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_a_hundred_episodes_of_playing():
-    assert share(episodes(ScriptedActor(), "playing", 100), touches) >= TOUCHES
+    shares = [touch_share(record) for record in episodes(ScriptedActor(), "playing", 100)]
+    assert np.mean(shares) >= TOUCH_SHARE
 
 
 @pytest.mark.slow
