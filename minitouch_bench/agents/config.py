@@ -80,6 +80,8 @@ class CuriosityConfig:
 class TrainingConfig:
     """One training: a task, a method, a seed, and every setting.
 
+    ``log``: a recorded dataset that exploration learns from in place of the world; each of its
+    steps is then gradient steps alone.
     ``random_steps``: uniformly random actions before learning starts.
     ``updates_per_step``: gradient steps per control step, fractions allowed.
     ``carry``: which networks the task phase takes over from exploration.
@@ -90,6 +92,7 @@ class TrainingConfig:
     method: str = "hac"
     seed: int = 0
     objects: str = ""
+    log: str = ""
     random_steps: int = 1000
     updates_per_step: float = 0.5
     replay_size: int = 1_000_000

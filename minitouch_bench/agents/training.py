@@ -12,6 +12,7 @@ import torch
 from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import TrainingConfig
 from minitouch_bench.agents.learner import Learner
+from minitouch_bench.agents.logged_data import fill_from_log
 from minitouch_bench.agents.progress import Evaluation, ProgressRow, Tally, append_row, cut_rows
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.policies.native import save_native
@@ -69,6 +70,8 @@ class Training:
         self._clock = time.perf_counter()
         if self._files.exists():
             self._resume()
+        elif self._is_from_log:
+            fill_from_log(self._replay, Path(self.config.log), self._learner.sac.action_size)
         else:
             self._begin_episode()
         cut_rows(self._directory / PROGRESS_FILE, self.step)
@@ -78,15 +81,23 @@ class Training:
                 return False
             if self.step == self.config.exploration_steps > 0 and self._learner.exploring:
                 self._begin_task_phase()
-            self._control_step()
+            if self._is_from_log:
+                self.step += 1
+            else:
+                self._control_step()
             for _ in range(self._updates_due()):
                 self._tally.add_losses(self._learner.update(self._replay))
             self._keep_records()
         self._finish()
         return True
 
+    @property
+    def _is_from_log(self) -> bool:
+        """Tell whether the step under way is one of an exploration of recorded data."""
+        return bool(self.config.log) and self._learner.exploring
+
     def _control_step(self) -> None:
-        if self.step < self.config.random_steps:
+        if not self.config.log and self.step < self.config.random_steps:
             action = self._learner.act_at_random()
         else:
             action = self._learner.act(self._observation)
@@ -113,7 +124,7 @@ class Training:
 
     def _updates_due(self) -> int:
         """Return the gradient steps to do now, so that their share comes out in the end."""
-        learned = self.step - self.config.random_steps
+        learned = self.step - (0 if self.config.log else self.config.random_steps)
         if learned <= 0:
             return 0
         rate = self.config.updates_per_step
@@ -122,6 +133,8 @@ class Training:
     def _begin_task_phase(self) -> None:
         save_native(self._learner.actor(), self._directory / EXPLORATION_FILE)
         self._learner.begin_task_phase()
+        if self.config.log:
+            self._begin_episode()
 
     def _keep_records(self) -> None:
         """Write what is due after a control step: a row, a checkpoint."""
@@ -174,6 +187,8 @@ class Training:
         self._seconds = state["seconds"]
         vars(self._tally).update(state["tally"])
         self._learner.load_state(state["learner"])
+        if self._is_from_log:
+            return
         self._observation, _ = self._environment.reset(seed=self._episode_seed())
         for action in self._replay.episode_actions():
             self._observation = self._environment.step(action)[0]

@@ -35,6 +35,10 @@ def train(
     objects: Annotated[
         str, typer.Option(help="cube, or shapes to draw from: train, all. Default: the task's.")
     ] = "",
+    from_log: Annotated[
+        Path | None,
+        typer.Option(help="Explore this recorded dataset (Minari's) in place of the world."),
+    ] = None,
     preset: Annotated[
         str, typer.Option(help="default (what learns best here) or paper (Tables 2 and 3).")
     ] = "default",
@@ -61,6 +65,8 @@ def train(
     if config is not None:
         settings = read_config(config, settings)
     settings = replace(settings, task=task, method=method, seed=seed, objects=objects)
+    if from_log is not None:
+        settings = replace(settings, log=str(from_log))
     if exploration_steps is not None:
         phase = replace(settings.exploration, steps=exploration_steps)
         settings = replace(settings, exploration=phase)

@@ -1,0 +1,62 @@
+"""Episodes that somebody recorded: a robot, a policy, a person (Minari's dataset format)."""
+
+from pathlib import Path
+
+import numpy as np
+
+from minitouch_bench.agents.replay import Replay
+from minitouch_bench.errors import UsageError
+from minitouch_bench.optional import require
+from minitouch_bench.sensing.camera import IMAGE_SIZE
+from minitouch_bench.sensing.observation import Observation
+from minitouch_bench.sensing.touch import TOUCH_SIZE
+
+
+def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
+    """Fill the replay memory with the episodes of a dataset directory.
+
+    Observations are ``image`` uint8 (T + 1, 1, 84, 84) and ``touch`` float32 (T + 1, 11),
+    actions float32 (T, A), as ``minitouch-bench record`` writes them.
+
+    Raises:
+        MissingExtraError: Minari is not installed.
+        UsageError: there is no such dataset, or it is of another environment.
+    """
+    minari = require("minari", "data")
+    try:
+        dataset = minari.MinariDataset(path)
+        episodes = list(dataset.iterate_episodes())
+    except (OSError, ValueError, KeyError, AssertionError) as error:
+        raise UsageError(f"{path} is no Minari dataset: {error}") from error
+    for episode in episodes:
+        _check(path, episode.observations, episode.actions.shape, action_size)
+        images, touch = episode.observations["image"], episode.observations["touch"]
+        replay.begin_episode(images[0], touch[0])
+        for step, action in enumerate(episode.actions):
+            replay.add(
+                action,
+                float(episode.rewards[step]),
+                images[step + 1],
+                touch[step + 1],
+                ended=bool(episode.terminations[step]),
+            )
+    if replay.rows <= len(episodes):
+        raise UsageError(f"{path} holds no control step")
+
+
+def _check(
+    path: Path, observations: Observation, actions: tuple[int, ...], action_size: int
+) -> None:
+    """Refuse what is no episode of this task.
+
+    Raises:
+        UsageError: an array is missing, or has another form.
+    """
+    steps = actions[0]
+    wanted = {"image": (steps + 1, 1, IMAGE_SIZE, IMAGE_SIZE), "touch": (steps + 1, TOUCH_SIZE)}
+    found = {name: np.shape(observations.get(name, ())) for name in wanted}
+    if found != wanted or actions[1:] != (action_size,):
+        raise UsageError(
+            f"{path} holds an episode with {found} and actions {actions}; wanted are {wanted} "
+            f"and {action_size} numbers an action"
+        )

@@ -1,0 +1,87 @@
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium
+import minari
+import numpy as np
+import pytest
+from minari.data_collector.episode_buffer import EpisodeBuffer
+from minari.dataset.minari_storage import MinariStorage
+
+from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
+from minitouch_bench.agents.logged_data import fill_from_log
+from minitouch_bench.agents.replay import Replay
+from minitouch_bench.errors import UsageError
+from minitouch_bench.workflows.train import TrainingRequest, train
+
+LENGTHS = (4, 7)
+
+
+def write_log(path: Path, touch_size=11):
+    spaces = gymnasium.spaces
+    observation = spaces.Dict(
+        {
+            "image": spaces.Box(0, 255, (1, 84, 84), np.uint8),
+            "touch": spaces.Box(-50, 50, (touch_size,), np.float32),
+        }
+    )
+    action = spaces.Box(-1, 1, (4,), np.float32)
+    storage = MinariStorage.new(path, observation, action, jpeg_encoding=False)
+    rng = np.random.default_rng(0)
+    for length in LENGTHS:
+        episode = EpisodeBuffer(
+            observations={
+                "image": rng.integers(0, 256, (length + 1, 1, 84, 84), dtype=np.uint8),
+                "touch": rng.normal(size=(length + 1, touch_size)).astype(np.float32),
+            },
+            actions=rng.uniform(-1, 1, (length, 4)).astype(np.float32),
+            rewards=[0.0] * (length - 1) + [25.0],
+            terminations=[False] * (length - 1) + [True],
+            truncations=[False] * length,
+        )
+        storage.update_episodes([episode])
+    storage.update_metadata({"dataset_id": "robot-v0", "minari_version": minari.__version__})
+
+
+def test_the_memory_holds_every_recorded_step(tmp_path):
+    write_log(tmp_path / "log")
+    replay = Replay(100, 11, 4, compress=True)
+    fill_from_log(replay, tmp_path / "log", 4)
+    assert replay.rows == sum(LENGTHS) + len(LENGTHS)
+    assert len(replay.episode_actions()) == LENGTHS[-1]
+
+
+def test_a_log_of_another_form_is_refused(tmp_path):
+    write_log(tmp_path / "log", touch_size=3)
+    with pytest.raises(UsageError, match="touch"):
+        fill_from_log(Replay(100, 11, 4, compress=True), tmp_path / "log", 4)
+    with pytest.raises(UsageError, match="no Minari dataset"):
+        fill_from_log(Replay(100, 11, 4, compress=True), tmp_path / "nothing", 4)
+
+
+def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_path):
+    write_log(tmp_path / "log")
+    config = TrainingConfig(
+        "pushing",
+        log=str(tmp_path / "log"),
+        updates_per_step=1.0,
+        log_every=5,
+        evaluate_every=0,
+        checkpoint_every=4,
+        exploration=PhaseConfig(10),
+        task_phase=PhaseConfig(5),
+        sac=SacConfig(batch_size=4),
+        curiosity=CuriosityConfig(width=0.25),
+    )
+    rows = []
+    once = TrainingRequest(config, tmp_path / "run", device="cpu", on_row=rows.append)
+    assert train(once)
+    assert [row.phase for row in rows] == ["exploration", "exploration", "task"]
+    assert all(row.critic_loss is not None for row in rows)
+
+    asked = iter([False] * 7 + [True])
+    broken = replace(once, directory=tmp_path / "broken", should_stop=lambda: next(asked))
+    assert not train(broken)
+    assert train(replace(broken, resume=True, should_stop=lambda: False))
+    files = [tmp_path / name / "final.safetensors" for name in ("run", "broken")]
+    assert files[0].read_bytes() == files[1].read_bytes()
