@@ -10,11 +10,11 @@ import torch
 from minitouch_bench.agents.config import METHODS, PRESETS
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
-from minitouch_bench.records import TASK_NAMES
-from minitouch_bench.sensing.touch import TOUCH_SIZE
+from minitouch_bench.policies.networks import TOUCH_SIZE
+from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.tasks.registration import make_environment
 
-STEPS, UPDATES, ACTIONS = 400, 12, 50
+STEPS, UPDATES, ACTIONS = 1024, 12, 50
 
 
 def cpu_ms(count, work):
@@ -30,7 +30,7 @@ def fill(task):
     """Return an environment, the replay memory of random actions, and steps per second."""
     environment = make_environment(task)
     size = environment.action_space.shape[0]
-    replay = Replay(10_000, TOUCH_SIZE, size, compress=True)
+    replay = Replay(STEPS, TOUCH_SIZE, size, compress=True)
     rng = np.random.default_rng(0)
     started, ended = time.process_time(), True
     for _ in range(STEPS):

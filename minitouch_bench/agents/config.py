@@ -3,7 +3,7 @@
 import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -103,10 +103,10 @@ class TrainingConfig:
     evaluate_every: int = 5000
     evaluate_episodes: int = 10
     checkpoint_every: int = 1000
-    exploration: PhaseConfig = field(default_factory=lambda: PhaseConfig(10_000))
-    task_phase: PhaseConfig = field(default_factory=lambda: PhaseConfig(40_000, n_step=5))
-    sac: SacConfig = field(default_factory=SacConfig)
-    curiosity: CuriosityConfig = field(default_factory=CuriosityConfig)
+    exploration: PhaseConfig = PhaseConfig(10_000, target_entropy=0.0)
+    task_phase: PhaseConfig = PhaseConfig(40_000, n_step=5, success_share=0.25)
+    sac: SacConfig = SacConfig()
+    curiosity: CuriosityConfig = CuriosityConfig()
 
     def __post_init__(self) -> None:
         _check("method", self.method, METHODS)

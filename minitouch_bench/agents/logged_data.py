@@ -7,9 +7,8 @@ import numpy as np
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import UsageError
 from minitouch_bench.optional import require
-from minitouch_bench.sensing.camera import IMAGE_SIZE
+from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE
 from minitouch_bench.sensing.observation import Observation
-from minitouch_bench.sensing.touch import TOUCH_SIZE
 
 
 def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
@@ -53,7 +52,7 @@ def _check(
         UsageError: an array is missing, or has another form.
     """
     steps = actions[0]
-    wanted = {"image": (steps + 1, 1, IMAGE_SIZE, IMAGE_SIZE), "touch": (steps + 1, TOUCH_SIZE)}
+    wanted = {"image": (steps + 1, *IMAGE_SHAPE), "touch": (steps + 1, *TOUCH_SHAPE)}
     found = {name: np.shape(observations.get(name, ())) for name in wanted}
     if found != wanted or actions[1:] != (action_size,):
         raise UsageError(
