@@ -15,6 +15,9 @@ METHODS = ("sac", "hac", "icm", "icm-touch", "disagreement", "rnd", "rnd-touch")
 HAPTICS = ("forces", "compressed", "magnitude")
 """What of the finger forces ``hac`` predicts: see ``agents.curiosity.hac``."""
 
+CONFIG_FILE = "config.toml"
+"""The settings of a training, in its directory."""
+
 PARTS = ("encoder", "actor", "critic")
 """What can be carried over from the exploration phase to the task phase."""
 
@@ -187,6 +190,16 @@ def _converted(name: str, value: object, current: object) -> object:
     if type(value) is not type(current):
         raise UsageError(f"'{name}' is {value!r}, not a {type(current).__name__}")
     return value
+
+
+def trained_steps(directory: Path) -> int:
+    """Return the control steps of the training in a directory, 0 if there is none.
+
+    Raises:
+        UsageError: its settings are damaged.
+    """
+    file = directory / CONFIG_FILE
+    return read_config(file, TrainingConfig("")).steps if file.is_file() else 0
 
 
 def config_text(config: TrainingConfig) -> str:

@@ -12,6 +12,7 @@ from minitouch_bench.cli.consoles import notes
 from minitouch_bench.cli.doctor import doctor
 from minitouch_bench.cli.evaluate import evaluate
 from minitouch_bench.cli.leaderboard import app as leaderboard
+from minitouch_bench.cli.record import record
 from minitouch_bench.cli.regress import regress
 from minitouch_bench.cli.replay import replay
 from minitouch_bench.cli.report import report
@@ -33,6 +34,7 @@ COMMANDS: dict[Callable[..., None], str] = {
     verify: "minitouch-bench verify reports/a --rerun 20",
     replay: "minitouch-bench replay reports/a pushing/17",
     train: "minitouch-bench train opening --method hac --seed 1",
+    record: "minitouch-bench record scripted pushing --output data/pushing",
     submit: "minitouch-bench submit my_policy.onnx --name my-policy",
     tasks: "minitouch-bench tasks",
     doctor: "minitouch-bench doctor",

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from minitouch_bench.agents.config import trained_steps
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions, open_engine
@@ -112,7 +113,9 @@ def _check_suites(suites: tuple[str, ...]) -> None:
 def _about(options: SubmitOptions, begun: Submission | None) -> About:
     """Return what the submission tells: what it told before, changed by the options given."""
     usual = RESERVED_MODALITIES.get(options.policy or options.name, DEFAULT_MODALITIES)
-    known = begun.about if begun else About(options.name, method=options.name, modalities=usual)
+    steps = trained_steps(Path(options.policy)) if options.policy else 0
+    fresh = About(options.name, method=options.name, modalities=usual, training_steps=steps)
+    known = begun.about if begun else fresh
     return replace(known, name=options.name, **options.about)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from minitouch_bench.agents.config import TrainingConfig, config_text
+from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, config_text
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
 from minitouch_bench.agents.training import Training, TrainingCallbacks
 from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageError
@@ -25,7 +25,6 @@ from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registration import make_environment
 from minitouch_bench.workflows.training_events import EventWriter
 
-CONFIG_FILE = "config.toml"
 EVALUATION_SUITE = "training"
 """Seeds the episodes of a training's evaluations; no suite has this name."""
 

@@ -1,0 +1,106 @@
+"""Record a policy's episodes as a dataset that other people's libraries read (Minari's format)."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.evaluation.rollout import EpisodeRunner
+from minitouch_bench.evaluation.suites import StandardSuite
+from minitouch_bench.optional import require
+from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
+from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.records import EpisodeRecord, Outcome
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.registration import make_environment
+from minitouch_bench.workflows.callbacks import SILENT, Callbacks
+from minitouch_bench.workflows.policies import prepare_policies
+
+RECORDING_SUITE = "recording"
+"""Seeds recorded episodes; no suite has this name."""
+
+
+@dataclass(frozen=True)
+class RecordOptions:
+    """Whose episodes to record, how many, and the new directory of the dataset."""
+
+    policy: str
+    task: str
+    directory: Path
+    episodes: int = 100
+    seed: int = 0
+    isolation: IsolationOptions = SANDBOXED
+
+
+def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> Path:
+    """Play the episodes, write them as a Minari dataset, and return its directory.
+
+    Raises:
+        UsageError: no such task.
+        PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
+        RunDirectoryError: the directory is there already, or cannot be written.
+    """
+    if options.task not in TASK_NAMES:
+        raise UsageError(f"no task '{options.task}'; the tasks are {', '.join(TASK_NAMES)}")
+    suite = StandardSuite(
+        RECORDING_SUITE, (options.task,), options.episodes, rankable=False, seed=options.seed
+    )
+    minari = require("minari", "data")
+    storages = require("minari.dataset.minari_storage", "data")
+    setup = prepare_policies(options.policy, (options.task,), options.isolation, callbacks)
+    environment, runner = make_environment(options.task), EpisodeRunner(setup)
+    callbacks.phase("recording", options.episodes)
+    try:
+        storage = _new_storage(storages, environment, options.directory)
+        for spec in suite.episodes(exploration=False):
+            played = runner.run(spec)
+            storage.update_episodes([_episode(environment, played)])
+            callbacks.episode(played)
+        storage.update_metadata(
+            {
+                "dataset_id": f"minitouch/{options.task}/{setup.policy.name}-v0",
+                "minari_version": minari.__version__,
+                "algorithm_name": setup.policy.name,
+            }
+        )
+    finally:
+        runner.close()
+        environment.close()
+    return options.directory
+
+
+def _new_storage(storages: Any, environment: MiniTouchEnv, directory: Path) -> Any:
+    """Begin a dataset; pictures are kept as they are, not as JPEG."""
+    if directory.exists():
+        raise RunDirectoryError(f"{directory} is there already; choose another --output")
+    try:
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        return storages.MinariStorage.new(
+            directory,
+            environment.observation_space,
+            environment.action_space,
+            jpeg_encoding=False,
+        )
+    except OSError as error:
+        raise RunDirectoryError(f"{directory} cannot be written: {error.strerror}") from error
+
+
+def _episode(environment: MiniTouchEnv, played: EpisodeRecord) -> Any:
+    """Return an episode with its pictures: its actions done again give the same bits."""
+    buffers = require("minari.data_collector.episode_buffer", "data")
+    spec, trace = played.spec, played.trace
+    options = {"object": spec.shape} if spec.shape else None
+    images = [environment.reset(seed=spec.seed, options=options)[0]["image"]]
+    images += [environment.step(action)[0]["image"] for action in trace.actions]
+    last = np.arange(len(trace.actions)) == len(trace.actions) - 1
+    truncated = last & (played.outcome is Outcome.STEP_LIMIT)
+    return buffers.EpisodeBuffer(
+        seed=spec.seed,
+        observations={"image": np.stack(images), "touch": trace.touch},
+        actions=trace.actions,
+        rewards=trace.rewards.tolist(),
+        terminations=(last & ~truncated).tolist(),
+        truncations=truncated.tolist(),
+    )
