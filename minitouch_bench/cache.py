@@ -6,12 +6,12 @@ under its name; a name that holds the content's hash rules that out.
 
 import hashlib
 import os
-import tempfile
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.files import os_errors_as, read_file, replace_file
 
 VARIABLE = "MINITOUCH_CACHE"
 """Environment variable that names another directory for generated files."""
@@ -40,39 +40,10 @@ def materialise(stem: str, suffix: str, content: bytes) -> Path:
     return path
 
 
-@contextmanager
-def cache_errors(directory: Path) -> Iterator[None]:
-    """Turn a failure to write the cache into one that a user understands.
-
-    Raises:
-        InfrastructureError: there is no room, or no permission.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise InfrastructureError(
-            f"the cache {directory} cannot be written: {error.strerror}; "
-            f"set {VARIABLE} to another directory"
-        ) from error
-
-
-def replace_file(path: Path, content: bytes) -> None:
-    """Write a file in one step: other processes see the old one or the new one, never half.
-
-    Raises:
-        OSError: there is no room, or no permission.
-    """
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".new-")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-    except OSError:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+def cache_errors(directory: Path) -> AbstractContextManager[None]:
+    """Raise an ``OSError`` of the block as an ``InfrastructureError`` that names the variable."""
+    hint = f"; set {VARIABLE} to another directory"
+    return os_errors_as(InfrastructureError, directory, "written", hint)
 
 
 def content_digest(paths: Iterable[Path]) -> str:
@@ -85,6 +56,6 @@ def content_digest(paths: Iterable[Path]) -> str:
 
 def _holds(path: Path, content: bytes) -> bool:
     try:
-        return path.read_bytes() == content
+        return read_file(path, len(content)) == content
     except OSError:
         return False

@@ -2,6 +2,6 @@
 
 import os
 
-from minitouch_bench.arithmetic import SETTINGS
+from minitouch_bench.processes import ARITHMETIC
 
-os.environ.update(SETTINGS)
+os.environ.update(ARITHMETIC)

@@ -10,11 +10,11 @@ import pytest
 import minitouch_bench
 
 PACKAGE = Path(minitouch_bench.__file__).parent
-BASE = {"records", "errors", "optional", "cache", "arithmetic"}
+BASE = {"records", "errors", "optional", "files", "cache", "processes"}
 LAYERS = (
     "protocol",
-    "shapegen",
     "simulation",
+    "shapegen",
     "sensing",
     "tasks",
     "policies",
@@ -99,11 +99,11 @@ def test_the_protocol_names_no_agent():
             assert "agents" not in inner_layers(path), relative
 
 
-def test_only_the_simulation_and_the_checks_of_shapes_know_pybullet():
+def test_only_the_simulation_knows_pybullet():
     for relative, path in MODULES.items():
         names = imported_names(path)
         if "pybullet" in {name.split(".")[0] for name in names}:
-            assert relative in SIMULATOR_FILES or layer_of(relative) == "shapegen", relative
+            assert relative in SIMULATOR_FILES, relative
         if any("quiet_pybullet" in name for name in names):
             assert relative in SIMULATOR_FILES, relative
 

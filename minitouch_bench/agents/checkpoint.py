@@ -13,8 +13,8 @@ from typing import Any
 import torch
 
 from minitouch_bench.agents.replay import Replay
-from minitouch_bench.cache import replace_file
 from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.files import replace_file
 
 CHECKPOINT_FILE = "checkpoint.pt"
 PICTURES_FILE = "replay.bin"

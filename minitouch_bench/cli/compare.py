@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli.consoles import data_console, notes
-from minitouch_bench.cli.files import write_text
+from minitouch_bench.files import write_file
 from minitouch_bench.regression.comparison import compare_runs
 from minitouch_bench.regression.documents import comparison_document, to_text
 from minitouch_bench.regression.markdown import comparison_markdown
@@ -30,8 +30,8 @@ def compare(
     comparison = compare_runs([read_run(run) for run in runs], [str(run) for run in runs])
     document = to_text(comparison_document(comparison))
     if output is not None:
-        write_text(output / "comparison.json", document)
-        write_text(output / "comparison.md", comparison_markdown(comparison))
+        write_file(output / "comparison.json", document)
+        write_file(output / "comparison.md", comparison_markdown(comparison))
     if as_json:
         print(document, end="")
     else:

@@ -23,7 +23,7 @@ def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Check the installation, the sandbox, and that this machine repeats its own bits."""
-    from minitouch_bench.evaluation.engine import core_count
+    from minitouch_bench.processes import core_count
     from minitouch_bench.verification.doctor import Verdict, examine
 
     count = options.worker_count(workers) or core_count()

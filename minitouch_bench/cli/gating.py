@@ -11,8 +11,8 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import Engine, EngineHandle
 from minitouch_bench.evaluation.rollout import ActorSource
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run
-from minitouch_bench.evaluation.storage import lock_directory
 from minitouch_bench.evaluation.suites import find_suite, parse_tasks
+from minitouch_bench.files import lock_directory
 from minitouch_bench.metrics import measure
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.records import (

@@ -8,10 +8,10 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.consoles import data_console, notes
-from minitouch_bench.cli.files import write_text
 from minitouch_bench.cli.gating import PlaySettings, play_gate, request_like
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import EngineOptions, open_engine
+from minitouch_bench.files import append_text, write_file
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.regression.documents import to_text, verdict_document
 from minitouch_bench.regression.gate import Verdict, judge_runs
@@ -118,10 +118,10 @@ def _file_settings(config: Path | None) -> GateSettings:
 def _report(verdict: Verdict, junit: Path | None, summary: Path | None, *, as_json: bool) -> None:
     """Print the verdict and write what was asked for."""
     if junit is not None:
-        write_text(junit, verdict_junit(verdict))
+        write_file(junit, verdict_junit(verdict))
     page = summary or Path(os.environ.get(GITHUB_SUMMARY) or "")
     if page.name:
-        write_text(page, verdict_markdown(verdict), append=True)
+        append_text(page, verdict_markdown(verdict))
     if as_json:
         print(to_text(verdict_document(verdict)), end="")
     else:

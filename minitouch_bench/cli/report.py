@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.files import VIDEOS
 from minitouch_bench.reporting import read_run, show_report, write_report
 
 
@@ -19,6 +20,6 @@ def report(
     """Show finished runs in one Table-4 report; several need --output to be written."""
     saved = [read_run(run) for run in runs]
     directory = output or (runs[0] if len(runs) == 1 else Path("reports/comparison"))
-    videos = sorted((runs[0] / "videos").glob("*.mp4")) if len(runs) == 1 else []
+    videos = sorted((runs[0] / VIDEOS).glob("*.mp4")) if len(runs) == 1 else []
     show_report(write_report(saved, directory, videos), data_console())
     notes.print(f"report: {directory / 'report.html'}", markup=False)

@@ -83,7 +83,7 @@ def preview(folder: Folder, output: Output) -> None:
 def import_objects(  # noqa: PLR0917 - each parameter is an option of the command
     source: Annotated[Path, typer.Argument(help="Folder of OBJ, STL, GLB or URDF objects.")],
     output: Output,
-    scale: Annotated[float, typer.Option(help="Metres in one unit of the files.")] = 1.0,
+    scale: Annotated[float, typer.Option(help="Meters in one unit of the files.")] = 1.0,
     fit: Annotated[bool, typer.Option(help="Give each object a size the hand can grip.")] = False,
     density: Annotated[float, typer.Option(min=1.0, help="Density in kg/m3.")] = 1000.0,
     workers: Workers = 1,

@@ -1,6 +1,5 @@
 """Engines: what runs the episodes of a run, and the one table of them."""
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -73,8 +72,3 @@ def open_engine(
         raise UsageError(f"no engine '{options.name}'; the engines are {', '.join(ENGINES)}")
     opener: Any = look_up(ENGINES[options.name])
     return opener(options, note)  # type: ignore[no-any-return]
-
-
-def core_count() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0))

@@ -2,12 +2,14 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.files import os_errors_as, write_file
 from minitouch_bench.optional import require
 from minitouch_bench.records import EpisodeSpec
 from minitouch_bench.tasks.registration import make_environment
@@ -29,11 +31,10 @@ def film(spec: EpisodeSpec, actions: NDArray[np.float32], path: Path) -> Path:
     writers = {".mp4": _write_mp4, ".gif": _write_gif}
     if path.suffix not in writers:
         raise UsageError(f"a film is an .mp4 or a .gif, not '{path.name}'")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        writers[path.suffix](_frames(spec, actions), path)
-    except OSError as error:
-        raise RunDirectoryError(f"{path} cannot be written: {error.strerror}") from error
+    with os_errors_as(RunDirectoryError, path, "written"), TemporaryDirectory() as folder:
+        unfinished = Path(folder) / path.name
+        writers[path.suffix](_frames(spec, actions), unfinished)
+        write_file(path, unfinished.read_bytes())
     return path
 
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
+from minitouch_bench.files import JOURNAL_FILE, os_errors_as, read_file
 from minitouch_bench.records import (
     EpisodeRecord,
     EpisodeSpec,
@@ -28,17 +29,18 @@ from minitouch_bench.records import (
     RunHeader,
 )
 
-JOURNAL_FILE = "journal.jsonl"
 _PREFIX, _MIDDLE, _SUFFIX = b'{"crc32":"', b'","body":', b"}\n"
 _BODY_START = len(_PREFIX) + 8 + len(_MIDDLE)
 
 
 class Journal:
-    """The writer of a run's journal; there is one at a time, see ``storage.lock_directory``."""
+    """The writer of a run's journal; there is one at a time, see ``files.lock_directory``."""
 
     def __init__(self, directory: Path) -> None:
         self._path = directory / JOURNAL_FILE
-        self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        self._file = os.open(
+            self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o644
+        )
 
     def __enter__(self) -> "Journal":
         return self
@@ -89,10 +91,8 @@ def read_journal(
         RunDirectoryError: there is no journal, or it is damaged before its end.
     """
     path = directory / JOURNAL_FILE
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise RunDirectoryError(f"{path} cannot be read: {error.strerror}") from error
+    with os_errors_as(RunDirectoryError, path, "read"):
+        content = read_file(path)
     bodies: list[dict[str, Any]] = []
     good_until = 0
     for number, end, line in _lines(content):

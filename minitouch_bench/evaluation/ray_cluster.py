@@ -4,18 +4,17 @@ import contextlib
 import logging
 import os
 import secrets
-import signal
 import socket
 import subprocess
 import sys
 import tempfile
-import threading
 from collections.abc import Iterator
 from types import ModuleType
 from typing import Any
 
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.optional import require
+from minitouch_bench.processes import core_count, interrupts_held
 
 ANSWER_S = 5.0
 """Time in which the address of a cluster must accept a connection, in s."""
@@ -61,7 +60,7 @@ def ray_cluster(address: str | None, workers: int | None = None) -> Iterator[Mod
             _reach(address)
             options = {"address": address}
         stack.callback(_shut_down, ray)
-        with _interrupts_held():
+        with interrupts_held():  # a Ray that is broken off while it starts or ends may crash
             _init(ray, options)
         yield ray
 
@@ -95,7 +94,7 @@ def _prepare_environment(*, local: bool) -> None:
 def _local_options(workers: int | None, folder: str) -> dict[str, Any]:
     return {
         "address": "local",
-        "num_cpus": workers or len(os.sched_getaffinity(0)),
+        "num_cpus": workers or core_count(),
         "num_gpus": 0,
         "include_dashboard": False,
         "_temp_dir": folder,
@@ -136,21 +135,5 @@ def _init(ray: ModuleType, options: dict[str, Any]) -> None:
 
 
 def _shut_down(ray: ModuleType) -> None:
-    with _interrupts_held():
+    with interrupts_held():
         ray.shutdown(wait_for_processes=True)
-
-
-@contextlib.contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back: a Ray that is broken off while it starts or ends may crash."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if came:
-        raise KeyboardInterrupt

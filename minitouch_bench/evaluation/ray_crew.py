@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
-from minitouch_bench.arithmetic import SETTINGS
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.parcel import Parcel
 from minitouch_bench.evaluation.ray_worker import EpisodeWorker, Machine, Report, this_machine
 from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS
 from minitouch_bench.policies.wire import plain_line
+from minitouch_bench.processes import ARITHMETIC
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 LOOK_S = 5.0
@@ -55,7 +55,7 @@ class Crew:
         self._ray = ray
         # Numeric libraries read these when they are loaded, so before the process's first line.
         self._worker_class = ray.remote(EpisodeWorker).options(
-            num_cpus=1, runtime_env={"env_vars": SETTINGS}
+            num_cpus=1, runtime_env={"env_vars": ARITHMETIC}
         )
         self._parcel = ray.put(parcel)
         self._machine = this_machine()

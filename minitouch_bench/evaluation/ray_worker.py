@@ -45,7 +45,7 @@ def this_machine() -> Machine:
 
 
 def _processor_class() -> str:
-    """Return the class of processors that give the same bits: see ``arithmetic``."""
+    """Return the class of processors that give the same bits: see ``processes.ARITHMETIC``."""
     kind = platform.machine()
     if kind != "x86_64":
         return kind

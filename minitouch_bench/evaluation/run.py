@@ -13,8 +13,8 @@ from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import EngineHandle
 from minitouch_bench.evaluation.journal import Journal, read_journal
-from minitouch_bench.evaluation.storage import clear_run, holds_run
 from minitouch_bench.evaluation.suites import Suite
+from minitouch_bench.files import clear_run, holds_run
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import (

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.files import write_file
 from minitouch_bench.leaderboard.board import make_board
 from minitouch_bench.leaderboard.board_csv import board_csv
 from minitouch_bench.leaderboard.board_json import board_json
 from minitouch_bench.leaderboard.board_markdown import board_markdown
-from minitouch_bench.leaderboard.crew import crew_for
 from minitouch_bench.leaderboard.entries import Entry, make_entry
 from minitouch_bench.leaderboard.proof import PROOFS, read_proof
 from minitouch_bench.leaderboard.site import write_site
 from minitouch_bench.leaderboard.validation import Depth, Verdict, validate
-from minitouch_bench.reporting.writing import write_file
+from minitouch_bench.processes import run_all
 
 
 @dataclass(frozen=True)
@@ -41,20 +41,19 @@ def build_board(
     apart: list[Verdict] = []
     refused: list[Verdict] = []
     directories = find_submissions(submissions)
-    with crew_for(len(directories)) as crew:
-        for found in crew(_read, directories):
-            if isinstance(found, Entry):
-                entries.append(found)
-            elif found.is_other_protocol:
-                apart.append(found)
-            else:
-                refused.append(found)
-        log(f"{len(directories)} read")
-        board = make_board(entries, apart, refused)
-        write_file(output / "leaderboard.md", board_markdown(board))
-        write_file(output / "leaderboard.csv", board_csv(board))
-        write_file(output / "leaderboard.json", board_json(board))
-        write_site(board, output, crew)
+    for found in run_all(_read, directories, name=str):
+        if isinstance(found, Entry):
+            entries.append(found)
+        elif found.is_other_protocol:
+            apart.append(found)
+        else:
+            refused.append(found)
+    log(f"{len(directories)} read")
+    board = make_board(entries, apart, refused)
+    write_file(output / "leaderboard.md", board_markdown(board))
+    write_file(output / "leaderboard.csv", board_csv(board))
+    write_file(output / "leaderboard.json", board_json(board))
+    write_site(board, output)
     return Built(len(board.ranked), len(apart), tuple(refused))
 
 

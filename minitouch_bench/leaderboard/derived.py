@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.evaluation.storage import ACTIONS_FILE, read_actions
+from minitouch_bench.evaluation.actions import read_actions
+from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.leaderboard.run_checks import NAMED, PACK_AGAIN

@@ -7,24 +7,35 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.files import (
+    ACTIONS_FILE,
+    EPISODES_FILE,
+    EXPLORATION_FILE,
+    GENERALIZATION_FILE,
+    GIB,
+    KIB,
+    MIB,
+    REPORT_FILE,
+    RUN_FILE,
+    TABLE4_FILE,
+    read_file,
+)
 from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.submission import SUBMISSION_FILE, Submission
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 
-KIB, MIB, GIB = 2**10, 2**20, 2**30
-
 RUN_LIMITS = {
-    "run.json": 16 * MIB,
-    "actions.npz": 12 * MIB,
-    "episodes.csv": 4 * MIB,
-    "exploration.csv": 4 * MIB,
-    "table4.csv": MIB,
-    "generalization.csv": 4 * MIB,
-    "report.md": 4 * MIB,
+    RUN_FILE: 16 * MIB,
+    ACTIONS_FILE: 12 * MIB,
+    EPISODES_FILE: 4 * MIB,
+    EXPLORATION_FILE: 4 * MIB,
+    TABLE4_FILE: MIB,
+    GENERALIZATION_FILE: 4 * MIB,
+    REPORT_FILE: 4 * MIB,
 }
 """The files of a run in a submission, and the most bytes each may have."""
 
-REQUIRED_RUN_FILES = ("run.json", "actions.npz", "episodes.csv", "table4.csv", "report.md")
+REQUIRED_RUN_FILES = (RUN_FILE, ACTIONS_FILE, EPISODES_FILE, TABLE4_FILE, REPORT_FILE)
 
 MAX_SUBMISSION_FILE = 64 * KIB
 MAX_CHECKPOINT = GIB
@@ -99,17 +110,12 @@ def _is_video(path: str, places: list[str]) -> bool:
 
 
 def read_plain(directory: Path, place: str, limit: int) -> bytes:
-    """Return a file's bytes, never through a link.
+    """Return the bytes of a submission's file, with an error that does not repeat its name.
 
     Raises:
         RunDirectoryError: it cannot be read, or is larger than ``limit``.
     """
     try:
-        handle = os.open(directory / place, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
-        with os.fdopen(handle, "rb") as file:
-            content = file.read(limit + 1)
+        return read_file(directory / place, limit)
     except OSError as error:
         raise RunDirectoryError(f"it cannot be read: {error.strerror}") from error
-    if len(content) > limit:
-        raise RunDirectoryError(f"it has more than {limit} bytes")
-    return content

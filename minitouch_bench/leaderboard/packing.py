@@ -6,10 +6,24 @@ from dataclasses import replace
 from pathlib import Path
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.evaluation.journal import JOURNAL_FILE
-from minitouch_bench.evaluation.storage import ACTIONS_FILE, LOCK_FILE
+from minitouch_bench.files import (
+    ACTIONS_FILE,
+    JOURNAL_FILE,
+    REPORT_PAGE,
+    RUN_FILE,
+    VIDEOS,
+    os_errors_as,
+    read_file,
+    write_file,
+)
 from minitouch_bench.leaderboard.faults import Faults
-from minitouch_bench.leaderboard.inventory import MAX_SUBMISSION_FILE, RUN_LIMITS, read_plain
+from minitouch_bench.leaderboard.inventory import (
+    MAX_CHECKPOINT,
+    MAX_SUBMISSION_FILE,
+    MAX_VIDEO,
+    RUN_LIMITS,
+    read_plain,
+)
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     CHECKPOINTS,
@@ -26,10 +40,8 @@ from minitouch_bench.leaderboard.texts import check_file_name
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource
 from minitouch_bench.records import Role
 from minitouch_bench.reporting import derived_files, read_run
-from minitouch_bench.reporting.run_directory import RUN_FILE
-from minitouch_bench.reporting.writing import write_file
 
-LEFT_BEHIND = (JOURNAL_FILE, LOCK_FILE, "report.html")
+LEFT_BEHIND = (JOURNAL_FILE, REPORT_PAGE)
 """What an evaluation writes and a submission does not need."""
 
 
@@ -89,13 +101,11 @@ def tidy(directory: Path) -> None:
         RunDirectoryError: it is no run, or cannot be written.
     """
     saved = read_run(directory)
-    try:
-        for name, text in derived_files(saved, directory).items():
-            (directory / name).write_text(text, encoding="utf-8", newline="\n")
+    for name, text in derived_files(saved, directory).items():
+        write_file(directory / name, text)
+    with os_errors_as(RunDirectoryError, directory, "written"):
         for name in LEFT_BEHIND:
             (directory / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise RunDirectoryError(f"{directory} cannot be written: {error.strerror}") from error
 
 
 def copy_run(run: Path, place: Path) -> None:
@@ -105,17 +115,10 @@ def copy_run(run: Path, place: Path) -> None:
         RunDirectoryError: it is no run, or cannot be read or written.
     """
     read_run(run)
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-        for name in (ACTIONS_FILE, RUN_FILE):
-            if (run / name).stat().st_size > RUN_LIMITS[name]:
-                raise RunDirectoryError(f"{run / name} is larger than a submission's may be")
-            shutil.copyfile(run / name, place / name)
-        for video in sorted((run / "videos").glob("*.mp4")):
-            (place / "videos").mkdir(exist_ok=True)
-            shutil.copyfile(video, place / "videos" / video.name)
-    except OSError as error:
-        raise RunDirectoryError(f"{run} cannot be copied: {error.strerror or error}") from error
+    for name in (ACTIONS_FILE, RUN_FILE):
+        _copy(run / name, place / name, RUN_LIMITS[name])
+    for video in sorted((run / VIDEOS).glob("*.mp4")):
+        _copy(video, place / VIDEOS / video.name, MAX_VIDEO)
     tidy(place)
 
 
@@ -139,7 +142,7 @@ def name_files(
         file = CheckpointFile(role, task, name, part.digest)
         if include:
             file = replace(file, path=checkpoint_place(seed, role, name))
-            _copy(Path(part.target), directory / file.path)
+            _copy(Path(part.target), directory / file.path, MAX_CHECKPOINT)
         files.append(file)
     if not include:
         stale = directory / CHECKPOINTS / f"seed-{seed}" / role.value
@@ -147,9 +150,6 @@ def name_files(
     return tuple(files)
 
 
-def _copy(file: Path, place: Path) -> None:
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, place)
-    except OSError as error:
-        raise RunDirectoryError(f"{file} cannot be copied: {error.strerror}") from error
+def _copy(file: Path, place: Path, limit: int) -> None:
+    with os_errors_as(RunDirectoryError, file, "copied"):
+        write_file(place, read_file(file, limit, follow=True))

@@ -13,14 +13,12 @@ from importlib.metadata import version
 from pathlib import Path
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.evaluation.storage import ACTIONS_FILE
+from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, write_file
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import SavedRun
 from minitouch_bench.reporting.json_reader import JsonNode
-from minitouch_bench.reporting.run_directory import RUN_FILE
-from minitouch_bench.reporting.writing import write_file
 
 FORMAT = "minitouch-proof"
 VERSION = 1

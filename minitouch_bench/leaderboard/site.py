@@ -15,27 +15,28 @@ from markupsafe import Markup
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.suites import SUITES
+from minitouch_bench.files import os_errors_as, read_file, write_file
 from minitouch_bench.leaderboard.board import Board, Row
 from minitouch_bench.leaderboard.board_markdown import notes
-from minitouch_bench.leaderboard.crew import Crew
 from minitouch_bench.leaderboard.drawings import amount, efficiency_plot
+from minitouch_bench.leaderboard.inventory import MAX_VIDEO
 from minitouch_bench.leaderboard.page import page_context
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.submission import MAIN_SUITE, MODALITIES
 from minitouch_bench.leaderboard.views import Heading, View, views
+from minitouch_bench.processes import run_all
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.cards import PICTURES
 from minitouch_bench.reporting.html import TEMPLATES as REPORT_TEMPLATES
 from minitouch_bench.reporting.paper import PAPER_TASKS
-from minitouch_bench.reporting.writing import write_file
 
 TEMPLATES = Path(__file__).parent / "templates"
 PAGES = "submission"
 """Directory of the submissions' pages in the site."""
 
 
-def write_site(board: Board, output: Path, crew: Crew) -> None:
+def write_site(board: Board, output: Path) -> None:
     """Write the index, the pages, and the pictures and videos they show.
 
     Pages of submissions that are gone are removed.
@@ -46,14 +47,11 @@ def write_site(board: Board, output: Path, crew: Crew) -> None:
     write_file(output / "index.html", index_html(board))
     pages = output / PAGES
     write = partial(_write_page, pages, board.protocol, len(board.ranked))
-    crew(write, board.rows)
+    run_all(write, board.rows, name=lambda row: f"the page of {row.entry.name}")
     _remove_others(pages, {row.entry.name for row in board.rows})
-    try:
-        (output / "pictures").mkdir(exist_ok=True)
-        for task in PAPER_TASKS:
-            shutil.copyfile(PICTURES / f"{task}.png", output / "pictures" / f"{task}.png")
-    except OSError as error:
-        raise RunDirectoryError(f"{output} cannot be written: {error.strerror}") from error
+    for task in PAPER_TASKS:
+        name = f"{task}.png"
+        write_file(output / "pictures" / name, (PICTURES / name).read_bytes())
 
 
 def index_html(board: Board) -> str:
@@ -164,11 +162,8 @@ def _copy_videos(row: Row, pages: Path) -> tuple[tuple[str, str], ...]:
     for path in row.entry.videos:
         # The parts were checked: seed, suite, "videos", and a plain name.
         name = path.replace("/videos/", "-").replace("/", "-")
-        try:
-            target.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(row.entry.directory / path, target / name)
-        except OSError as error:
-            raise RunDirectoryError(f"{target} cannot be written: {error.strerror}") from error
+        with os_errors_as(RunDirectoryError, row.entry.directory / path, "copied"):
+            write_file(target / name, read_file(row.entry.directory / path, MAX_VIDEO))
         found.append((f"{row.entry.name}/{name}", Path(name).stem.replace("-", " ")))
     return tuple(found)
 

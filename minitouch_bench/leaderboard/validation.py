@@ -6,6 +6,7 @@ from enum import Enum
 from pathlib import Path
 
 from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.files import RUN_FILE
 from minitouch_bench.leaderboard.checkpoints import check_checkpoints
 from minitouch_bench.leaderboard.derived import check_actions, check_estimates, check_tables
 from minitouch_bench.leaderboard.faults import Fault, Faults
@@ -23,7 +24,6 @@ from minitouch_bench.leaderboard.submission_reader import read_submission
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.records import SavedRun
 
-RUN_FILE = "run.json"
 RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
     "random": (),
     "zero": (),

@@ -27,7 +27,6 @@ from typing import Any
 
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError
 from minitouch_bench.policies.episode_child import Episode, run_episode
-from minitouch_bench.policies.isolation.kernel import die_with
 from minitouch_bench.policies.isolation.limits import Limits
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.isolation.readable import factory_paths
@@ -36,6 +35,7 @@ from minitouch_bench.policies.loading import FORMATS, check_permitted, find_load
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.policies.sources import read_checkpoint
 from minitouch_bench.policies.wire import MAX_PAYLOAD, describe
+from minitouch_bench.processes import die_with
 
 POLL_S = 0.002
 

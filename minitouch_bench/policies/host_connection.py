@@ -10,10 +10,10 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from minitouch_bench.arithmetic import SETTINGS
 from minitouch_bench.policies.isolation.limits import HOST_VARIABLES
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.wire import MAX_PAYLOAD, plain_line
+from minitouch_bench.processes import ARITHMETIC
 
 KEPT_OUTPUT = 4096
 """Bytes kept of what the policy prints, the last ones."""
@@ -26,7 +26,7 @@ CLOSE_S = 2.0
 """Time in which a host must end by itself once its orders have ended."""
 
 HOST_SETTINGS = {
-    **SETTINGS,
+    **ARITHMETIC,
     "ORT_DISABLE_TELEMETRY": "1",
     "PYTHONHASHSEED": "0",
 }

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.files import write_file
 from minitouch_bench.policies.networks import ARCHITECTURES, TouchActor
 from minitouch_bench.policies.policy import ACTION_SIZES, Checkpoint, Observation
 
@@ -59,8 +60,7 @@ def save_native(actor: TouchActor, path: Path) -> None:
     """Write an actor as a native checkpoint."""
     form = {"architecture": actor.architecture, "action_size": actor.action_size}
     tensors = {name: value.contiguous() for name, value in actor.state_dict().items()}
-    # save_file would make it readable to its owner only
-    path.write_bytes(safetensors.torch.save(tensors, {METADATA_KEY: json.dumps(form)}))
+    write_file(path, safetensors.torch.save(tensors, {METADATA_KEY: json.dumps(form)}))
 
 
 def load_native(checkpoint: Checkpoint) -> NativePolicy:

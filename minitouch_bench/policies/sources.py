@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.files import GIB, os_errors_as, read_file
 from minitouch_bench.policies.loading import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import PolicyIdentity
 
 DIRECTORY = "directory"
-MAX_FILE_BYTES = 2**30
+MAX_FILE_BYTES = GIB
 TRAINED_FILE = "final.safetensors"
 """What ``train`` leaves in its directory, which can be given in its place."""
 FACTORY_PATTERN = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
@@ -101,17 +102,13 @@ def read_checkpoint(path: Path) -> bytes:
         PolicyLoadError: missing, no plain file, empty, too large or not readable.
 
     """
-    try:
-        if not path.is_file():
-            state = "is not a file" if path.exists() else "does not exist"
-            raise PolicyLoadError(f"the policy file {path} {state}")
-        size = path.stat().st_size
-        if not 0 < size <= MAX_FILE_BYTES:
-            state = "is empty" if size == 0 else "is larger than 1 GiB"
-            raise PolicyLoadError(f"the policy file {path} {state}")
-        return path.read_bytes()
-    except OSError as error:
-        raise PolicyLoadError(f"the policy file {path} cannot be read: {error.strerror}") from error
+    if not path.exists():
+        raise PolicyLoadError(f"the policy file {path} does not exist")
+    with os_errors_as(PolicyLoadError, path, "read"):
+        content = read_file(path, MAX_FILE_BYTES, follow=True)
+    if not content:
+        raise PolicyLoadError(f"the policy file {path} is empty")
+    return content
 
 
 def _parse_file(path: Path) -> PolicySource:

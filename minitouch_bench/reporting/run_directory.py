@@ -5,6 +5,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.files import (
+    EPISODES_FILE,
+    EXPLORATION_FILE,
+    GENERALIZATION_FILE,
+    REPORT_FILE,
+    REPORT_PAGE,
+    RUN_FILE,
+    TABLE4_FILE,
+    VIDEOS,
+    read_file,
+    write_file,
+)
 from minitouch_bench.records import EvaluationRun, SavedRun, Summary
 from minitouch_bench.reporting.csv_writer import (
     episodes_csv,
@@ -15,9 +27,6 @@ from minitouch_bench.reporting.html import to_html
 from minitouch_bench.reporting.json_document import from_document, to_document, to_text
 from minitouch_bench.reporting.markdown import to_markdown
 from minitouch_bench.reporting.report import Report, build_report, find_videos
-from minitouch_bench.reporting.writing import write_file
-
-RUN_FILE = "run.json"
 
 
 def write_run(run: EvaluationRun, summary: Summary, directory: Path) -> SavedRun:
@@ -43,7 +52,7 @@ def derived_files(run: SavedRun, directory: Path) -> dict[str, str]:
     The report links the videos that lie in the directory.
     """
     report = build_report([run], find_videos(_videos(directory), directory))
-    return {**_tables(run), "report.md": to_markdown(report)}
+    return {**_tables(run), REPORT_FILE: to_markdown(report)}
 
 
 def read_run(directory: Path) -> SavedRun:
@@ -53,7 +62,7 @@ def read_run(directory: Path) -> SavedRun:
     """
     file = directory if directory.name == RUN_FILE else directory / RUN_FILE
     try:
-        document = json.loads(file.read_bytes())
+        document = json.loads(read_file(file))
     except FileNotFoundError as error:
         raise RunDirectoryError(f"{file.parent} is no run: it has no {RUN_FILE}") from error
     except OSError as error:
@@ -73,20 +82,20 @@ def write_report(runs: Sequence[SavedRun], directory: Path, videos: Sequence[Pat
     be written.
     """
     report = build_report(runs, find_videos(videos, directory))
-    write_file(directory / "report.md", to_markdown(report))
-    write_file(directory / "report.html", to_html(report))
+    write_file(directory / REPORT_FILE, to_markdown(report))
+    write_file(directory / REPORT_PAGE, to_html(report))
     return report
 
 
 def _tables(run: SavedRun) -> dict[str, str]:
     """Return the CSV files of a run by name."""
-    tables = {"episodes.csv": episodes_csv(run.episodes), "table4.csv": table4_csv([run])}
+    tables = {EPISODES_FILE: episodes_csv(run.episodes), TABLE4_FILE: table4_csv([run])}
     if run.exploration_episodes:
-        tables["exploration.csv"] = episodes_csv(run.exploration_episodes)
+        tables[EXPLORATION_FILE] = episodes_csv(run.exploration_episodes)
     if run.summary.generalization:
-        tables["generalization.csv"] = generalization_csv([run])
+        tables[GENERALIZATION_FILE] = generalization_csv([run])
     return tables
 
 
 def _videos(directory: Path) -> list[Path]:
-    return sorted((directory / "videos").glob("*.mp4"))
+    return sorted((directory / VIDEOS).glob("*.mp4"))

@@ -4,14 +4,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import coacd
 import numpy as np
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.shapegen.decomposition import DecompositionConfig, convex_parts
 from minitouch_bench.shapegen.families import FAMILIES
-from minitouch_bench.shapegen.frame import in_body_frame
-from minitouch_bench.shapegen.mesh import Mesh, solid_moments, widest_across
-from minitouch_bench.shapegen.record import Body, decode, encode, quantised
+from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments, widest_across
+from minitouch_bench.shapegen.record import Body, decode, encode, quantized
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
     Measures,
@@ -25,6 +24,24 @@ from minitouch_bench.shapegen.soundness import (
 
 GENERATOR_VERSION = 1
 """Raised whenever the same seed would give another shape."""
+
+
+@dataclass(frozen=True)
+class DecompositionConfig:
+    """Settings of CoACD; ``threshold`` is its concavity bound, relative to the shape's size.
+
+    ``longest_edge`` (m): longer edges are split first. On long thin triangles, such as those
+    round a hole in a flat face, the search took 25 s and found worse hulls.
+    """
+
+    threshold: float = 0.1
+    iterations: int = 20
+    depth: int = 2
+    max_hulls: int = 16
+    max_hull_vertices: int = 64
+    resolution: int = 1000
+    longest_edge: float = 0.015
+    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -113,7 +130,7 @@ def sized(solid: Solid, rng: np.random.Generator, config: BuildConfig) -> Mesh:
     # Drawn from the upper half more often: small things are quickly too thin or too flat.
     share = float(np.sqrt(rng.random()))
     side = config.shortest_longest_side + share * (largest - config.shortest_longest_side)
-    mesh = Mesh(quantised(mesh.vertices * (side / longest)), mesh.faces)
+    mesh = Mesh(quantized(mesh.vertices * (side / longest)), mesh.faces)
     check_mesh(mesh, config.soundness)
     # The hulls' rest poses are nearly the mesh's: this refuses most flat ones before CoACD.
     list(statically_sound(hull_of(mesh.vertices), config.soundness))
@@ -148,8 +165,33 @@ def weighed(mesh: Mesh, density: float, config: DecompositionConfig) -> Body:
     """Return the body of a mesh on the grid and in its frame, at a density in kg/m³."""
     moments = solid_moments(mesh)
     parts = convex_parts(mesh, config)
-    hulls = tuple(hull_of(quantised(part.vertices)) for part in parts)
+    hulls = tuple(hull_of(quantized(part.vertices)) for part in parts)
     ixx, iyy, izz = np.diag(moments.inertia()) * density
     inertia = (float(ixx), float(iyy), float(izz))
     body = Body(mesh, hulls, float(moments.volume * density), inertia)
     return decode(encode(body))  # what is proven is what is stored
+
+
+def convex_parts(mesh: Mesh, config: DecompositionConfig) -> tuple[Mesh, ...]:
+    """Cover a closed 2-manifold mesh with convex hulls.
+
+    A fault inside CoACD can end the process: call it in a worker.
+    """
+    coacd.set_log_level("error")
+    fine = to_mesh(to_solid(mesh).refine_to_length(config.longest_edge))
+    parts = coacd.run_coacd(
+        coacd.Mesh(fine.vertices, fine.faces),
+        threshold=config.threshold,
+        mcts_iterations=config.iterations,
+        mcts_max_depth=config.depth,
+        max_convex_hull=config.max_hulls,
+        decimate=True,
+        max_ch_vertex=config.max_hull_vertices,
+        resolution=config.resolution,
+        preprocess_mode="off",
+        seed=config.seed,
+    )
+    return tuple(
+        Mesh(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int32))
+        for vertices, faces in parts
+    )

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.files import read_file
+from minitouch_bench.processes import run_in_workers
+from minitouch_bench.shapegen.body_files import body_files
 from minitouch_bench.shapegen.build import BuildConfig
 from minitouch_bench.shapegen.entries import entry_of
-from minitouch_bench.shapegen.files import body_files
 from minitouch_bench.shapegen.likeness import (
     SMALLEST_P,
     descriptor,
@@ -21,8 +23,7 @@ from minitouch_bench.shapegen.likeness import (
 from minitouch_bench.shapegen.manifest import Shape, ShapeSet, load_shape_set
 from minitouch_bench.shapegen.record import Body, decode, digest
 from minitouch_bench.shapegen.soundness import UnsoundError, examine
-from minitouch_bench.shapegen.splits import HELD_OUT, split_of
-from minitouch_bench.shapegen.workers import map_in_workers
+from minitouch_bench.shapegen.splits import HELD_OUT, splits_of
 
 Progress = Callable[[int, int], None]
 
@@ -76,7 +77,7 @@ def _pack_problems(shapes: ShapeSet) -> Iterator[str]:
     if starts != [0, *ends[:-1].tolist()]:
         yield "the manifest's offsets do not follow one another"
     try:
-        pack = shapes.shapes[0].pack.read_bytes()
+        pack = read_file(shapes.shapes[0].pack, follow=True)
     except (OSError, IndexError) as error:
         yield f"the pack cannot be read: {error}"
         return
@@ -99,7 +100,9 @@ def _manifest_problems(shapes: ShapeSet) -> Iterator[str]:
         if shape.digest in first:
             yield f"{shape.name} is a copy of {first[shape.digest]}"
         first.setdefault(shape.digest, shape.name)
-    rule = split_of([shape.family for shape in listed], [shape.digest for shape in listed])
+    families = [shape.family for shape in listed]
+    digests = [shape.digest for shape in listed]
+    rule = splits_of(shapes.document.get("seed"), families, digests)
     for shape, split in zip(listed, rule, strict=True):
         if shape.split != split:
             yield f"{shape.name} is marked {shape.split}, the rule says {split}"
@@ -131,7 +134,7 @@ def _unsound(
     order = sorted(bodies)
     tasks = [shapes.shapes[position].record() for position in order]
     verdicts: dict[int, tuple[str, Any]] = {}
-    for task, verdict in map_in_workers(f"{__name__}:examine_record", tasks, workers):
+    for task, verdict in run_in_workers(examine_record, tasks, workers, name=lambda _: "a proof"):
         verdicts[order[task]] = verdict
         progress(len(verdicts), len(order))
     for position in order:

@@ -7,14 +7,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from minitouch_bench.cache import replace_file
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.shapegen.files import body_files
+from minitouch_bench.files import os_errors_as, replace_file
+from minitouch_bench.shapegen.body_files import body_files
 from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA
 from minitouch_bench.shapegen.poses import RestPose
 from minitouch_bench.shapegen.record import Body, digest, encode
 from minitouch_bench.shapegen.soundness import Measures
-from minitouch_bench.shapegen.splits import split_of
+from minitouch_bench.shapegen.splits import splits_of
 
 LIBRARIES = ("numpy", "coacd", "manifold3d", "fast-simplification", "pybullet")
 
@@ -72,7 +72,8 @@ def write_set(
     Raises:
         InfrastructureError: the folder cannot be written.
     """
-    splits = split_of([entry["family"] for entry, _ in made], [digest(r) for _, r in made])
+    families = [entry["family"] for entry, _ in made]
+    splits = splits_of(header.get("seed"), families, [digest(record) for _, record in made])
     shapes, offset = [], 0
     for (entry, record), split in zip(made, splits, strict=True):
         shapes.append({**entry, "split": split, "offset": offset, "length": len(record)})
@@ -86,11 +87,9 @@ def write_set(
         "pack_sha256": digest(pack),
         "shapes": shapes,
     }
-    try:
+    with os_errors_as(InfrastructureError, folder, "written"):
         replace_file(folder / PACK, pack)
         replace_file(folder / MANIFEST, manifest_text(document).encode())
-    except OSError as error:
-        raise InfrastructureError(f"{folder} cannot be written: {error.strerror}") from error
     return document
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import trimesh
 
-from minitouch_bench.cache import replace_file
 from minitouch_bench.errors import InfrastructureError, UsageError
-from minitouch_bench.shapegen.files import FRICTION, obj_text, urdf_text
+from minitouch_bench.files import os_errors_as, replace_file
+from minitouch_bench.shapegen.body_files import FRICTION, obj_text, urdf_text
 from minitouch_bench.shapegen.manifest import ShapeSet
 from minitouch_bench.shapegen.record import Body
 
@@ -27,14 +27,12 @@ def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) 
     if form not in WRITERS:
         raise UsageError(f"unknown format '{form}': {', '.join(WRITERS)}")
     written = 0
-    try:
+    with os_errors_as(InfrastructureError, folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
         for shape in shapes.split(split) if split else shapes.shapes:
             for name, content in WRITERS[form](shape.name, shape.body()).items():
                 replace_file(folder / name, content)
                 written += 1
-    except OSError as error:
-        raise InfrastructureError(f"{folder} cannot be written: {error.strerror}") from error
     return written
 
 

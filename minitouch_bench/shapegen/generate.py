@@ -1,23 +1,20 @@
 """Generate a set: any number of workers, resumable after kill -9, always the same bytes."""
 
-import fcntl
 import json
-import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from minitouch_bench.cache import replace_file
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
+from minitouch_bench.files import lock_directory, os_errors_as, read_file, replace_file
+from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import GENERATOR_VERSION, BuildConfig, make_shape
 from minitouch_bench.shapegen.entries import entry_of, shape_name, versions, write_set
 from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
 from minitouch_bench.shapegen.record import digest, encode
-from minitouch_bench.shapegen.workers import map_in_workers
 
-PARTIAL = ".partial"
+PARTIAL, PLAN = ".partial", "plan.json"
 Progress = Callable[[int, int], None]
 """Called with (done, total)."""
 
@@ -50,13 +47,13 @@ def generate(
         "seed": root,
         "parameters": config.document(),
     }
-    with locked(folder):
+    with lock_directory(folder):
         partial = opened_partial(folder, {**header, "versions": versions(), "count": count})
         missing = [i for i in range(count) if read_partial(partial, i) is None]
         progress(count - len(missing), count)
         tasks = [(root, index) for index in missing]
         for done, (position, (entry, record)) in enumerate(
-            map_in_workers(f"{__name__}:make_entry", tasks, workers), start=1
+            run_in_workers(make_entry, tasks, workers, name=_name), start=1
         ):
             write_partial(partial, missing[position], entry, record)
             progress(count - len(missing) + done, count)
@@ -75,6 +72,10 @@ def set_name(count: int, root: int) -> str:
     return f"minitouch-{count}" + (f"-seed-{root}" if root else "")
 
 
+def _name(task: tuple[int, int]) -> str:
+    return f"shape {task[1]}"
+
+
 def make_entry(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
     """Return entry and record of one shape, for (root, index); runs in a worker."""
     root, index = task
@@ -89,28 +90,6 @@ def make_entry(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
     return entry, encode(made.body)
 
 
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock; it goes with the process, however that ends.
-
-    Raises:
-        RunDirectoryError: another process holds it, or the folder cannot be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / ".lock", os.O_CREAT | os.O_RDWR)
-    except OSError as error:
-        raise RunDirectoryError(f"{folder} cannot be written: {error.strerror}") from error
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise RunDirectoryError(f"{folder}: another generator is at work there") from error
-        yield
-    finally:
-        os.close(handle)
-
-
 def opened_partial(folder: Path, plan: dict[str, Any]) -> Path:
     """Return the folder of single shapes, begun with this plan or fresh.
 
@@ -119,10 +98,10 @@ def opened_partial(folder: Path, plan: dict[str, Any]) -> Path:
         InfrastructureError: it cannot be written.
     """
     partial = folder / PARTIAL
-    text = json.dumps(plan, sort_keys=True)
-    try:
-        if (partial / "plan.json").exists():
-            if (partial / "plan.json").read_text() != text:
+    text = json.dumps(plan, sort_keys=True).encode()
+    with os_errors_as(InfrastructureError, partial, "written"):
+        if (partial / PLAN).exists():
+            if read_file(partial / PLAN) != text:
                 raise RunDirectoryError(
                     f"{folder} holds a generation begun with other settings; "
                     f"delete {partial} or choose another --output"
@@ -131,9 +110,7 @@ def opened_partial(folder: Path, plan: dict[str, Any]) -> Path:
             raise RunDirectoryError(f"{folder} holds a finished set; choose another --output")
         else:
             partial.mkdir(exist_ok=True)
-            replace_file(partial / "plan.json", text.encode())
-    except OSError as error:
-        raise InfrastructureError(f"{partial} cannot be written: {error.strerror}") from error
+            replace_file(partial / PLAN, text)
     return partial
 
 
@@ -144,19 +121,15 @@ def write_partial(partial: Path, index: int, entry: dict[str, Any], record: byte
         InfrastructureError: the disk is full; what was made before stays.
     """
     text = json.dumps(entry, allow_nan=False).encode()
-    try:
+    hint = "; the shapes made so far are kept: make room and run the same command again"
+    with os_errors_as(InfrastructureError, partial, "written", hint):
         replace_file(partial / f"{index}.shape", text + b"\n" + record)
-    except OSError as error:
-        raise InfrastructureError(
-            f"{partial} cannot be written: {error.strerror}; the shapes made "
-            "so far are kept: make room and run the same command again"
-        ) from error
 
 
 def read_partial(partial: Path, index: int) -> tuple[dict[str, Any], bytes] | None:
     """Return a kept shape, or None if there is none or it is damaged."""
     try:
-        text, _, record = (partial / f"{index}.shape").read_bytes().partition(b"\n")
+        text, _, record = read_file(partial / f"{index}.shape").partition(b"\n")
         entry: dict[str, Any] = json.loads(text)
     except (OSError, ValueError):
         return None

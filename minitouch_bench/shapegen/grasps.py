@@ -30,7 +30,7 @@ TRIED_COST = 0.02
 
 @dataclass(frozen=True)
 class Grasp:
-    """A place for the grasp target: offset from the centre of mass in x, y and height, m.
+    """A place for the grasp target: offset from the center of mass in x, y and height, m.
 
     ``width`` is what must pass between the open pads there, m, inf where nothing fits.
     """
@@ -46,9 +46,9 @@ def plan_grasp(
 ) -> Grasp:
     """Choose the best grasp of a resting body by pads that close along y.
 
-    ``points``: dense surface points (N, 3), m, x and y from the centre of mass, z from the
+    ``points``: dense surface points (N, 3), m, x and y from the center of mass, z from the
     table; ``lowest_target``: the least height of the grasp target over the table, m. Prefers a
-    narrow place near the centre of mass, deep between the pads, with contacts opposite each
+    narrow place near the center of mass, deep between the pads, with contacts opposite each
     other, and x away from those ``tried`` before, m.
     """
     top = float(points[:, 2].max())

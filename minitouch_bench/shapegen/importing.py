@@ -11,14 +11,14 @@ import numpy as np
 import trimesh
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.files import lock_directory
+from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import BuildConfig, weighed
 from minitouch_bench.shapegen.entries import entry_of, write_set
-from minitouch_bench.shapegen.frame import in_body_frame
-from minitouch_bench.shapegen.generate import locked
 from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
-from minitouch_bench.shapegen.mesh import Mesh, solid_moments, widest_across
+from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments, widest_across
 from minitouch_bench.shapegen.reading import UnreadableError, find_objects, read_object
-from minitouch_bench.shapegen.record import encode, quantised
+from minitouch_bench.shapegen.record import encode, quantized
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
     UnsoundError,
@@ -26,7 +26,6 @@ from minitouch_bench.shapegen.soundness import (
     examine,
     statically_sound,
 )
-from minitouch_bench.shapegen.workers import map_in_workers
 
 Progress = Callable[[int, int], None]
 FAMILY = "imported"
@@ -77,9 +76,11 @@ def import_objects(
     if (folder / MANIFEST).exists():
         raise UsageError(f"{folder} holds a shape set already; choose another --output")
     answers: dict[int, Any] = {}
-    with locked(folder):
+    with lock_directory(folder):
         tasks = [(str(path), config) for path in paths]
-        for position, answer in map_in_workers(f"{__name__}:import_one", tasks, workers):
+        for position, answer in run_in_workers(
+            import_one, tasks, workers, name=lambda task: task[0]
+        ):
             answers[position] = answer
             progress(len(answers), len(paths))
         names = [str(path.relative_to(source)) for path in paths]
@@ -120,10 +121,10 @@ def repaired(mesh: Mesh, config: ImportConfig) -> Mesh:
     moved = in_body_frame(_simplified_solid(solid, BuildConfig().faces))
     factor = _fitting(moved) if config.fit else config.scale
     try:
-        mesh = Mesh(quantised(moved.vertices * factor), moved.faces)
+        mesh = Mesh(quantized(moved.vertices * factor), moved.faces)
         # Slivers may have lost their area to the grid; the way through a solid drops them.
         cleaned = to_mesh(to_solid(mesh))
-        return Mesh(quantised(cleaned.vertices), cleaned.faces)
+        return Mesh(quantized(cleaned.vertices), cleaned.faces)
     except ValueError:
         longest = float(moved.extents.max()) * factor * 1000.0
         raise UnreadableError(f"longest side outside 40-70 mm ({longest:.1f} mm)") from None

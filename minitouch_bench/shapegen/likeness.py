@@ -64,14 +64,14 @@ def _quadrature(mesh: Mesh, spacing: float = 0.010) -> tuple[Points, Points]:
 
 
 def _cell_centres(count: int) -> Points:
-    """Return barycentric centres (count², 3) of a triangle cut into count² equal ones."""
-    centres = []
+    """Return barycentric centers (count², 3) of a triangle cut into count² equal ones."""
+    centers = []
     for i, j in product(range(count), repeat=2):
         if i + j < count:
-            centres.append((i + 1 / 3, j + 1 / 3))
+            centers.append((i + 1 / 3, j + 1 / 3))
         if i + j < count - 1:
-            centres.append((i + 2 / 3, j + 2 / 3))
-    pairs = np.array(centres) / count
+            centers.append((i + 2 / 3, j + 2 / 3))
+    pairs = np.array(centers) / count
     return np.concatenate([pairs, 1.0 - pairs.sum(axis=1, keepdims=True)], axis=1)
 
 

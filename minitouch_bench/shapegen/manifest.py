@@ -11,8 +11,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from minitouch_bench.cache import cache_directory, cache_errors
 from minitouch_bench.errors import UsageError
-from minitouch_bench.shapegen.cache import materialised
+from minitouch_bench.files import GIB, MIB, read_file, replace_file
+from minitouch_bench.shapegen.body_files import body_files, file_names
 from minitouch_bench.shapegen.poses import RestPose
 from minitouch_bench.shapegen.record import Body, decode, digest
 
@@ -26,7 +28,7 @@ CANONICAL = "minitouch-1000"
 class Shape:
     """One object of a set. ``mass`` in kg, ``extents`` (its sides along its own axes) in m.
 
-    ``poses``: the ways it lies on a table, likeliest first; the height is that of the centre
+    ``poses``: the ways it lies on a table, likeliest first; the height is that of the center
     of mass, which is the origin of its frame. ``digest`` is the SHA-256 of its record.
     ``entry`` is everything the manifest says about it.
     """
@@ -43,13 +45,30 @@ class Shape:
 
     @property
     def urdf(self) -> Path:
-        """Absolute path of its URDF, written to the cache where it is missing or damaged.
+        """Absolute path of its URDF in the cache, with its meshes beside it.
+
+        The files are read and hashed each time (0.1 ms), so a damaged one is never used: it
+        is written again from the record.
 
         Raises:
-            UsageError: the set's record of it is damaged.
+            UsageError: the record is damaged, or does not give the files of the manifest.
             InfrastructureError: the cache cannot be written.
         """
-        return materialised(self.digest, str(self.entry["files_sha256"]), self.body)
+        names = file_names(self.digest)
+        folder = cache_directory() / "shapes" / self.digest[:2]
+        promised = str(self.entry["files_sha256"])
+        if _hash_of(folder, names) != promised:
+            files = body_files(self.body())
+            if files.sha256 != promised:
+                raise UsageError(
+                    f"shape {self.digest[:20]}: its files differ from the manifest's; "
+                    "the set was made by another version of minitouch-bench"
+                )
+            with cache_errors(folder):
+                folder.mkdir(parents=True, exist_ok=True)
+                for name, content in files.contents.items():
+                    replace_file(folder / name, content)
+        return folder / names[1]
 
     def record(self) -> bytes:
         """Return the record from the pack, verified.
@@ -119,7 +138,7 @@ def load_shape_set(path: Path | str) -> ShapeSet:
     """
     folder = Path(path).absolute()
     try:
-        document = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        document = json.loads(read_file(folder / MANIFEST, GIB, follow=True))
     except FileNotFoundError as error:
         raise UsageError(f"{folder} holds no shape set: {MANIFEST} is missing") from error
     except (OSError, ValueError) as error:
@@ -175,3 +194,14 @@ def _shape(entry: Mapping[str, Any], pack: Path) -> Shape:
 def _pose(pose: Mapping[str, Any]) -> RestPose:
     x, y, z, w = (float(number) for number in pose["quaternion"])
     return RestPose((x, y, z, w), float(pose["height_m"]), float(pose["probability"]))
+
+
+def _hash_of(folder: Path, names: tuple[str, ...]) -> str:
+    """Return the digest over files in the order of their names, "" if one is missing."""
+    sha = hashlib.sha256()
+    try:
+        for name in sorted(names):
+            sha.update(read_file(folder / name, MIB))
+    except OSError:
+        return ""
+    return sha.hexdigest()

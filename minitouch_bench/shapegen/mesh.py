@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 Points = NDArray[np.float64]
 
+EQUAL_MOMENTS = 1e-3
+"""Moments closer than this share of the largest count as equal: their axes are free."""
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -58,6 +61,48 @@ def solid_moments(mesh: Mesh) -> SolidMoments:
     second = (second + np.einsum("f,fi,fj->ij", six_volumes, sums, sums)) / 120.0
     second = second - volume * np.outer(centroid, centroid)
     return SolidMoments(float(volume), centroid + origin, second)
+
+
+def in_body_frame(mesh: Mesh) -> Mesh:
+    """Move a closed mesh into its body frame; x is the axis of least inertia."""
+    moments = solid_moments(mesh)
+    rotation = principal_axes(moments.inertia())
+    return mesh.moved(rotation, -rotation @ moments.centroid)
+
+
+def principal_axes(inertia: Points) -> Points:
+    """Return a rotation (3, 3), axes as rows, that makes an inertia tensor diagonal.
+
+    Where moments are equal the axes are chosen as near to the old x, y, z as they can be, so
+    that a cube keeps its faces along the axes.
+    """
+    moments, vectors = np.linalg.eigh(inertia)
+    rows: list[Points] = []
+    start = 0
+    while start < 3:
+        stop = start + 1
+        while stop < 3 and moments[stop] - moments[stop - 1] < EQUAL_MOMENTS * moments[2]:
+            stop += 1
+        rows += _nearest_basis(vectors[:, start:stop])
+        start = stop
+    axes = np.array(rows)
+    signs = np.sign(axes[np.arange(3), np.abs(axes).argmax(axis=1)])
+    axes *= signs[:, None]
+    if np.linalg.det(axes) < 0:
+        axes[2] *= -1.0
+    return axes
+
+
+def _nearest_basis(span: Points) -> list[Points]:
+    """Return an orthonormal basis of a (3, k) span, one old axis projected after another."""
+    basis: list[Points] = []
+    projector = span @ span.T
+    for _ in range(span.shape[1]):
+        axis = int(np.linalg.norm(projector, axis=0).round(9).argmax())
+        vector = projector[:, axis] / np.linalg.norm(projector[:, axis])
+        basis.append(vector)
+        projector = projector - np.outer(vector, vector)
+    return basis
 
 
 def face_normals(mesh: Mesh) -> tuple[Points, Points]:
@@ -140,8 +185,8 @@ def thinnest_wall(mesh: Mesh) -> float:
     """Return the least distance in m through the solid between faces that look apart."""
     normals, areas = face_normals(mesh)
     real = areas > 1e-8
-    centres = mesh.triangles.mean(axis=1)[real]
-    distance, face = first_hits(centres, -normals[real], mesh)
+    centers = mesh.triangles.mean(axis=1)[real]
+    distance, face = first_hits(centers, -normals[real], mesh)
     opposed = np.einsum("fi,fi->f", normals[real], normals[face]) < -0.7
     return float(distance[opposed].min()) if opposed.any() else float(mesh.extents.min())
 

@@ -13,7 +13,7 @@ Quaternion = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class RestPose:
-    """A way to lie on a table: rotation, height of the centre of mass (m), and share of drops."""
+    """A way to lie on a table: rotation, height of the center of mass (m), and share of drops."""
 
     quaternion: Quaternion
     height: float
@@ -32,8 +32,8 @@ SAME_DIRECTION = float(np.cos(0.05))
 def rest_poses(hull: Mesh, least: float = 0.0) -> tuple[RestPose, ...]:
     """Return where a convex body comes to rest, likeliest first, above a ``least`` share.
 
-    A random orientation lands on the face below the centre of mass (solid angle), and rolls
-    over the nearest edge until the centre of mass stands above a face. The centre is at 0.
+    A random orientation lands on the face below the center of mass (solid angle), and rolls
+    over the nearest edge until the center of mass stands above a face. The center is at 0.
     """
     normals, _ = face_normals(hull)
     heights = np.einsum("fi,fi->f", normals, hull.triangles[:, 0])
@@ -68,9 +68,9 @@ def _solid_angles(hull: Mesh) -> Points:
 
 
 def _rolls_to(hull: Mesh, normals: Points, heights: Points) -> NDArray[np.int64]:
-    """Return for each face the neighbour it tips onto, or itself where it is stable.
+    """Return for each face the neighbor it tips onto, or itself where it is stable.
 
-    A body only ever tips to a face on which its centre of mass is no higher, up to rounding.
+    A body only ever tips to a face on which its center of mass is no higher, up to rounding.
     """
     owner = {
         (int(a), int(b)): face
@@ -85,9 +85,9 @@ def _rolls_to(hull: Mesh, normals: Points, heights: Points) -> NDArray[np.int64]
             edge = hull.vertices[b] - hull.vertices[a]
             inward = np.cross(normals[face], edge) / max(float(np.linalg.norm(edge)), 1e-12)
             beyond = -float(inward @ (foot[face] - hull.vertices[a]))
-            neighbour = owner[(int(b), int(a))]
-            if beyond > max(worst, 1e-9) and heights[neighbour] < heights[face] + 1e-7:
-                worst, following[face] = beyond, neighbour
+            neighbor = owner[(int(b), int(a))]
+            if beyond > max(worst, 1e-9) and heights[neighbor] < heights[face] + 1e-7:
+                worst, following[face] = beyond, neighbor
     return following
 
 

@@ -3,19 +3,22 @@
 import base64
 import html
 import io
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.files import os_errors_as, replace_file
+from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.shapegen.manifest import Shape, ShapeSet
 from minitouch_bench.shapegen.poses import product, yaw
+from minitouch_bench.shapegen.splits import HELD_OUT
+from minitouch_bench.simulation.client import PhysicsClient, View
 
 Picture = NDArray[np.uint8]
 Progress = Callable[[int, int], None]
@@ -23,9 +26,11 @@ Progress = Callable[[int, int], None]
 TILE = 120
 """Side of one picture in pixels; it is rendered at twice that and averaged."""
 COLUMNS = 12
-CAMERA_DISTANCE = 0.24
-TRAIN_COLOUR = (0.36, 0.58, 0.82, 1.0)
-HELD_OUT_COLOUR = (0.93, 0.58, 0.26, 1.0)
+CAMERA = CameraSpec(
+    (0.0, 0.0, 0.0), -110.0, -32.0, near=0.05, distance=0.24, field_of_view=20.0, far=1.0
+)
+TRAIN_COLOR = (0.36, 0.58, 0.82, 1.0)
+HELD_OUT_COLOR = (0.93, 0.58, 0.26, 1.0)
 
 
 @dataclass(frozen=True)
@@ -43,64 +48,36 @@ def preview(shapes: ShapeSet, folder: Path, progress: Progress = lambda *_: None
         InfrastructureError: the folder cannot be written.
     """
     pictures: dict[str, Picture] = {}
-    with _renderer() as client:
+    with closing(PhysicsClient()) as client:
         for done, shape in enumerate(shapes.shapes, start=1):
             pictures[shape.name] = _picture(client, shape)
             progress(done, len(shapes.shapes))
     sheets = []
-    try:
+    with os_errors_as(InfrastructureError, folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
         for family in sorted({shape.family for shape in shapes.shapes}):
             for split in sorted({shape.split for shape in shapes.shapes}):
                 chosen = [s for s in shapes.shapes if (s.family, s.split) == (family, split)]
                 if chosen:
                     path = folder / f"{family}-{split}.png"
-                    _sheet(chosen, pictures, f"{family}, {split}: {len(chosen)}").save(path)
+                    title = f"{family}, {split}: {len(chosen)}"
+                    replace_file(path, _png(_sheet(chosen, pictures, title)))
                     sheets.append(path)
         page = folder / "index.html"
-        page.write_text(_page(shapes, pictures), encoding="utf-8")
-    except OSError as error:
-        raise InfrastructureError(f"{folder} cannot be written: {error.strerror}") from error
+        replace_file(page, _page(shapes, pictures).encode())
     return PreviewFiles(tuple(sheets), page)
 
 
-@contextmanager
-def _renderer() -> Iterator[int]:
-    client = pybullet.connect(pybullet.DIRECT)
-    try:
-        yield client
-    finally:
-        pybullet.disconnect(physicsClientId=client)
-
-
-def _picture(client: int, shape: Shape) -> Picture:
+def _picture(client: PhysicsClient, shape: Shape) -> Picture:
     """Render a shape in its likeliest pose, turned a little; uint8 (TILE, TILE, 3)."""
-    pybullet.resetSimulation(physicsClientId=client)
-    pose = shape.poses[0]
-    turned = product(yaw(0.5), pose.quaternion)
-    body = pybullet.loadURDF(str(shape.urdf), [0, 0, 0], turned, physicsClientId=client)
-    colour = HELD_OUT_COLOUR if shape.split == "held-out" else TRAIN_COLOUR
-    pybullet.changeVisualShape(body, -1, rgbaColor=colour, physicsClientId=client)
-    view = pybullet.computeViewMatrixFromYawPitchRoll(
-        [0.0, 0.0, 0.0], CAMERA_DISTANCE, 30.0, -32.0, 0.0, 2
-    )
+    client.reset_world()
+    turned = product(yaw(0.5), shape.poses[0].quaternion)
+    body = client.load_urdf(shape.urdf, orientation=turned)
+    client.paint({(body, -1): HELD_OUT_COLOR if shape.split == HELD_OUT else TRAIN_COLOR})
     side = 2 * TILE
-    pixels = pybullet.getCameraImage(
-        side,
-        side,
-        view,
-        pybullet.computeProjectionMatrixFOV(20.0, 1.0, 0.05, 1.0),
-        lightDirection=[-0.6, -1.0, 1.4],
-        shadow=0,
-        lightAmbientCoeff=0.45,
-        lightDiffuseCoeff=0.6,
-        lightSpecularCoeff=0.05,
-        renderer=pybullet.ER_TINY_RENDERER,
-        physicsClientId=client,
-    )
-    image = np.reshape(pixels[2], (side, side, 4))[..., :3].astype(np.float64)
-    mask = np.reshape(pixels[4], (side, side, 1)) >= 0
-    image = np.where(mask, image, 255.0)
+    found = client.render(View.of(CAMERA), side, side, bodies=True)
+    assert found.bodies is not None
+    image = np.where(found.bodies[..., None] >= 0, found.rgb, 255).astype(np.float64)
     averaged: Picture = (
         image.reshape(TILE, 2, TILE, 2, 3).mean(axis=(1, 3)).round().astype(np.uint8)
     )
@@ -150,9 +127,7 @@ def _page(shapes: ShapeSet, pictures: dict[str, Picture]) -> str:
 
 
 def _figure(shape: Shape, picture: Picture) -> str:
-    buffer = io.BytesIO()
-    Image.fromarray(picture).quantize(48).save(buffer, "PNG", optimize=True)
-    data = base64.b64encode(buffer.getvalue()).decode()
+    data = base64.b64encode(_png(Image.fromarray(picture).quantize(48))).decode()
     sides = " x ".join(f"{side * 1000:.0f}" for side in shape.extents)
     name = html.escape(shape.name)
     return (
@@ -161,3 +136,9 @@ def _figure(shape: Shape, picture: Picture) -> str:
         f"<br>{shape.mass * 1000:.0f} g, {shape.entry['hulls']} hulls<br>{sides} mm</figcaption>"
         "</figure>"
     )
+
+
+def _png(image: Image.Image) -> bytes:
+    buffer = io.BytesIO()
+    image.save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()

@@ -24,7 +24,7 @@ _HULL = struct.Struct("<2H")
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body in its own frame: origin at the centre of mass, axes the principal ones.
+    """A rigid body in its own frame: origin at the center of mass, axes the principal ones.
 
     ``visual`` is the closed surface, ``hulls`` its convex parts, ``mass`` in kg, ``inertia``
     the three principal moments in kg m².
@@ -36,7 +36,7 @@ class Body:
     inertia: tuple[float, float, float]
 
 
-def quantised(vertices: Points) -> Points:
+def quantized(vertices: Points) -> Points:
     """Round vertices to the stored grid.
 
     Raises:
@@ -44,7 +44,7 @@ def quantised(vertices: Points) -> Points:
     """
     steps = np.rint(vertices / STEP)
     if not np.all(np.abs(steps) <= LIMIT):  # false for NaN too
-        raise ValueError("a vertex is not finite or farther than 65 mm from the centre of mass")
+        raise ValueError("a vertex is not finite or farther than 65 mm from the center of mass")
     # Dividing by a whole number gives the double nearest to the decimal in the file.
     # Adding zero makes -0.0 plain 0.0, which alone survives the record.
     rounded: Points = steps / 500_000.0 + 0.0

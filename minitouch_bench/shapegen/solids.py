@@ -51,7 +51,7 @@ def simplified(mesh: Mesh, faces: int) -> Mesh:
     """
     if len(mesh.faces) <= faces:
         return mesh
-    # fast_simplification stalls on coordinates in metres, so it works on a box of side 100.
+    # fast_simplification stalls on coordinates in meters, so it works on a box of side 100.
     scale = 100.0 / float(mesh.extents.max())
     vertices, triangles = fast_simplification.simplify(
         np.ascontiguousarray(mesh.vertices * scale, dtype=np.float64),

@@ -9,7 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from minitouch_bench.shapegen.bench import Bench, open_bench
+from minitouch_bench.shapegen.grip_rig import GripRig, open_rig
 from minitouch_bench.shapegen.mesh import (
     Mesh,
     Points,
@@ -190,9 +190,9 @@ def examine(body: Body, config: SoundnessConfig) -> Measures:
     misfit, outside = check_hulls(body, config)
     hull = hull_of(np.concatenate([part.vertices for part in body.hulls]))
     poses = tuple(statically_sound(hull, config))
-    with open_bench(body) as bench:
-        poses = with_shares(hull, settled_poses(bench, poses, config))
-        lifted = lifted_share(bench, poses, surface_points(body.visual, 0.003), config)
+    with open_rig(body) as rig:
+        poses = with_shares(hull, settled_poses(rig, poses, config))
+        lifted = lifted_share(rig, poses, surface_points(body.visual, 0.003), config)
     volume = float(to_solid(body.visual).volume())
     convexity = volume / float(to_solid(hull_of(body.visual.vertices)).volume())
     return Measures(volume, convexity, genus, wall, misfit, outside, lifted, poses)
@@ -219,7 +219,7 @@ def statically_sound(hull: Mesh, config: SoundnessConfig) -> Iterator[RestPose]:
 
 
 def settled_poses(
-    bench: Bench, poses: tuple[RestPose, ...], config: SoundnessConfig
+    rig: GripRig, poses: tuple[RestPose, ...], config: SoundnessConfig
 ) -> tuple[RestPose, ...]:
     """Return the poses that hold in the simulator, as it leaves them.
 
@@ -228,7 +228,7 @@ def settled_poses(
     """
     held: list[RestPose] = []
     for pose in poses:
-        rest = bench.settle(pose)
+        rest = rig.settle(pose)
         if not config.gap[0] <= rest.gap <= config.gap[1]:
             raise UnsoundError(Reason.SINKS, f"{rest.gap * 1000:.2f} mm")
         if rest.tilt > config.tilt:
@@ -259,7 +259,7 @@ def with_shares(hull: Mesh, held: tuple[RestPose, ...]) -> tuple[RestPose, ...]:
 
 
 def lifted_share(
-    bench: Bench, poses: tuple[RestPose, ...], surface: Points, config: SoundnessConfig
+    rig: GripRig, poses: tuple[RestPose, ...], surface: Points, config: SoundnessConfig
 ) -> float:
     """Return the share of grip trials that lift the body, weighted by pose.
 
@@ -274,7 +274,7 @@ def lifted_share(
     for number, pose in enumerate(tried):
         for step in range(config.yaws):
             angle = np.pi * (step + number * GOLDEN) / config.yaws
-            if not bench.lift(pose, angle, surface):
+            if not rig.lift(pose, angle, surface):
                 failed += pose.probability / total / config.yaws
                 if failed > config.slips:
                     raise UnsoundError(Reason.SLIPS)

@@ -15,10 +15,10 @@ import numpy as np
 
 from minitouch_bench.cache import cache_directory, materialise
 from minitouch_bench.errors import MiniTouchError
+from minitouch_bench.evaluation.actions import Actions
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.replay import RecordedActor, Recording
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
-from minitouch_bench.evaluation.storage import Actions
 from minitouch_bench.evaluation.suites import SUITES, find_suite
 from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.isolation import landlock

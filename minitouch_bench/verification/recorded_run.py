@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.storage import Actions, read_actions
+from minitouch_bench.evaluation.actions import Actions, read_actions
 from minitouch_bench.evaluation.suites import SUITES
+from minitouch_bench.files import RUN_FILE
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, RunHeader, SavedRun
 from minitouch_bench.reporting import read_run
@@ -113,7 +114,7 @@ def _rows(saved: SavedRun, specs: tuple[EpisodeSpec, ...]) -> Iterator[Differenc
             more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
             yield Difference(missing[0], f"this episode{more} is missing")
         elif len(rows) != len(asked):
-            yield Difference("run.json", f"{len(rows)} {role} episodes, the suite has {len(asked)}")
+            yield Difference(RUN_FILE, f"{len(rows)} {role} episodes, the suite has {len(asked)}")
         else:
             for spec, row in zip(asked, rows, strict=True):
                 recorded = {name: getattr(row, name) for name in IDENTITY}

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.actions import Actions
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
-from minitouch_bench.evaluation.storage import Actions
 from minitouch_bench.policies.sources import PolicySource, identify
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EpisodeSpec, PolicyIdentity
 from minitouch_bench.verification.differences import Difference

@@ -9,8 +9,9 @@ import numpy as np
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.engine import Engine
-from minitouch_bench.evaluation.journal import JOURNAL_FILE, read_journal
+from minitouch_bench.evaluation.journal import read_journal
 from minitouch_bench.evaluation.replay import Recording
+from minitouch_bench.files import JOURNAL_FILE, read_file
 from minitouch_bench.metrics import summarize
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EvaluationRun, SavedRun
 from minitouch_bench.reporting import derived_files, from_document, to_document
@@ -119,7 +120,7 @@ def _files(directory: Path, saved: SavedRun) -> Iterator[Difference]:
     """Compare the tables and the report with those that the replayed run gives."""
     for name, text in derived_files(saved, directory).items():
         try:
-            content = (directory / name).read_bytes()
+            content = read_file(directory / name)
         except FileNotFoundError:
             continue
         except OSError as error:

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.errors import InfrastructureError, InterruptedRunError
+from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions, open_engine
 from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_episodes
-from minitouch_bench.evaluation.storage import lock_directory, write_actions
 from minitouch_bench.evaluation.suites import find_suite, parse_tasks
+from minitouch_bench.files import VIDEOS, lock_directory
 from minitouch_bench.metrics import summarize
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.records import EvaluationRun, SavedRun
@@ -157,7 +158,7 @@ def save_run(run: EvaluationRun, directory: Path, video: int = 0) -> EvaluationR
     summary = summarize(run, np.random.default_rng(run.header.seed))
     write_actions(run.records, directory)
     videos = [
-        film(record.spec, record.trace.actions, directory / "videos" / film_name(record.spec.key))
+        film(record.spec, record.trace.actions, directory / VIDEOS / film_name(record.spec.key))
         for record in run.records
         if record.spec.index < video
     ]

@@ -9,12 +9,12 @@ import numpy as np
 
 from minitouch_bench.agents.config import trained_steps
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions, open_engine
-from minitouch_bench.evaluation.journal import JOURNAL_FILE
 from minitouch_bench.evaluation.run import RunRequest, open_run
-from minitouch_bench.evaluation.storage import LOCK_FILE, clear_run, lock_directory, write_actions
 from minitouch_bench.evaluation.suites import find_suite
+from minitouch_bench.files import JOURNAL_FILE, RUN_FILE, clear_run, lock_directory
 from minitouch_bench.leaderboard.faults import Fault
 from minitouch_bench.leaderboard.packing import (
     add_seed,
@@ -40,7 +40,6 @@ from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.records import PolicyIdentity, Role, SavedRun
 from minitouch_bench.reporting import read_run, write_run
-from minitouch_bench.reporting.run_directory import RUN_FILE
 from minitouch_bench.workflows.callbacks import SILENT, Callbacks
 from minitouch_bench.workflows.evaluate import play
 from minitouch_bench.workflows.policies import prepare_policies
@@ -170,20 +169,17 @@ class _Packer:
         return TrainingSeed(seed, {suite: run_place(seed, suite) for suite in suites}, files)
 
     def _run_suite(self, name: str, setup: PolicySetup, handle: EngineHandle) -> None:
-        """Run one suite alone in its directory, and leave no lock in what is then packed."""
+        """Run one suite alone in its directory."""
         suite = find_suite(name)
         # The exploration figure is one of Table 4 alone.
         setup = setup if name == MAIN_SUITE else replace(setup, exploration=None)
         request = RunRequest(suite, suite.tasks, suite.episodes_per_task, suite.seed, setup)
         directory = self._run_directory(name)
         with lock_directory(directory):
-            try:
-                if _is_finished(directory) and not self.options.fresh:
-                    self._check_kept(request, directory)
-                else:
-                    self._play(request, directory, handle)
-            finally:
-                (directory / LOCK_FILE).unlink(missing_ok=True)
+            if _is_finished(directory) and not self.options.fresh:
+                self._check_kept(request, directory)
+            else:
+                self._play(request, directory, handle)
 
     def _play(self, request: RunRequest, directory: Path, handle: EngineHandle) -> None:
         if self.options.fresh:

@@ -14,8 +14,8 @@ from minitouch_bench.agents.progress import Evaluation, ProgressRow
 from minitouch_bench.agents.training import Training, TrainingCallbacks
 from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.evaluation.storage import lock_directory
 from minitouch_bench.evaluation.suites import StandardSuite
+from minitouch_bench.files import lock_directory
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import Observation

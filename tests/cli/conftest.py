@@ -11,7 +11,7 @@ SCRIPTED = ("evaluate", "scripted", "--tasks", "pushing,opening", "--episodes", 
 @pytest.fixture(autouse=True)
 def importable(monkeypatch):
     """Let policy processes import ``strangers`` from here."""
-    monkeypatch.setenv("PYTHONPATH", str(HERE))
+    monkeypatch.setenv("PYTHONPATH", str(HERE), prepend=":")
 
 
 @pytest.fixture(scope="session")

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 import torch
 
-from minitouch_bench.evaluation.storage import RUN_FILES, lock_directory
+from minitouch_bench.files import RUN_FILES, lock_directory
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from tests.cli.command import finish, run, start
 from tests.cli.conftest import SCRIPTED
 
 ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
-FILES = {*RUN_FILES, ".lock"} - {"exploration.csv", "generalization.csv"}
+FILES = {*RUN_FILES} - {"exploration.csv", "generalization.csv"}
 
 
 def rows(directory):
@@ -272,7 +272,7 @@ def test_a_worker_that_always_dies_leaves_a_run_to_be_resumed(tmp_path, monkeypa
     (tmp_path / "sitecustomize.py").write_text(
         "import sys\nif 'spawn_main' in ' '.join(sys.orig_argv):\n    raise SystemExit(9)\n"
     )
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
     done = run(*SCRIPTED, "--workers", 1, "--output", "run", directory=tmp_path)
     assert done.code == 5
     assert "failed 3 times" in done.err

@@ -1,8 +1,7 @@
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.evaluation.journal import JOURNAL_FILE
-from minitouch_bench.evaluation.storage import ACTIONS_FILE
+from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.records import Outcome, Role
 from tests.evaluation.runs import digests, request, run

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.evaluation.journal import JOURNAL_FILE, Journal, read_journal
+from minitouch_bench.evaluation.journal import Journal, read_journal
+from minitouch_bench.files import JOURNAL_FILE
 from tests.evaluation.runs import digests
 
 ROOT = Path(__file__).parents[2]

@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.evaluation.journal import JOURNAL_FILE, read_journal
+from minitouch_bench.evaluation.journal import read_journal
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.suites import find_suite
+from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.policies.isolation.options import Isolation
 from tests.evaluation.runs import digests, request, run
 

@@ -16,10 +16,9 @@ import torch
 
 from minitouch_bench.cache import VARIABLE
 from minitouch_bench.errors import InfrastructureError, MissingExtraError, UsageError
-from minitouch_bench.evaluation.journal import JOURNAL_FILE
 from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.ray_engine import RayEngine
-from minitouch_bench.evaluation.storage import ACTIONS_FILE
+from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.protocol.minitouch import TASK_NAMES

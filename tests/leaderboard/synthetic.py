@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.evaluation.storage import write_actions
+from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.suites import SUITES
 from minitouch_bench.leaderboard.packing import add_seed, begun_submission, tidy
 from minitouch_bench.leaderboard.submission import (

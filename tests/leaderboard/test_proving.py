@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.evaluation.storage import write_actions
 from minitouch_bench.leaderboard.proof import (
     ProofLevel,
     level_of,

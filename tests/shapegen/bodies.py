@@ -3,14 +3,14 @@
 import numpy as np
 
 from minitouch_bench.shapegen.mesh import Mesh, solid_moments
-from minitouch_bench.shapegen.record import Body, quantised
+from minitouch_bench.shapegen.record import Body, quantized
 from minitouch_bench.shapegen.solids import Solid, to_mesh
 
 
 def box(*sides: float) -> Mesh:
-    """Return a box centred at the origin; sides in m."""
+    """Return a box centered at the origin; sides in m."""
     mesh = to_mesh(Solid.cube(list(sides), True))
-    return Mesh(quantised(mesh.vertices), mesh.faces)
+    return Mesh(quantized(mesh.vertices), mesh.faces)
 
 
 def box_body(*sides: float, density: float = 2000.0) -> Body:

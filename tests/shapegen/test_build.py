@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
+from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import family_of
 from minitouch_bench.shapegen.families import FAMILIES
+from minitouch_bench.shapegen.generate import make_entry
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.shapegen.solids import to_mesh
-from minitouch_bench.shapegen.workers import map_in_workers
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -35,11 +36,8 @@ def test_families_take_turns() -> None:
 def made_again(indices: list[int]) -> dict[int, str]:
     """Make shapes in workers, whose arithmetic is the same on every processor."""
     tasks = [(0, index) for index in indices]
-    target = "minitouch_bench.shapegen.generate:make_entry"
-    return {
-        indices[position]: entry["sha256"]
-        for position, (entry, _) in map_in_workers(target, tasks, workers=2)
-    }
+    made = run_in_workers(make_entry, tasks, workers=2, name=str)
+    return {indices[position]: entry["sha256"] for position, (entry, _) in made}
 
 
 def test_a_shape_made_again_is_the_committed_one() -> None:

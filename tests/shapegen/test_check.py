@@ -8,10 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from minitouch_bench.cli.shapes import app
+from minitouch_bench.shapegen.body_files import body_files
 from minitouch_bench.shapegen.check import check_set
-from minitouch_bench.shapegen.files import body_files
 from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.shapegen.record import digest
+from minitouch_bench.shapegen.splits import splits_of
 
 Change = Callable[[dict[str, Any]], None]
 
@@ -113,10 +114,9 @@ def test_a_copy_with_one_changed_bit_is_a_near_duplicate(small_set: Path) -> Non
 
 
 def split_after(document: dict[str, Any]) -> tuple[str, ...]:
-    from minitouch_bench.shapegen.splits import split_of
-
     shapes = document["shapes"]
-    return split_of([s["family"] for s in shapes], [s["sha256"] for s in shapes])
+    families, digests = [s["family"] for s in shapes], [s["sha256"] for s in shapes]
+    return splits_of(document["seed"], families, digests)
 
 
 def set_files_hash(folder: Path, name: str) -> None:

@@ -1,7 +1,6 @@
 import errno
 import fcntl
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -13,7 +12,6 @@ from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.shapegen import generate as generating
 from minitouch_bench.shapegen.generate import generate, write_partial
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
-from minitouch_bench.shapegen.workers import map_in_workers
 
 
 def stand_in(task: tuple[int, int]) -> tuple[dict[str, object], bytes]:
@@ -25,55 +23,24 @@ def stand_in(task: tuple[int, int]) -> tuple[dict[str, object], bytes]:
 
 @pytest.fixture
 def _instant(monkeypatch: pytest.MonkeyPatch) -> None:
-    def answer(target: str, tasks: list[tuple[int, int]], workers: int) -> object:
+    def answer(_: object, tasks: list[tuple[int, int]], *__: int, **___: object) -> object:
         return ((i, stand_in(task)) for i, task in enumerate(tasks))
 
-    monkeypatch.setattr(generating, "map_in_workers", answer)
-
-
-def die_once(path: str) -> str:
-    if not Path(path).exists():
-        Path(path).touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return "alive"
-
-
-def die(_: int) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def fail(number: int) -> int:
-    raise ValueError(f"no {number}")
-
-
-def test_a_dead_workers_task_is_tried_once_more(tmp_path: Path) -> None:
-    tasks = [str(tmp_path / "a"), str(tmp_path / "b")]
-    found = dict(map_in_workers(f"{__name__}:die_once", tasks, 2))
-    assert found == {0: "alive", 1: "alive"}
-
-
-def test_a_worker_that_dies_twice_fails_loudly() -> None:
-    with pytest.raises(InfrastructureError, match="died twice on task 0"):
-        list(map_in_workers(f"{__name__}:die", [1], 1))
-
-
-def test_an_error_in_a_worker_is_named() -> None:
-    with pytest.raises(InfrastructureError, match="ValueError: no 3"):
-        list(map_in_workers(f"{__name__}:fail", [3], 1))
+    monkeypatch.setattr(generating, "run_in_workers", answer)
 
 
 @pytest.mark.usefixtures("_instant")
 def test_what_was_made_before_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
-        whole = generating.map_in_workers
+        whole = generating.run_in_workers
 
-        def until_three(*arguments: object) -> object:
-            for done, answer in enumerate(whole(*arguments)):  # type: ignore[arg-type]
+        def until_three(*arguments: object, **names: object) -> object:
+            for done, answer in enumerate(whole(*arguments, **names)):  # type: ignore[arg-type]
                 if done == 3:
                     raise KeyboardInterrupt
                 yield answer
 
-        patch.setattr(generating, "map_in_workers", until_three)
+        patch.setattr(generating, "run_in_workers", until_three)
         with pytest.raises(KeyboardInterrupt):
             generate(tmp_path / "set", 8, 0, 1)
     (tmp_path / "set/.partial/1.shape").write_bytes(b"torn")
@@ -96,7 +63,7 @@ def test_folders_of_others_are_left_alone(tmp_path: Path) -> None:
 def test_two_generators_in_one_folder(tmp_path: Path) -> None:
     handle = os.open(tmp_path / ".lock", os.O_CREAT | os.O_RDWR)
     fcntl.flock(handle, fcntl.LOCK_EX)
-    with pytest.raises(RunDirectoryError, match="another generator is at work"):
+    with pytest.raises(RunDirectoryError, match="in use by another process"):
         generate(tmp_path, 2, 0, 1)
     os.close(handle)
 
@@ -133,3 +100,6 @@ def test_workers_and_kill_nine_change_nothing(tmp_path: Path) -> None:
     assert generate(tmp_path / "two", 24, 0, 2).digest == one
     packs = [(tmp_path / name / "shapes.bin").read_bytes() for name in ("one", "two")]
     assert packs[0] == packs[1]
+    found = load_shape_set(tmp_path / "two").shapes
+    there = canonical_shape_set().shapes[:24]
+    assert [(s.digest, s.split) for s in found] == [(s.digest, s.split) for s in there]

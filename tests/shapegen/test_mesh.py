@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.shapegen.frame import in_body_frame, principal_axes
 from minitouch_bench.shapegen.mesh import (
     distances_to_surface,
     first_hits,
+    in_body_frame,
+    principal_axes,
     solid_moments,
     surface_points,
     thinnest_wall,

@@ -23,7 +23,7 @@ def test_a_pose_turns_its_face_down() -> None:
 
 
 def test_a_body_rolls_off_a_face_its_centre_is_not_above() -> None:
-    # An oblique prism, its centre of mass set where only the long sides carry it.
+    # An oblique prism, its center of mass set where only the long sides carry it.
     points = np.array([[x + z, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-3, 3)]) * 0.01
     poses = rest_poses(hull_of(points), least=1e-6)
     down = [pose.rotation[2] @ np.array([0.0, 0.0, 1.0]) for pose in poses]

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.shapegen.files import body_files
-from minitouch_bench.shapegen.record import decode, encode, quantised
+from minitouch_bench.shapegen.body_files import body_files
+from minitouch_bench.shapegen.record import decode, encode, quantized
 from tests.shapegen.bodies import box_body
 
 
@@ -17,18 +17,18 @@ def test_a_record_gives_its_body_back() -> None:
 
 
 def test_stored_coordinates_are_exact_in_the_text() -> None:
-    values = quantised(np.random.default_rng(0).uniform(-0.06, 0.06, size=(1000, 3)))
+    values = quantized(np.random.default_rng(0).uniform(-0.06, 0.06, size=(1000, 3)))
     assert all(float(f"{value:.6f}") == value for value in values.ravel().tolist())
 
 
 def test_minus_zero_is_zero() -> None:
-    assert not np.signbit(quantised(np.full((1, 3), -1e-9))).any()
+    assert not np.signbit(quantized(np.full((1, 3), -1e-9))).any()
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 0.07])
 def test_what_does_not_fit_the_grid_is_refused(value: float) -> None:
     with pytest.raises(ValueError, match="not finite or farther"):
-        quantised(np.full((1, 3), value))
+        quantized(np.full((1, 3), value))
 
 
 @pytest.mark.parametrize("damage", [lambda r: r[:-1], lambda r: r + b"0", lambda r: b"X" + r[1:]])

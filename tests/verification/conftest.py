@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.evaluation.storage import ACTIONS_FILE
+from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.metrics import summarize
 from minitouch_bench.reporting import write_report, write_run
 from tests.evaluation.runs import request, run

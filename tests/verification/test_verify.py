@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.evaluation.journal import JOURNAL_FILE
 from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.verification.verify import verify_run
 from tests.verification.conftest import Here, edit_actions, edit_document
 

@@ -2,9 +2,7 @@
 
 import ctypes
 import os
-import signal
 
-PR_SET_PDEATHSIG = 1
 PR_SET_SECCOMP = 22
 PR_SET_NO_NEW_PRIVS = 38
 PR_GET_NO_NEW_PRIVS = 39
@@ -31,13 +29,6 @@ def prctl(option: int, *arguments: object) -> int:
     """
     padded = (*arguments, 0, 0, 0, 0)[:4]
     return _checked(LIBC.prctl(ctypes.c_int(option), *_widened(padded)))
-
-
-def die_with(parent: int) -> None:
-    """Ask the kernel to kill this process when its parent ends, or end now if it has."""
-    prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it ended before the request was made
-        os._exit(0)
 
 
 def _widened(arguments: tuple[object, ...]) -> list[object]:

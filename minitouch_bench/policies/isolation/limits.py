@@ -5,8 +5,8 @@ import os
 import resource
 from dataclasses import dataclass
 
-from minitouch_bench.arithmetic import SETTINGS
 from minitouch_bench.policies.isolation.kernel import system_call
+from minitouch_bench.processes import ARITHMETIC
 
 MAX_DESCRIPTORS = 64
 MAX_TASKS = 4096
@@ -21,7 +21,7 @@ PAGE = os.sysconf("SC_PAGE_SIZE")
 
 KEPT_VARIABLES = frozenset(
     {
-        *SETTINGS, "ORT_DISABLE_TELEMETRY", "PYTHONHASHSEED", "LANG", "LC_ALL", "LC_CTYPE", "TZ",
+        *ARITHMETIC, "ORT_DISABLE_TELEMETRY", "PYTHONHASHSEED", "LANG", "LC_ALL", "LC_CTYPE", "TZ",
     }
 )  # fmt: skip
 """What a policy's process keeps of its environment."""

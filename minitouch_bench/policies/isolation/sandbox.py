@@ -12,6 +12,7 @@ from minitouch_bench.errors import IsolationError
 from minitouch_bench.policies.isolation import kernel, landlock, limits, seccomp
 from minitouch_bench.policies.isolation.readable import WRITABLE, readable_paths
 from minitouch_bench.policies.isolation.syscalls import ARCHITECTURES
+from minitouch_bench.processes import die_with
 
 PRICE = (
     "With --isolation process a policy could read and write your files, use the network and "
@@ -103,7 +104,7 @@ def _send_in(sandbox: Sandbox, file: str) -> tuple[str, int]:
     child = os.fork()
     if child == 0:
         try:
-            kernel.die_with(host)
+            die_with(host)
             _try_out(sandbox, writer, file)
         finally:
             os._exit(1)

@@ -55,14 +55,14 @@ def _letter(rng: np.random.Generator) -> manifold3d.CrossSection:
         "middle": (0.0, 0.0, bar, 2.0),
         "top": (0.0, edge, 2.0, bar),
         "bottom": (0.0, -edge, 2.0, bar),
-        "centre": (0.0, 0.0, 2.0, bar),
+        "center": (0.0, 0.0, 2.0, bar),
         "stub": (-0.5, -edge, 1.0, bar),
         "nub": (0.5, edge, 1.0, bar),
     }
     words = (
         ("left", "bottom"), ("middle", "top"), ("left", "right", "bottom"),
-        ("left", "right", "centre"), ("middle", "centre"), ("middle", "stub", "nub"),
-        ("left", "top", "centre"), ("middle", "top", "bottom"),
+        ("left", "right", "center"), ("middle", "center"), ("middle", "stub", "nub"),
+        ("left", "top", "center"), ("middle", "top", "bottom"),
     )  # fmt: skip
     region = manifold3d.CrossSection()
     for name in words[int(rng.integers(len(words)))]:

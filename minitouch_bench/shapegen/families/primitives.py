@@ -30,7 +30,7 @@ def superquadric(half_sides: Points, roundness: tuple[float, float]) -> Solid:
 
 
 def rounded_box(sides: Points, radius: float) -> Solid:
-    """Return a box with rounded edges, centred: the hull of eight balls."""
+    """Return a box with rounded edges, centered: the hull of eight balls."""
     inner = np.maximum(sides / 2.0 - radius, 1e-3)
     ball = Solid.sphere(radius, 12)
     corners = [

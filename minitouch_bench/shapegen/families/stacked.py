@@ -35,7 +35,7 @@ def stacked(rng: np.random.Generator) -> Solid:
 
 
 def _brick(low: np.ndarray, high: np.ndarray, radius: float) -> Solid:
-    """Return one cell, a little too large, so that neighbours overlap and join."""
+    """Return one cell, a little too large, so that neighbors overlap and join."""
     sides, middle = high - low + 0.02 + radius, (high + low) / 2.0
     block = Solid.cube(sides.tolist(), True) if radius == 0.0 else rounded_box(sides, radius)
     return block.translate(middle.tolist())

@@ -8,7 +8,7 @@ from minitouch_bench.shapegen.record import Body, digest, encode
 
 FRICTION = 1.0
 """Lateral friction in the URDF: PyBullet multiplies it by the other body's."""
-COLOUR = "0.62 0.66 0.70 1"
+COLOR = "0.62 0.66 0.70 1"
 FORMAT = "v1"
 """Version of these texts: part of the file names, since PyBullet caches meshes by name."""
 
@@ -74,7 +74,7 @@ def urdf_text(body: Body, visual: str, collision: str) -> str:
     <visual>
       <origin xyz="0 0 0" rpy="0 0 0"/>
       <geometry><mesh filename="{visual}"/></geometry>
-      <material name="grey"><color rgba="{COLOUR}"/></material>
+      <material name="grey"><color rgba="{COLOR}"/></material>
     </visual>
     <collision>
       <origin xyz="0 0 0" rpy="0 0 0"/>

@@ -1,25 +1,30 @@
-"""A small PyBullet world of its own, to prove that a body rests still and can be lifted."""
+"""A table and a free-standing gripper, to prove that a body rests still and can be lifted."""
 
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pybullet
-import pybullet_data
 
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.shapegen.files import body_files
+from minitouch_bench.shapegen.body_files import body_files
 from minitouch_bench.shapegen.grasps import plan_grasp
 from minitouch_bench.shapegen.mesh import Points
 from minitouch_bench.shapegen.poses import Quaternion, RestPose, product, rotation_matrix, yaw
 from minitouch_bench.shapegen.record import Body
+from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.installed import data_directory
+from minitouch_bench.simulation.values import INVISIBLE
 
-GRAVITY = -9.8
-FINGER_FORCE = 60.0
-"""Force of each finger in N, as in Pick-up."""
+SLAB_HALF_EXTENTS, SLAB_CENTER = (0.5, 0.5, 0.05), (0.0, 0.0, -0.05)
+SLAB_FRICTION = 0.5
+POST, FINGERS = 0, (1, 2)
+"""The gripper's joints: the one that lifts it, and its fingers."""
+FORCES = (1000.0, 60.0, 60.0)
+"""Most force of each joint in N; the fingers' as in Pick-up."""
+FINGER_OPEN = 0.04
+POINTING_DOWN = (1.0, 0.0, 0.0, 0.0)
 HAND_ABOVE_TARGET = 0.105
 LIFT = 0.08
 SETTLE_TICKS, WATCH_TICKS = 300, 60
@@ -67,23 +72,23 @@ class Rest:
     gap: float
 
 
-class Bench:
-    """One body's files and one DIRECT client; every trial rebuilds the world from nothing."""
+class GripRig:
+    """One body's files and one simulator; every trial rebuilds the world from nothing."""
 
-    def __init__(self, client: int, folder: Path, body: Body) -> None:
+    def __init__(self, client: PhysicsClient, folder: Path, body: Body) -> None:
         """Write the body and the gripper into a folder."""
         self._client = client
         files = body_files(body)
         for name, content in files.contents.items():
             (folder / name).write_bytes(content)
-        self._urdf = str(folder / files.urdf_name)
-        self._gripper = str(folder / "gripper.urdf")
-        mesh = Path(pybullet_data.getDataPath()) / "franka_panda/meshes/collision/finger.obj"
+        self._urdf = folder / files.urdf_name
+        self._gripper = folder / "gripper.urdf"
+        mesh = data_directory() / "franka_panda/meshes/collision/finger.obj"
         fingers = "".join(
             _FINGER.format(name=name, turn=turn, side=side, mesh=mesh)
             for name, turn, side in (("left", 0.0, 1), ("right", np.pi, -1))
         )
-        (folder / "gripper.urdf").write_text(_GRIPPER.format(fingers=fingers))
+        self._gripper.write_text(_GRIPPER.format(fingers=fingers))
         self._vertices = np.concatenate([hull.vertices for hull in body.hulls])
 
     def settle(self, pose: RestPose) -> Rest:
@@ -93,14 +98,13 @@ class Bench:
         lowest = float((self._vertices @ rotation_matrix(start)[2]).min())
         body = self._fresh_world(start, 0.002 - lowest)
         for _ in range(SETTLE_TICKS):
-            pybullet.stepSimulation(physicsClientId=self._client)
+            self._client.step()
         speed = spin = 0.0
         for _ in range(WATCH_TICKS):
-            pybullet.stepSimulation(physicsClientId=self._client)
-            velocity = pybullet.getBaseVelocity(body, physicsClientId=self._client)
-            speed = max(speed, float(np.linalg.norm(velocity[0])))
-            spin = max(spin, float(np.linalg.norm(velocity[1])))
-        position, quaternion = self._pose_of(body)
+            self._client.step()
+            linear, angular = self._client.speed(body)
+            speed, spin = max(speed, linear), max(spin, angular)
+        position, quaternion = self._client.pose(body)
         rotation = rotation_matrix(quaternion)
         cosine = float(rotation[2] @ rotation_matrix(pose.quaternion)[2])
         gap = position[2] + float((self._vertices @ rotation[2]).min())
@@ -116,67 +120,33 @@ class Bench:
         if not np.isfinite(grasp.width):
             return False
         body = self._fresh_world(turned, pose.height)
-        gripper = pybullet.loadURDF(
-            self._gripper,
-            [grasp.x, grasp.y, grasp.z + HAND_ABOVE_TARGET],
-            [1.0, 0.0, 0.0, 0.0],
-            useFixedBase=True,
-            physicsClientId=self._client,
-        )
-        for finger in (1, 2):
-            pybullet.resetJointState(gripper, finger, 0.04, physicsClientId=self._client)
+        above = (grasp.x, grasp.y, grasp.z + HAND_ABOVE_TARGET)
+        gripper = self._client.load_urdf(self._gripper, above, POINTING_DOWN, fixed=True)
+        for finger in FINGERS:
+            self._client.set_joint(gripper, finger, FINGER_OPEN)
         for tick in range(CLOSE_TICKS + LIFT_TICKS + HOLD_TICKS):
             share = min(1.0, max(0.0, (tick - CLOSE_TICKS) / LIFT_TICKS))
-            pybullet.setJointMotorControlArray(
-                gripper,
-                [0, 1, 2],
-                pybullet.POSITION_CONTROL,
-                targetPositions=[share * LIFT, 0.0, 0.0],
-                forces=[1000.0, FINGER_FORCE, FINGER_FORCE],
-                physicsClientId=self._client,
-            )
-            pybullet.stepSimulation(physicsClientId=self._client)
-        position, quaternion = self._pose_of(body)
+            targets = (share * LIFT, 0.0, 0.0)
+            self._client.drive_joints(gripper, (POST, *FINGERS), targets, FORCES)
+            self._client.step()
+        position, quaternion = self._client.pose(body)
         lowest = position[2] + float((self._vertices @ rotation_matrix(quaternion)[2]).min())
         return lowest >= 0.05
 
     def _fresh_world(self, quaternion: Quaternion, height: float) -> int:
         """Rebuild the world in one fixed order: PyBullet repeats itself to the bit only then."""
         client = self._client
-        pybullet.resetSimulation(physicsClientId=client)
-        pybullet.setPhysicsEngineParameter(
-            deterministicOverlappingPairs=1,
-            fixedTimeStep=1.0 / PROTOCOL.physics.tick_rate,
-            physicsClientId=client,
-        )
-        pybullet.setGravity(0.0, 0.0, GRAVITY, physicsClientId=client)
-        slab = pybullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=[0.5, 0.5, 0.05], physicsClientId=client
-        )
-        pybullet.createMultiBody(0, slab, -1, [0.0, 0.0, -0.05], physicsClientId=client)
-        return int(
-            pybullet.loadURDF(
-                self._urdf,
-                [0.0, 0.0, height],
-                quaternion,
-                flags=pybullet.URDF_USE_INERTIA_FROM_FILE,
-                physicsClientId=client,
-            )
-        )
-
-    def _pose_of(self, body: int) -> tuple[tuple[float, float, float], Quaternion]:
-        position, quaternion = pybullet.getBasePositionAndOrientation(
-            body, physicsClientId=self._client
-        )
-        return position, quaternion
+        client.reset_world()
+        client.add_box(SLAB_HALF_EXTENTS, SLAB_CENTER, INVISIBLE, mass=0.0, friction=SLAB_FRICTION)
+        place = (0.0, 0.0, height)
+        return client.load_urdf(self._urdf, place, quaternion, inertia_from_file=True)
 
 
 @contextmanager
-def open_bench(body: Body) -> Iterator[Bench]:
-    """Yield a bench for a body, and close its client and remove its files afterwards."""
-    client = pybullet.connect(pybullet.DIRECT)
-    try:
-        with tempfile.TemporaryDirectory(prefix="minitouch-bench-") as folder:
-            yield Bench(client, Path(folder), body)
-    finally:
-        pybullet.disconnect(physicsClientId=client)
+def open_rig(body: Body) -> Iterator[GripRig]:
+    """Yield a rig for a body, and close its simulator and remove its files afterwards."""
+    with (
+        closing(PhysicsClient()) as client,
+        tempfile.TemporaryDirectory(prefix="minitouch-bench-") as folder,
+    ):
+        yield GripRig(client, Path(folder), body)

@@ -1,12 +1,9 @@
-"""A run's directory while it is being filled: its lock, its actions, its clearing."""
+"""``actions.npz``: the actions of every episode of a run, written once and read with care."""
 
-import contextlib
-import fcntl
-import os
-import shutil
+import io
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,64 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.evaluation.journal import JOURNAL_FILE
+from minitouch_bench.files import ACTIONS_FILE, os_errors_as, read_file, write_file
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
-LOCK_FILE = ".lock"
-ACTIONS_FILE = "actions.npz"
 MAX_NPY_HEADER = 256
 """Bytes before the numbers of an array; numpy writes 128."""
 
 Actions = NDArray[np.float32]
-RUN_FILES = (
-    JOURNAL_FILE,
-    ACTIONS_FILE,
-    "run.json",
-    "episodes.csv",
-    "exploration.csv",
-    "table4.csv",
-    "generalization.csv",
-    "report.md",
-    "report.html",
-)
-"""What a run writes, and all that ``--fresh`` removes beside ``videos/``."""
-
-
-@contextlib.contextmanager
-def lock_directory(directory: Path) -> Iterator[None]:
-    """Create the directory if need be, and hold it alone.
-
-    Raises:
-        RunDirectoryError: it cannot be written, or another run holds it.
-    """
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        handle = os.open(directory / LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise RunDirectoryError(f"{directory} cannot be written: {error.strerror}") from error
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise RunDirectoryError(
-                f"{directory} is in use by another run; choose another --output"
-            ) from error
-        yield
-    finally:
-        os.close(handle)
-
-
-def holds_run(directory: Path) -> bool:
-    """Tell whether a run was begun in this directory."""
-    return any((directory / name).exists() for name in (JOURNAL_FILE, "run.json"))
-
-
-def clear_run(directory: Path) -> None:
-    """Remove a run's files, and nothing else."""
-    for name in RUN_FILES:
-        (directory / name).unlink(missing_ok=True)
-    shutil.rmtree(directory / "videos", ignore_errors=True)
 
 
 def read_actions(directory: Path, specs: Sequence[EpisodeSpec]) -> dict[str, Actions]:
@@ -85,8 +32,10 @@ def read_actions(directory: Path, specs: Sequence[EpisodeSpec]) -> dict[str, Act
     """
     path = directory / ACTIONS_FILE
     tasks = {spec.key: spec.task for spec in specs}
+    with os_errors_as(RunDirectoryError, path, "read"):
+        content = read_file(path)
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
             actions: dict[str, Actions] = {}
             for member in archive.infolist():
                 key = member.filename.removesuffix(".npy")
@@ -96,8 +45,6 @@ def read_actions(directory: Path, specs: Sequence[EpisodeSpec]) -> dict[str, Act
                     )
                 actions[key] = _read_array(archive, member, tasks[key])
             return actions
-    except OSError as error:
-        raise RunDirectoryError(f"{path} cannot be read: {error.strerror or error}") from error
     except (ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError) as error:
         raise RunDirectoryError(f"{path} is damaged: {error}") from error
 
@@ -134,11 +81,7 @@ def write_actions(records: Sequence[EpisodeRecord], directory: Path) -> None:
     Raises:
         RunDirectoryError: the file cannot be written.
     """
-    partial = directory / f".{ACTIONS_FILE}.partial"
-    try:
-        arrays: dict[str, Any] = {record.spec.key: record.trace.actions for record in records}
-        with partial.open("wb") as file:
-            np.savez_compressed(file, **arrays)
-        os.replace(partial, directory / ACTIONS_FILE)
-    except OSError as error:
-        raise RunDirectoryError(f"{partial} cannot be written: {error.strerror}") from error
+    content = io.BytesIO()
+    arrays: dict[str, Any] = {record.spec.key: record.trace.actions for record in records}
+    np.savez_compressed(content, **arrays)
+    write_file(directory / ACTIONS_FILE, content.getvalue())

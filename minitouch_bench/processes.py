@@ -1,0 +1,228 @@
+"""Worker processes: all compute alike, none outlives its parent, and one that dies is replaced.
+
+``multiprocessing.Pool`` hangs after a worker's kill -9, and ``ProcessPoolExecutor`` loses all
+that was in flight. Here the job of a dead worker is tried again.
+"""
+
+import contextlib
+import ctypes
+import multiprocessing
+import os
+import platform
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
+from typing import Any, Generic, TypeVar
+
+from minitouch_bench.errors import InfrastructureError, MiniTouchError
+
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+AVX2_KERNELS = {
+    "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+    "OPENBLAS_CORETYPE": "Haswell",
+    "ATEN_CPU_CAPABILITY": "avx2",
+    "ONEDNN_MAX_CPU_ISA": "AVX2",
+    "MKL_CBWR": "AVX2",
+}
+
+ARITHMETIC = {**ONE_THREAD, **(AVX2_KERNELS if platform.machine() == "x86_64" else {})}
+"""Environment under which numpy, OpenBLAS, torch, oneDNN and MKL round alike everywhere.
+
+They choose other kernels on another processor, whose sums and sines differ in the last bits.
+A process started with these variables keeps to one thread and, on x86-64, to AVX2. The
+libraries read them when they are loaded.
+"""
+
+MANY_JOBS = 64
+"""Jobs from which on the start of worker processes is worth its second."""
+
+CLOSE_TIMEOUT_S = 2.0
+PR_SET_PDEATHSIG = 1
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+@contextlib.contextmanager
+def same_arithmetic() -> Iterator[None]:
+    """Give ``ARITHMETIC`` to the processes that the block starts, and to none after it."""
+    before = {name: os.environ.get(name) for name in ARITHMETIC}
+    os.environ.update(ARITHMETIC)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back until the block ends; a process that the block starts never sees one.
+
+    A terminal sends it to every process of a run, and the parent alone decides what it means.
+    """
+    came: list[int] = []
+    is_main = threading.current_thread() is threading.main_thread()
+    handler = (
+        signal.signal(signal.SIGINT, lambda number, _: came.append(number)) if is_main else None
+    )
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited, unlike a handler
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if is_main:
+            signal.signal(signal.SIGINT, handler)
+    if came:
+        signal.raise_signal(signal.SIGINT)
+
+
+def die_with(parent: int) -> None:
+    """Have the kernel kill this process when its parent ends, or end now if it has.
+
+    The parent is the thread that started the process: start it in a lasting one.
+    """
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it ended before the request was made
+        os._exit(0)
+
+
+def core_count() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def run_in_workers(
+    function: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    workers: int,
+    *,
+    name: Callable[[Job], str],
+    attempts: int = 3,
+) -> Iterator[tuple[int, Result]]:
+    """Yield (index, ``function(job)``) as jobs end, from ``workers`` processes.
+
+    The function is copied to each worker once, and keeps there what it remembers. A job whose
+    worker dies, or whose function raises, is tried again in a new process. An error that is
+    the user's passes through at once: any ``MiniTouchError`` but an ``InfrastructureError``.
+    ``name`` says in an error which job failed.
+
+    Raises:
+        InfrastructureError: a job failed ``attempts`` times.
+    """
+    waiting = deque((index, 1) for index in range(len(jobs)))
+    pool = [_Worker(function) for _ in range(min(workers, len(jobs)))]
+    try:
+        while waiting or any(worker.task for worker in pool):
+            for worker in pool:
+                if worker.task is None and waiting:
+                    worker.task = waiting.popleft()
+                    worker.send(jobs[worker.task[0]])
+            for worker in _ready(pool):
+                assert worker.task is not None
+                (index, attempt), worker.task = worker.task, None
+                result = worker.receive()
+                if not isinstance(result, FailedAttempt):
+                    yield index, result
+                    continue
+                if result.error is not None:
+                    raise result.error
+                if attempt == attempts:
+                    text = f"{name(jobs[index])} failed {attempts} times: {result.reason}"
+                    raise InfrastructureError(text)
+                waiting.appendleft((index, attempt + 1))
+                worker.close()
+                pool[pool.index(worker)] = _Worker(function)
+    finally:
+        for worker in pool:
+            worker.close()
+
+
+def run_all(
+    function: Callable[[Job], Result], jobs: Sequence[Job], *, name: Callable[[Job], str]
+) -> list[Result]:
+    """Return the results of all jobs in their order; many jobs are shared out to every core.
+
+    Raises:
+        InfrastructureError: a job failed in three workers.
+    """
+    if len(jobs) < MANY_JOBS:
+        return [function(job) for job in jobs]
+    found = dict(run_in_workers(function, jobs, core_count(), name=name))
+    return [found[index] for index in range(len(jobs))]
+
+
+@dataclass(frozen=True)
+class FailedAttempt:
+    """A job that gave no result; ``error`` is the user's, which no other attempt would change."""
+
+    reason: str
+    error: MiniTouchError | None = None
+
+
+class _Worker(Generic[Job, Result]):
+    """The parent's side of one worker process; ``task`` is (index of its job, attempt)."""
+
+    def __init__(self, function: Callable[[Job], Result]) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self.process = context.Process(
+            target=_serve, args=(theirs, function, os.getpid()), daemon=True
+        )
+        resource_tracker.ensure_running()  # a start of it in the block would lift the mask
+        with interrupts_held(), same_arithmetic():
+            self.process.start()
+        theirs.close()
+        self.task: tuple[int, int] | None = None
+
+    def send(self, job: Job) -> None:
+        """Hand over a job; a worker that has died is found by its sentinel."""
+        with contextlib.suppress(OSError):
+            self.connection.send(job)
+
+    def receive(self) -> Result | FailedAttempt:
+        """Return what came of the job."""
+        try:
+            result: Result | FailedAttempt = self.connection.recv()
+        except (EOFError, OSError):
+            self.process.join(CLOSE_TIMEOUT_S)
+            return FailedAttempt(f"its worker ended (exit code {self.process.exitcode})")
+        return result
+
+    def close(self) -> None:
+        """End the process; what it was doing is lost."""
+        self.connection.close()
+        self.process.kill()
+        self.process.join(CLOSE_TIMEOUT_S)
+
+
+def _ready(pool: Sequence[_Worker[Job, Result]]) -> list[_Worker[Job, Result]]:
+    """Wait until some busy workers have an answer or have died, and return them."""
+    busy = [worker for worker in pool if worker.task]
+    found = wait([handle for w in busy for handle in (w.connection, w.process.sentinel)])
+    return [w for w in busy if w.connection in found or w.process.sentinel in found]
+
+
+def _serve(connection: Connection, function: Callable[[Any], Any], parent: int) -> None:
+    """Run in a worker process: answer each job received, until the pipe closes."""
+    die_with(parent)
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            job = connection.recv()
+            try:
+                answer = function(job)
+            except InfrastructureError as error:
+                answer = FailedAttempt(str(error))
+            except MiniTouchError as error:
+                answer = FailedAttempt(str(error), error)
+            except Exception as error:
+                answer = FailedAttempt(f"{type(error).__name__}: {error}")
+            connection.send(answer)

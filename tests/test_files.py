@@ -1,0 +1,239 @@
+"""Locks, whole-file writes and careful reads, tried as crashes and strangers would."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.files import (
+    KIB,
+    LOCK_FILE,
+    RUN_FILES,
+    append_text,
+    clear_run,
+    holds_run,
+    lock_directory,
+    read_file,
+    replace_file,
+    write_file,
+)
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from minitouch_bench.files import lock_directory
+with lock_directory(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(1000)
+"""
+
+
+def test_a_directory_is_held_by_one_process_until_it_ends_in_whatever_way(tmp_path):
+    directory = tmp_path / "new" / "run"
+    command = [sys.executable, "-c", HOLD, str(directory)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout.readline() == "held\n"
+        with (
+            pytest.raises(RunDirectoryError, match="in use by another process"),
+            lock_directory(directory),
+        ):
+            pass
+        holder.kill()
+    with lock_directory(directory), pytest.raises(RunDirectoryError), lock_directory(directory):
+        pass
+
+
+def test_a_lock_is_not_inherited(tmp_path):
+    with lock_directory(tmp_path):
+        sleeper = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    with lock_directory(tmp_path):
+        sleeper.communicate(b"\n")
+
+
+@pytest.mark.parametrize("place", ["file/run", "/proc/run"])
+def test_a_place_that_cannot_be_written_is_said(tmp_path, place):
+    (tmp_path / "file").write_text("no directory")
+    with (
+        pytest.raises(RunDirectoryError, match="cannot be written"),
+        lock_directory(tmp_path / place),
+    ):
+        pass
+
+
+def test_clearing_removes_the_run_and_nothing_else(tmp_path):
+    for name in (*RUN_FILES, "notes.txt", "policy.pt"):
+        (tmp_path / name).write_text("x")
+    for name in ("videos", "figures"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "a.mp4").write_text("x")
+    assert holds_run(tmp_path)
+    clear_run(tmp_path)
+    clear_run(tmp_path)
+    assert not holds_run(tmp_path)
+    assert sorted(os.listdir(tmp_path)) == ["figures", "notes.txt", "policy.pt"]
+
+
+# Locks
+
+
+def test_a_lock_leaves_nothing_and_clears_what_a_killed_writer_left(tmp_path):
+    (tmp_path / ".0123456789abcdef.partial").write_text("half")
+    (tmp_path / ".partial").mkdir()
+    with lock_directory(tmp_path):
+        assert sorted(os.listdir(tmp_path)) == [LOCK_FILE, ".partial"]
+    assert os.listdir(tmp_path) == [".partial"]
+
+
+def test_who_waited_at_a_removed_lock_does_not_hold_the_directory(tmp_path, monkeypatch):
+    real = os.open
+    stale = []
+
+    def opened_too_early(path, *arguments):
+        handle = real(path, *arguments)
+        if not stale:
+            stale.append(handle)
+            os.unlink(path)  # its holder ends between our open and our lock
+            os.close(real(path, *arguments))  # and the next one has made another
+        return handle
+
+    monkeypatch.setattr(os, "open", opened_too_early)
+    with lock_directory(tmp_path):
+        held = os.stat(tmp_path / LOCK_FILE)
+        assert held.st_nlink == 1
+        with pytest.raises(RunDirectoryError), lock_directory(tmp_path):
+            pass
+
+
+def test_a_lock_is_not_made_through_a_link(tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / LOCK_FILE).symlink_to(tmp_path / "elsewhere")
+    with (
+        pytest.raises(RunDirectoryError, match="cannot be written"),
+        lock_directory(tmp_path / "run"),
+    ):
+        pass
+    assert not (tmp_path / "elsewhere").exists()
+
+
+# Writing
+
+
+def test_a_file_is_written_with_its_directory_and_replaces_a_link_not_its_target(tmp_path):
+    target = tmp_path / "target"
+    target.write_text("kept")
+    path = tmp_path / "new" / "report.md"
+    write_file(path, "ä\n")
+    assert path.read_bytes() == "ä\n".encode()
+    path.unlink()
+    path.symlink_to(target)
+    write_file(path, b"again")
+    assert not path.is_symlink()
+    assert path.read_bytes() == b"again"
+    assert target.read_text() == "kept"
+    assert os.listdir(path.parent) == ["report.md"]
+
+
+def test_a_written_file_has_the_rights_that_the_user_asks_for(tmp_path):
+    before = os.umask(0o027)
+    try:
+        replace_file(tmp_path / "file", b"x")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o640
+
+
+WRITE_FOREVER = """
+import sys
+from pathlib import Path
+from minitouch_bench.files import replace_file
+path = Path(sys.argv[1])
+replace_file(path, b"0" * 1_000_000)
+print("begun", flush=True)
+while True:
+    for digit in b"0123456789":
+        replace_file(path, bytes([digit]) * 1_000_000)
+"""
+
+
+def test_a_reader_sees_whole_files_while_one_is_written_and_its_writer_killed(tmp_path):
+    path = tmp_path / "file"
+    command = [sys.executable, "-c", WRITE_FOREVER, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
+        assert writer.stdout.readline() == b"begun\n"
+        for _ in range(50):
+            content = read_file(path)
+            assert content == content[:1] * 1_000_000
+        writer.send_signal(signal.SIGKILL)
+    content = read_file(path)
+    assert content == content[:1] * 1_000_000
+
+
+def test_a_file_that_cannot_be_written_whole_leaves_the_old_one(tmp_path):
+    path = tmp_path / "file"
+    write_file(path, b"old")
+    code = (
+        "import resource, sys; from pathlib import Path; "
+        "from minitouch_bench.errors import RunDirectoryError; "
+        "from minitouch_bench.files import write_file; "
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        "try: write_file(Path(sys.argv[1]), bytes(5000))\n"
+        "except RunDirectoryError as error: print(error)"
+    )
+    command = [sys.executable, "-c", code, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == f"{path} cannot be written: File too large\n"
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_a_directory_in_the_place_of_a_file_is_said(tmp_path):
+    with pytest.raises(RunDirectoryError, match="cannot be written: Is a directory"):
+        write_file(tmp_path, "text")
+
+
+def test_a_pipe_is_written_to_and_not_replaced(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cat", pipe], stdout=subprocess.PIPE) as reader:
+        write_file(pipe, "through")
+        assert reader.communicate(timeout=30)[0] == b"through"
+    assert pipe.is_fifo()
+
+
+def test_text_is_added_to_the_end(tmp_path):
+    append_text(tmp_path / "new" / "page.md", "one\n")
+    append_text(tmp_path / "new" / "page.md", "two\n")
+    assert (tmp_path / "new" / "page.md").read_text() == "one\ntwo\n"
+
+
+# Reading
+
+
+def test_a_link_is_followed_only_where_that_is_asked_for(tmp_path):
+    (tmp_path / "file").write_text("content")
+    (tmp_path / "link").symlink_to(tmp_path / "file")
+    with pytest.raises(OSError, match="it is a symbolic link"):
+        read_file(tmp_path / "link")
+    assert read_file(tmp_path / "link", follow=True) == b"content"
+
+
+def test_what_is_no_plain_file_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe")  # a reader that opened it would wait for ever
+    with pytest.raises(OSError, match="no plain file"):
+        read_file(tmp_path / "pipe")
+    with pytest.raises(OSError, match="Is a directory"):
+        read_file(tmp_path)
+
+
+@pytest.mark.parametrize(("limit", "words"), [(3, "3 bytes"), (2 * KIB, "2 KiB")])
+def test_a_file_over_its_limit_is_refused_without_being_read(tmp_path, limit, words):
+    path = tmp_path / "file"
+    path.write_bytes(bytes(limit))
+    assert read_file(path, limit) == bytes(limit)
+    with path.open("r+b") as file:
+        file.truncate(2**40)  # a sparse terabyte
+    with pytest.raises(OSError, match=f"it is larger than {words}"):
+        read_file(path, limit)

@@ -1,0 +1,233 @@
+import os
+import platform
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from minitouch_bench.errors import InfrastructureError, UsageError
+from minitouch_bench.processes import (
+    ARITHMETIC,
+    MANY_JOBS,
+    interrupts_held,
+    run_all,
+    run_in_workers,
+    same_arithmetic,
+)
+
+SINES = """
+import hashlib, numpy as np
+x = np.random.default_rng(0).uniform(-3, 3, 100_000)
+print(hashlib.sha256(np.sin(x).tobytes()).hexdigest())
+m = np.random.default_rng(1).normal(size=(300, 300))
+print(hashlib.sha256((m @ m).tobytes()).hexdigest())
+"""
+
+
+def test_the_arithmetic_holds_for_what_is_started_meanwhile_and_no_longer(monkeypatch):
+    for name in ARITHMETIC:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    with same_arithmetic():
+        assert {name: os.environ[name] for name in ARITHMETIC} == ARITHMETIC
+    assert {name: os.environ.get(name) for name in ARITHMETIC} == {
+        name: "7" if name == "OMP_NUM_THREADS" else None for name in ARITHMETIC
+    }
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="settings of x86-64")
+def test_numpy_heeds_them_without_a_word():
+    environment = {name: value for name, value in os.environ.items() if name not in ARITHMETIC}
+    results = [
+        subprocess.run(
+            [sys.executable, "-c", SINES],
+            env={**environment, **extra},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        for extra in (ARITHMETIC, {**ARITHMETIC, "OPENBLAS_NUM_THREADS": "1"}, {})
+    ]
+    assert results[0].stderr == ""
+    assert results[0].stdout == results[1].stdout
+    with open("/proc/cpuinfo", encoding="utf-8") as file:
+        newer = "avx512f" in file.read()
+    if newer:  # else the settings are what this processor does anyway
+        assert results[0].stdout != results[2].stdout
+
+
+# Workers: these functions run in them, and files tell one process from the next.
+
+
+class Counter:
+    """Counts its calls; it is copied to each worker once."""
+
+    calls = 0
+
+    def __call__(self, _):
+        self.calls += 1
+        return os.getpid(), self.calls
+
+
+def die_until(path):
+    """Die by kill -9 as often as a file says, then answer."""
+    left = int(Path(path).read_text())
+    if left:
+        Path(path).write_text(str(left - 1))
+        os.kill(os.getpid(), signal.SIGKILL)
+    return os.getpid()
+
+
+def fail(path):
+    with open(path, "a", encoding="utf-8") as file:
+        file.write(f"{os.getpid()}\n")
+    raise ValueError("no luck")
+
+
+def blame_the_user(path):
+    Path(path).touch(exist_ok=False)
+    raise UsageError("no such thing")
+
+
+def double(number):
+    return 2 * number
+
+
+def stay(path):
+    Path(path).write_text(str(os.getpid()))
+    time.sleep(1000)
+
+
+def run_named(function, jobs, workers=1):
+    return dict(run_in_workers(function, jobs, workers, name=lambda job: f"job {Path(job).name}"))
+
+
+def test_a_worker_keeps_its_function_from_job_to_job():
+    found = run_named(Counter(), ["a"] * 6, 2)
+    by_process = {}
+    for process, count in found.values():
+        by_process.setdefault(process, []).append(count)
+    assert os.getpid() not in by_process
+    for counts in by_process.values():
+        assert sorted(counts) == list(range(1, len(counts) + 1))
+
+
+def test_workers_compute_with_the_fixed_settings(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    found = run_named(os.getenv, list(ARITHMETIC))
+    assert dict(zip(ARITHMETIC, found.values(), strict=True)) == ARITHMETIC
+
+
+def test_the_job_of_a_dead_worker_is_tried_three_times(tmp_path):
+    jobs = [str(tmp_path / name) for name in "abc"]
+    for job, deaths in zip(jobs, (2, 0, 1), strict=True):
+        Path(job).write_text(str(deaths))
+    assert set(run_named(die_until, jobs, 2)) == {0, 1, 2}
+    Path(jobs[1]).write_text("3")
+    with pytest.raises(
+        InfrastructureError, match=r"^job b failed 3 times: its worker ended \(exit code -9\)$"
+    ):
+        run_named(die_until, jobs, 2)
+    assert Path(jobs[1]).read_text() == "0"
+
+
+def test_a_function_that_raises_is_tried_in_three_processes_and_named(tmp_path):
+    file = tmp_path / "a"
+    with pytest.raises(InfrastructureError, match=r"^job a failed 3 times: ValueError: no luck$"):
+        run_named(fail, [str(file)])
+    assert len(set(file.read_text().split())) == 3
+
+
+def test_an_error_of_the_user_is_not_tried_again(tmp_path):
+    with pytest.raises(UsageError, match=r"^no such thing$"):
+        run_named(blame_the_user, [str(tmp_path / "a")])
+
+
+@pytest.mark.parametrize("count", [0, 3, MANY_JOBS])
+def test_few_jobs_or_many_are_answered_in_their_order(count):
+    assert run_all(double, range(count), name=str) == [2 * number for number in range(count)]
+
+
+PARENT = """
+import signal, sys
+from tests.test_processes import run_named, stay
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job has none
+    run_named(stay, sys.argv[1:], 2)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_workers_end_with_their_parent_and_never_see_ctrl_c(tmp_path, number):
+    """Ctrl-C reaches the whole group, as a terminal sends it; the parent alone answers."""
+    (tmp_path / "parent.py").write_text(PARENT)
+    files = [tmp_path / name for name in "ab"]
+    parent = subprocess.Popen(
+        [sys.executable, tmp_path / "parent.py", *files],
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while not all(file.exists() and file.read_text() for file in files):
+        assert parent.poll() is None
+        time.sleep(0.05)
+    workers = [int(file.read_text()) for file in files]
+    (os.kill if number == signal.SIGKILL else os.killpg)(parent.pid, number)
+    errors = parent.communicate(timeout=60)[1]
+    assert parent.returncode == -number
+    assert errors.count("KeyboardInterrupt") == (number == signal.SIGINT)
+    for worker in workers:
+        while is_alive(worker):
+            time.sleep(0.05)
+
+
+def is_alive(process):
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+# Interrupts
+
+
+@pytest.fixture
+def ctrl_c():
+    """Answer Ctrl-C as usual, and afterwards as before: a shell's background job ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_waits_for_the_end_of_the_block():
+    done = []
+
+    def block():
+        with interrupts_held():
+            os.kill(os.getpid(), signal.SIGINT)
+            done.append("whole")
+
+    with pytest.raises(KeyboardInterrupt):
+        block()
+    assert done == ["whole"]
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_an_ignored_ctrl_c_stays_ignored():
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with interrupts_held():
+        os.kill(os.getpid(), signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_what_is_started_meanwhile_never_sees_ctrl_c():
+    code = "import os, signal; os.kill(os.getpid(), signal.SIGINT); print('alive')"
+    with interrupts_held():
+        child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert child.communicate()[0] == "alive\n"
