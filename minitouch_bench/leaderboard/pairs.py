@@ -9,9 +9,9 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
-from minitouch_bench.metrics.student import student_two_sided
-from minitouch_bench.regression.binomial import mcnemar_p
+from minitouch_bench.regression.shares import mcnemar_p
 
 Floats = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def mean_p_values(strata: Sequence[Sequence[Sample]]) -> Floats:
         freedom = np.where(spread > 0, variance**2 / spread, 1.0)
     upper = np.triu_indices(number, 1)
     found = np.ones((number, number))
-    found[upper] = student_two_sided(t[upper], freedom[upper])
+    found[upper] = 2.0 * stats.t.sf(np.abs(t[upper]), freedom[upper])
     return np.minimum(found, found.T)
 
 
@@ -99,8 +99,5 @@ def _seed_variance(sample: Sample) -> float:
 @cache
 def _mcnemar_table(episodes: int) -> Floats:
     """Return the two-sided exact p-value by the two counts of discordant episodes."""
-    table = np.ones((episodes + 1, episodes + 1))
-    for lost in range(episodes + 1):
-        for won in range(lost, episodes + 1 - lost):
-            table[lost, won] = table[won, lost] = mcnemar_p(lost, won)
-    return table
+    lost, won = np.indices((episodes + 1, episodes + 1))
+    return mcnemar_p(lost, won)

@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from minitouch_bench.records import Estimate
 
@@ -30,13 +31,8 @@ def wilson(successes: int, n: int) -> Estimate:
     """
     if not 0 <= successes <= n or n == 0:
         raise ValueError(f"{successes} successes of {n} episodes is no share")
-    share, z2 = successes / n, NORMAL_QUANTILE**2
-    centre = (share + z2 / (2 * n)) / (1 + z2 / n)
-    spread = NORMAL_QUANTILE * math.sqrt(share * (1 - share) / n + z2 / (4 * n * n)) / (1 + z2 / n)
-    # At the ends the formula meets 0 and 1 exactly; rounding would miss them by 1e-17.
-    low = 0.0 if successes == 0 else centre - spread
-    high = 1.0 if successes == n else centre + spread
-    return Estimate(share, low, high, n, WILSON)
+    low, high = stats.binomtest(successes, n).proportion_ci(method="wilson")
+    return Estimate(successes / n, float(low), float(high), n, WILSON)
 
 
 def newcombe(first: Estimate, second: Estimate) -> Estimate:
@@ -77,9 +73,8 @@ def bootstrap_mean(
     if _is_constant(sample):
         constant = float(sample[0])
         return Estimate(constant, constant, constant, sample.size, BOOTSTRAP)
-    mean = float(sample.mean())
-    low, high = _corrected_ends(_resampled_means(sample, rng, resamples), mean, sample - mean)
-    return Estimate(mean, low, high, sample.size, BOOTSTRAP)
+    found = stats.bootstrap((sample,), np.mean, **_options(sample.size, rng, resamples))
+    return _around(float(sample.mean()), found, sample.size)
 
 
 def bootstrap_difference(
@@ -102,12 +97,8 @@ def bootstrap_difference(
     if _is_constant(one) and _is_constant(other):
         constant = float(one[0] - other[0])
         return Estimate(constant, constant, constant, count, BOOTSTRAP)
-    means = _resampled_means(one, rng, resamples)
-    differences = means - _resampled_means(other, rng, resamples)
-    value = float(one.mean() - other.mean())
-    influences = ((one - one.mean()) / one.size, (other.mean() - other) / other.size)
-    low, high = _corrected_ends(differences, value, np.concatenate(influences))
-    return Estimate(value, low, high, count, BOOTSTRAP)
+    found = stats.bootstrap((one, other), _mean_difference, **_options(count, rng, resamples))
+    return _around(float(one.mean() - other.mean()), found, count)
 
 
 def _as_sample(values: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
@@ -123,47 +114,20 @@ def _is_constant(sample: NDArray[np.float64]) -> bool:
     return bool(np.all(sample == sample[0]))
 
 
-def _resampled_means(
-    sample: NDArray[np.float64], rng: np.random.Generator, resamples: int
+def _mean_difference(
+    first: NDArray[np.float64], second: NDArray[np.float64], axis: int
 ) -> NDArray[np.float64]:
-    """Return the means of ``resamples`` samples drawn with replacement, as (resamples,)."""
-    means = np.empty(resamples)
-    block = max(1, DRAWS_PER_BLOCK // sample.size)
-    for start in range(0, resamples, block):
-        stop = min(start + block, resamples)
-        drawn = rng.integers(sample.size, size=(stop - start, sample.size))
-        means[start:stop] = sample[drawn].mean(axis=1)
-    return means
+    difference: NDArray[np.float64] = first.mean(axis) - second.mean(axis)
+    return difference
 
 
-def _corrected_ends(
-    resampled: NDArray[np.float64], value: float, influences: NDArray[np.float64]
-) -> tuple[float, float]:
-    """Return the BCa ends of resampled values, float64 (resamples,), around an estimate.
-
-    ``influences`` are proportional to each episode's influence on the estimate.
-    """
-    below = np.count_nonzero(resampled < value) + np.count_nonzero(resampled == value) / 2.0
-    levels = corrected_levels(float(below), resampled.size, influences)
-    low, high = np.quantile(resampled, levels)
-    return min(float(low), value), max(float(high), value)
+def _options(size: int, rng: np.random.Generator, resamples: int) -> dict[str, Any]:
+    """Return how to resample ``size`` episodes."""
+    batch = max(1, DRAWS_PER_BLOCK // size)
+    return {"n_resamples": resamples, "batch": batch, "method": "BCa", "rng": rng}
 
 
-def corrected_levels(
-    below: float, resamples: int, influences: NDArray[np.float64]
-) -> tuple[float, float]:
-    """Return the shares of the resampled values below each BCa end of a 95 % interval.
-
-    ``below``: how many of them are below the estimate, which tells the bias; the skew of
-    ``influences`` (any multiple of each episode's influence) is the acceleration.
-    """
-    normal = NormalDist()
-    share = min(max(below, 1.0), resamples - 1.0) / resamples
-    bias = normal.inv_cdf(share)
-    skew = float((influences**3).sum()) / float((influences**2).sum()) ** 1.5
-    low, high = (
-        normal.cdf(bias + end / (1.0 - skew / 6.0 * end))
-        for end in (bias - NORMAL_QUANTILE, bias + NORMAL_QUANTILE)
-    )
-    # Rounded, so that the last bit of a C library's erf changes no report.
-    return round(low, 9), round(high, 9)
+def _around(value: float, found: Any, count: int) -> Estimate:
+    """Return an estimate whose interval holds its value, which few episodes do not ensure."""
+    low, high = map(float, found.confidence_interval)
+    return Estimate(value, min(low, value), max(high, value), count, BOOTSTRAP)

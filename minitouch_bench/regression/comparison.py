@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.records import Outcome, RunHeader, SavedRun
-from minitouch_bench.regression.effects import Effect, measure_effect
-from minitouch_bench.regression.multiplicity import holm
+from minitouch_bench.regression.effects import Effect, holm, measure_effect
 from minitouch_bench.regression.pairing import (
     EpisodePair,
     are_identical,

@@ -1,5 +1,6 @@
 """What one metric of one task differs by between two runs of the same episodes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,3 +86,19 @@ def measure_effect(sample: Sample, root: Root) -> Effect:
 def _of_means(sample: Sample, rng: np.random.Generator) -> tuple[Estimate, float]:
     found = paired_mean(sample.differences, rng)
     return found.estimate, found.p_value
+
+
+def holm(p_values: Sequence[float]) -> tuple[float, ...]:
+    """Return the p-values adjusted so that the chance of any false one stays at the level.
+
+    Each keeps its index; an adjusted value is at least the one given and at most 1. scipy
+    adjusts for false discoveries only.
+
+    Source: S. Holm, "A simple sequentially rejective multiple test procedure", Scand. J.
+    Stat. 6 (1979).
+    """
+    order = np.argsort(p_values, kind="stable")
+    scaled = np.asarray(p_values)[order] * np.arange(len(order), 0, -1)
+    adjusted = np.empty(len(order))
+    adjusted[order] = np.maximum.accumulate(np.minimum(scaled, 1.0))
+    return tuple(adjusted.tolist())

@@ -11,8 +11,7 @@ from minitouch_bench.regression.comparison import (
     differences_of_making,
     find_changes,
 )
-from minitouch_bench.regression.effects import Effect, measure_effect
-from minitouch_bench.regression.multiplicity import holm
+from minitouch_bench.regression.effects import Effect, holm, measure_effect
 from minitouch_bench.regression.pairing import (
     EpisodePair,
     Sample,

@@ -6,17 +6,17 @@ Both at a power of 80 %: four times in five, if the difference is the one observ
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
 
 from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
-from minitouch_bench.regression.binomial import binomial_pmf, critical_count
 from minitouch_bench.regression.shares import Discordance, score_statistic
 
 POWER = 0.8
-POWER_QUANTILE = NormalDist().inv_cdf(POWER)
+POWER_QUANTILE = float(stats.norm.ppf(POWER))
 
 EXACT_UP_TO = 2000
 """Episodes up to which the power of a test of shares is summed exactly."""
@@ -25,7 +25,7 @@ MOST_EPISODES = 1_000_000
 """No larger number of episodes is ever asked for."""
 
 NEGLIGIBLE = 1e-10
-"""Probability of a count that a sum leaves out."""
+"""Probability of the counts that a sum leaves out at either end."""
 
 FEWEST_FOR_A_MEAN = 10
 """Episodes below which no bound of a mean is believed."""
@@ -159,28 +159,36 @@ def mcnemar_power(n: int, lost: float, won: float, alpha: float, beyond: float =
     differing = lost + won
     if differing == 0.0:
         return 0.0
-    pmf = binomial_pmf(n, min(1.0, differing))
-    share = max(lost, won) / differing
-    total = 0.0
-    for pairs in np.flatnonzero(pmf > NEGLIGIBLE).tolist():
-        above = math.floor((pairs + beyond * n) / 2.0) + 1
-        fewest = max(critical_count(pairs, alpha), above)
-        total += pmf[pairs] * binomial_pmf(pairs, share)[fewest:].sum()
-    return float(total)
+    pairs = np.arange(n + 1)
+    above = np.floor((pairs + beyond * n) / 2.0) + 1.0
+    fewest = np.maximum(critical_counts(pairs, alpha), above)
+    chances = stats.binom.sf(fewest - 1.0, pairs, max(lost, won) / differing)
+    return float(stats.binom.pmf(pairs, n, min(1.0, differing)) @ chances)
+
+
+def critical_counts(pairs: NDArray[np.int64], alpha: float) -> NDArray[np.float64]:
+    """Return the least count on one side of so many pairs that makes ``mcnemar_p`` <= alpha.
+
+    It is ``pairs`` + 1 where no count does.
+    """
+    at = stats.binom.ppf(alpha / 2.0, pairs, 0.5)
+    counts: NDArray[np.float64] = pairs + 1 - at - (2.0 * stats.binom.cdf(at, pairs, 0.5) <= alpha)
+    return counts
 
 
 def exclusion_power(n: int, lost: float, won: float, margin: float) -> float:
     """Return the chance that Tango's 95 % interval excludes a loss of ``margin``."""
-    pmf = binomial_pmf(n, lost)
+    losses, gains = _likely_counts(n, lost)[:, None], _likely_counts(n, won)
     rest = min(1.0, won / (1.0 - lost)) if lost < 1.0 else 0.0
-    total = 0.0
-    for count in np.flatnonzero(pmf > NEGLIGIBLE).tolist():
-        chances = binomial_pmf(n - count, rest)
-        likely = np.flatnonzero(chances > NEGLIGIBLE)
-        gains = likely.astype(np.float64)
-        statistic = score_statistic(np.full_like(gains, count), gains, n, -margin)
-        total += pmf[count] * chances[likely][statistic > NORMAL_QUANTILE].sum()
-    return float(total)
+    chances = stats.binom.pmf(losses, n, lost) * stats.binom.pmf(gains, n - losses, rest)
+    statistic = score_statistic(*np.broadcast_arrays(losses, gains), n, -margin)
+    return float(chances[statistic > NORMAL_QUANTILE].sum())
+
+
+def _likely_counts(n: int, share: float) -> NDArray[np.float64]:
+    """Return the counts of n draws, but for NEGLIGIBLE ones at either end."""
+    low, high = stats.binom.ppf(NEGLIGIBLE, n, share), stats.binom.isf(NEGLIGIBLE, n, share)
+    return np.arange(max(low, 0.0), high + 1.0)
 
 
 def _least(is_enough: Callable[[int], bool], guess: float) -> int | None:
@@ -221,7 +229,7 @@ def _overhead(quantile: float) -> float:
 
 
 def _two_sided(alpha: float) -> float:
-    return NormalDist().inv_cdf(1.0 - alpha / 2.0)
+    return float(stats.norm.ppf(1.0 - alpha / 2.0))
 
 
 def _as_count(episodes: float) -> int | None:

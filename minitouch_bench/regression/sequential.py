@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from minitouch_bench.metrics.streams import Root, stream
 from minitouch_bench.records import EpisodeMetrics, Estimate, Role
-from minitouch_bench.regression.binomial import mcnemar_p
 from minitouch_bench.regression.effects import measure_effect, worse_sign
 from minitouch_bench.regression.evidence import (
     evidence_of_loss,
@@ -254,7 +253,7 @@ class _Cell:
         left_to_win = planned - self.count - left_to_lose
         best = Discordance(planned, found.lost, found.won + left_to_win)
         level = self._levels.final / self._levels.tests
-        if -best.difference > self._allowed and mcnemar_p(best.lost, best.won) <= level:
+        if -best.difference > self._allowed and best.p_value <= level:
             self.ruling = Ruling.REGRESSION
             self.reason = f"{name} stays worse beyond its tolerance however the rest ends"
         worst = Discordance(planned, found.lost + left_to_lose, found.won)

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
 from minitouch_bench.records import Estimate
-from minitouch_bench.regression.binomial import mcnemar_p
 
 TANGO = "tango"
 
@@ -31,7 +31,7 @@ class Discordance:
     @property
     def p_value(self) -> float:
         """The exact McNemar test's, two-sided."""
-        return mcnemar_p(self.lost, self.won)
+        return float(mcnemar_p(self.lost, self.won))
 
 
 def count_discordance(first: NDArray[np.float64], second: NDArray[np.float64]) -> Discordance:
@@ -43,11 +43,26 @@ def count_discordance(first: NDArray[np.float64], second: NDArray[np.float64]) -
     )
 
 
+def mcnemar_p(lost: ArrayLike, won: ArrayLike) -> NDArray[np.float64]:
+    """Return the two-sided p-value of the exact McNemar test, elementwise.
+
+    ``lost`` and ``won`` count the pairs of which only the first, only the second succeeds.
+    Given their number, each is as likely as the other where the policies are equally good.
+    Without such a pair the value is 1. ``scipy.stats.binomtest`` gives the same, one by one.
+
+    Source: Q. McNemar, "Note on the sampling error of the difference between correlated
+    proportions or percentages", Psychometrika 12 (1947), with exact binomial tails.
+    """
+    tails: NDArray[np.float64] = stats.binom.cdf(np.minimum(lost, won), np.add(lost, won), 0.5)
+    return np.minimum(1.0, 2.0 * tails)
+
+
 def tango(found: Discordance, quantile: float = NORMAL_QUANTILE) -> Estimate:
     """Estimate the difference of two paired shares, second minus first.
 
     The score interval: every difference that the score test does not reject. It stays inside
-    -1 to 1 and has a width at 0 and at 100 % too, and where no pair differs.
+    -1 to 1 and has a width at 0 and at 100 % too, and where no pair differs. scipy has none
+    for paired shares.
 
     Source: T. Tango, "Equivalence test and confidence interval for the difference in
     proportions for the paired-sample design", Stat. Med. 17 (1998).

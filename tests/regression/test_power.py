@@ -3,21 +3,32 @@ import math
 import numpy as np
 import pytest
 
-from minitouch_bench.regression.binomial import mcnemar_p
 from minitouch_bench.regression.means import paired_mean
 from minitouch_bench.regression.power import (
     EXACT_UP_TO,
     FEWEST_FOR_A_MEAN,
     MeanResolution,
     ShareResolution,
+    critical_counts,
     exclusion_power,
     mcnemar_power,
 )
-from minitouch_bench.regression.shares import Discordance, tango
+from minitouch_bench.regression.shares import Discordance, mcnemar_p, tango
 
 TRIALS = 2000
 ERROR = 3 * math.sqrt(0.8 * 0.2 / TRIALS)
 """Three standard errors of a share of 0.8 in so many trials."""
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.005, 0.0625])
+def test_the_critical_count_is_the_least_that_is_significant(alpha):
+    found = critical_counts(np.arange(120), alpha)
+    for pairs, count in enumerate(found):
+        if count <= pairs:
+            assert mcnemar_p(pairs - count, count) <= alpha
+        if 2 * (count - 1) > pairs:
+            assert mcnemar_p(pairs - count + 1, count - 1) > alpha
+    assert found[4] == 5  # four of four is no proof
 
 
 def test_the_power_of_mcnemar_is_the_share_of_significant_draws():

@@ -1,14 +1,38 @@
 import numpy as np
 import pytest
+from scipy import stats
 
 from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
-from minitouch_bench.regression.binomial import binomial_pmf
 from minitouch_bench.regression.shares import (
     Discordance,
     count_discordance,
+    mcnemar_p,
     score_statistic,
     tango,
 )
+
+
+@pytest.mark.parametrize(
+    ("lost", "won", "p_value"),
+    [
+        (0, 0, 1.0),
+        (3, 3, 1.0),
+        (5, 0, 2 / 32),
+        (0, 6, 2 / 64),
+        (1, 5, 14 / 64),
+        (2, 10, 158 / 4096),
+    ],
+)
+def test_mcnemar_counts_the_tails_of_a_fair_coin(lost, won, p_value):
+    assert mcnemar_p(lost, won) == pytest.approx(p_value)
+    assert mcnemar_p(won, lost) == mcnemar_p(lost, won)
+
+
+def test_mcnemar_is_the_binomial_test_of_scipy():
+    lost, won = np.indices((30, 30))
+    found = mcnemar_p(lost, won)
+    for pair in ((0, 1), (7, 2), (12, 29), (29, 29)):
+        assert found[pair] == pytest.approx(stats.binomtest(pair[0], sum(pair)).pvalue)
 
 
 def test_tango_gives_the_published_values():
@@ -44,11 +68,12 @@ def test_where_no_pair_differs_the_width_depends_on_the_episodes():
 def coverage(n, lost_rate, won_rate):
     """The chance, summed over all outcomes, that the interval holds the truth."""
     total = 0.0
-    for lost, chance in enumerate(binomial_pmf(n, lost_rate)):
+    for lost, chance in enumerate(stats.binom.pmf(np.arange(n + 1), n, lost_rate)):
         won = np.arange(n - lost + 1.0)
         statistic = score_statistic(np.full_like(won, lost), won, n, won_rate - lost_rate)
         inside = np.abs(statistic) <= NORMAL_QUANTILE
-        total += chance * binomial_pmf(n - lost, won_rate / (1 - lost_rate))[inside].sum()
+        rest = stats.binom.pmf(won, n - lost, won_rate / (1 - lost_rate))
+        total += chance * rest[inside].sum()
     return total
 
 

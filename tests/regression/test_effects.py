@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.regression.multiplicity import holm
+from minitouch_bench.regression.effects import holm
 
 
 def test_holm_gives_the_textbook_s_values():
