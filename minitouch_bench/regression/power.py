@@ -181,7 +181,7 @@ def exclusion_power(n: int, lost: float, won: float, margin: float) -> float:
     losses, gains = _likely_counts(n, lost)[:, None], _likely_counts(n, won)
     rest = min(1.0, won / (1.0 - lost)) if lost < 1.0 else 0.0
     chances = stats.binom.pmf(losses, n, lost) * stats.binom.pmf(gains, n - losses, rest)
-    statistic = score_statistic(*np.broadcast_arrays(losses, gains), n, -margin)
+    statistic = score_statistic(losses, gains, n, -margin)
     return float(chances[statistic > NORMAL_QUANTILE].sum())
 
 

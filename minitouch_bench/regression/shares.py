@@ -76,7 +76,7 @@ def score_statistic(
 ) -> NDArray[np.float64]:
     """Return Tango's score statistic for a supposed difference in (-1, 1).
 
-    ``lost`` and ``won`` are counts of one shape, which the result has. It is standard normal
+    ``lost`` and ``won`` are counts that broadcast together. It is standard normal
     where the supposition holds, and falls as the supposed difference grows. A variance of 0
     gives 0 or plus or minus infinity.
     """

@@ -15,7 +15,7 @@ from minitouch_bench.files import JOURNAL_FILE, read_file
 from minitouch_bench.metrics import summarize
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EvaluationRun, SavedRun
 from minitouch_bench.reporting import derived_files, from_document, to_document
-from minitouch_bench.verification.differences import Difference, compare_values
+from minitouch_bench.verification.differences import ROUNDING, Difference, compare_values
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
 
 EPISODE_LISTS = ("episodes", "exploration_episodes")
@@ -41,8 +41,9 @@ def verify_run(
     """Replay every episode of a run and recompute all that its files say.
 
     The episodes come from the suite, the actions from ``actions.npz``. From the replayed
-    trajectories every metric, estimate and digest is computed anew and compared bit for bit
-    with ``run.json``; so are the tables, the report and the journal that lie beside it.
+    trajectories every metric and digest is computed again and compared bit for bit with
+    ``run.json``, and every estimate up to ROUNDING. The tables and the report beside it must be
+    those that ``run.json`` gives, the journal that of the replayed episodes.
     ``on_record`` takes each replayed episode. The texts of faults, and what the policy and
     the machine were called, cannot be recomputed and are taken as they are.
 
@@ -86,7 +87,7 @@ def compare_with_replay(run: RecordedRun, records: list[EpisodeRecord]) -> Itera
     summary = summarize(evaluation, np.random.default_rng(run.saved.header.seed))
     document = to_document(evaluation, summary)
     yield from _documents(run, document)
-    yield from _files(run.directory, from_document(document, run.saved.name))
+    yield from _files(run.directory, run.saved)
     if (run.directory / JOURNAL_FILE).exists():
         yield from _journal(run, replayed)
 
@@ -113,11 +114,11 @@ def _documents(run: RecordedRun, found: Mapping[str, Any]) -> Iterator[Differenc
         yield from compare_values(key, row, replayed)
     for name in dict.fromkeys([*recorded, *found]):
         if name not in ("environment", *EPISODE_LISTS):
-            yield from compare_values(name, recorded.get(name), found.get(name))
+            yield from compare_values(name, recorded.get(name), found.get(name), ROUNDING)
 
 
 def _files(directory: Path, saved: SavedRun) -> Iterator[Difference]:
-    """Compare the tables and the report with those that the replayed run gives."""
+    """Compare the tables and the report with those that ``run.json`` gives."""
     for name, text in derived_files(saved, directory).items():
         try:
             content = read_file(directory / name)
@@ -133,8 +134,8 @@ def _first_line(content: bytes, text: str) -> str:
     there, again = content.decode(errors="replace").splitlines(), text.splitlines()
     for number, (one, other) in enumerate(zip(there, again, strict=False), start=1):
         if one != other:
-            return f"line {number} is not what the episodes give"
-    return f"{len(there)} lines, the episodes give {len(again)}"
+            return f"line {number} is not what run.json gives"
+    return f"{len(there)} lines, run.json gives {len(again)}"
 
 
 def _journal(run: RecordedRun, records: tuple[EpisodeRecord, ...]) -> Iterator[Difference]:

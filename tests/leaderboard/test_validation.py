@@ -135,7 +135,7 @@ def test_failures_turned_into_successes(submission):
 
 def test_edited_estimates(submission):
     def change(run):
-        run["summary"]["tasks"][1]["estimates"]["episode_steps"]["low"] -= 1e-9
+        run["summary"]["tasks"][1]["estimates"]["episode_steps"]["low"] *= 1 - 1e-8
 
     edit_run(submission, change)
     refused(submission, RUN, "summary.tasks[1].estimates.episode_steps.low")

@@ -29,5 +29,11 @@ def test_each_difference_is_placed_and_told(recorded, again, difference):
     assert found(recorded, again) == [difference]
 
 
+def test_floats_alone_may_differ_by_the_tolerance():
+    assert not list(compare_values("run", {"low": 20.0}, {"low": 20.0 * (1 + 1e-10)}, 1e-9))
+    assert list(compare_values("run", {"low": 20.0}, {"low": 20.0 * (1 + 1e-8)}, 1e-9))
+    assert list(compare_values("run", 2**63, 2**63 + 1, 1e-9))
+
+
 def test_what_a_stranger_wrote_reaches_no_terminal():
     assert "\x1b" not in str(Difference("\x1b[31m", "\x1b[2J"))
