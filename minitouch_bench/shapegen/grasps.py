@@ -41,31 +41,49 @@ class Grasp:
     width: float
 
 
-def plan_grasp(
-    points: Points, lowest_target: float = LOWEST_TARGET, tried: Sequence[float] = ()
-) -> Grasp:
+def plan_grasp(points: Points) -> Grasp:
     """Choose the best grasp of a resting body by pads that close along y.
 
     ``points``: dense surface points (N, 3), m, x and y from the center of mass, z from the
-    table; ``lowest_target``: the least height of the grasp target over the table, m. Prefers a
-    narrow place near the center of mass, deep between the pads, with contacts opposite each
-    other, and x away from those ``tried`` before, m.
+    table. Prefers a narrow place near the center of mass with contacts opposite each other.
+    Shapes are proven with it: another choice would make another set of the same seed.
     """
-    top = float(points[:, 2].max())
-    middle = (float(points[:, 2].min()) + top) / 2.0
-    lowest = max(lowest_target, top + 0.003 - PALM_ABOVE_TARGET)
+    middle = max((float(points[:, 2].min()) + float(points[:, 2].max())) / 2.0, LOWEST_TARGET)
+    return _best(points, middle, LOWEST_TARGET, depth=-np.inf)
+
+
+def plan_deep_grasp(points: Points, lowest_target: float, tried: Sequence[float]) -> Grasp:
+    """Choose a grasp as ``plan_grasp`` does, deep between the pads and where none was tried.
+
+    ``lowest_target``: the least height of the grasp target over the table, m; ``tried``: x of
+    earlier grasps, m.
+    """
+    middle = (float(points[:, 2].min()) + float(points[:, 2].max())) / 2.0
+    return _best(points, middle, lowest_target, depth=DEEP, tried=tried)
+
+
+def _best(
+    points: Points,
+    middle: float,
+    lowest_target: float,
+    *,
+    depth: float,
+    tried: Sequence[float] = (),
+) -> Grasp:
+    """Return the best grasp about a middle height, above the lowest one and clear of the palm."""
+    lowest = max(lowest_target, float(points[:, 2].max()) + 0.003 - PALM_ABOVE_TARGET)
     heights = sorted({max(lowest, middle + step) for step in (-0.008, 0.0, 0.008)})
     best, best_score = Grasp(0.0, 0.0, lowest, float("inf")), float("inf")
     for z in heights:
         for x in np.arange(-0.018, 0.0181, 0.003).tolist():
-            grasp, score = _rated(points, x, z)
+            grasp, score = _rated(points, x, z, depth)
             score += TRIED_COST * sum(abs(x - before) < TRIED_NEAR for before in tried)
             if score < best_score:
                 best, best_score = grasp, score
     return best
 
 
-def _rated(points: Points, x: float, z: float) -> tuple[Grasp, float]:
+def _rated(points: Points, x: float, z: float, depth: float) -> tuple[Grasp, float]:
     """Return the grasp at a strip and height, and its score in m: less is better."""
     strip = points[np.abs(points[:, 0] - x) <= PAD_HALF_WIDTH]
     strip = strip[strip[:, 2] >= z - TIP_BELOW_TARGET - 0.002]
@@ -81,7 +99,7 @@ def _rated(points: Points, x: float, z: float) -> tuple[Grasp, float]:
     left, right = pad[pad[:, 1] <= low + 0.0015], pad[pad[:, 1] >= high - 0.0015]
     across = left.mean(axis=0) - right.mean(axis=0)
     ends = 0.5 * np.abs(left.mean(axis=0) + right.mean(axis=0))
-    shallow = max(0.0, DEEP + z - TIP_BELOW_TARGET - float(pad[:, 2].max()))
+    shallow = max(0.0, depth + z - TIP_BELOW_TARGET - float(pad[:, 2].max()))
     overhang = (low - wide_low) + (wide_high - high)
     score = 0.3 * width + abs(float(across[0])) + abs(float(across[2])) + 0.8 * float(ends[0])
     score += 3.0 * (overhang + shallow)

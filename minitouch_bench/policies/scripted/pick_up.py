@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.policies.scripted.controller import Controller
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.shapegen.grasps import plan_grasp
+from minitouch_bench.shapegen.grasps import plan_deep_grasp
 from minitouch_bench.shapegen.mesh import surface_points
 from minitouch_bench.shapegen.poses import rotation_matrix
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -80,7 +80,7 @@ class PickUpController(Controller):
             above_table = points @ rotation_matrix(orientation).T + (0.0, 0.0, height)
             # The planner's pads close along y, the hand's along the world's x.
             lowest = task.spec.workspace.low[2] - TABLE_TOP_M
-            grasp = plan_grasp(above_table[:, (1, 0, 2)], lowest, self._tried)
+            grasp = plan_deep_grasp(above_table[:, (1, 0, 2)], lowest, self._tried)
             self._tried.append(grasp.x)
             self._place = np.array(
                 (position[0] + grasp.y, position[1] + grasp.x, grasp.z + TABLE_TOP_M)
