@@ -13,8 +13,6 @@ from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics import ShownIn, metrics_shown_in
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.records import Estimate, Gap, Role
-from minitouch_bench.reporting.paper import PAPER_METHODS, PaperValue, paper_value
-from minitouch_bench.reporting.tables import TABLE4_METRICS
 
 CALIBRATION = ("scripted", "open-loop", "random", "zero")
 """The calibration rows in the order of every table: the ceiling, then the floors."""
@@ -24,7 +22,7 @@ TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
 
 
 @dataclass(frozen=True)
-class Row:
+class BoardRow:
     """One submission on the board. ``ranks`` by task and OVERALL, none for a calibration.
 
     ``twins`` are other submissions with the very same episodes, bit for bit.
@@ -43,28 +41,19 @@ class Row:
 
 
 @dataclass(frozen=True)
-class PaperRow:
-    """A row of the paper's Table 4, as printed; never ranked."""
-
-    method: str
-    values: Mapping[tuple[str, str], PaperValue]
-
-
-@dataclass(frozen=True)
 class Board:
     """Everything a writer needs: ``ranked`` from the best down, ``calibration`` in its order."""
 
     protocol: str
     protocol_digest: str
-    ranked: tuple[Row, ...]
-    calibration: tuple[Row, ...]
+    ranked: tuple[BoardRow, ...]
+    calibration: tuple[BoardRow, ...]
     missing_calibration: tuple[str, ...]
-    paper: tuple[PaperRow, ...]
     apart: tuple[Verdict, ...]
     refused: tuple[Verdict, ...]
 
     @property
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[BoardRow, ...]:
         """The rows of this protocol, ranked ones first."""
         return (*self.ranked, *self.calibration)
 
@@ -85,7 +74,7 @@ def make_board(
     twins = _twins(everyone)
     no_ranks: list[Mapping[str, Rank]] = [{} for _ in calibration]
     rows = [
-        Row(entry, own, places, lost, _endings(entry), twins.get(entry.name, ()))
+        BoardRow(entry, own, places, lost, _endings(entry), twins.get(entry.name, ()))
         for entry, own, places, lost in zip(
             everyone, figures, [*ranks, *no_ranks], gaps, strict=True
         )
@@ -99,13 +88,12 @@ def make_board(
         missing_calibration=tuple(
             name for name in CALIBRATION if name not in {entry.name for entry in calibration}
         ),
-        paper=tuple(map(_paper_row, PAPER_METHODS)),
         apart=tuple(apart),
         refused=tuple(refused),
     )
 
 
-def _standing(row: Row) -> tuple[int, float, str]:
+def _standing(row: BoardRow) -> tuple[int, float, str]:
     """Order by rank, rows of one rank by mean success, then by name."""
     score = row.figures[OVERALL, MEAN_SUCCESS].value
     return row.ranks[OVERALL].best, -score, row.entry.name
@@ -129,13 +117,3 @@ def _twins(entries: Sequence[Entry]) -> dict[str, tuple[str, ...]]:
         for name in names:
             found.setdefault(name, set()).update(other for other in names if other != name)
     return {name: tuple(sorted(others)) for name, others in found.items() if others}
-
-
-def _paper_row(method: str) -> PaperRow:
-    values = {
-        (task, metric): value
-        for task in TASK_NAMES
-        for metric in TABLE4_METRICS
-        if (value := paper_value(task, metric, method)) is not None
-    }
-    return PaperRow(method, values)

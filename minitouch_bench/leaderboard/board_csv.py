@@ -1,10 +1,11 @@
-"""``leaderboard.csv``: one row a figure, in long form."""
+"""``leaderboard.csv``: one row per value, in long form."""
 
-from minitouch_bench.leaderboard.board import Board, Row
+from minitouch_bench.leaderboard.board import Board, BoardRow
 from minitouch_bench.leaderboard.ranking import RANKED_BY
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.views import CALIBRATION, PAPER, RANKED
 from minitouch_bench.reporting.csv_writer import Cell, write_csv
+from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
 
 COLUMNS = (
     "name",
@@ -34,16 +35,15 @@ def board_csv(board: Board) -> str:
     for row in board.rows:
         rows += _figures(row)
         rows += _gaps(row)
-    for paper in board.paper:
-        head: tuple[Cell, ...] = (paper.method, PAPER, "", "", "", None, None)
-        for (task, metric), printed in paper.values.items():
-            value = float(printed.text)
-            remark = printed.remark
-            rows.append((*head, "", task, metric, value, *(None,) * 3, remark, None, None))
+    for method in PAPER_METHODS:
+        head: tuple[Cell, ...] = (method, PAPER, "", "", "", None, None)
+        for (task, metric), printed in paper_values(method).items():
+            value, none = float(printed.text), (None,) * 3
+            rows.append((*head, "", task, metric, value, *none, printed.remark, None, None))
     return write_csv(COLUMNS, rows)
 
 
-def _head(row: Row) -> tuple[Cell, ...]:
+def _head(row: BoardRow) -> tuple[Cell, ...]:
     about = row.entry.about
     return (
         about.name,
@@ -56,7 +56,7 @@ def _head(row: Row) -> tuple[Cell, ...]:
     )
 
 
-def _figures(row: Row) -> list[tuple[Cell, ...]]:
+def _figures(row: BoardRow) -> list[tuple[Cell, ...]]:
     rows: list[tuple[Cell, ...]] = []
     for (task, metric), found in row.figures.items():
         is_ranked = metric == (MEAN_SUCCESS if task == OVERALL else RANKED_BY[task])
@@ -67,7 +67,7 @@ def _figures(row: Row) -> list[tuple[Cell, ...]]:
     return rows
 
 
-def _gaps(row: Row) -> list[tuple[Cell, ...]]:
+def _gaps(row: BoardRow) -> list[tuple[Cell, ...]]:
     rows: list[tuple[Cell, ...]] = []
     for task, gap in row.gaps.items():
         splits = (("held-out", gap.held_out), ("train", gap.train), (GAP, gap.difference))

@@ -4,13 +4,14 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from minitouch_bench.leaderboard.board import Board, Row
+from minitouch_bench.leaderboard.board import Board, BoardRow
 from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics.definitions import unit_of
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
 
 FORMAT = "minitouch-leaderboard"
 VERSION = 1
@@ -28,7 +29,7 @@ def board_json(board: Board) -> str:
         "missing_calibration": list(board.missing_calibration),
         "paper": [
             {
-                "method": paper.method,
+                "method": method,
                 "figures": [
                     {
                         "task": task,
@@ -36,10 +37,10 @@ def board_json(board: Board) -> str:
                         "value": float(printed.text),
                         "is_our_unit": printed.is_our_unit,
                     }
-                    for (task, metric), printed in paper.values.items()
+                    for (task, metric), printed in paper_values(method).items()
                 ],
             }
-            for paper in board.paper
+            for method in PAPER_METHODS
         ],
         "other_protocol": [_left_out(verdict) for verdict in board.apart],
         "refused": [_left_out(verdict) for verdict in board.refused],
@@ -47,7 +48,7 @@ def board_json(board: Board) -> str:
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _row(row: Row) -> dict[str, Any]:
+def _row(row: BoardRow) -> dict[str, Any]:
     entry, about = row.entry, row.entry.about
     return {
         **asdict(about),

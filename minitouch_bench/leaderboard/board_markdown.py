@@ -4,17 +4,10 @@ from collections.abc import Sequence
 
 from minitouch_bench.leaderboard.board import Board
 from minitouch_bench.leaderboard.validation import Verdict
-from minitouch_bench.leaderboard.views import (
-    CALIBRATION,
-    EPISODE_VARIANCE,
-    PAPER,
-    Line,
-    View,
-    views,
-)
-from minitouch_bench.rendering.markdown import escape
-from minitouch_bench.rendering.tables import ABSENT
-from minitouch_bench.reporting.paper import CAVEAT, CITATION, PAPER_METHODS
+from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, views
+from minitouch_bench.rendering.markdown import escape, table_lines
+from minitouch_bench.rendering.tables import Cell, Column, Row, Table
+from minitouch_bench.reporting.paper import PAPER_NOTE
 
 SHOWN_REASONS = 3
 
@@ -27,8 +20,8 @@ def board_markdown(board: Board) -> str:
         f"Protocol {escape(board.protocol)}, `{board.protocol_digest}`.",
     ]
     for view in views(board):
-        parts += ["", f"## {view.title}", "", escape(view.lead), "", *_table(view)]
-    parts += ["", "## Submissions", "", *_about(board)]
+        parts += ["", f"## {view.title}", "", escape(view.lead), "", *table_lines(view.table())]
+    parts += ["", "## Submissions", "", *table_lines(_about(board))]
     parts += _left_out("Other protocols, not ranked", board.apart)
     parts += _left_out("Left out", board.refused)
     parts += ["", *(f"- {escape(note)}" for note in notes())]
@@ -44,48 +37,25 @@ def notes() -> tuple[str, ...]:
         f"for means; {EPISODE_VARIANCE}. Several: bootstrap over training seeds.",
         "Calibration rows are the built-in policies: scripted reads the simulator's state and is "
         "the ceiling, random and zero are the floor. They are never ranked.",
-        f"{', '.join(PAPER_METHODS)}: the paper's own figures, {CAVEAT} ({CITATION}). They are "
-        "never ranked.",
+        f"{PAPER_NOTE} They are never ranked.",
     )
 
 
-def _table(view: View) -> list[str]:
-    heads = [
-        "<br>".join(escape(part) for part in (column.group, column.label, column.unit) if part)
-        for column in view.headings
-    ]
-    lines = [
-        _line(["Rank", "Submission", *heads]),
-        _line(["---:", "---", *["---:"] * len(heads)]),
-    ]
-    return lines + [_row(line) for line in view.lines]
-
-
-def _row(line: Line) -> str:
-    name = escape(line.name) + {CALIBRATION: " (calibration)", PAPER: " (paper)"}.get(line.kind, "")
-    rank = ABSENT
-    if line.rank is not None:
-        best, worst = line.rank.best, line.rank.worst
-        rank = f"{best} ({best} to {worst})" if worst > best else str(best)
-    cells = [escape(f"{cell.text} {cell.interval}".strip()) for cell in line.cells]
-    return _line([rank, name, *cells])
-
-
-def _about(board: Board) -> list[str]:
-    heads = ("Submission", "Method", "Proof", "Modalities", "Training steps", "Training seeds")
-    lines = [_line(heads), _line(["---", "---", "---", "---", "---:", "---:"])]
+def _about(board: Board) -> Table:
+    heads = ("Method", "Proof", "Modalities", "Training steps", "Training seeds")
+    rows = []
     for row in board.rows:
         about = row.entry.about
         cells = (
-            about.name,
             about.method,
             row.entry.level.value,
             ", ".join(about.modalities) or "none",
             str(about.training_steps),
             str(len(row.entry.seeds)),
         )
-        lines.append(_line([escape(cell) for cell in cells]))
-    return lines
+        rows.append(Row((about.name,), tuple(map(Cell, cells))))
+    columns = tuple(Column(head, is_text=not head.startswith("Training")) for head in heads)
+    return Table("Submissions", ("Submission",), columns, tuple(rows))
 
 
 def _left_out(title: str, verdicts: Sequence[Verdict]) -> list[str]:
@@ -98,7 +68,3 @@ def _left_out(title: str, verdicts: Sequence[Verdict]) -> list[str]:
         if (more := len(verdict.faults) - SHOWN_REASONS) > 0:
             lines.append(f"  - and {more} more")
     return lines
-
-
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"

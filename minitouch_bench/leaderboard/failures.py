@@ -31,6 +31,16 @@ MEANINGS: Mapping[Ending, str] = {
     Ending.FAULT: "the policy raised, timed out or gave no valid action",
 }
 
+TONES: Mapping[Ending, str] = {
+    Ending.SUCCEEDED: "success",
+    Ending.TOUCHED: "touched",
+    Ending.TOUCHED_FAILED: "failed",
+    Ending.LEFT: "left",
+    Ending.NEVER_TOUCHED: "limit",
+    Ending.FAULT: "fault",
+}
+"""The colors of the endings."""
+
 ENDINGS = tuple(Ending)
 
 

@@ -18,10 +18,11 @@ from minitouch_bench.metrics import (
 from minitouch_bench.metrics.metric import Kind
 from minitouch_bench.metrics.shared_bootstrap import resample_weights, stratified_intervals
 from minitouch_bench.metrics.streams import stream
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Estimate, Gap, Role
 
 NOVEL_SHAPES = "novel-shapes"
-GAP_TASKS = ("playing", "pushing", "pick-up")
+GAP_TASKS = PROTOCOL.suite(NOVEL_SHAPES).tasks
 
 Floats = NDArray[np.float64]
 

@@ -3,201 +3,156 @@
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from minitouch_bench.leaderboard.board import TOUCH_METRICS, Row
-from minitouch_bench.leaderboard.drawings import ending_bar, steps_plot, touch_plot
+from minitouch_bench.leaderboard.board import TOUCH_METRICS, BoardRow
 from minitouch_bench.leaderboard.entries import Entry, RunData
-from minitouch_bench.leaderboard.failures import ENDINGS, MEANINGS, endings
+from minitouch_bench.leaderboard.failures import ENDINGS, MEANINGS, TONES, endings
+from minitouch_bench.leaderboard.figures import amount, submission_figures
 from minitouch_bench.leaderboard.proof import MEANINGS as PROOF_MEANINGS
 from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.ranking import RANKED_BY, Rank
 from minitouch_bench.leaderboard.scores import OVERALL
-from minitouch_bench.leaderboard.submission import MAIN_SUITE
-from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, Figure, figure, gap_figures
+from minitouch_bench.leaderboard.views import EPISODE_VARIANCE
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Role
+from minitouch_bench.rendering.cards import Card, make_card
+from minitouch_bench.rendering.charts import LegendItem
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.tables import metric_head
-from minitouch_bench.reporting.cards import BESIDE_SUCCESS, BESIDE_TOUCH
-from minitouch_bench.reporting.labels import task_title
-from minitouch_bench.reporting.novel_shapes import verdict
-from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_TASKS, paper_value
+from minitouch_bench.rendering.svg import draw_share_bar
+from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell, metric_head
+from minitouch_bench.reporting.labels import TASKS, FaultGroup, group_faults, task_title
+from minitouch_bench.reporting.novel_shapes import gap_cells
+from minitouch_bench.reporting.page import paper_reference
 from minitouch_bench.reporting.tables import TABLE4_METRICS
 
-HEADROOM = 1.1
-"""A gauge without a natural end reaches a tenth beyond the largest figure on it."""
 
-
-@dataclass(frozen=True)
-class Card:
-    """One task's verdict. ``gauge``: value, low, high and the paper's mark, in percent."""
-
-    task: str
-    title: str
-    metric: str
-    figure: Figure
-    gauge: tuple[float, float, float, float | None]
-    paper: str
-    beside: tuple[tuple[str, str], ...]
-    rank: Rank | None
-
-
-def page_context(row: Row, ranked: int) -> dict[str, Any]:
+def page_context(row: BoardRow, ranked: int) -> dict[str, Any]:
     """Return the variables of a submission's page; ``ranked`` is the number of ranked rows."""
     entry = row.entry
-    place = f"{entry.directory.resolve().parent.name}/{entry.name}"
+    path = f"{entry.directory.resolve().parent.name}/{entry.name}"
     several = len(entry.seeds) > 1
     return {
         "entry": entry,
-        "place": place,
-        "rank": row.ranks.get(OVERALL),
+        "path": path,
+        "rank": rank_text(row.ranks.get(OVERALL)),
         "ranked": ranked,
         "level": list(ProofLevel).index(entry.level),
         "meaning": PROOF_MEANINGS[entry.level],
         "twins": row.twins,
         "modalities": ", ".join(entry.about.modalities) or "sees nothing",
+        "training_steps": amount(entry.about.training_steps),
         "seeds_in_words": f"{len(entry.seeds)} training seeds" if several else "one training seed",
-        "variance": "Bootstrap over training seeds" if several else EPISODE_VARIANCE.capitalize(),
-        "cards": tuple(_card(row, task) for task in PAPER_TASKS),
-        "legend": _legend(row),
-        "bars": _bars(row),
-        "tasks": tuple(map(task_title, PAPER_TASKS)),
-        "figures": tuple(_figures(row)),
-        "gaps": tuple(_gaps(row)),
-        "plots": _plots(entry),
-        "data": Markup(_data(entry, place)),
+        "cards": tuple(_card(row, task) for task in TASKS),
+        "legend": tuple(_legend(row)),
+        "bars": tuple((task_title(task), _ending_bar(row, task)) for task in TASKS),
+        "values": _values(row),
+        "gaps": _gaps(row) if row.gaps else None,
+        "figures": submission_figures(entry),
+        "data": Markup(_data(entry, path)),
         "faults": _faults(entry),
     }
 
 
-def _card(row: Row, task: str) -> Card:
-    metric = RANKED_BY[task]
-    estimate = row.figures[task, metric]
-    printed = paper_value(task, metric, PAPER_METHODS[0])
-    paper = printed.number if printed else None
-    end = 1.0 if METRICS[metric].is_share else HEADROOM * max(estimate.high, paper or 0.0, 1.0)
-    places = [
-        round(100 * value / end, 2) for value in (estimate.value, estimate.low, estimate.high)
-    ]
-    beside = BESIDE_SUCCESS if task in GOAL_TASKS else BESIDE_TOUCH
-    figures = [(METRICS[m].label, _beside(row, task, m)) for m in beside]
-    return Card(
-        task=task,
-        title=task_title(task),
-        metric=f"{METRICS[metric].label}, {METRICS[metric].unit}",
-        figure=figure(metric, estimate),
-        gauge=(
-            places[0],
-            places[1],
-            places[2],
-            None if paper is None else round(100 * paper / end, 2),
-        ),
-        paper=f"{PAPER_METHODS[0]} in the paper: {printed.text}" if printed else "",
-        beside=tuple(figures),
-        rank=row.ranks.get(task),
+def rank_text(rank: Rank | None) -> str:
+    """Write a rank with the range that holds the true one, "" for none."""
+    if rank is None:
+        return ""
+    return f"rank {rank.best} to {rank.worst}" if rank.worst > rank.best else f"rank {rank.best}"
+
+
+def _card(row: BoardRow, task: str) -> Card:
+    own = {metric: found for (key, metric), found in row.figures.items() if key == task}
+    return make_card(
+        task,
+        task_title(task),
+        [(row.entry.name, own)],
+        paper=paper_reference(task),
+        picture=f"../pictures/{task}.png",
+        rank=rank_text(row.ranks.get(task)),
     )
 
 
-def _beside(row: Row, task: str, metric: str) -> str:
-    estimate = row.estimate(task, metric)
-    unit = " s" if estimate and METRICS[metric].unit == "s" else ""
-    return figure(metric, estimate).text + unit
-
-
-def _legend(row: Row) -> tuple[tuple[int, str, str], ...]:
-    """Return the endings that occur, with their place among the colours."""
+def _legend(row: BoardRow) -> Iterator[LegendItem]:
+    """Name the endings that occur."""
     there = {ending for counts in row.endings.values() for ending in counts}
-    return tuple(
-        (place, ending.value, MEANINGS[ending])
-        for place, ending in enumerate(ENDINGS)
-        if ending in there
-    )
+    for ending in ENDINGS:
+        if ending in there:
+            yield LegendItem(ending.value, TONES[ending], title=MEANINGS[ending])
 
 
-def _bars(row: Row) -> tuple[tuple[str, Markup], ...]:
-    return tuple(
-        (task_title(task), Markup(ending_bar(row.endings[task], task_title(task))))
-        for task in PAPER_TASKS
-    )
+def _ending_bar(row: BoardRow, task: str) -> Markup:
+    counts = row.endings[task]
+    said = ", ".join(f"{ending} {count}" for ending, count in counts.items())
+    parts = [(TONES[ending], ending.value, counts.get(ending, 0)) for ending in ENDINGS]
+    return draw_share_bar(parts, f"{task_title(task)}: {said}")
 
 
-def _figures(row: Row) -> Iterator[tuple[str, str, list[Figure]]]:
-    """Yield label, unit and cells of each metric."""
-    for metric in (*TABLE4_METRICS, *TOUCH_METRICS):
-        cells = [figure(metric, row.estimate(task, metric)) for task in PAPER_TASKS]
-        yield metric_head(metric), METRICS[metric].unit, cells
-
-
-def _gaps(row: Row) -> Iterator[tuple[str, str, list[Figure], str]]:
-    for task, gap in row.gaps.items():
-        metric = RANKED_BY[task]
-        cells = list(gap_figures(metric, gap))
-        yield task_title(task), METRICS[metric].label, cells, verdict(task, metric, gap.difference)
-
-
-def _plots(entry: Entry) -> tuple[tuple[str, str, tuple[tuple[str, Markup], ...]], ...]:
-    goals = [task for task in PAPER_TASKS if task in GOAL_TASKS]
-    steps = tuple(
-        (
-            task_title(task),
-            Markup(
-                steps_plot(entry.episodes(MAIN_SUITE, Role.FINAL, task), task, task_title(task))
-            ),
-        )
-        for task in goals
-    )
-    runs = [seed.runs[MAIN_SUITE] for seed in entry.seeds]
-    touch = tuple(
-        (
-            task_title(task),
-            Markup(touch_plot([run.touch_curves.get(task, ()) for run in runs], task_title(task))),
-        )
-        for task in PAPER_TASKS
-    )
-    lines = "; a line a training seed" if len(runs) > 1 else ""
-    return (
-        (
-            "How long episodes last",
-            "Share of the episodes by number of control steps, and by how they ended.",
-            steps,
+def _values(row: BoardRow) -> Table:
+    variance = "Bootstrap over training seeds" if len(row.entry.seeds) > 1 else EPISODE_VARIANCE
+    return Table(
+        title="All values",
+        corner=("Metric", "Unit"),
+        columns=tuple(Column(task_title(task)) for task in TASKS),
+        rows=tuple(
+            Row(
+                (metric_head(metric), METRICS[metric].unit),
+                tuple(estimate_cell(metric, row.estimate(task, metric)) for task in TASKS),
+            )
+            for metric in (*TABLE4_METRICS, *TOUCH_METRICS)
         ),
-        (
-            "Touch over time",
-            "Mean ticks in contact at each control step, over the episodes that reached "
-            f"it{lines}.",
-            touch,
+        notes=(f"Brackets: 95 % interval. {variance[0].upper()}{variance[1:]}.",),
+    )
+
+
+def _gaps(row: BoardRow) -> Table:
+    return Table(
+        title="Novel shapes",
+        corner=("Task", "Metric"),
+        columns=(
+            *map(Column, ("Held-out", "Train", "Gap")),
+            Column("Verdict", is_text=True),
+        ),
+        rows=tuple(
+            Row(
+                (task_title(task), METRICS[RANKED_BY[task]].label),
+                gap_cells(task, RANKED_BY[task], gap),
+            )
+            for task, gap in row.gaps.items()
         ),
     )
 
 
-def _data(entry: Entry, place: str) -> str:
+def _data(entry: Entry, path: str) -> str:
     """Write the episodes as JSON that no reader of HTML takes for markup."""
     runs = [
         {
             "title": run.place,
-            "command": f"minitouch-bench replay {place}/{run.place} EPISODE --film FILM",
+            "command": f"minitouch-bench replay {path}/{run.place} EPISODE --film FILM",
             "groups": list(_groups(run)),
         }
         for seed in entry.seeds
         for run in seed.runs.values()
     ]
-    document = {"endings": [ending.value for ending in ENDINGS], "runs": runs}
+    document = {
+        "endings": [ending.value for ending in ENDINGS],
+        "tones": [TONES[ending] for ending in ENDINGS],
+        "runs": runs,
+    }
     text = json.dumps(document, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def _groups(run: RunData) -> Iterator[dict[str, Any]]:
-    """Yield the episodes of each task and role, a list a column."""
+    """Yield the episodes of each task and role, a list per column."""
     for (role, task), episodes in run.episodes.items():
         first = [
-            None if math.isnan(value) else _ticks(value)
+            None if math.isnan(value) else _seconds(value)
             for value in episodes.values["time_to_first_touch"]
         ]
         yield {
@@ -217,17 +172,17 @@ def _whole(counts: NDArray[np.float64]) -> list[int]:
     return [int(count) for count in counts]
 
 
-def _ticks(seconds: float) -> float:
-    return round(round(seconds * PROTOCOL.physics.tick_rate) / PROTOCOL.physics.tick_rate, 3)
+def _seconds(value: float) -> float:
+    """Round a time to that of its tick, in few digits."""
+    rate = PROTOCOL.physics.tick_rate
+    return round(round(value * rate) / rate, 3)
 
 
-def _faults(entry: Entry) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    """Return each fault's text with its episodes, equal ones once."""
-    found: dict[str, list[str]] = {}
-    several = len(entry.seeds) > 1
-    for seed in entry.seeds:
-        for run in seed.runs.values():
-            for key, text in run.faults.items():
-                name = f"{run.place} {key}" if several else key
-                found.setdefault(printable(text), []).append(printable(name))
-    return tuple((text, tuple(keys)) for text, keys in found.items())
+def _faults(entry: Entry) -> tuple[FaultGroup, ...]:
+    """Return each fault's text with its episodes, which a run names where there are several."""
+    runs = [run for seed in entry.seeds for run in seed.runs.values()]
+    return group_faults(
+        (f"{run.place} {key}" if len(runs) > 1 else key, text)
+        for run in runs
+        for key, text in run.faults.items()
+    )

@@ -6,7 +6,7 @@ from rich.text import Text
 
 from minitouch_bench.rendering.tables import Table
 
-PAPER_WIDTH = 10
+PAPER_WIDTH = 9
 """Characters in a column of the paper's values."""
 
 

@@ -2,22 +2,94 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
+from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.records import RunHeader, SavedRun
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_TASKS
 
 
+@dataclass(frozen=True)
+class FaultGroup:
+    """What a policy did wrong, and in which episodes."""
+
+    text: str
+    episodes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class RunSection:
+    """One run in a report: its name there, its labels, faults and command line."""
+
+    name: str
+    labels: tuple[str, ...]
+    faults: tuple[FaultGroup, ...]
+    command: str
+    run: SavedRun
+
+    @property
+    def marked_name(self) -> str:
+        """The name, with a * where a note below the table belongs to the run."""
+        return f"{self.name}\u00a0*" if self.labels else self.name
+
+
+def describe_runs(
+    runs: Sequence[SavedRun], names: Sequence[str] | None = None
+) -> tuple[RunSection, ...]:
+    """Say what each run is called in a report, and what a reader must know of it.
+
+    Raises:
+        UsageError: ``names`` are not as many as the runs, or not distinct.
+    """
+    named = run_names(runs) if names is None else _checked(names, len(runs))
+    return tuple(
+        RunSection(
+            name=name,
+            labels=run_labels(run),
+            faults=group_faults(run.faults.items()),
+            command=reproduce_command(run.header),
+            run=run,
+        )
+        for name, run in zip(named, runs, strict=True)
+    )
+
+
 def run_names(runs: Sequence[SavedRun]) -> tuple[str, ...]:
-    """Name each run by its policy; runs of one policy name get the run's name too."""
+    """Name each run by its policy, and by the run where policies have one name.
+
+    Names that would still be equal are numbered.
+    """
     policies = Counter(run.header.policy.name for run in runs)
     names = []
     for run in runs:
         policy = run.header.policy.name
-        name = policy if policies[policy] == 1 else f"{policy} ({run.name})"
-        names.append(printable(name))
-    return tuple(names)
+        names.append(printable(policy if policies[policy] == 1 else f"{policy} ({run.name})"))
+    counts = Counter(names)
+    return tuple(
+        name if counts[name] == 1 else f"{name} #{1 + names[:index].count(name)}"
+        for index, name in enumerate(names)
+    )
+
+
+def group_faults(faults: Iterable[tuple[str, str]]) -> tuple[FaultGroup, ...]:
+    """Tell equal faults once; ``faults``: episode and text."""
+    episodes: dict[str, list[str]] = {}
+    for key, text in faults:
+        episodes.setdefault(printable(text), []).append(printable(key))
+    return tuple(FaultGroup(text, tuple(keys)) for text, keys in episodes.items())
+
+
+def _checked(names: Sequence[str], count: int) -> tuple[str, ...]:
+    """Return the names as they may be printed."""
+    plain = tuple(printable(name) for name in names)
+    if len(plain) != count:
+        raise UsageError(f"{len(plain)} names for {count} runs; give one per run")
+    if len(set(plain)) < count or not all(plain):
+        raise UsageError(f"the names {', '.join(plain)} do not tell the runs apart")
+    return plain
 
 
 def run_labels(run: SavedRun) -> tuple[str, ...]:
@@ -38,16 +110,25 @@ def run_labels(run: SavedRun) -> tuple[str, ...]:
     return tuple(printable(label) for label in labels)
 
 
+TASKS = (*PAPER_TASKS, *(task for task in TASK_NAMES if task not in PAPER_TASKS))
+"""Every task, in the order of every table: the paper's, others after them."""
+
+
+def listed(names: Sequence[str]) -> str:
+    """Join names inside a sentence, as "a, b and c"."""
+    return " and ".join((", ".join(names[:-1]), names[-1])) if len(names) > 1 else "".join(names)
+
+
 def task_title(task: str) -> str:
     """Return a task's name as a heading."""
-    return printable(task).capitalize()
+    titles = {known.name: known.title for known in PROTOCOL.tasks}
+    return titles.get(task, printable(task).capitalize())
 
 
 def tasks_in_order(runs: Sequence[SavedRun]) -> tuple[str, ...]:
     """Return the tasks that any of the runs has, in the paper's order, others after them."""
     present = {task.task: None for run in runs for task in run.summary.tasks if task.estimates}
-    known = [task for task in PAPER_TASKS if task in present]
-    return (*known, *(task for task in present if task not in PAPER_TASKS))
+    return (*(task for task in TASKS if task in present), *(t for t in present if t not in TASKS))
 
 
 def reproduce_command(header: RunHeader) -> str:

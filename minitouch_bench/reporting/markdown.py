@@ -1,7 +1,8 @@
 """``report.md``: the tables and facts of a report in GitHub's Markdown."""
 
 from minitouch_bench.rendering.markdown import code_span, escape, table_lines
-from minitouch_bench.reporting.report import Report, RunSection
+from minitouch_bench.reporting.labels import RunSection
+from minitouch_bench.reporting.report import Report
 
 SHOWN_EPISODES = 12
 """Episodes named for one fault; a policy that always fails would fill the page."""

@@ -16,24 +16,26 @@ from minitouch_bench.rendering.tables import (
     estimate_cell,
     metric_head,
 )
-from minitouch_bench.reporting.labels import task_title, tasks_in_order
-from minitouch_bench.reporting.tables import label_notes, marked_names
+from minitouch_bench.reporting.labels import RunSection, task_title, tasks_in_order
+from minitouch_bench.reporting.tables import label_notes
 
 NO_DIFFERENCE = "no difference seen"
 
 
-def novel_shapes(runs: Sequence[SavedRun]) -> tuple[Table, ...]:
+def novel_shapes(sections: Sequence[RunSection]) -> tuple[Table, ...]:
     """Lay out the gaps and the families of the runs that have both splits; none without one."""
-    compared = [run for run in runs if run.summary.generalization]
+    compared = [section for section in sections if section.run.summary.generalization]
     if not compared:
         return ()
     return gap_table(compared), family_table(compared)
 
 
-def gap_table(runs: Sequence[SavedRun]) -> Table:
-    """Lay out each metric on both splits, the gap and a verdict; a block a policy."""
+def gap_table(sections: Sequence[RunSection]) -> Table:
+    """Lay out each metric on both splits, the gap and a verdict; a block per policy."""
+    runs = [section.run for section in sections]
     columns: list[Column] = []
-    for name in marked_names(runs):
+    for section in sections:
+        name = section.marked_name
         columns += [Column(label, name) for label in ("Held-out", "Train", "Gap")]
         columns.append(Column("Verdict", name, is_text=True))
     rows = []
@@ -41,7 +43,7 @@ def gap_table(runs: Sequence[SavedRun]) -> Table:
         results = [find_generalization(run, task) for run in runs]
         for metric in _in_order(result.gaps for result in results if result):
             gaps = [result.gaps.get(metric) if result else None for result in results]
-            cells = tuple(cell for gap in gaps for cell in _gap_cells(task, metric, gap))
+            cells = tuple(cell for gap in gaps for cell in gap_cells(task, metric, gap))
             heads = (task_title(task), metric_head(metric, task))
             rows.append(Row(heads, cells, unit_of(metric, task)))
     return Table(
@@ -50,7 +52,7 @@ def gap_table(runs: Sequence[SavedRun]) -> Table:
         columns=tuple(columns),
         rows=tuple(rows),
         notes=(
-            *label_notes(runs),
+            *label_notes(sections),
             "Held-out: shapes that training never sees. Gap: held-out minus train. Brackets: 95 % "
             "interval, Wilson for a share and Newcombe for the gap of two, else bootstrap over "
             "episodes.",
@@ -61,8 +63,9 @@ def gap_table(runs: Sequence[SavedRun]) -> Table:
     )
 
 
-def family_table(runs: Sequence[SavedRun]) -> Table:
-    """Lay out the families' figures: families down, tasks across, a row a policy."""
+def family_table(sections: Sequence[RunSection]) -> Table:
+    """Lay out the families' values: families down, tasks across, a row per policy."""
+    runs = [section.run for section in sections]
     tasks = _tasks(runs)
     columns: list[Column] = []
     for task in tasks:
@@ -72,9 +75,9 @@ def family_table(runs: Sequence[SavedRun]) -> Table:
     single = len(runs) == 1
     rows = []
     for family in sorted({name for run in runs for name in _families(run)}):
-        for name, run in zip(marked_names(runs), runs, strict=True):
-            heads = (printable(family),) if single else (printable(family), name)
-            cells = (cell for task in tasks for cell in _family_cells(run, task, family))
+        for section in sections:
+            heads = (printable(family),) if single else (printable(family), section.marked_name)
+            cells = (cell for task in tasks for cell in _family_cells(section.run, task, family))
             rows.append(Row(heads, tuple(cells)))
     return Table(
         title="Novel shapes by family",
@@ -82,7 +85,7 @@ def family_table(runs: Sequence[SavedRun]) -> Table:
         columns=tuple(columns),
         rows=tuple(rows),
         notes=(
-            *label_notes(runs),
+            *label_notes(sections),
             f"n: episodes. {ABSENT}: the run has no such shape in that split.",
         ),
     )
@@ -103,7 +106,7 @@ def verdict(task: str, metric: str, difference: Estimate) -> str:
     return f"{'better' if higher == (direction == UP) else 'worse'} on held-out"
 
 
-def _gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[Cell, ...]:
+def gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[Cell, ...]:
     """Write one metric's held-out and train values, the gap and the verdict."""
     if gap is None:
         return (Cell(),) * 4

@@ -1,4 +1,4 @@
-"""Table 4 of the paper, for reference beside our figures.
+"""Table 4 of the paper, for reference beside our values.
 
 Source: "Haptics-based Curiosity for Sparse-reward Tasks", CoRL 2021, supplement, Table 4.
 """
@@ -6,6 +6,8 @@ Source: "Haptics-based Curiosity for Sparse-reward Tasks", CoRL 2021, supplement
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+
+from minitouch_bench.rendering.tables import Cell
 
 CITATION = "“Haptics-based Curiosity for Sparse-reward Tasks”, CoRL 2021, supplement, Table 4"
 CAVEAT = "other episodes and object sets"
@@ -19,6 +21,14 @@ caption and the text describe as RND+touch."""
 
 OTHER_UNIT = "other unit"
 """Stands beside a value whose unit the paper does not say."""
+
+MARK = "†"
+"""Stands behind such a value in tables, where there is no room for more."""
+
+PAPER_NOTE = (
+    f"{', '.join(PAPER_METHODS)}: the paper's own values, {CAVEAT} ({CITATION}). "
+    f"{MARK} {OTHER_UNIT}: the paper does not say what it counts, so it is compared with nothing."
+)
 
 _METRICS_OF_UNKNOWN_UNIT = ("touch_interaction",)
 """No unit we tried reproduces the paper's values: random actions reach 550 to 990 ticks in the
@@ -72,3 +82,19 @@ def paper_value(task: str, metric: str, method: str) -> PaperValue | None:
         return None
     text = printed[PAPER_METHODS.index(method)]
     return PaperValue(text, is_our_unit=metric not in _METRICS_OF_UNKNOWN_UNIT)
+
+
+def paper_values(method: str) -> dict[tuple[str, str], PaperValue]:
+    """Return every value of a method, by task and metric."""
+    found = {key: paper_value(*key, method) for key in _PRINTED}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def paper_cell(task: str, metric: str, method: str) -> Cell:
+    """Write a value of the paper; one in another unit is marked, and no number to sort by."""
+    value = paper_value(task, metric, method)
+    if value is None:
+        return Cell()
+    text = value.text if value.is_our_unit else value.text + MARK
+    title = ", ".join(filter(None, ("as printed in the paper", value.remark)))
+    return Cell(text, title=title, sort_key=value.number)

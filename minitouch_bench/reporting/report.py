@@ -1,4 +1,4 @@
-"""A report of one or several runs as data, and its files."""
+"""A report of one or several runs as data; the writers add only form."""
 
 import os
 from collections.abc import Sequence
@@ -9,34 +9,11 @@ from urllib.parse import quote
 from minitouch_bench.errors import UsageError
 from minitouch_bench.records import SavedRun
 from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.rendering.latex import table_source
 from minitouch_bench.rendering.tables import Table
-from minitouch_bench.reporting.labels import (
-    reproduce_command,
-    run_labels,
-    run_names,
-    tasks_in_order,
-)
+from minitouch_bench.reporting.labels import RunSection, describe_runs, tasks_in_order
 from minitouch_bench.reporting.novel_shapes import novel_shapes
 from minitouch_bench.reporting.tables import diagnostics, table4
-
-
-@dataclass(frozen=True)
-class Fault:
-    """What a policy did wrong, and in which episodes."""
-
-    text: str
-    episodes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class RunSection:
-    """One run in a report: its name there, its labels, faults and command line."""
-
-    name: str
-    labels: tuple[str, ...]
-    faults: tuple[Fault, ...]
-    command: str
-    run: SavedRun
 
 
 @dataclass(frozen=True)
@@ -49,7 +26,7 @@ class Video:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything a writer needs; the writers add only form.
+    """What every writer of a report shows.
 
     ``novel_shapes``: the gaps and the families, empty where no run has both splits.
     """
@@ -63,25 +40,35 @@ class Report:
     videos: tuple[Video, ...] = ()
 
 
-def build_report(runs: Sequence[SavedRun], videos: Sequence[Video] = ()) -> Report:
-    """Compose the report of one or several runs.
+def build_report(
+    runs: Sequence[SavedRun], videos: Sequence[Video] = (), names: Sequence[str] | None = None
+) -> Report:
+    """Compose the report of one or several runs, called ``names`` or by their policies.
 
-    Errors: UsageError for no runs, and for runs of different protocols, which are never
-    put into one table.
+    Raises:
+        UsageError: no runs; runs of different protocols, which are never put into one table;
+            names that do not fit the runs.
     """
     if not runs:
         raise UsageError("a report needs at least one run")
     _check_protocols(runs)
-    names = run_names(runs)
+    sections = describe_runs(runs, names)
     return Report(
-        title=" · ".join(names),
+        title=" · ".join(section.name for section in sections),
         tasks=tasks_in_order(runs),
-        sections=tuple(_section(name, run) for name, run in zip(names, runs, strict=True)),
-        table4=table4(runs),
-        diagnostics=diagnostics(runs),
-        novel_shapes=novel_shapes(runs),
+        sections=sections,
+        table4=table4(sections),
+        diagnostics=diagnostics(sections),
+        novel_shapes=novel_shapes(sections),
         videos=tuple(videos),
     )
+
+
+def table4_latex(report: Report) -> str:
+    """Write Table 4 as LaTeX, ready for a paper."""
+    header = report.sections[0].run.header
+    caption = f"MiniTouch, protocol {header.protocol}, suite {header.suite}, beside the paper."
+    return table_source(report.table4, caption)
 
 
 def find_videos(files: Sequence[Path], directory: Path) -> tuple[Video, ...]:
@@ -110,17 +97,3 @@ def _protocol_of(run: SavedRun) -> str:
     """Name a run with its protocol."""
     header = run.header
     return f"'{run.name}' ({header.protocol}, {header.protocol_digest[:12]})"
-
-
-def _section(name: str, run: SavedRun) -> RunSection:
-    """Compose the section of one run; equal faults are told once."""
-    episodes: dict[str, list[str]] = {}
-    for key, text in run.faults.items():
-        episodes.setdefault(printable(text), []).append(printable(key))
-    return RunSection(
-        name=name,
-        labels=run_labels(run),
-        faults=tuple(Fault(text, tuple(keys)) for text, keys in episodes.items()),
-        command=reproduce_command(run.header),
-        run=run,
-    )

@@ -23,9 +23,9 @@ from minitouch_bench.reporting.csv_writer import (
     generalization_csv,
     table4_csv,
 )
-from minitouch_bench.reporting.html import to_html
 from minitouch_bench.reporting.json_document import from_document, to_document, to_text
 from minitouch_bench.reporting.markdown import to_markdown
+from minitouch_bench.reporting.page import to_html
 from minitouch_bench.reporting.report import Report, build_report, find_videos
 
 
@@ -75,13 +75,19 @@ def read_run(directory: Path) -> SavedRun:
         raise RunDirectoryError(f"{file.parent}: {error}") from error
 
 
-def write_report(runs: Sequence[SavedRun], directory: Path, videos: Sequence[Path] = ()) -> Report:
+def write_report(
+    runs: Sequence[SavedRun],
+    directory: Path,
+    videos: Sequence[Path] = (),
+    names: Sequence[str] | None = None,
+) -> Report:
     """Write ``report.md`` and ``report.html`` of one or several runs; return what they show.
 
-    Errors: UsageError for runs of different protocols; RunDirectoryError if a file cannot
-    be written.
+    Raises:
+        UsageError: runs of different protocols, or names that do not fit them.
+        RunDirectoryError: a file cannot be written.
     """
-    report = build_report(runs, find_videos(videos, directory))
+    report = build_report(runs, find_videos(videos, directory), names)
     write_file(directory / REPORT_FILE, to_markdown(report))
     write_file(directory / REPORT_PAGE, to_html(report))
     return report

@@ -1,4 +1,4 @@
-"""The tables of a report as data; each writer draws the same ones."""
+"""The tables of a report as data."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,15 +16,8 @@ from minitouch_bench.rendering.tables import (
     estimate_cell,
     metric_head,
 )
-from minitouch_bench.reporting.labels import run_labels, run_names, task_title, tasks_in_order
-from minitouch_bench.reporting.paper import (
-    CAVEAT,
-    CITATION,
-    OTHER_UNIT,
-    PAPER_METHODS,
-    PaperValue,
-    paper_value,
-)
+from minitouch_bench.reporting.labels import RunSection, task_title, tasks_in_order
+from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
 
 TABLE4_METRICS = metrics_shown_in(ShownIn.TABLE4)
 DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
@@ -43,47 +36,34 @@ def find_estimate(run: SavedRun, task: str, metric: str) -> Estimate | None:
     return None if summary is None else summary.estimates.get(metric)
 
 
-def table4(runs: Sequence[SavedRun]) -> Table:
-    """Lay the runs out as Table 4: metrics down, tasks across, a column a policy."""
-    names = marked_names(runs)
+def table4(sections: Sequence[RunSection]) -> Table:
+    """Lay the runs out as Table 4: metrics down, tasks across, a column per policy."""
     columns: list[Column] = []
     cells: dict[str, list[Cell]] = {metric: [] for metric in TABLE4_METRICS}
-    for task in tasks_in_order(runs):
+    for task in tasks_in_order([section.run for section in sections]):
         group = task_title(task)
-        columns += [Column(name, group) for name in names]
+        columns += [Column(section.marked_name, group) for section in sections]
         columns += [Column(method, group, is_paper=True) for method in PAPER_METHODS]
         for metric, row in cells.items():
-            row += [estimate_cell(metric, find_estimate(run, task, metric)) for run in runs]
-            row += [paper_cell(paper_value(task, metric, method)) for method in PAPER_METHODS]
+            found = (find_estimate(section.run, task, metric) for section in sections)
+            row += [estimate_cell(metric, estimate) for estimate in found]
+            row += [paper_cell(task, metric, method) for method in PAPER_METHODS]
     rows = tuple(
-        Row(
-            heads=(metric_head(metric),),
-            cells=tuple(row),
-            unit=METRICS[metric].unit,
-        )
+        Row((metric_head(metric),), tuple(row), METRICS[metric].unit)
         for metric, row in cells.items()
     )
     notes = (
-        *label_notes(runs),
-        *split_notes(runs),
+        *label_notes(sections),
+        *_split_notes(sections),
         "Brackets: 95 % interval, Wilson for shares, bootstrap over episodes for means; "
         "episode variance only (one training seed).",
-        f"{', '.join(PAPER_METHODS)}: the paper's own figures, {CAVEAT} ({CITATION}). "
-        f"“{OTHER_UNIT}”: the paper does not say what it counts; never compare it with ours.",
+        PAPER_NOTE,
     )
     return Table("Table 4", ("Metric",), tuple(columns), rows, notes)
 
 
-def paper_cell(value: PaperValue | None) -> Cell:
-    """Write a value of the paper as printed, without a number to sort by in another unit."""
-    if value is None:
-        return Cell()
-    return Cell(value.text, value.remark, "as printed in the paper", value.number)
-
-
-def diagnostics(runs: Sequence[SavedRun]) -> Table:
-    """Lay out what explains the figures of Table 4: contact, time, and how episodes ended."""
-    names = marked_names(runs)
+def diagnostics(sections: Sequence[RunSection]) -> Table:
+    """Lay out what explains the values of Table 4: contact, time, and how episodes ended."""
     columns = tuple(
         Column(
             METRICS[metric].label, unit="" if METRICS[metric].task_units else METRICS[metric].unit
@@ -91,11 +71,12 @@ def diagnostics(runs: Sequence[SavedRun]) -> Table:
         for metric in DIAGNOSTIC_METRICS
     )
     rows = []
-    for task in tasks_in_order(runs):
-        for name, run in zip(names, runs, strict=True):
-            summary = task_summary(run, task)
+    for task in tasks_in_order([section.run for section in sections]):
+        for section in sections:
+            summary = task_summary(section.run, task)
             if summary is not None and summary.estimates:
-                rows.append(Row((task_title(task), name), _diagnostic_cells(summary)))
+                heads = (task_title(task), section.marked_name)
+                rows.append(Row(heads, _diagnostic_cells(summary)))
     return Table(
         title="Diagnostics",
         corner=("Task", "Policy"),
@@ -106,11 +87,16 @@ def diagnostics(runs: Sequence[SavedRun]) -> Table:
         ),
         rows=tuple(rows),
         notes=(
-            *label_notes(runs),
+            *label_notes(sections),
             "First touch: mean over the episodes that touched. Object movement: variance over "
             "the episode of the object's position, or of the door's angle.",
         ),
     )
+
+
+def label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
+    """Return one note for each run that has labels."""
+    return tuple(f"* {one.name}: {'; '.join(one.labels)}." for one in sections if one.labels)
 
 
 def _diagnostic_cells(summary: TaskSummary) -> tuple[Cell, ...]:
@@ -130,29 +116,12 @@ def _diagnostic_cells(summary: TaskSummary) -> tuple[Cell, ...]:
     return (*cells, Cell(ended or ABSENT), Cell(faults))
 
 
-def marked_names(runs: Sequence[SavedRun]) -> tuple[str, ...]:
-    """Return the runs' names, with a * where a note below the table belongs to the run."""
-    names = run_names(runs)
-    return tuple(
-        f"{name}\u00a0*" if run_labels(run) else name for name, run in zip(names, runs, strict=True)
-    )
-
-
-def label_notes(runs: Sequence[SavedRun]) -> tuple[str, ...]:
-    """Return one note for each run that has labels."""
-    return tuple(
-        f"* {name}: {'; '.join(labels)}."
-        for name, labels in zip(run_names(runs), map(run_labels, runs), strict=True)
-        if labels
-    )
-
-
-def split_notes(runs: Sequence[SavedRun]) -> tuple[str, ...]:
-    """Say that a figure is over both splits of a shape set, where one is."""
-    mixed = [run for run in runs if has_both_splits(run.episodes)]
+def _split_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
+    """Say that a value is over both splits of a shape set, where one is."""
+    mixed = [one.run for one in sections if has_both_splits(one.run.episodes)]
     if not mixed:
         return ()
-    over = "Figures are over all shapes, held-out and train together"
+    over = "Values are over all shapes, held-out and train together"
     if any(run.summary.generalization for run in mixed):
         return (f"{over}; “Novel shapes” has them apart.",)
     return (f"{over}; a gap between the two needs {MIN_EPISODES} episodes of each.",)

@@ -33,3 +33,27 @@ def test_what_is_no_run_is_refused(tmp_path, content):
     if content is not None:
         (directory / "run.json").write_text(content)
     run("report", directory, directory=tmp_path).refused(6, "none")
+
+
+def test_runs_are_called_what_the_user_says(scripted, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(scripted[1], other)
+    both = (scripted[1], other)
+    done = run("report", *both, "--names", "old, new", "--output", "both", directory=tmp_path)
+    assert done.code == 0
+    page = (tmp_path / "both" / "report.html").read_text()
+    assert ">old</p>" in page
+    assert ">new</p>" in page
+    for names in ("one", "same,same", "a,"):
+        run("report", *both, "--names", names, directory=tmp_path).refused(2, "names")
+
+
+def test_table_4_is_printed_as_latex_and_figures_are_written(scripted, tmp_path):
+    copy = tmp_path / "run"
+    shutil.copytree(scripted[1], copy)
+    done = run("report", copy, "--latex", "--figures", "figures", directory=tmp_path)
+    assert done.code == 0
+    assert r"\toprule" in done.out
+    assert "\u2191" not in done.out
+    names = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert {"against-the-paper.svg", "against-the-paper.pdf", "episode-steps.pdf"} <= names

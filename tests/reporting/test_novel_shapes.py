@@ -4,7 +4,6 @@ import csv
 import io
 import json
 import re
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,13 +15,15 @@ from rich.console import Console
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.records import Estimate
+from minitouch_bench.rendering.charts import Dot
 from minitouch_bench.rendering.tables import ABSENT
-from minitouch_bench.reporting import plots
 from minitouch_bench.reporting.csv_writer import DIFFERENCE, generalization_csv
-from minitouch_bench.reporting.html import to_html
+from minitouch_bench.reporting.figures import split_figures
 from minitouch_bench.reporting.json_document import from_document, to_document, to_text
+from minitouch_bench.reporting.labels import describe_runs
 from minitouch_bench.reporting.markdown import to_markdown
 from minitouch_bench.reporting.novel_shapes import novel_shapes, verdict
+from minitouch_bench.reporting.page import to_html
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.run_directory import read_run, write_report, write_run
 from minitouch_bench.reporting.tables import table4
@@ -93,7 +94,7 @@ def test_a_run_of_one_split_has_no_file_and_no_section(tmp_path, hac):
     report = build_report([saved, hac])
     assert report.novel_shapes == ()
     assert "Novel shapes" not in to_html(report) + to_markdown(report)
-    assert "over all shapes" not in "".join(table4([saved]).notes)
+    assert "over all shapes" not in "".join(table4(describe_runs([saved])).notes)
 
 
 def test_csv_is_long_and_signed(novel):
@@ -148,7 +149,7 @@ def test_only_playing_is_better_with_more_ticks_of_touch():
 
 
 def test_the_gap_table_has_a_row_a_metric(novel):
-    table = novel_shapes([novel])[0]
+    table = novel_shapes(describe_runs([novel]))[0]
     assert [row.heads for row in table.rows][:2] == [
         ("Pushing", "Success ↑"),
         ("Pushing", "Episode steps ↓"),
@@ -161,12 +162,12 @@ def test_the_gap_table_has_a_row_a_metric(novel):
 
 def test_a_gap_of_nothing_is_plus_zero(novel):
     none = save(without_success(without_success(novel_run(), "train"), "held-out"), "none")
-    assert novel_shapes([none])[0].rows[0].cells[2].text == "+0.000"
+    assert novel_shapes(describe_runs([none]))[0].rows[0].cells[2].text == "+0.000"
 
 
 def test_several_runs_stand_side_by_side(novel, hac):
     other = save(novel_run("other", notes=("remote",)), "other")
-    gaps, families = novel_shapes([novel, other, hac])
+    gaps, families = novel_shapes(describe_runs([novel, other, hac]))
     assert [group for group, _ in gaps.groups] == ["hac-seed1", "other\u00a0*"]
     assert [row.heads for row in families.rows[:2]] == [
         ("carved", "hac-seed1"),
@@ -179,9 +180,9 @@ def test_several_runs_stand_side_by_side(novel, hac):
 
 
 def test_table4_says_that_it_is_over_both_splits(novel):
-    assert "“Novel shapes” has them apart" in "".join(table4([novel]).notes)
+    assert "“Novel shapes” has them apart" in "".join(table4(describe_runs([novel])).notes)
     few = save(with_shapes(make_run(episodes=4, exploration=False)), "few")
-    assert "needs 10 episodes of each" in "".join(table4([few]).notes)
+    assert "needs 10 episodes of each" in "".join(table4(describe_runs([few])).notes)
 
 
 def test_every_writer_has_the_section(novel):
@@ -203,18 +204,28 @@ def test_the_page_has_the_figures(novel):
     assert len(ids) == len(set(ids))
 
 
-DRAWINGS = [
-    lambda sections: plots.split_plot("pushing", "success", sections),
-    lambda sections: plots.split_plot("playing", "object_movement", sections),
-    lambda sections: plots.family_plot("pick-up", sections),
-]
+def test_both_figures_have_a_plot_per_task_and_name_their_units(novel, hac):
+    pairs, families = split_figures(build_report([novel, hac]))
+    assert [plot.caption for plot in families.plots] == ["Pushing", "Pick-up", "Playing"]
+    assert [plot.caption for plot in pairs.plots][::2] == [
+        "Pushing: success",
+        "Pick-up: success",
+        "Playing: touch share",
+    ]
+    assert pairs.plots[1].charts[0].x.label == "Episode steps, control steps"
+    assert [item.text for item in pairs.legend] == [
+        "held-out shapes",
+        "train shapes",
+        "hac-seed1 (novel)",
+        "hac-seed1 (hac-seed1)",
+    ]
 
 
-@pytest.mark.parametrize("draw", DRAWINGS)
-def test_plots_take_the_colours_of_the_page_and_repeat(draw, novel, hac):
-    sections = build_report([novel, hac]).sections
-    drawing = draw(sections)
-    ET.fromstring(drawing)
-    assert "var(--series-0)" in drawing
-    assert "#0103" not in drawing
-    assert drawing == draw(sections)
+def test_a_mark_stands_where_its_estimate_is(novel):
+    pushing = split_figures(build_report([novel]))[0].plots[0]
+    gap = next(r for r in novel.summary.generalization if r.task == "pushing").gaps["success"]
+    dots = [mark for mark in pushing.charts[0].marks if isinstance(mark, Dot)]
+    assert [(dot.x, dot.is_hollow) for dot in dots] == [
+        (gap.held_out.value, False),
+        (gap.train.value, True),
+    ]

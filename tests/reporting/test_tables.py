@@ -2,6 +2,7 @@ from dataclasses import replace
 
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.tables import ABSENT, estimate_cell
+from minitouch_bench.reporting.labels import describe_runs
 from minitouch_bench.reporting.tables import diagnostics, table4
 
 
@@ -10,7 +11,7 @@ def row(table, label):
 
 
 def test_table4_has_the_shape_of_the_paper(hac):
-    table = table4([hac])
+    table = table4(describe_runs([hac]))
     assert [head for row in table.rows for head in row.heads] == [
         "Exploration ↑",
         "Success ↑",
@@ -24,7 +25,7 @@ def test_table4_has_the_shape_of_the_paper(hac):
 
 
 def test_a_run_has_a_column_in_every_block(hac, scripted):
-    table = table4([hac, scripted])
+    table = table4(describe_runs([hac, scripted]))
     assert table.groups[0] == ("Pushing", 5)
     success = row(table, "Success").cells
     assert success[0].small.startswith("[")
@@ -35,14 +36,17 @@ def test_a_run_has_a_column_in_every_block(hac, scripted):
 
 
 def test_what_does_not_exist_is_a_dash_never_a_zero(scripted):
-    table = table4([scripted])
+    table = table4(describe_runs([scripted]))
     assert row(table, "Exploration").cells[0].text == ABSENT
     playing = [cell.text for cell in row(table, "Success").cells[4:]]
     assert playing == [ABSENT] * 4
 
 
 def test_only_tasks_that_were_run_are_shown(scripted):
-    assert [group for group, _ in table4([scripted]).groups] == ["Pushing", "Playing"]
+    assert [group for group, _ in table4(describe_runs([scripted])).groups] == [
+        "Pushing",
+        "Playing",
+    ]
 
 
 def test_figures_carry_their_interval():
@@ -52,26 +56,27 @@ def test_figures_carry_their_interval():
 
 
 def test_labels_stand_below_every_table(hac, scripted):
-    for table in (table4([hac, scripted]), diagnostics([hac, scripted])):
+    for lay_out in (table4, diagnostics):
+        table = lay_out(describe_runs([hac, scripted]))
         notes = "\n".join(table.notes)
         assert "* scripted: reads the simulator's state; unofficial: 5 of 100 episodes." in notes
         assert "* hac-seed1: 2 policy faults." in notes
 
 
 def test_table4_says_what_its_intervals_mean_and_whose_the_paper_is(hac):
-    notes = "\n".join(table4([hac]).notes)
+    notes = "\n".join(table4(describe_runs([hac])).notes)
     assert "episode variance only (one training seed)" in notes
-    assert "the paper's own figures, other episodes and object sets" in notes
+    assert "the paper's own values, other episodes and object sets" in notes
 
 
 def test_a_clean_official_run_has_no_mark(hac):
     clean = replace(hac, faults={})
-    assert table4([clean]).columns[0].label == "hac-seed1"
-    assert table4([hac]).columns[0].label == "hac-seed1\u00a0*"
+    assert table4(describe_runs([clean])).columns[0].label == "hac-seed1"
+    assert table4(describe_runs([hac])).columns[0].label == "hac-seed1\u00a0*"
 
 
 def test_diagnostics_have_a_row_a_task_and_run(hac, scripted):
-    table = diagnostics([hac, scripted])
+    table = diagnostics(describe_runs([hac, scripted]))
     heads = [row.heads for row in table.rows]
     assert len(heads) == 6
     assert heads[0] == ("Pushing", "hac-seed1\u00a0*")

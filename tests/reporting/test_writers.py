@@ -1,39 +1,17 @@
-"""Markdown, terminal and SVG: what every writer of a report owes its reader."""
+"""Markdown, terminal, figures and cards: what a report owes its reader."""
 
 import re
-import xml.etree.ElementTree as ET
 
 import pytest
 from rich.console import Console
 
-from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.markdown import escape
-from minitouch_bench.reporting import plots
-from minitouch_bench.reporting.cards import build_cards, picture_uri
+from minitouch_bench.rendering.cards import picture_uri
+from minitouch_bench.rendering.charts import Bar
+from minitouch_bench.reporting.figures import report_figures
 from minitouch_bench.reporting.markdown import to_markdown
+from minitouch_bench.reporting.page import report_cards
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.terminal import show_report
-
-
-def test_printable_keeps_one_line_of_visible_text():
-    assert printable("a\nb\tc\x1b[31m\u202ed\x00\ud800 ü ↑") == "a b c[31md ü ↑"
-
-
-@pytest.mark.parametrize(
-    ("text", "escaped"),
-    [
-        ("a|b", r"a\|b"),
-        ("[x](y)", r"\[x\](y)"),
-        ("<b>", r"\<b\>"),
-        ("0.970", "0.970"),
-        ("1. x", r"1\. x"),
-        ("- x", r"\- x"),
-        ("-1.5", "-1.5"),
-        ("snake_case", r"snake\_case"),
-    ],
-)
-def test_markdown_is_escaped(text, escaped):
-    assert escape(text) == escaped
 
 
 def test_markdown_has_tables_labels_faults_and_the_command(hac, scripted):
@@ -73,51 +51,38 @@ def test_terminal_reads_no_markup_and_prints_no_escapes(hostile):
     assert "\x1b[31m" not in captured.get()
 
 
-DRAWINGS = [
-    lambda sections: plots.estimate_plot("pushing", "success", sections),
-    lambda sections: plots.estimate_plot("playing", "touch_interaction", sections),
-    lambda sections: plots.steps_plot("pushing", sections),
-    lambda sections: plots.touch_plot("pushing", sections),
-]
-
-
-@pytest.mark.parametrize("draw", DRAWINGS)
-def test_plots_take_the_colours_of_the_page_and_repeat(draw, hac, scripted):
-    sections = build_report([hac, scripted]).sections
-    drawing = draw(sections)
-    ET.fromstring(drawing)
-    assert "var(--series-0)" in drawing or "var(--outcome-0)" in drawing
-    assert "#0103" not in drawing
-    assert "#ffffff" not in drawing
-    assert "<style" not in drawing
-    assert "<metadata" not in drawing
-    assert 'role="img"' in drawing
-    assert drawing == draw(sections)
-
-
 def test_axes_name_their_units(hac):
-    sections = build_report([hac]).sections
-    assert "Success (share of episodes)" in DRAWINGS[0](sections)
-    assert "Touch-interaction (ticks)" in DRAWINGS[1](sections)
-    assert "Episode steps (control steps)" in DRAWINGS[2](sections)
-    assert "Contact (ticks per step)" in DRAWINGS[3](sections)
+    labels = [
+        (figure.plots[0].charts[0].x.label, figure.plots[0].charts[0].y.label)
+        for figure in report_figures(build_report([hac]))
+    ]
+    assert labels == [
+        ("Success, share of episodes", ""),
+        ("Control steps", "Episodes, %"),
+        ("Control steps", "Ticks per step"),
+    ]
 
 
-@pytest.mark.parametrize("draw", [DRAWINGS[0], DRAWINGS[2], DRAWINGS[3]])
-def test_a_hostile_name_cannot_leave_its_plot(draw, hostile):
-    drawing = draw(build_report([hostile]).sections)
-    ET.fromstring(drawing)
-    assert "<script" not in drawing
+def test_the_paper_stands_beside_success_and_never_on_an_axis_of_touch(hac):
+    compared = report_figures(build_report([hac]))[0]
+    rows = {plot.caption: [t.text for t in plot.charts[0].y.ticks] for plot in compared.plots}
+    assert rows["Pushing"] == ["hac-seed1", "HaC", "RND+touch", "RND"]
+    assert rows["Playing"] == ["hac-seed1"]
 
 
-def test_a_name_in_any_script_draws_without_a_warning(hac):
-    section = build_report([hac]).sections[0]
-    renamed = type(section)("触覚 🤖 $x$", (), (), "", hac)
-    assert "触覚 🤖 $x$" in plots.estimate_plot("pushing", "success", [renamed])
+def test_every_run_has_a_panel_of_its_own(hac, scripted):
+    steps = report_figures(build_report([hac, scripted]))[1].plots[0]
+    assert [chart.title for chart in steps.charts] == ["hac-seed1", "scripted"]
+    total = [sum(m.top - m.bottom for m in c.marks if isinstance(m, Bar)) for c in steps.charts]
+    assert total == pytest.approx([100, 100])
+
+
+def test_the_report_on_one_run_has_no_legend_of_runs(hac):
+    assert report_figures(build_report([hac]))[2].legend == ()
 
 
 def test_cards_show_the_verdict_and_the_paper(hac):
-    cards = build_cards(build_report([hac]))
+    cards = report_cards(build_report([hac]))
     assert [card.title for card in cards] == ["Pushing", "Opening", "Pick-up", "Playing"]
     pushing, playing = cards[0], cards[-1]
     assert pushing.paper == "HaC in the paper: 0.733"

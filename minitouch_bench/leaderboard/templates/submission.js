@@ -49,7 +49,7 @@
         cell(row, key);
         const ended = cell(row, data.endings[ending], "words");
         const mark = document.createElement("i");
-        mark.className = `swatch ending-${ending}`;
+        mark.className = `swatch ${data.tones[ending]}`;
         ended.prepend(mark);
         cell(row, group.steps[place]);
         cell(row, group.touch[place]);

@@ -1,0 +1,268 @@
+"""Charts as data, in the units of their axes.
+
+``svg`` draws them on pages, ``figure_files`` in files of their own.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.records import Estimate
+from minitouch_bench.rendering.palette import series_tone
+
+Shape = Literal["circle", "square", "up", "down", "plus", "cross", "diamond"]
+SHAPES: tuple[Shape, ...] = ("circle", "square", "up", "down", "plus", "cross")
+"""The marks of runs, in the order they are given out."""
+
+BIN = 10
+"""Control steps in one bar of a histogram of episode steps."""
+
+FEW = 0.1
+"""Share of the episodes below which a touch curve is drawn faintly."""
+
+LONGEST_NAME = 16
+"""Characters of a name that fit beside a chart."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line through points; ``width`` in drawing units."""
+
+    points: tuple[tuple[float, float], ...]
+    tone: str
+    width: float = 1.6
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A filled rectangle."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
+    tone: str
+
+
+@dataclass(frozen=True)
+class Dot:
+    """A point; ``label`` stands behind it, ``link`` is where a click leads."""
+
+    x: float
+    y: float
+    tone: str
+    shape: Shape = "circle"
+    size: float = 8.0
+    is_hollow: bool = False
+    label: str = ""
+    link: str = ""
+    title: str = ""
+
+
+Mark = Line | Bar | Dot
+
+
+@dataclass(frozen=True)
+class Tick:
+    """A labeled value of an axis."""
+
+    at: float
+    text: str
+    tone: str = "muted"
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A linear axis. ``is_names``: its ticks name rows, which need no line and no rules."""
+
+    label: str
+    low: float
+    high: float
+    ticks: tuple[Tick, ...]
+    is_names: bool = False
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One pair of axes with marks. ``height`` of the area between them, drawing units."""
+
+    x: Axis
+    y: Axis
+    marks: tuple[Mark, ...]
+    height: float
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Charts below each other on one x axis, one caption and one description."""
+
+    caption: str
+    description: str
+    charts: tuple[Chart, ...]
+
+
+@dataclass(frozen=True)
+class LegendItem:
+    """What a color or a mark stands for."""
+
+    text: str
+    tone: str
+    shape: Shape = "square"
+    is_hollow: bool = False
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Plots under one heading; ``key`` names its file and its place on a page."""
+
+    key: str
+    title: str
+    text: str
+    plots: tuple[Plot, ...]
+    legend: tuple[LegendItem, ...] = ()
+
+
+# Axes
+
+SHARE_TICKS = tuple(Tick(share, f"{share:g}") for share in (0.0, 0.25, 0.5, 0.75, 1.0))
+
+
+def share_axis(label: str) -> Axis:
+    """Return an axis from 0 to 1."""
+    return Axis(label, 0.0, 1.0, SHARE_TICKS)
+
+
+def value_axis(label: str, highest: float, intervals: int = 4) -> Axis:
+    """Return an axis from 0 to a round number that is no smaller than ``highest``."""
+    step = _round_step(highest / intervals)
+    count = max(1, math.ceil(highest / step - 1e-9))
+    ticks = tuple(Tick(step * i, f"{step * i:.12g}") for i in range(count + 1))
+    return Axis(label, 0.0, step * count, ticks)
+
+
+def step_axis(last: int) -> Axis:
+    """Return an axis over the control steps of an episode."""
+    return Axis(
+        "Control steps", 0.0, last, tuple(Tick(step, str(step)) for step in range(0, last + 1, 50))
+    )
+
+
+def name_axis(names: Sequence[str], muted: Sequence[str] = ()) -> Axis:
+    """Return an axis that names rows from the top down: ``names`` in ink, then ``muted``."""
+    texts = [*zip(names, ["ink"] * len(names), strict=True), *((text, "muted") for text in muted)]
+    ticks = tuple(Tick(row, text, tone) for row, (text, tone) in enumerate(texts))
+    return Axis("", len(ticks) - 0.5, -0.5, ticks, is_names=True)
+
+
+def _round_step(least: float) -> float:
+    """Return the smallest of 1, 2, 2.5 or 5 times a power of ten that is no smaller."""
+    if least <= 0 or not math.isfinite(least):
+        return 1.0
+    size = 10.0 ** math.floor(math.log10(least))
+    return next(step * size for step in (1, 2, 2.5, 5, 10) if step * size >= least * (1 - 1e-9))
+
+
+# Marks
+
+
+def run_dot(index: int, x: float, row: float, *, size: float = 8.0, is_hollow: bool = False) -> Dot:
+    """Return the dot of the run at ``index``, which has a color and a shape of its own."""
+    return Dot(x, row, series_tone(index), SHAPES[index % len(SHAPES)], size, is_hollow)
+
+
+def interval_line(index: int, row: float, estimate: Estimate) -> Line:
+    """Return the line that an interval of the run at ``index`` spans in a row."""
+    return Line(((estimate.low, row), (estimate.high, row)), series_tone(index), 2.2, 0.6)
+
+
+# Charts that reports and the board share
+
+Integers = NDArray[np.integer[Any]]
+
+
+def step_histograms(panels: Mapping[str, Mapping[str, Integers]], limit: int) -> tuple[Chart, ...]:
+    """Draw what share of the episodes took how many control steps, one chart per panel.
+
+    ``panels``: by title, the steps of episodes by tone, stacked in that order.
+    """
+    longest = max([limit, *(int(s.max()) for p in panels.values() for s in p.values() if s.size)])
+    # One bar more than the limit: an episode of 200 steps gets its own, not that of 190-199.
+    edges = np.arange(0, longest + 2 * BIN, BIN)
+    shares = {title: _stacked_shares(panel, edges) for title, panel in panels.items()}
+    highest = max((float(stack.sum(axis=0).max()) for stack in shares.values()), default=0.0)
+    x, y = step_axis(int(edges[-1])), value_axis("Episodes, %", highest, intervals=3)
+    return tuple(
+        Chart(x, y, tuple(_bars(panels[title], stack, edges)), 76, title)
+        for title, stack in shares.items()
+    )
+
+
+def _stacked_shares(panel: Mapping[str, Integers], edges: Integers) -> NDArray[np.float64]:
+    """Return the percentage of all episodes by tone and bin."""
+    counts = np.array([np.histogram(steps, edges)[0] for steps in panel.values()], np.float64)
+    shares: NDArray[np.float64] = 100 * counts / max(1.0, counts.sum())
+    return shares
+
+
+def _bars(
+    panel: Mapping[str, Integers], stack: NDArray[np.float64], edges: Integers
+) -> Iterator[Bar]:
+    floor = np.zeros(len(edges) - 1)
+    for tone, shares in zip(panel, stack, strict=True):
+        for slot in np.flatnonzero(shares):
+            left, bottom = float(edges[slot]), float(floor[slot])
+            yield Bar(left + 0.6, left + BIN - 0.6, bottom, bottom + float(shares[slot]), tone)
+        floor += shares
+
+
+def touch_chart(curves: Sequence[tuple[Sequence[float], Sequence[int]]], limit: int) -> Chart:
+    """Draw the mean contact ticks at each control step, one line per run.
+
+    ``curves``: the means, and how many episodes reached each step; the line is faint where
+    less than FEW of them did.
+    """
+    highest = max((value for curve, _ in curves for value in curve), default=0.0)
+    longest = max([limit, *(len(curve) for curve, _ in curves)])
+    marks = tuple(line for i, (curve, n) in enumerate(curves) for line in _curve(i, curve, n))
+    return Chart(step_axis(longest), value_axis("Ticks per step", highest), marks, 112)
+
+
+def _curve(index: int, curve: Sequence[float], reached: Sequence[int]) -> Iterator[Line]:
+    points, tone = tuple(enumerate(curve)), series_tone(index)
+    least = FEW * reached[0] if reached else 0.0
+    certain = next((step for step, number in enumerate(reached) if number < least), len(points))
+    if points[:certain]:
+        yield Line(points[:certain], tone, 1.4)
+    if points[certain:]:
+        yield Line(points[max(0, certain - 1) :], tone, 1.1, 0.35)
+
+
+# Names
+
+
+def short_names(names: Sequence[str], longest: int = LONGEST_NAME) -> tuple[str, ...]:
+    """Shorten names to fit beside a chart; names that differ stay different.
+
+    A long name loses its end, or its middle where only the end tells it from another one.
+    """
+    for kept in (longest - 1, longest // 2 - 1, longest // 4, 0):
+        short = [_elided(name, kept, longest) for name in names]
+        if len(set(short)) == len(set(names)):
+            return tuple(short)
+    numbered = enumerate(names, start=1)
+    return tuple(f"{_elided(name, longest - 4, longest - 3)} {index}" for index, name in numbered)
+
+
+def _elided(name: str, kept: int, longest: int) -> str:
+    """Return the name with its first ``kept`` and its last characters, ``longest`` in all."""
+    if len(name) <= longest:
+        return name
+    tail = longest - 1 - kept
+    return f"{name[:kept]}…{name[len(name) - tail :] if tail else ''}"

@@ -1,0 +1,218 @@
+"""Charts as inline SVG for pages.
+
+Drawn directly: a board of a thousand submissions has ten thousand charts, and matplotlib takes
+80 ms for one. The drawings carry classes and attributes, no styles, so that a page's policy
+can forbid every style but its own, and they take the page's colors and font.
+"""
+
+import html
+import unicodedata
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from minitouch_bench.rendering.charts import Axis, Bar, Chart, Dot, Line, Plot, Shape, Tick
+
+WIDTH = 260
+"""Drawing units across a plot; a unit is about a pixel."""
+
+CHARACTER = 6.4
+"""Drawing units of an average character at the font size of 11."""
+
+PAD = 7
+"""Space around the marks, so that one at the end of an axis is drawn whole."""
+
+
+LEAST_NAMED = 0.07
+"""Share of a bar below which its count does not fit."""
+
+_A, _B = 0.36, 1.05
+_PLUS = (
+    *((-_A, -_B), (_A, -_B), (_A, -_A), (_B, -_A), (_B, _A), (_A, _A)),
+    *((_A, _B), (-_A, _B), (-_A, _A), (-_B, _A), (-_B, -_A), (-_A, -_A)),
+)
+_OUTLINES: Mapping[Shape, tuple[tuple[float, float], ...]] = {
+    "square": ((-0.88, -0.88), (0.88, -0.88), (0.88, 0.88), (-0.88, 0.88)),
+    "up": ((0, -1.1), (1, 0.85), (-1, 0.85)),
+    "down": ((0, 1.1), (1, -0.85), (-1, -0.85)),
+    "diamond": ((0, -1.15), (1.15, 0), (0, 1.15), (-1.15, 0)),
+    "plus": _PLUS,
+    "cross": tuple(((x - y) * 0.71, (x + y) * 0.71) for x, y in _PLUS),
+}
+"""Corners of the marks, for a circle of radius 1 beside them."""
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """The area between a chart's axes, in drawing units."""
+
+    chart: Chart
+    left: float
+    right: float
+    top: float
+
+    @property
+    def bottom(self) -> float:
+        return self.top + self.chart.height
+
+    @property
+    def pad(self) -> float:
+        return PAD if any(isinstance(mark, Dot) for mark in self.chart.marks) else 0.0
+
+    def x(self, value: float) -> float:
+        return _scaled(value, self.chart.x, self.left + self.pad, self.right - self.pad)
+
+    def y(self, value: float) -> float:
+        return _scaled(value, self.chart.y, self.bottom - self.pad, self.top + self.pad)
+
+
+def draw_plot(plot: Plot, width: int = WIDTH, kind: str = "") -> Markup:
+    """Draw a plot; ``kind`` is one more class of the drawing."""
+    left = max(_left_margin(chart.y) for chart in plot.charts)
+    parts: list[str] = []
+    top = 4.0
+    for chart in plot.charts:
+        if chart.title:
+            parts.append(_text(0, top + 10, chart.title, "title ink"))
+            top += 18
+        frame = _Frame(chart, left, width - _right_margin(chart), top)
+        is_last = chart is plot.charts[-1]
+        parts += _grid(frame, is_last)
+        parts += [part for mark in chart.marks for part in _mark(frame, mark)]
+        top = frame.bottom + (18 if is_last else 10)
+    if label := plot.charts[-1].x.label:
+        middle = (frame.left + frame.right) / 2
+        parts.append(_text(middle, top + 13, label, "middle"))
+        top += 18
+    return Markup(
+        f'<svg class="drawing{" " + kind if kind else ""}" viewBox="0 0 {width} {_n(top)}" '
+        f'role="img" aria-label="{_escape(plot.description)}">{"".join(parts)}</svg>'
+    )
+
+
+def draw_share_bar(parts: Sequence[tuple[str, str, int]], description: str) -> Markup:
+    """Draw counts as parts of one bar that is as wide as its place; ``parts``: tone, name, count.
+
+    Lengths are in percent, so that the text keeps its size on every screen.
+    """
+    total = max(1, sum(count for _, _, count in parts))
+    drawn, x = [], 0.0
+    for tone, name, count in parts:
+        share = 100 * count / total
+        if count:
+            said = _escape(f"{name}: {count} of {total}")
+            drawn.append(
+                f'<rect class="area {tone}" x="{_n(x)}%" width="{_n(max(share - 0.25, 0.1))}%" '
+                f'height="16" rx="2"><title>{said}</title></rect>'
+            )
+            if share >= 100 * LEAST_NAMED:
+                drawn.append(f'<text x="{_n(x)}%" dx="1" y="27">{count}</text>')
+        x += share
+    return Markup(
+        f'<svg class="drawing bar" role="img" aria-label="{_escape(description)}">'
+        f"{''.join(drawn)}</svg>"
+    )
+
+
+def _grid(frame: _Frame, names_x: bool) -> Iterator[str]:
+    """Draw rules, axis and numbers; ``names_x``: the x axis has its numbers here."""
+    chart = frame.chart
+    for tick in chart.y.ticks:
+        at = frame.y(tick.at)
+        if not chart.y.is_names:
+            kind = "axis" if tick.at == chart.y.low else "rule"
+            yield _path(kind, f"M{_n(frame.left)} {_n(at)}H{_n(frame.right)}")
+        yield _text(frame.left - 6, at + 4, tick.text, f"end {tick.tone}")
+    if chart.y.is_names:
+        for tick in chart.x.ticks:
+            yield _path("rule", f"M{_n(frame.x(tick.at))} {_n(frame.top)}V{_n(frame.bottom)}")
+    if names_x:
+        for tick in chart.x.ticks:
+            yield _text(frame.x(tick.at), frame.bottom + 15, tick.text, "middle")
+    if chart.y.label:
+        middle = (frame.top + frame.bottom) / 2
+        yield (
+            f'<text class="middle" transform="translate(10 {_n(middle)}) rotate(-90)">'
+            f"{_escape(chart.y.label)}</text>"
+        )
+
+
+def _mark(frame: _Frame, mark: Line | Bar | Dot) -> Iterator[str]:
+    match mark:
+        case Line():
+            points = " ".join(f"{_n(frame.x(x))},{_n(frame.y(y))}" for x, y in mark.points)
+            faint = "" if mark.opacity == 1 else f' opacity="{mark.opacity:g}"'
+            yield (
+                f'<polyline class="line {mark.tone}" stroke-width="{mark.width:g}"{faint} '
+                f'points="{points}"/>'
+            )
+        case Bar():
+            left, top = frame.x(mark.left), frame.y(mark.top)
+            yield (
+                f'<rect class="area {mark.tone}" x="{_n(left)}" y="{_n(top)}" '
+                f'width="{_n(frame.x(mark.right) - left)}" '
+                f'height="{_n(frame.y(mark.bottom) - top)}"/>'
+            )
+        case Dot():
+            yield from _dot(frame, mark)
+
+
+def _dot(frame: _Frame, dot: Dot) -> Iterator[str]:
+    x, y = frame.x(dot.x), frame.y(dot.y)
+    kind = f"dot {'hollow ' if dot.is_hollow else ''}{dot.tone}"
+    drawn = _path(kind, _outline(dot.shape, x, y, dot.size / 2))
+    if dot.label:
+        drawn += _text(x + dot.size, y + 4, dot.label, "ink")
+    if dot.title:
+        drawn = f"<g><title>{_escape(dot.title)}</title>{drawn}</g>"
+    yield f'<a href="{_escape(dot.link)}">{drawn}</a>' if dot.link else drawn
+
+
+def _outline(shape: Shape, x: float, y: float, r: float) -> str:
+    """Return the path of a mark with about the size of a circle of radius ``r``."""
+    if shape == "circle":
+        half = f"a{_n(r)} {_n(r)} 0 1 0"
+        return f"M{_n(x - r)} {_n(y)}{half} {_n(2 * r)} 0{half} {_n(-2 * r)} 0Z"
+    corners = (f"{_n(x + r * dx)} {_n(y + r * dy)}" for dx, dy in _OUTLINES[shape])
+    return f"M{'L'.join(corners)}Z"
+
+
+def _left_margin(axis: Axis) -> float:
+    widest = max((text_width(tick.text) for tick in axis.ticks), default=0.0)
+    return widest + 8 + (14 if axis.label else 0)
+
+
+def _right_margin(chart: Chart) -> float:
+    """Leave room for half of the last number, and for the labels behind the dots."""
+    last: Tick | None = max(chart.x.ticks, key=lambda tick: tick.at, default=None)
+    room = text_width(last.text) / 2 - PAD if last else 0.0
+    labels = (text_width(mark.label) for mark in chart.marks if isinstance(mark, Dot))
+    return max(2.0, room, *labels)
+
+
+def text_width(text: str) -> float:
+    """Estimate the width of a text in drawing units."""
+    wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
+    return CHARACTER * (len(text) + wide)
+
+
+def _scaled(value: float, axis: Axis, start: float, end: float) -> float:
+    return start + (value - axis.low) / (axis.high - axis.low) * (end - start)
+
+
+def _path(kind: str, path: str) -> str:
+    return f'<path class="{kind}" d="{path}"/>'
+
+
+def _text(x: float, y: float, text: str, kind: str) -> str:
+    return f'<text class="{kind}" x="{_n(x)}" y="{_n(y)}">{_escape(text)}</text>'
+
+
+def _escape(text: str) -> str:
+    return html.escape(text)
+
+
+def _n(value: float) -> str:
+    """Write a coordinate short."""
+    return f"{value:.1f}".removesuffix(".0")

@@ -1,0 +1,237 @@
+"""The figures of a report as data; a page and files draw the same ones."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric, unit_of
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
+from minitouch_bench.records import Estimate, Outcome
+from minitouch_bench.rendering.charts import (
+    Axis,
+    Chart,
+    Dot,
+    Figure,
+    LegendItem,
+    Line,
+    Mark,
+    Plot,
+    interval_line,
+    name_axis,
+    run_dot,
+    share_axis,
+    short_names,
+    step_histograms,
+    touch_chart,
+    value_axis,
+)
+from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.rendering.palette import series_tone
+from minitouch_bench.reporting.labels import RunSection, task_title
+from minitouch_bench.reporting.novel_shapes import find_generalization
+from minitouch_bench.reporting.paper import PAPER_METHODS, paper_value
+from minitouch_bench.reporting.report import Report
+from minitouch_bench.reporting.tables import OUTCOME_TITLES, find_estimate, task_summary
+
+ROW = 23.0
+"""Height of a row of dots, drawing units."""
+
+SPLIT_OFFSET = 0.17
+"""Half the distance between the held-out and the train mark of a row, rows."""
+
+FAMILY_HEIGHT = 0.7
+"""Share of a family's row that its runs take."""
+
+OUTCOME_TONES = {
+    Outcome.SUCCESS: "success",
+    Outcome.LEFT_WORKSPACE: "left",
+    Outcome.STEP_LIMIT: "limit",
+    Outcome.POLICY_FAULT: "fault",
+}
+
+
+def report_figures(report: Report) -> tuple[Figure, ...]:
+    """Return the figures that every report has, of the tasks that have them."""
+    sections, runs = report.sections, _run_legend(report.sections)
+    goals = [task for task in report.tasks if task in GOAL_TASKS]
+    found = (
+        Figure(
+            "against-the-paper",
+            "Against the paper",
+            "Filled: this report, with its 95 % interval. Hollow: the paper's own values, from "
+            "other episodes and object sets.",
+            tuple(_estimate_plot(task, sections) for task in report.tasks),
+        ),
+        Figure(
+            "episode-steps",
+            "How long episodes last",
+            "Share of a run's episodes by number of control steps, and by how they ended.",
+            # Playing always lasts until the step limit.
+            tuple(_steps_plot(task, sections) for task in goals),
+            tuple(LegendItem(OUTCOME_TITLES[one], tone) for one, tone in OUTCOME_TONES.items()),
+        ),
+        Figure(
+            "touch-over-time",
+            "Touch over time",
+            "Mean ticks in contact at each control step, over the episodes that reached it; "
+            "faint where fewer than a tenth of the episodes are left.",
+            tuple(_touch_plot(task, sections) for task in report.tasks),
+            runs,
+        ),
+    )
+    return tuple(figure for figure in found if figure.plots)
+
+
+def split_figures(report: Report) -> tuple[Figure, ...]:
+    """Return held-out beside train shapes, as in the paper's Figure 11, and the families."""
+    sections = report.sections
+    compared = {result.task for one in sections for result in one.run.summary.generalization}
+    tasks = [task for task in report.tasks if task in compared]
+    if not tasks:
+        return ()
+    legend = (
+        LegendItem("held-out shapes", "muted", "circle"),
+        LegendItem("train shapes", "muted", "circle", is_hollow=True),
+        *_run_legend(sections),
+    )
+    return (
+        Figure(
+            "held-out-beside-train",
+            "Held-out beside train shapes",
+            "Each with its 95 % interval, in the manner of the paper's Figure 11.",
+            tuple(_split_plot(task, metric, sections) for task in tasks for metric in _pair(task)),
+            legend,
+        ),
+        Figure(
+            "families",
+            "Families of shapes",
+            "Success, in Playing touch share, by family. A ring around a dot: no difference.",
+            tuple(_family_plot(task, sections) for task in tasks),
+            legend,
+        ),
+    )
+
+
+def _pair(task: str) -> tuple[str, str]:
+    """Return the two metrics that the paper's Figure 11 and its text compare."""
+    return (ranking_metric(task), "episode_steps" if task in GOAL_TASKS else "object_movement")
+
+
+def _run_legend(sections: Sequence[RunSection]) -> tuple[LegendItem, ...]:
+    """Name the runs by their colors, where there are several."""
+    if len(sections) == 1:
+        return ()
+    return tuple(LegendItem(one.name, series_tone(index)) for index, one in enumerate(sections))
+
+
+def _estimate_plot(task: str, sections: Sequence[RunSection]) -> Plot:
+    """Draw an estimate of each run with its interval, and the paper's values below."""
+    metric = ranking_metric(task)
+    printed = [(method, paper_value(task, metric, method)) for method in PAPER_METHODS]
+    paper = [(method, v.number) for method, v in printed if v and v.number is not None]
+    found = [find_estimate(section.run, task, metric) for section in sections]
+    marks: list[Mark] = []
+    for row, estimate in enumerate(found):
+        if estimate is not None:
+            marks += [interval_line(row, row, estimate), run_dot(row, estimate.value, row)]
+    for row, (_, value) in enumerate(paper, start=len(sections)):
+        marks.append(Dot(value, row, "muted", "diamond", 7, is_hollow=True))
+    highest = [e.high for e in found if e] + [value for _, value in paper]
+    rows = name_axis(_names(sections), [method for method, _ in paper])
+    chart = Chart(_metric_axis(task, metric, highest), rows, tuple(marks), ROW * len(rows.ticks))
+    what = f"{task_title(task)}: {METRICS[metric].label} with 95 % intervals"
+    return Plot(task_title(task), what, (chart,))
+
+
+def _steps_plot(task: str, sections: Sequence[RunSection]) -> Plot:
+    """Draw what share of the episodes took how many control steps, by how they ended."""
+    panels = {}
+    for name, section in zip(_names(sections), sections, strict=True):
+        own = [episode for episode in section.run.episodes if episode.task == task]
+        panels[name if len(sections) > 1 else ""] = {
+            tone: np.array([e.steps for e in own if e.outcome is outcome], np.int64)
+            for outcome, tone in OUTCOME_TONES.items()
+        }
+    what = f"{task_title(task)}: distribution of episode steps by outcome"
+    return Plot(task_title(task), what, step_histograms(panels, PROTOCOL.task(task).max_steps))
+
+
+def _touch_plot(task: str, sections: Sequence[RunSection]) -> Plot:
+    """Draw the mean contact ticks at each control step, the runs overlaid."""
+    found = [task_summary(section.run, task) for section in sections]
+    curves = [(one.touch_curve, one.touch_curve_episodes) if one else ((), ()) for one in found]
+    what = f"{task_title(task)}: mean contact ticks at each control step"
+    return Plot(task_title(task), what, (touch_chart(curves, PROTOCOL.task(task).max_steps),))
+
+
+def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> Plot:
+    """Draw a metric on held-out shapes (filled) above train shapes (hollow), a row per run."""
+    marks: list[Mark] = []
+    highest = [0.0]
+    for row, section in enumerate(sections):
+        result = find_generalization(section.run, task)
+        gap = result.gaps.get(metric) if result else None
+        if gap is not None:
+            for estimate, offset in ((gap.held_out, -SPLIT_OFFSET), (gap.train, SPLIT_OFFSET)):
+                marks += [
+                    interval_line(row, row + offset, estimate),
+                    run_dot(row, estimate.value, row + offset, size=7, is_hollow=offset > 0),
+                ]
+                highest.append(estimate.high)
+    rows, x = name_axis(_names(sections)), _metric_axis(task, metric, highest)
+    label = METRICS[metric].label
+    return Plot(
+        f"{task_title(task)}: {label.lower()}",
+        f"{task_title(task)}: {label} on each split",
+        (Chart(x, rows, tuple(marks), 1.4 * ROW * len(sections)),),
+    )
+
+
+def _family_plot(task: str, sections: Sequence[RunSection]) -> Plot:
+    """Draw each family's value on held-out (filled) and train shapes (hollow)."""
+    results = [find_generalization(section.run, task) for section in sections]
+    found = [result for result in results if result is not None]
+    families = sorted({family for result in found for family in result.families})
+    # The runs of a family stand close together, so that the families stay apart.
+    offsets = (np.arange(len(sections)) - (len(sections) - 1) / 2) * FAMILY_HEIGHT / len(sections)
+    marks: list[Mark] = []
+    highest = [0.0]
+    for index, result in enumerate(results):
+        for line, family in enumerate(families):
+            both = result.families.get(family) if result else None
+            if both is not None:
+                row = line + float(offsets[index])
+                marks += _family_marks(index, row, both.held_out, both.train)
+                highest += [one.value for one in (both.held_out, both.train) if one]
+    rows = name_axis(short_names([printable(family) for family in families]))
+    x = _metric_axis(task, found[0].family_metric, highest)
+    height = (8 + 12 * len(sections)) * len(families)
+    what = f"{task_title(task)}: each family on each split"
+    return Plot(task_title(task), what, (Chart(x, rows, tuple(marks), height),))
+
+
+def _family_marks(
+    index: int, row: float, held_out: Estimate | None, train: Estimate | None
+) -> Iterator[Mark]:
+    """Mark a family's two values, joined by a line; a ring around a dot means equal."""
+    if held_out is not None and train is not None:
+        points = ((held_out.value, row), (train.value, row))
+        yield Line(points, series_tone(index), 1.2, 0.4)
+    if train is not None:
+        yield run_dot(index, train.value, row, size=9, is_hollow=True)
+    if held_out is not None:
+        yield run_dot(index, held_out.value, row, size=5)
+
+
+def _names(sections: Sequence[RunSection]) -> tuple[str, ...]:
+    return short_names([section.name for section in sections])
+
+
+def _metric_axis(task: str, metric: str, values: Sequence[float]) -> Axis:
+    """Name the axis of a metric and start it at 0; a share runs to 1."""
+    label = f"{METRICS[metric].label}, {unit_of(metric, task)}"
+    return (
+        share_axis(label)
+        if METRICS[metric].is_share
+        else value_axis(label, max(values, default=0.0))
+    )

@@ -1,0 +1,1 @@
+from tests.reporting.conftest import hac, hostile, novel, scripted  # noqa: F401

@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+
+from minitouch_bench.rendering.charts import (
+    Bar,
+    Line,
+    name_axis,
+    share_axis,
+    short_names,
+    step_histograms,
+    touch_chart,
+    value_axis,
+)
+
+
+def test_checkpoints_of_one_training_keep_distinct_names():
+    names = [f"hac-paper-seed3-step-{steps}" for steps in (100_000, 200_000, 300_000)]
+    short = short_names(names)
+    assert len(set(short)) == 3
+    assert all(len(name) <= 16 for name in short)
+    assert short[0].endswith("100000")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("a", "b"),
+        ("short", "a name that is much too long for a plot"),
+        ("x" * 40 + "one" + "y" * 40, "x" * 40 + "two" + "y" * 40),
+        tuple(f"{'x' * 30}{index}{'y' * 30}" for index in range(12)),
+    ],
+)
+def test_names_that_differ_stay_different_and_fit(names):
+    short = short_names(names)
+    assert len(set(short)) == len(names)
+    assert all(len(name) <= 16 for name in short)
+
+
+def test_a_name_that_fits_is_left_alone():
+    assert short_names(["hac-seed1", "scripted"]) == ("hac-seed1", "scripted")
+
+
+@pytest.mark.parametrize(
+    ("highest", "end", "step"),
+    [(0, 1, 1), (97, 100, 25), (1663.4, 2000, 500), (0.0007, 0.0008, 0.0002), (4, 4, 1)],
+)
+def test_an_axis_ends_at_a_round_number(highest, end, step):
+    axis = value_axis("x", highest)
+    assert (axis.low, axis.high) == pytest.approx((0, end))
+    assert axis.ticks[1].at == pytest.approx(step)
+    assert axis.ticks[-1].at == axis.high
+
+
+def test_shares_run_from_0_to_1_and_rows_from_the_top():
+    assert (share_axis("x").low, share_axis("x").high) == (0, 1)
+    rows = name_axis(["a", "b"], ["paper"])
+    assert rows.low > rows.high
+    assert [(tick.text, tick.tone) for tick in rows.ticks] == [
+        ("a", "ink"),
+        ("b", "ink"),
+        ("paper", "muted"),
+    ]
+
+
+def test_histograms_stack_to_100_percent_on_one_axis():
+    panels = {
+        "a": {"success": np.array([3, 3, 12]), "limit": np.array([200])},
+        "b": {"success": np.array([], int), "limit": np.array([200, 200])},
+    }
+    first, second = step_histograms(panels, 200)
+    assert first.y == second.y
+    assert first.y.high == 120 or first.y.high >= 100
+    bars = [mark for mark in first.marks if isinstance(mark, Bar)]
+    assert sum(bar.top - bar.bottom for bar in bars) == pytest.approx(100)
+    assert [bar.tone for bar in bars] == ["success", "success", "limit"]
+    # An episode at the limit has a bar of its own behind 190-199.
+    assert bars[-1].left > 200
+
+
+def test_no_episodes_give_no_bars():
+    (chart,) = step_histograms({"": {"success": np.array([], int)}}, 200)
+    assert chart.marks == ()
+
+
+def test_a_touch_curve_is_faint_where_few_episodes_are_left():
+    certain, faint = touch_chart([((1.0, 2.0, 3.0, 4.0), (100, 50, 9, 1))], 200).marks
+    assert isinstance(certain, Line)
+    assert certain.points == ((0, 1.0), (1, 2.0))
+    assert faint.points[0] == certain.points[-1]
+    assert faint.opacity < certain.opacity
+
+
+def test_a_curve_without_counts_is_drawn_whole():
+    (line,) = touch_chart([((1.0, 2.0), ())], 200).marks
+    assert line.points == ((0, 1.0), (1, 2.0))

@@ -1,0 +1,33 @@
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from minitouch_bench.reporting.report import build_report, table4_latex
+
+PDFLATEX = shutil.which("pdflatex")
+PAGE = r"\documentclass{article}\usepackage{booktabs,graphicx}\begin{document}%s\end{document}"
+
+
+def test_table_4_has_the_paper_s_shape(hac, scripted):
+    source = table4_latex(build_report([hac, scripted]))
+    assert r"\multicolumn{5}{c}{Pushing}" in source
+    assert r"\cmidrule(lr){2-6}\cmidrule(lr){7-11}" in source
+    assert r"Success $\uparrow$ & " in source
+    assert source.count(r"\textit{RND+touch}") == 4
+    assert r"\scriptsize share of episodes" in source
+    lines = [line for line in source.splitlines() if line.endswith(r"\\{}")]
+    cells = {len(re.split(r"(?<!\\)&", line)) for line in lines[1:]}
+    assert cells == {21}
+
+
+@pytest.mark.skipif(PDFLATEX is None, reason="needs pdflatex: apt-get install texlive-latex-base")
+def test_latex_takes_it_with_hostile_names(tmp_path, hac, hostile):
+    runs = [hac, hostile]
+    digests = {run.header.protocol_digest for run in runs}
+    assert len(digests) == 1
+    (tmp_path / "page.tex").write_text(PAGE % table4_latex(build_report(runs)))
+    command = [str(PDFLATEX), "-halt-on-error", "-no-shell-escape", "page.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:]

@@ -1,0 +1,85 @@
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import pytest
+
+from minitouch_bench.rendering.charts import (
+    Bar,
+    Chart,
+    Dot,
+    Line,
+    Plot,
+    name_axis,
+    share_axis,
+    value_axis,
+)
+from minitouch_bench.rendering.svg import WIDTH, draw_plot, draw_share_bar, text_width
+
+HOSTILE = '</svg><script>alert(1)</script> & "x" 触覚 🤖'
+
+
+def rows_plot(name="a", x=0.5):
+    marks = (Line(((0.2, 0), (0.9, 0)), "series-0"), Dot(x, 0, "series-0"))
+    return Plot("Pushing", "success", (Chart(share_axis("Success"), name_axis([name]), marks, 30),))
+
+
+def test_a_drawing_is_well_formed_and_holds_no_style():
+    drawing = draw_plot(rows_plot())
+    root = ET.fromstring(drawing)
+    assert root.get("role") == "img"
+    assert root.get("aria-label") == "success"
+    assert not [element for element in root.iter() if element.get("style")]
+    assert "series-0" in drawing
+    assert drawing == draw_plot(rows_plot())
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_a_mark_at_the_end_of_an_axis_is_drawn_whole(value):
+    drawing = draw_plot(rows_plot(x=value))
+    box = float(re.search(r'viewBox="0 0 (\d+)', drawing)[1])
+    left, size = map(
+        float, re.search(r'class="dot series-0" d="M([\d.]+) \S+?a([\d.]+)', drawing).groups()
+    )
+    assert left > text_width("a")
+    assert left + 2 * size < box == WIDTH
+
+
+def test_a_hostile_name_is_only_text():
+    plot = rows_plot(HOSTILE)
+    marks = (*plot.charts[0].marks, Dot(0, 0, "muted", label=HOSTILE, title=HOSTILE, link='"x'))
+    plot = replace(plot, description=HOSTILE, charts=(replace(plot.charts[0], marks=marks),))
+    drawing = draw_plot(plot)
+    root = ET.fromstring(drawing)
+    assert "<script" not in drawing
+    assert HOSTILE in [element.text for element in root.iter()]
+
+
+@pytest.mark.parametrize("shape", ["circle", "square", "up", "down", "plus", "cross", "diamond"])
+def test_every_shape_is_about_as_large(shape):
+    chart = Chart(value_axis("x", 4), value_axis("y", 4), (Dot(2, 2, "ink", shape, 8),), 80)
+    path = re.search(r'class="dot ink" d="([^"]+)"', draw_plot(Plot("", "", (chart,))))[1]
+    if shape == "circle":
+        assert "a4 4" in path
+        return
+    xs = [float(pair.split()[0]) for pair in re.findall(r"[\d.]+ [\d.]+", path)]
+    assert 6 <= max(xs) - min(xs) <= 10
+
+
+def test_bars_rest_on_the_axis_and_charts_below_each_other_share_one():
+    bars = (Bar(0, 1, 0, 2, "success"), Bar(0, 1, 2, 4, "limit"))
+    chart = Chart(value_axis("x", 4), value_axis("y", 4), bars, 80, "one")
+    drawing = draw_plot(Plot("", "", (chart, replace(chart, title="two"))))
+    rects = [e.attrib for e in ET.fromstring(drawing).iter() if e.tag.endswith("rect")]
+    assert [float(rect["height"]) for rect in rects] == [40, 40, 40, 40]
+    assert float(rects[1]["y"]) + 40 == float(rects[0]["y"])
+    assert drawing.count(">x</text>") == 1
+
+
+def test_a_share_bar_is_as_wide_as_its_place():
+    drawing = draw_share_bar([("success", "won", 3), ("limit", "lost", 1)], "Pushing")
+    root = ET.fromstring(drawing)
+    assert root.get("viewBox") is None
+    widths = [float(e.get("width").rstrip("%")) for e in root.iter() if e.tag.endswith("rect")]
+    assert widths == pytest.approx([75, 25], abs=0.5)
+    assert "won: 3 of 4" in drawing
