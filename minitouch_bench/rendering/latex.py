@@ -1,4 +1,4 @@
-r"""Tables in LaTeX, in the style of the packages booktabs and graphicx."""
+"""Tables in LaTeX, in the style of the package booktabs."""
 
 from collections.abc import Iterable, Sequence
 
@@ -6,6 +6,8 @@ from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.tables import Column, Row, Table
 
 PREAMBLE = r"% \usepackage{booktabs,graphicx}"
+SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
+"""Makes what follows as narrow as the page, where it is wider."""
 
 _ESCAPES = str.maketrans(
     {
@@ -28,48 +30,46 @@ def escape(text: str) -> str:
 
 
 def table_source(table: Table, caption: str) -> str:
-    """Write a table as a float across the page; intervals and units stand in a line below."""
-    head = len(table.corner)
+    """Write a table as a float, its blocks below each other so that it fits a page.
+
+    The blocks must have the same columns. Intervals and units stand in a line of small print.
+    """
+    blocks = [table.block(group) for group, _ in table.groups]
+    columns = blocks[0].columns
+    width = len(table.corner) + len(columns)
     lines = [
         PREAMBLE,
-        r"\begin{table*}",
-        r"  \centering",
+        r"\begin{table}",
+        r"  \centering\small\setlength{\tabcolsep}{4pt}",
         rf"  \caption{{{escape(caption)}}}",
-        r"  \resizebox{\textwidth}{!}{%",
-        rf"  \begin{{tabular}}{{{'l' * head}{''.join(map(_alignment, table.columns))}}}",
+        f"  {SHRINK}",
+        rf"  \begin{{tabular}}{{{'l' * len(table.corner)}{'r' * len(columns)}}}",
         r"    \toprule",
-        *_group_lines(table, head),
-        _line([*map(escape, table.corner), *(_heading(column) for column in table.columns)]),
-        r"    \midrule",
-        *(line for row in table.rows for line in _row_lines(row)),
+        _line([*map(escape, table.corner), *map(_heading, columns)]),
+        _line(_small([*[""] * len(table.corner), *map(_remark, columns)])),
+        *(line for block in blocks for line in _block_lines(block, width)),
         r"    \bottomrule",
         r"  \end{tabular}}",
-        *(rf"  \par\footnotesize {escape(note)}" for note in table.notes),
-        r"\end{table*}",
+        *(rf"  \par\parbox{{\linewidth}}{{\footnotesize {escape(one)}}}" for one in table.notes),
+        r"\end{table}",
     ]
     return "\n".join(lines) + "\n"
 
 
-def _alignment(column: Column) -> str:
-    return "l" if column.is_text else "r"
-
-
-def _group_lines(table: Table, head: int) -> Iterable[str]:
-    """Write the names of the blocks of columns, each with a rule below it."""
-    if not any(name for name, _ in table.groups):
-        return
-    cells, rules, first = [""] * head, [], head + 1
-    for name, span in table.groups:
-        cells.append(rf"\multicolumn{{{span}}}{{c}}{{{escape(name)}}}")
-        rules.append(rf"\cmidrule(lr){{{first}-{first + span - 1}}}")
-        first += span
-    yield _line(cells)
-    yield f"    {''.join(rules)}"
+def _block_lines(block: Table, width: int) -> Iterable[str]:
+    yield r"    \midrule"
+    if block.title:
+        yield rf"    \multicolumn{{{width}}}{{l}}{{\textbf{{{escape(block.title)}}}}} \\"
+    for row in block.rows:
+        yield from _row_lines(row)
 
 
 def _heading(column: Column) -> str:
-    label = f"{column.label} ({column.unit})" if column.unit else column.label
-    return rf"\textit{{{escape(label)}}}" if column.is_paper else escape(label)
+    return rf"\textit{{{escape(column.label)}}}" if column.is_paper else escape(column.label)
+
+
+def _remark(column: Column) -> str:
+    return "paper" if column.is_paper else column.unit
 
 
 def _row_lines(row: Row) -> Iterable[str]:
@@ -77,9 +77,14 @@ def _row_lines(row: Row) -> Iterable[str]:
     yield _line([*map(escape, row.heads), *(escape(cell.text) for cell in row.cells)])
     small = [*[""] * (len(row.heads) - 1), row.unit, *(cell.small for cell in row.cells)]
     if any(small):
-        yield _line([rf"\scriptsize {escape(text)}" if text else "" for text in small])
+        yield _line(_small(small))
+
+
+def _small(texts: Sequence[str]) -> list[str]:
+    return [rf"\scriptsize {escape(text)}" if text else "" for text in texts]
 
 
 def _line(cells: Sequence[str]) -> str:
+    line = " & ".join(cells)
     # A bracket at the start of a line would be read as an option of the \\ before it.
-    return f"    {' & '.join(cells)} \\\\{{}}"
+    return f"    {'{}' if line.startswith('[') else ''}{line} \\\\"

@@ -6,23 +6,12 @@ can forbid every style but its own, and they take the page's colors and font.
 """
 
 import html
-import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from minitouch_bench.rendering.charts import Axis, Bar, Chart, Dot, Line, Plot, Shape, Tick
-
-WIDTH = 260
-"""Drawing units across a plot; a unit is about a pixel."""
-
-CHARACTER = 6.4
-"""Drawing units of an average character at the font size of 11."""
-
-PAD = 7
-"""Space around the marks, so that one at the end of an axis is drawn whole."""
-
+from minitouch_bench.rendering.charts import Bar, Dot, Line, Mark, Plot, Shape
+from minitouch_bench.rendering.layout import WIDTH, Frame, lay_out
 
 LEAST_NAMED = 0.07
 """Share of a bar below which its count does not fit."""
@@ -43,50 +32,21 @@ _OUTLINES: Mapping[Shape, tuple[tuple[float, float], ...]] = {
 """Corners of the marks, for a circle of radius 1 beside them."""
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """The area between a chart's axes, in drawing units."""
-
-    chart: Chart
-    left: float
-    right: float
-    top: float
-
-    @property
-    def bottom(self) -> float:
-        return self.top + self.chart.height
-
-    @property
-    def pad(self) -> float:
-        return PAD if any(isinstance(mark, Dot) for mark in self.chart.marks) else 0.0
-
-    def x(self, value: float) -> float:
-        return _scaled(value, self.chart.x, self.left + self.pad, self.right - self.pad)
-
-    def y(self, value: float) -> float:
-        return _scaled(value, self.chart.y, self.bottom - self.pad, self.top + self.pad)
-
-
 def draw_plot(plot: Plot, width: int = WIDTH, kind: str = "") -> Markup:
     """Draw a plot; ``kind`` is one more class of the drawing."""
-    left = max(_left_margin(chart.y) for chart in plot.charts)
+    layout = lay_out(plot, width)
     parts: list[str] = []
-    top = 4.0
-    for chart in plot.charts:
-        if chart.title:
-            parts.append(_text(0, top + 10, chart.title, "title ink"))
-            top += 18
-        frame = _Frame(chart, left, width - _right_margin(chart), top)
-        is_last = chart is plot.charts[-1]
-        parts += _grid(frame, is_last)
-        parts += [part for mark in chart.marks for part in _mark(frame, mark)]
-        top = frame.bottom + (18 if is_last else 10)
-    if label := plot.charts[-1].x.label:
-        middle = (frame.left + frame.right) / 2
-        parts.append(_text(middle, top + 13, label, "middle"))
-        top += 18
+    last = layout.frames[-1]
+    for frame in layout.frames:
+        if frame.chart.title:
+            parts.append(_text(0, frame.top - 8, frame.chart.title, "ink"))
+        parts += _grid(frame)
+        parts += [part for mark in frame.chart.marks for part in _mark(frame, mark)]
+    if label := last.chart.x.label:
+        parts.append(_text(layout.label, last.bottom + 31, label, "middle"))
     return Markup(
-        f'<svg class="drawing{" " + kind if kind else ""}" viewBox="0 0 {width} {_n(top)}" '
+        f'<svg class="drawing{" " + kind if kind else ""}" '
+        f'viewBox="0 0 {width} {_n(layout.height)}" '
         f'role="img" aria-label="{_escape(plot.description)}">{"".join(parts)}</svg>'
     )
 
@@ -115,8 +75,8 @@ def draw_share_bar(parts: Sequence[tuple[str, str, int]], description: str) -> M
     )
 
 
-def _grid(frame: _Frame, names_x: bool) -> Iterator[str]:
-    """Draw rules, axis and numbers; ``names_x``: the x axis has its numbers here."""
+def _grid(frame: Frame) -> Iterator[str]:
+    """Draw rules, axes, numbers, and the label of the y axis."""
     chart = frame.chart
     for tick in chart.y.ticks:
         at = frame.y(tick.at)
@@ -124,21 +84,20 @@ def _grid(frame: _Frame, names_x: bool) -> Iterator[str]:
             kind = "axis" if tick.at == chart.y.low else "rule"
             yield _path(kind, f"M{_n(frame.left)} {_n(at)}H{_n(frame.right)}")
         yield _text(frame.left - 6, at + 4, tick.text, f"end {tick.tone}")
-    if chart.y.is_names:
-        for tick in chart.x.ticks:
+    for tick in chart.x.ticks:
+        if chart.y.is_names:
             yield _path("rule", f"M{_n(frame.x(tick.at))} {_n(frame.top)}V{_n(frame.bottom)}")
-    if names_x:
-        for tick in chart.x.ticks:
+        if frame.is_last:
             yield _text(frame.x(tick.at), frame.bottom + 15, tick.text, "middle")
     if chart.y.label:
-        middle = (frame.top + frame.bottom) / 2
+        height = (frame.top + frame.bottom) / 2
         yield (
-            f'<text class="middle" transform="translate(10 {_n(middle)}) rotate(-90)">'
+            f'<text class="middle" transform="translate(10 {_n(height)}) rotate(-90)">'
             f"{_escape(chart.y.label)}</text>"
         )
 
 
-def _mark(frame: _Frame, mark: Line | Bar | Dot) -> Iterator[str]:
+def _mark(frame: Frame, mark: Mark) -> Iterator[str]:
     match mark:
         case Line():
             points = " ".join(f"{_n(frame.x(x))},{_n(frame.y(y))}" for x, y in mark.points)
@@ -158,7 +117,7 @@ def _mark(frame: _Frame, mark: Line | Bar | Dot) -> Iterator[str]:
             yield from _dot(frame, mark)
 
 
-def _dot(frame: _Frame, dot: Dot) -> Iterator[str]:
+def _dot(frame: Frame, dot: Dot) -> Iterator[str]:
     x, y = frame.x(dot.x), frame.y(dot.y)
     kind = f"dot {'hollow ' if dot.is_hollow else ''}{dot.tone}"
     drawn = _path(kind, _outline(dot.shape, x, y, dot.size / 2))
@@ -176,29 +135,6 @@ def _outline(shape: Shape, x: float, y: float, r: float) -> str:
         return f"M{_n(x - r)} {_n(y)}{half} {_n(2 * r)} 0{half} {_n(-2 * r)} 0Z"
     corners = (f"{_n(x + r * dx)} {_n(y + r * dy)}" for dx, dy in _OUTLINES[shape])
     return f"M{'L'.join(corners)}Z"
-
-
-def _left_margin(axis: Axis) -> float:
-    widest = max((text_width(tick.text) for tick in axis.ticks), default=0.0)
-    return widest + 8 + (14 if axis.label else 0)
-
-
-def _right_margin(chart: Chart) -> float:
-    """Leave room for half of the last number, and for the labels behind the dots."""
-    last: Tick | None = max(chart.x.ticks, key=lambda tick: tick.at, default=None)
-    room = text_width(last.text) / 2 - PAD if last else 0.0
-    labels = (text_width(mark.label) for mark in chart.marks if isinstance(mark, Dot))
-    return max(2.0, room, *labels)
-
-
-def text_width(text: str) -> float:
-    """Estimate the width of a text in drawing units."""
-    wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
-    return CHARACTER * (len(text) + wide)
-
-
-def _scaled(value: float, axis: Axis, start: float, end: float) -> float:
-    return start + (value - axis.low) / (axis.high - axis.low) * (end - start)
 
 
 def _path(kind: str, path: str) -> str:

@@ -269,7 +269,7 @@ def test_calibration_and_paper_are_marked_and_never_ranked(board):
     reference = overall[overall.index('class="reference"') :]
     for name in ("random", "scripted", "zero", "HaC", "RND+touch", "RND"):
         assert f">{name}</" in reference
-    assert reference.count('class="place">—') == 6
+    assert reference.count('class="rank">—') == 6
     assert "not submitted yet" in reference
     assert "calibration: " in reference
 

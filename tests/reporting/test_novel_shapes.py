@@ -168,9 +168,9 @@ def test_a_gap_of_nothing_is_plus_zero(novel):
 def test_several_runs_stand_side_by_side(novel, hac):
     other = save(novel_run("other", notes=("remote",)), "other")
     gaps, families = novel_shapes(describe_runs([novel, other, hac]))
-    assert [group for group, _ in gaps.groups] == ["hac-seed1", "other\u00a0*"]
+    assert [group for group, _ in gaps.groups] == ["hac-seed1 (novel)", "other\u00a0*"]
     assert [row.heads for row in families.rows[:2]] == [
-        ("carved", "hac-seed1"),
+        ("carved", "hac-seed1 (novel)"),
         ("carved", "other\u00a0*"),
     ]
     assert families.groups[-1][0] == "Playing: touch share"

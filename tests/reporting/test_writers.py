@@ -86,9 +86,10 @@ def test_cards_show_the_verdict_and_the_paper(hac):
     assert [card.title for card in cards] == ["Pushing", "Opening", "Pick-up", "Playing"]
     pushing, playing = cards[0], cards[-1]
     assert pushing.paper == "HaC in the paper: 0.733"
-    assert pushing.figures[0].gauge.paper == 73.3
-    assert playing.metric == "Touch share"
-    assert 0 < playing.figures[0].gauge.value < 100
+    assert pushing.values[0].cell.gauge.mark == 73.3
+    assert playing.metric == "Touch share, share of control steps"
+    assert playing.paper == ""
+    assert 0 < playing.values[0].cell.gauge.value < 100
 
 
 def test_a_missing_picture_is_left_out(tmp_path):
