@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minitouch_bench.leaderboard.board import make_board
+from minitouch_bench.leaderboard.board import CALIBRATION, make_board
 from minitouch_bench.leaderboard.board_csv import board_csv
 from minitouch_bench.leaderboard.board_markdown import board_markdown
 from minitouch_bench.leaderboard.build import build_board
@@ -128,7 +128,7 @@ def test_ranks_are_shared_where_rows_cannot_be_told_apart(board, rows):
 def test_calibrations_have_no_rank(board, rows):
     assert [row.entry.name for row in board.calibration] == ["scripted"]
     assert rows["scripted"].ranks == {}
-    assert board.missing_calibration == ("random", "zero")
+    assert board.missing_calibration == CALIBRATION[1:]
 
 
 def test_every_episode_has_one_ending(rows):

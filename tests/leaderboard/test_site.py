@@ -9,9 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from minitouch_bench.leaderboard.board import CALIBRATION
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.proof import ProofLevel, make_proof, proof_path, write_proof
 from minitouch_bench.leaderboard.validation import validate
+from minitouch_bench.reporting.paper import PAPER_METHODS
 from tests.leaderboard.browser import CHROMIUM, Browser
 from tests.leaderboard.synthetic import ABOUT, make_submission
 
@@ -267,9 +269,9 @@ def test_calibration_and_paper_are_marked_and_never_ranked(board):
     page = (board / "index.html").read_text()
     overall = page[page.index('id="overall"') : page.index('id="pushing"')]
     reference = overall[overall.index('class="reference"') :]
-    for name in ("random", "scripted", "zero", "HaC", "RND+touch", "RND"):
+    for name in (*CALIBRATION, *PAPER_METHODS):
         assert f">{name}</" in reference
-    assert reference.count('class="rank">—') == 6
+    assert reference.count('class="rank">—') == len((*CALIBRATION, *PAPER_METHODS))
     assert "not submitted yet" in reference
     assert "calibration: " in reference
 
