@@ -166,8 +166,9 @@ class Training:
         return self._seconds
 
     def _finish(self) -> None:
-        name = EXPLORATION_FILE if self._learner.exploring else TRAINED_FILE
-        save_native(self._learner.actor(), self._directory / name)
+        save_native(self._learner.actor(), self._directory / TRAINED_FILE)
+        if self._learner.exploring:
+            save_native(self._learner.actor(), self._directory / EXPLORATION_FILE)
         self._save()
 
     def _save(self) -> None:

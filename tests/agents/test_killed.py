@@ -33,13 +33,18 @@ width = 0.25
 def start(directory, *options):
     file = directory.parent / "settings.toml"
     file.write_text(SETTINGS)
-    return subprocess.Popen(
-        [
-            sys.executable, "-m", "minitouch_bench.cli.entry", "train", "opening",
-            "--config", str(file), "--output", str(directory), "--device", "cpu", *options,
-        ],
-        stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
-    )  # fmt: skip
+    with notes_of(directory).open("a") as notes:
+        return subprocess.Popen(
+            [
+                sys.executable, "-m", "minitouch_bench.cli.entry", "train", "opening",
+                "--config", str(file), "--output", str(directory), "--device", "cpu", *options,
+            ],
+            stderr=notes, stdout=subprocess.DEVNULL,
+        )  # fmt: skip
+
+
+def notes_of(directory):
+    return directory.parent / f"{directory.name}.txt"
 
 
 def rows(directory):
@@ -69,7 +74,7 @@ def test_killed_at_random_moments_in_both_phases(tmp_path):
             process.wait()
             options = ["--resume"] if (killed / "config.toml").exists() else []
     process = start(killed, *options)
-    assert process.wait() == 0, process.stderr.read()
+    assert process.wait() == 0, notes_of(killed).read_text()
     assert rows(killed) == rows(quiet)
     for name in ("exploration.safetensors", "final.safetensors"):
         assert (killed / name).read_bytes() == (quiet / name).read_bytes()
@@ -81,4 +86,4 @@ def test_ctrl_c_says_how_to_go_on(tmp_path):
         time.sleep(0.05)
     os.kill(process.pid, signal.SIGINT)
     assert process.wait() == 130
-    assert "--resume" in process.stderr.read()
+    assert "--resume" in notes_of(tmp_path / "run").read_text()

@@ -91,6 +91,15 @@ def test_killed_before_the_first_checkpoint_it_starts_over(tmp_path, undisturbed
     assert outcome(tmp_path) == outcome(undisturbed)
 
 
+def test_exploration_alone_leaves_both_policies_too(tmp_path):
+    config = replace(CONFIG, task="playing", exploration=PhaseConfig(12), task_phase=PhaseConfig(0))
+    assert train(TrainingRequest(config, tmp_path, device="cpu"))
+    final, exploration = (
+        (tmp_path / f"{n}.safetensors").read_bytes() for n in ("final", "exploration")
+    )
+    assert final == exploration
+
+
 def test_other_settings_are_not_mixed_in(undisturbed):
     for request in (
         TrainingRequest(CONFIG, undisturbed),
