@@ -14,7 +14,7 @@ import torch
 
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import replace_file
+from minitouch_bench.files import os_errors_as, write_file
 
 CHECKPOINT_FILE = "checkpoint.pt"
 PICTURES_FILE = "replay.bin"
@@ -33,18 +33,27 @@ class CheckpointFiles:
         return self._file.exists()
 
     def save(self, state: dict[str, Any], replay: Replay) -> None:
-        """Write a checkpoint; one before it stays whole until this one is."""
+        """Write a checkpoint; one before it stays whole until this one is.
+
+        Raises:
+            RunDirectoryError: there is no room, or no permission.
+        """
         fresh = replay.pictures_since(max(self._rows, replay.rows - len(replay)))
-        with self._pictures.open("r+b" if self._length else "wb") as file:
-            file.seek(self._length)
-            file.truncate()
-            file.write(fresh)
-            file.flush()
-            os.fsync(file.fileno())
+        with os_errors_as(RunDirectoryError, self._pictures, "written"):
+            self._append(fresh)
         self._rows, self._length = replay.rows, self._length + len(fresh)
         content = io.BytesIO()
         torch.save({**state, "replay": replay.state(), "pictures": self._length}, content)
-        replace_file(self._file, content.getvalue())
+        write_file(self._file, content.getvalue())
+
+    def _append(self, pictures: bytes) -> None:
+        """Write pictures behind those of the checkpoint before."""
+        with self._pictures.open("r+b" if self._length else "wb") as file:
+            file.seek(self._length)
+            file.truncate()
+            file.write(pictures)
+            file.flush()
+            os.fsync(file.fileno())
 
     def load(self, replay: Replay) -> dict[str, Any]:
         """Fill the replay memory and return the rest of the state.

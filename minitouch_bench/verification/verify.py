@@ -14,7 +14,7 @@ from minitouch_bench.evaluation.replay import Recording
 from minitouch_bench.files import JOURNAL_FILE, read_file
 from minitouch_bench.metrics import summarize
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EvaluationRun, SavedRun
-from minitouch_bench.reporting import derived_files, from_document, to_document
+from minitouch_bench.reporting import derived_files, to_document
 from minitouch_bench.verification.differences import ROUNDING, Difference, compare_values
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
 

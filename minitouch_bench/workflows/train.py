@@ -11,20 +11,22 @@ from numpy.typing import NDArray
 
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, config_text
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
-from minitouch_bench.agents.training import Training, TrainingCallbacks
+from minitouch_bench.agents.training import PROGRESS_FILE, Training, TrainingCallbacks
 from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.suites import StandardSuite
-from minitouch_bench.files import lock_directory
+from minitouch_bench.files import lock_directory, write_file
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import Observation
 from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import EpisodeSpec, Outcome
+from minitouch_bench.reporting.training_page import training_page
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registration import make_environment
 from minitouch_bench.workflows.training_events import EventWriter
 
+REPORT_FILE = "report.html"
 EVALUATION_SUITE = "training"
 """Seeds the episodes of a training's evaluations; no suite has this name."""
 
@@ -70,12 +72,20 @@ def train(request: TrainingRequest) -> bool:
         callbacks = TrainingCallbacks(evaluator.evaluate, on_row, request.should_stop)
         try:
             training = Training(request.config, environment, request.directory, callbacks, device)
-            return training.run()
+            finished = training.run()
         finally:
             if events is not None:
                 events.close()
             evaluator.close()
             environment.close()
+        _write_report(request.directory)
+    return finished
+
+
+def _write_report(directory: Path) -> None:
+    """Draw the curves so far, if there is a row to draw."""
+    if (directory / PROGRESS_FILE).exists():
+        write_file(directory / REPORT_FILE, training_page(directory))
 
 
 def _open_events(request: TrainingRequest) -> EventWriter | None:
@@ -114,7 +124,7 @@ def _prepare(request: TrainingRequest) -> None:
                 f"{request.directory} holds a training; go on with it by --resume, or choose "
                 "another --output"
             )
-        file.write_text(text, encoding="utf-8")
+        write_file(file, text)
     elif not file.exists():
         raise RunDirectoryError(f"{request.directory} holds no training to resume")
     elif file.read_text(encoding="utf-8") != text:

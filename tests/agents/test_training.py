@@ -51,6 +51,7 @@ def test_it_leaves_two_policies_and_its_curves(undisturbed):
     assert [row["phase"] for row in rows] == ["exploration"] * 6 + ["task"] * 4
     evaluated = [int(row["step"]) for row in rows if row["evaluation_success"]]
     assert evaluated == [40]
+    assert "<figcaption>Touch share</figcaption>" in (undisturbed / "report.html").read_text()
     for name in ("exploration", "final"):
         content = (undisturbed / f"{name}.safetensors").read_bytes()
         load_native(Checkpoint(name, content))
