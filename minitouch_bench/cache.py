@@ -6,7 +6,6 @@ under its name; a name that holds the content's hash rules that out.
 
 import hashlib
 import os
-from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -25,7 +24,7 @@ def cache_directory() -> Path:
     return Path(base).absolute() / "minitouch-bench"
 
 
-def materialise(stem: str, suffix: str, content: bytes) -> Path:
+def cache_file(stem: str, suffix: str, content: bytes) -> Path:
     """Return the path of a file that holds ``content``, writing it if it is not there.
 
     Raises:
@@ -44,14 +43,6 @@ def cache_errors(directory: Path) -> AbstractContextManager[None]:
     """Raise an ``OSError`` of the block as an ``InfrastructureError`` that names the variable."""
     hint = f"; set {VARIABLE} to another directory"
     return os_errors_as(InfrastructureError, directory, "written", hint)
-
-
-def content_digest(paths: Iterable[Path]) -> str:
-    """Return a short hash over the bytes of several files."""
-    sha = hashlib.sha256()
-    for path in paths:
-        sha.update(hashlib.sha256(path.read_bytes()).digest())
-    return sha.hexdigest()[:16]
 
 
 def _holds(path: Path, content: bytes) -> bool:

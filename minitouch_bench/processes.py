@@ -130,7 +130,7 @@ def run_in_workers(
                 assert worker.task is not None
                 (index, attempt), worker.task = worker.task, None
                 result = worker.receive()
-                if not isinstance(result, FailedAttempt):
+                if not isinstance(result, _Failure):
                     yield index, result
                     continue
                 if result.error is not None:
@@ -161,7 +161,7 @@ def run_all(
 
 
 @dataclass(frozen=True)
-class FailedAttempt:
+class _Failure:
     """A job that gave no result; ``error`` is the user's, which no other attempt would change."""
 
     reason: str
@@ -188,13 +188,13 @@ class _Worker(Generic[Job, Result]):
         with contextlib.suppress(OSError):
             self.connection.send(job)
 
-    def receive(self) -> Result | FailedAttempt:
+    def receive(self) -> Result | _Failure:
         """Return what came of the job."""
         try:
-            result: Result | FailedAttempt = self.connection.recv()
+            result: Result | _Failure = self.connection.recv()
         except (EOFError, OSError):
             self.process.join(CLOSE_TIMEOUT_S)
-            return FailedAttempt(f"its worker ended (exit code {self.process.exitcode})")
+            return _Failure(f"its worker ended (exit code {self.process.exitcode})")
         return result
 
     def close(self) -> None:
@@ -220,9 +220,9 @@ def _serve(connection: Connection, function: Callable[[Any], Any], parent: int) 
             try:
                 answer = function(job)
             except InfrastructureError as error:
-                answer = FailedAttempt(str(error))
+                answer = _Failure(str(error))
             except MiniTouchError as error:
-                answer = FailedAttempt(str(error), error)
+                answer = _Failure(str(error), error)
             except Exception as error:
-                answer = FailedAttempt(f"{type(error).__name__}: {error}")
+                answer = _Failure(f"{type(error).__name__}: {error}")
             connection.send(answer)

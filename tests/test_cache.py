@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from minitouch_bench.cache import cache_directory, materialise
+from minitouch_bench.cache import cache_directory, cache_file
 from minitouch_bench.errors import InfrastructureError
 
 
@@ -16,15 +16,15 @@ def test_the_cache_follows_the_environment(monkeypatch):
 
 def test_a_damaged_file_is_written_again(tmp_path, monkeypatch):
     monkeypatch.setenv("MINITOUCH_CACHE", str(tmp_path))
-    path = materialise("thing", ".urdf", b"content")
+    path = cache_file("thing", ".urdf", b"content")
     path.write_bytes(b"damaged")
-    assert materialise("thing", ".urdf", b"content") == path
+    assert cache_file("thing", ".urdf", b"content") == path
     assert path.read_bytes() == b"content"
-    assert materialise("thing", ".urdf", b"other") != path
+    assert cache_file("thing", ".urdf", b"other") != path
 
 
 def test_a_cache_that_cannot_be_written_says_what_to_do(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("MINITOUCH_CACHE", str(tmp_path / "file" / "cache"))
     with pytest.raises(InfrastructureError, match="MINITOUCH_CACHE"):
-        materialise("thing", ".urdf", b"content")
+        cache_file("thing", ".urdf", b"content")

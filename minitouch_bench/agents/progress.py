@@ -6,6 +6,8 @@ from pathlib import Path
 
 from torch import Tensor
 
+from minitouch_bench.files import write_file
+
 
 @dataclass(frozen=True)
 class ProgressRow:
@@ -115,4 +117,4 @@ def cut_rows(path: Path, step: int) -> None:
         return
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     kept = [line for line in lines[1:] if line.endswith("\n") and int(line.split(",")[0]) <= step]
-    path.write_text("".join([lines[0], *kept]), encoding="utf-8")
+    write_file(path, "".join([lines[0], *kept]))

@@ -1,4 +1,4 @@
-"""``journal.jsonl``: one line an episode, written and synced as it ends.
+"""``journal.jsonl``: one line per episode, written and synced as it ends.
 
 Each line is ``{"crc32": "01234567", "body": {...}}``, the checksum taken over the body's
 text. The first body is the run's header. A torn last line is what a crash leaves; it is cut.
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, fields
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -82,10 +82,16 @@ class Journal:
             raise InfrastructureError(f"{self._path} cannot be written: no space left on device")
 
 
-def read_journal(
-    directory: Path, *, mend: bool = True
-) -> tuple[RunHeader, list[EpisodeRecord], bool]:
-    """Return the header, the records, and whether the last line was torn; ``mend`` cuts it off.
+class JournalContent(NamedTuple):
+    """What a journal holds; ``torn``: its last line was not whole."""
+
+    header: RunHeader
+    records: list[EpisodeRecord]
+    torn: bool
+
+
+def read_journal(directory: Path, *, repair: bool = True) -> JournalContent:
+    """Read a journal; ``repair`` cuts off a last line that is torn.
 
     Raises:
         RunDirectoryError: there is no journal, or it is damaged before its end.
@@ -100,18 +106,19 @@ def read_journal(
         if body is None:
             if end < len(content):
                 raise RunDirectoryError(
-                    f"{path}: line {number} is damaged.\nStart anew with --fresh"
+                    f"{path}: line {number} is damaged.\nStart again with --fresh"
                 )
             break
         bodies.append(body)
         good_until = end
     torn = good_until < len(content)
-    if torn and mend:
+    if torn and repair:
         os.truncate(path, good_until)
     if not bodies:
         raise RunDirectoryError(f"{path} holds nothing that can be resumed; start with --fresh")
     try:
-        return _decode_header(bodies[0]), [_decode_record(body) for body in bodies[1:]], torn
+        records = [_decode_record(body) for body in bodies[1:]]
+        return JournalContent(_decode_header(bodies[0]), records, torn)
     except (KeyError, TypeError, ValueError, zlib.error) as error:
         raise RunDirectoryError(f"{path} is of another version: {error!r}") from error
 

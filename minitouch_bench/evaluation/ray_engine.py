@@ -7,10 +7,10 @@ from types import ModuleType
 
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.engine import EngineHandle, EngineOptions, Note
-from minitouch_bench.evaluation.parcel import pack
 from minitouch_bench.evaluation.ray_cluster import check_address, ray_cluster
-from minitouch_bench.evaluation.ray_crew import Crew, Loss
+from minitouch_bench.evaluation.ray_pool import FailedAttempt, RayPool
 from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS, ActorSource
+from minitouch_bench.evaluation.worker_payload import pack
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 
@@ -60,21 +60,21 @@ class RayEngine:
                 no node of the cluster can run any.
         """
         waiting = deque(specs)
-        losses: defaultdict[EpisodeSpec, list[Loss]] = defaultdict(list)
-        crew = Crew(self._ray, pack(source), self._workers, self._note)
+        failed: defaultdict[EpisodeSpec, list[FailedAttempt]] = defaultdict(list)
+        pool = RayPool(self._ray, pack(source), self._workers, self._note)
         try:
-            while waiting or crew.is_busy():
-                crew.hire(len(waiting))
-                crew.hand_out(waiting)
-                for spec, result in crew.results():
+            while waiting or pool.is_busy():
+                pool.add_workers(len(waiting))
+                pool.assign(waiting)
+                for spec, result in pool.results():
                     if isinstance(result, EpisodeRecord):
                         yield result
                         continue
-                    losses[spec].append(result)
-                    if crew.count(losses[spec]) >= MAX_ATTEMPTS:
+                    failed[spec].append(result)
+                    if pool.count_attempts(failed[spec]) >= MAX_ATTEMPTS:
                         raise InfrastructureError(
                             f"episode {spec.key} failed {MAX_ATTEMPTS} times: {result.reason}"
                         )
                     waiting.appendleft(spec)
         finally:
-            crew.dismiss()
+            pool.close()

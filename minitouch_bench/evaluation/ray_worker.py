@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from minitouch_bench.evaluation.parcel import unpack
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.evaluation.run import package_versions
+from minitouch_bench.evaluation.worker_payload import unpack
 from minitouch_bench.optional import require
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
@@ -25,7 +25,7 @@ class Machine:
 
 
 @dataclass(frozen=True)
-class Report:
+class WorkerReport:
     """A worker's answer when it has been placed; with a ``problem`` it can run nothing."""
 
     node_id: str
@@ -59,22 +59,22 @@ class EpisodeWorker:
     _runner: EpisodeRunner
     _old_names: dict[str, str]
 
-    def begin(self, asked: Machine, parcel: list[Any]) -> Report:
+    def prepare(self, asked: Machine, payload: list[Any]) -> WorkerReport:
         """Check that this machine plays the protocol asked for, and unpack the policies.
 
-        ``parcel`` holds Ray's reference to it: another version could not even read it.
+        ``payload`` holds Ray's reference to it: another version could not even read it.
         """
         ray = require("ray", "ray")
         here = this_machine()
         problem = _difference(here, asked)
         if not problem:
             try:
-                source, self._old_names = unpack(ray.get(parcel[0]))
+                source, self._old_names = unpack(ray.get(payload[0]))
                 self._runner = EpisodeRunner(source)
             except Exception as error:
                 problem = f"{type(error).__name__}: {error}"
         address = f"{ray.util.get_node_ip_address()} ({socket.gethostname()})"
-        return Report(ray.get_runtime_context().get_node_id(), address, here, problem)
+        return WorkerReport(ray.get_runtime_context().get_node_id(), address, here, problem)
 
     def run(self, spec: EpisodeSpec) -> EpisodeRecord | str:
         """Return the episode's record, or what went wrong with this machine in words."""

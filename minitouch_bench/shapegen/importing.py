@@ -1,4 +1,4 @@
-"""Turn anyone's OBJ, STL, GLB and URDF objects into a set, or say why each one cannot be."""
+"""Turn OBJ, STL, GLB and URDF objects into a set, or say why each one cannot be."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -148,10 +148,10 @@ def _simplified_solid(solid: Solid, faces: int) -> Mesh:
 
 
 def _solid_of(mesh: Mesh) -> Solid:
-    """Return the solid of a mesh: as it is, or mended, and as one body where parts overlap."""
+    """Return the solid of a mesh: as it is, or repaired, and as one body where parts overlap."""
     solid = to_solid(mesh)
     if solid.is_empty():
-        parts = _mended_parts(mesh)
+        parts = _repaired_parts(mesh)
     elif solid.volume() < 0.0:
         return to_solid(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
     else:
@@ -166,7 +166,7 @@ def _solid_of(mesh: Mesh) -> Solid:
     return Solid.batch_boolean(_swollen(parts), manifold3d.OpType.Add)
 
 
-def _mended_parts(mesh: Mesh) -> list[Solid]:
+def _repaired_parts(mesh: Mesh) -> list[Solid]:
     """Split a mesh where more than two faces meet, then close and turn each part outward."""
     whole: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
     solids = []

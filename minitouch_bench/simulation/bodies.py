@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
-from minitouch_bench.cache import materialise
+from minitouch_bench.cache import cache_file
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import Rgba
 from minitouch_bench.protocol.tasks import CabinetSpec, CubeSpec
@@ -21,7 +21,7 @@ def cube_urdf(cube: CubeSpec) -> Path:
     """Return the URDF of a cube."""
     side, mass = cube.side, cube.mass
     inertia = mass * side**2 / 6
-    return materialise(
+    return cache_file(
         "cube",
         ".urdf",
         f"""<robot name="cube"><link name="cube">
@@ -51,7 +51,7 @@ def cabinet_urdf(cabinet: CabinetSpec) -> Path:
     door_middle = (0.0, c.door_width / 2 - c.door_overhang, c.height / 2)
     handle_x = -(c.door_thickness + c.handle_thickness) / 2
     handle_z = c.handle_low + handle_height / 2
-    return materialise(
+    return cache_file(
         "cabinet",
         ".urdf",
         f"""<robot name="cabinet">

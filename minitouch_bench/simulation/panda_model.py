@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ET
 from functools import cache
 from pathlib import Path
 
-from minitouch_bench.cache import materialise
+from minitouch_bench.cache import cache_file
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import Rgba
 from minitouch_bench.simulation.installed import data_directory
@@ -47,7 +47,7 @@ def light_panda() -> Path:
             material.set("name", f"{name}_paint")
             color = LINK_COLORS.get(name, observation.arm_color)
             ET.SubElement(material, "color", rgba=rgba_text(color))
-    return materialise("panda", ".urdf", ET.tostring(root))
+    return cache_file("panda", ".urdf", ET.tostring(root))
 
 
 def rgba_text(color: Rgba) -> str:

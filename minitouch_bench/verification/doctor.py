@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.cache import cache_directory, materialise
+from minitouch_bench.cache import cache_directory, cache_file
 from minitouch_bench.errors import MiniTouchError
 from minitouch_bench.evaluation.actions import Actions
 from minitouch_bench.evaluation.local_engine import LocalEngine
@@ -144,7 +144,7 @@ def _installed(package: str) -> bool:
 
 
 def _cache() -> Check:
-    materialise("doctor", ".txt", b"written by minitouch-bench doctor\n")
+    cache_file("doctor", ".txt", b"written by minitouch-bench doctor\n")
     return Check("cache", Verdict.OK, f"{cache_directory()} can be written")
 
 

@@ -141,7 +141,7 @@ def _first_line(content: bytes, text: str) -> str:
 def _journal(run: RecordedRun, records: tuple[EpisodeRecord, ...]) -> Iterator[Difference]:
     """Compare the journal, whose records are whole, with the replayed episodes."""
     try:
-        header, written, _ = read_journal(run.directory, mend=False)
+        header, written, _ = read_journal(run.directory, repair=False)
     except RunDirectoryError as error:
         yield Difference(JOURNAL_FILE, str(error).partition("\n")[0])
         return

@@ -160,7 +160,7 @@ def test_no_record_of_the_journal_can_be_edited(copy):
     assert places(copy) == [JOURNAL_FILE]
 
 
-def test_a_journal_that_is_cut_or_damaged_is_named_and_not_mended(copy):
+def test_a_journal_that_is_cut_or_damaged_is_named_and_not_repaired(copy):
     content = (copy / JOURNAL_FILE).read_bytes()
     for damaged in (content[:-9], content[:300] + b"x" + content[301:]):
         (copy / JOURNAL_FILE).write_bytes(damaged)

@@ -23,7 +23,7 @@ def lathed(rng: np.random.Generator) -> Solid:
         inside = heights >= floor
         cavity_z = np.concatenate([[floor], heights[inside], [height + 0.5]])
         inner = np.maximum(np.interp(cavity_z, heights, radii) - wall, 0.0)
-        # A throat narrower than what lies below it could not be milled, nor be seen into.
+        # A throat narrower than what lies below it could neither be milled nor seen into.
         inner = np.minimum.accumulate(inner[::-1])[::-1] if rng.random() < 0.5 else inner
         if inner.min() > 0.2:
             body -= _revolved(np.stack([inner, cavity_z], axis=1), sides)

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from minitouch_bench.cache import materialise
+from minitouch_bench.cache import cache_file
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.rollout import ActorSource
@@ -16,14 +16,14 @@ STEM = "policy"
 
 
 @dataclass(frozen=True)
-class Parcel:
+class WorkerPayload:
     """A source of actors as it is where the run began, and its checkpoints' bytes by SHA-256."""
 
     source: ActorSource
     files: Mapping[str, bytes]
 
 
-def pack(source: ActorSource) -> Parcel:
+def pack(source: ActorSource) -> WorkerPayload:
     """Read the checkpoints of a run's policies; a recording has none.
 
     Raises:
@@ -35,32 +35,32 @@ def pack(source: ActorSource) -> Parcel:
         if hashlib.sha256(content).hexdigest() != policy.digest:
             raise PolicyLoadError(f"{policy.target} was changed since this evaluation began")
         files[policy.digest] = content
-    return Parcel(source, files)
+    return WorkerPayload(source, files)
 
 
-def unpack(parcel: Parcel) -> tuple[ActorSource, dict[str, str]]:
+def unpack(payload: WorkerPayload) -> tuple[ActorSource, dict[str, str]]:
     """Return the source with its checkpoints in this machine's cache, and their old names.
 
-    The bytes in the cache are compared with the parcel's. The names are by the new ones.
+    The bytes in the cache are compared with the payload's. The names are by the new ones.
 
     Raises:
         InfrastructureError: the cache cannot be written.
     """
-    source = parcel.source
+    source = payload.source
     if not isinstance(source, PolicySetup):
         return source, {}
-    places = {
+    paths = {
         policy.target: str(
-            materialise(STEM, Path(policy.target).suffix, parcel.files[policy.digest])
+            cache_file(STEM, Path(policy.target).suffix, payload.files[policy.digest])
         )
         for policy in _files_of(source)
     }
     here = replace(
         source,
-        policy=_moved(source.policy, places),
-        exploration=source.exploration and _moved(source.exploration, places),
+        policy=_moved(source.policy, paths),
+        exploration=source.exploration and _moved(source.exploration, paths),
     )
-    return here, {new: old for old, new in places.items()}
+    return here, {new: old for old, new in paths.items()}
 
 
 def _files_of(source: ActorSource) -> Iterator[PolicySource]:
@@ -72,6 +72,6 @@ def _files_of(source: ActorSource) -> Iterator[PolicySource]:
             yield from (leaf for leaf in leaves if leaf.digest)
 
 
-def _moved(policy: PolicySource, places: Mapping[str, str]) -> PolicySource:
-    parts = tuple((task, _moved(part, places)) for task, part in policy.parts)
-    return replace(policy, target=places.get(policy.target, policy.target), parts=parts)
+def _moved(policy: PolicySource, paths: Mapping[str, str]) -> PolicySource:
+    parts = tuple((task, _moved(part, paths)) for task, part in policy.parts)
+    return replace(policy, target=paths.get(policy.target, policy.target), parts=parts)

@@ -9,9 +9,9 @@ from types import ModuleType
 from typing import Any
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.evaluation.parcel import Parcel
-from minitouch_bench.evaluation.ray_worker import EpisodeWorker, Machine, Report, this_machine
+from minitouch_bench.evaluation.ray_worker import EpisodeWorker, Machine, WorkerReport, this_machine
 from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS
+from minitouch_bench.evaluation.worker_payload import WorkerPayload
 from minitouch_bench.policies.wire import plain_line
 from minitouch_bench.processes import ARITHMETIC
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
@@ -27,8 +27,8 @@ NODE_IN_ERROR = re.compile(r"\bip=([^,)\s]+)")
 
 
 @dataclass(frozen=True)
-class Loss:
-    """An episode that was begun and gave no record."""
+class FailedAttempt:
+    """An attempt at an episode that gave no record, and the node it was made on."""
 
     reason: str
     node_id: str
@@ -40,38 +40,42 @@ class _Worker:
 
     actor: Any
     spec: EpisodeSpec | None = None
-    report: Report | None = None
+    report: WorkerReport | None = None
 
 
-class Crew:
+class RayPool:
     """As many workers as the cluster has CPUs for, nodes that join included.
 
-    Nodes that cannot give the same numbers are barred: no worker is placed there again.
+    Nodes that cannot give the same numbers are excluded: no worker is placed there again.
     """
 
     def __init__(
-        self, ray: ModuleType, parcel: Parcel, limit: int | None, note: Callable[[str], None]
+        self,
+        ray: ModuleType,
+        payload: WorkerPayload,
+        limit: int | None,
+        note: Callable[[str], None],
     ) -> None:
         self._ray = ray
         # Numeric libraries read these when they are loaded, so before the process's first line.
         self._worker_class = ray.remote(EpisodeWorker).options(
             num_cpus=1, runtime_env={"env_vars": ARITHMETIC}
         )
-        self._parcel = ray.put(parcel)
+        self._payload = ray.put(payload)
         self._machine = this_machine()
         self._limit = limit
         self._note = note
-        self._told: set[str] = set()
+        self._noted: set[str] = set()
         self._busy: dict[Any, _Worker] = {}
         self._idle: list[_Worker] = []
-        self._barred: set[str] = set()
+        self._excluded: set[str] = set()
         self._false_starts = 0
 
     def is_busy(self) -> bool:
         """Tell whether an episode is being run."""
         return any(worker.spec for worker in self._busy.values())
 
-    def hire(self, episodes: int) -> None:
+    def add_workers(self, episodes: int) -> None:
         """Ask for workers that there is room for, no more than there are episodes.
 
         Raises:
@@ -80,21 +84,21 @@ class Crew:
         room = self._room()
         if room == 0 and not self._busy and not self._idle:
             raise InfrastructureError("no node of the cluster can run these episodes")
-        crew = len(self._busy) + len(self._idle)
+        present = len(self._busy) + len(self._idle)
         coming = sum(worker.spec is None for worker in self._busy.values()) + len(self._idle)
         wanted = room if self._limit is None else min(room, self._limit)
-        for _ in range(min(wanted - crew, episodes - coming)):
+        for _ in range(min(wanted - present, episodes - coming)):
             worker = _Worker(self._make_actor())
-            self._busy[worker.actor.begin.remote(self._machine, [self._parcel])] = worker
+            self._busy[worker.actor.prepare.remote(self._machine, [self._payload])] = worker
 
-    def hand_out(self, episodes: deque[EpisodeSpec]) -> None:
+    def assign(self, episodes: deque[EpisodeSpec]) -> None:
         """Give each idle worker an episode."""
         while self._idle and episodes:
             worker = self._idle.pop()
             worker.spec = episodes.popleft()
             self._busy[worker.actor.run.remote(worker.spec)] = worker
 
-    def results(self) -> Iterator[tuple[EpisodeSpec, EpisodeRecord | Loss]]:
+    def results(self) -> Iterator[tuple[EpisodeSpec, EpisodeRecord | FailedAttempt]]:
         """Wait a while and yield what has ended since.
 
         Raises:
@@ -104,66 +108,70 @@ class Crew:
         for reference in done:
             worker = self._busy.pop(reference)
             if worker.report is None:
-                self._welcome(worker, reference)
+                self._admit(worker, reference)
             else:
                 spec, worker.spec = worker.spec, None
                 assert spec is not None
                 yield spec, self._result(worker, worker.report, reference)
 
-    def count(self, losses: Sequence[Loss]) -> int:
-        """Return how many of an episode's losses were on nodes that are still there."""
+    def count_attempts(self, failed: Sequence[FailedAttempt]) -> int:
+        """Return how many of an episode's failed attempts were on nodes that are still there."""
         alive = {node["NodeID"] for node in self._ray.nodes() if node["Alive"]}
-        return sum(loss.node_id in alive for loss in losses)
+        return sum(loss.node_id in alive for loss in failed)
 
-    def dismiss(self) -> None:
+    def close(self) -> None:
         """End every worker; what it was doing is lost."""
         for worker in (*self._busy.values(), *self._idle):
-            self._end(worker)
+            self._kill(worker)
 
     def _room(self) -> int:
         """Return the CPUs of the nodes that may be used; 1 to wait for the first node."""
         nodes = [node for node in self._ray.nodes() if node["Alive"]]
         cpus = {node["NodeID"]: int(node["Resources"].get("CPU", 0)) for node in nodes}
-        room = sum(count for node_id, count in cpus.items() if node_id not in self._barred)
-        return room if self._barred else max(room, 1)
+        room = sum(count for node_id, count in cpus.items() if node_id not in self._excluded)
+        return room if self._excluded else max(room, 1)
 
     def _make_actor(self) -> Any:
-        if not self._barred:
+        if not self._excluded:
             return self._worker_class.remote()
-        others = {NODE_LABEL: f"!in({','.join(sorted(self._barred))})"}
+        others = {NODE_LABEL: f"!in({','.join(sorted(self._excluded))})"}
         return self._worker_class.options(label_selector=others).remote()
 
-    def _result(self, worker: _Worker, report: Report, reference: Any) -> EpisodeRecord | Loss:
+    def _result(
+        self, worker: _Worker, report: WorkerReport, reference: Any
+    ) -> EpisodeRecord | FailedAttempt:
         try:
             result: EpisodeRecord | str = self._ray.get(reference)
         except self._ray.exceptions.RayError as error:
             result = f"its worker on {report.address} was lost ({type(error).__name__})"
-            self._tell(f"a worker on {report.address} was lost: what it was doing is run again")
+            self._note_once(
+                f"a worker on {report.address} was lost: what it was doing is run again"
+            )
         else:
             if isinstance(result, EpisodeRecord):
                 self._idle.append(worker)
                 return result
             result = f"{result} (on {report.address})"
-        self._end(worker)
-        return Loss(result, report.node_id)
+        self._kill(worker)
+        return FailedAttempt(result, report.node_id)
 
-    def _welcome(self, worker: _Worker, reference: Any) -> None:
+    def _admit(self, worker: _Worker, reference: Any) -> None:
         """Take in a worker that has been placed, unless its node cannot do."""
         try:
-            report: Report = self._ray.get(reference)
+            report: WorkerReport = self._ray.get(reference)
         except self._ray.exceptions.RayError as error:
-            self._end(worker)
+            self._kill(worker)
             self._count_false_start(error)
             return
         self._false_starts = 0
         worker.report = report
         if report.problem:
-            self._bar({report.node_id}, report.address, report.problem)
-            self._end(worker)
+            self._exclude({report.node_id}, report.address, report.problem)
+            self._kill(worker)
             return
         self._idle.append(worker)
         if unlike := _unlike(report.machine, self._machine):
-            self._tell(
+            self._note_once(
                 f"node {report.address} has {unlike}: numbers may differ in their last bits there"
             )
 
@@ -177,26 +185,26 @@ class Crew:
         if place and getattr(error, "actor_init_failed", False):
             address = place[1]
             there = {n["NodeID"] for n in self._ray.nodes() if n["NodeManagerAddress"] == address}
-            self._bar(there, address, text.strip().splitlines()[-1])
+            self._exclude(there, address, text.strip().splitlines()[-1])
             return
         self._false_starts += 1
         if self._false_starts > MAX_ATTEMPTS * max(1, self._room()):
             reason = plain_line(text.strip().splitlines()[-1])
             raise InfrastructureError(f"workers cannot be started on the cluster: {reason}")
 
-    def _bar(self, node_ids: set[str], address: str, problem: str) -> None:
-        self._barred |= node_ids
-        self._tell(f"node {address} is refused: {problem}")
+    def _exclude(self, node_ids: set[str], address: str, problem: str) -> None:
+        self._excluded |= node_ids
+        self._note_once(f"node {address} is refused: {problem}")
 
-    def _end(self, worker: _Worker) -> None:
+    def _kill(self, worker: _Worker) -> None:
         with contextlib.suppress(self._ray.exceptions.RayError, ValueError):
             self._ray.kill(worker.actor)
 
-    def _tell(self, text: str) -> None:
+    def _note_once(self, text: str) -> None:
         """Note each thing once: a node has many workers. Ray colours some of its words."""
         text = plain_line(text)
-        if text not in self._told:
-            self._told.add(text)
+        if text not in self._noted:
+            self._noted.add(text)
             self._note(text)
 
 

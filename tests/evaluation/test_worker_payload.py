@@ -7,7 +7,7 @@ import pytest
 from minitouch_bench.cache import VARIABLE
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.parcel import pack, unpack
+from minitouch_bench.evaluation.worker_payload import pack, unpack
 from minitouch_bench.policies.sources import parse_source
 
 
@@ -26,9 +26,9 @@ def write(path, content):
 def test_a_checkpoint_is_the_same_where_its_file_never_was(tmp_path, cache):
     file = write(tmp_path / "actor.pt", b"weights")
     setup = PolicySetup(parse_source(str(file)))
-    parcel = pack(setup)
+    payload = pack(setup)
     file.unlink()
-    there, names = unpack(parcel)
+    there, names = unpack(payload)
     assert there.policy.digest == setup.policy.digest
     assert there.policy.name == "actor"
     place = cache / f"policy-{hashlib.sha256(b'weights').hexdigest()[:16]}.pt"
@@ -38,10 +38,10 @@ def test_a_checkpoint_is_the_same_where_its_file_never_was(tmp_path, cache):
 
 
 def test_another_file_under_its_name_is_not_taken_for_it(tmp_path, cache):
-    parcel = pack(PolicySetup(parse_source(str(write(tmp_path / "actor.pt", b"weights")))))
-    place = unpack(parcel)[0].policy.target
+    payload = pack(PolicySetup(parse_source(str(write(tmp_path / "actor.pt", b"weights")))))
+    place = unpack(payload)[0].policy.target
     write(cache / place, b"others")
-    assert unpack(parcel)[0].policy.target == place
+    assert unpack(payload)[0].policy.target == place
     assert (cache / place).read_bytes() == b"weights"
 
 
@@ -64,9 +64,9 @@ def test_each_task_keeps_its_own_file_and_exploration_its_own_policy(tmp_path, c
 
 def test_a_policy_without_a_file_needs_none(cache):
     setup = PolicySetup(parse_source("zero"))
-    parcel = pack(setup)
-    assert parcel.files == {}
-    assert unpack(parcel) == (setup, {})
+    payload = pack(setup)
+    assert payload.files == {}
+    assert unpack(payload) == (setup, {})
     assert not cache.exists()
 
 
