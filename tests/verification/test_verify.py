@@ -19,7 +19,7 @@ def places(directory):
 
 def test_a_true_run_is_verified_episode_by_episode(whole):
     seen = []
-    result = verify_run(whole, LocalEngine(2), lambda: seen.append(1))
+    result = verify_run(whole, LocalEngine(2), lambda _: seen.append(1))
     assert result.differences == ()
     assert result.passed
     assert result.episodes == len(seen) == 8
