@@ -1,5 +1,7 @@
 """Actor-critic and curiosity together: what acts, learns, and changes phase."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +20,14 @@ from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
 from minitouch_bench.protocol.spec import TaskSpec
 
 
+@contextmanager
+def _weights_drawn_from(seed: int) -> Iterator[None]:
+    """Draw first weights from a seed alone, and leave torch's own generator as it was."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        yield
+
+
 class Learner:
     """The networks of one training and their sources of chance."""
 
@@ -27,11 +37,10 @@ class Learner:
         half = has_bfloat16(device)
         sac = replace(config.sac, bfloat16=config.sac.bfloat16 and half)
         curiosity = replace(config.curiosity, bfloat16=config.curiosity.bfloat16 and half)
-        action_size = spec.action_size
-        torch.manual_seed(config.seed)
-        self.sac = Sac(sac, action_size=action_size, touch_size=TOUCH_SIZE)
+        with _weights_drawn_from(config.seed):
+            self.sac = Sac(sac, action_size=spec.action_size, touch_size=TOUCH_SIZE)
+            self.curiosity = make_curiosity(config.method, curiosity, spec.action_size)
         arrange(self.sac, device)
-        self.curiosity = make_curiosity(config.method, curiosity, action_size)
         if self.curiosity is not None:
             arrange(self.curiosity, device)
             self.curiosity.begin()
@@ -48,7 +57,8 @@ class Learner:
 
     def begin_task_phase(self) -> None:
         """Seed the task's networks with the exploration's; drop those not carried over."""
-        fresh = Sac(self.sac.config, action_size=self.sac.action_size, touch_size=TOUCH_SIZE)
+        with _weights_drawn_from(self.config.seed + 1):
+            fresh = Sac(self.sac.config, action_size=self.sac.action_size, touch_size=TOUCH_SIZE)
         if "encoder" not in self.config.carry:
             self.sac.encoder.load_state_dict(fresh.encoder.state_dict())
             self.sac.target_encoder.load_state_dict(fresh.encoder.state_dict())

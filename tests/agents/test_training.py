@@ -23,6 +23,7 @@ CONFIG = TrainingConfig(
     evaluate_every=40,
     evaluate_episodes=1,
     checkpoint_every=7,
+    carry=("encoder", "actor"),
     exploration=PhaseConfig(30),
     task_phase=PhaseConfig(20, n_step=3, success_share=0.25),
     sac=SacConfig(batch_size=4),

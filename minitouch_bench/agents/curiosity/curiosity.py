@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.encoding import encode
 from minitouch_bench.agents.replay import Batch
-from minitouch_bench.policies.networks import FEATURES, HIDDEN_UNITS, TOUCH_SIZE, VisualEncoder
+from minitouch_bench.policies.networks import HIDDEN_UNITS, VisualEncoder
 
 
 class Curiosity(nn.Module, ABC):
@@ -91,6 +91,3 @@ def two_layers(inputs: int, outputs: int) -> nn.Sequential:
         nn.LeakyReLU(),
         nn.Linear(HIDDEN_UNITS, outputs),
     )
-
-
-__all__ = ["FEATURES", "TOUCH_SIZE", "Curiosity", "own_encoder", "two_layers"]

@@ -4,13 +4,9 @@ import torch
 from torch import Tensor, nn
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import (
-    FEATURES,
-    Curiosity,
-    own_encoder,
-    two_layers,
-)
+from minitouch_bench.agents.curiosity.curiosity import Curiosity, own_encoder, two_layers
 from minitouch_bench.agents.replay import Batch
+from minitouch_bench.policies.networks import FEATURES
 
 MEMBERS = 5
 """Models in the ensemble (Pathak et al. 2019)."""

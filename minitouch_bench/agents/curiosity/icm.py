@@ -5,14 +5,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import (
-    FEATURES,
-    TOUCH_SIZE,
-    Curiosity,
-    own_encoder,
-    two_layers,
-)
+from minitouch_bench.agents.curiosity.curiosity import Curiosity, own_encoder, two_layers
 from minitouch_bench.agents.replay import Batch
+from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE
 
 
 class InverseDynamics(Curiosity):

@@ -4,8 +4,9 @@ import torch
 from torch import Tensor, nn
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import TOUCH_SIZE, Curiosity
+from minitouch_bench.agents.curiosity.curiosity import Curiosity
 from minitouch_bench.agents.replay import Batch
+from minitouch_bench.policies.networks import TOUCH_SIZE
 
 OUTPUTS = 512
 """Numbers that the target network gives (Burda et al. 2019)."""
