@@ -1,23 +1,66 @@
 """MiniTouch-bench: evaluation harness and leaderboard of the MiniTouch benchmark.
 
-Importing it registers the four tasks with Gymnasium, and imports no simulator:
-``gymnasium.make("minitouch_bench:MiniTouch/Pushing-v1")`` needs nothing else.
+::
+
+    import minitouch_bench as mt
+
+    run = mt.evaluate("my_policy.onnx", suite="smoke")
+    run["pushing"].success.value
+    run.table4()
+
+Importing it is cheap and registers the tasks with Gymnasium; simulator, torch and pandas are
+imported when they are first needed. See ``docs/python.md``.
 """
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
+from minitouch_bench.protocol.minitouch import PROTOCOL
+
+if TYPE_CHECKING:
+    from minitouch_bench.api import Run, TaskResult, compare, evaluate, load_run, make
+    from minitouch_bench.errors import MiniTouchError
+
+    __version__: str
+
+__all__ = [
+    "MiniTouchError",
+    "Run",
+    "TaskResult",
+    "__version__",
+    "compare",
+    "evaluate",
+    "load_run",
+    "make",
+]
 
 
-def register_environments() -> None:
+def _register_environments() -> None:
     """Register the tasks with Gymnasium, once."""
-    for task in TASK_NAMES:
-        if PROTOCOL.task(task).gym_id not in gymnasium.registry:
+    for task in PROTOCOL.tasks:
+        if task.gym_id not in gymnasium.registry:
             gymnasium.register(
-                PROTOCOL.task(task).gym_id,
+                task.gym_id,
                 entry_point="minitouch_bench.tasks.registration:make_environment",
-                kwargs={"task": task},
+                max_episode_steps=task.max_steps,
+                kwargs={"task": task.name},
             )
 
 
-register_environments()
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used."""
+    if name == "__version__":
+        return importlib.import_module("importlib.metadata").version("minitouch-bench")
+    if name not in __all__:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    module = "errors" if name == "MiniTouchError" else "api"
+    return getattr(importlib.import_module(f"minitouch_bench.{module}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+_register_environments()

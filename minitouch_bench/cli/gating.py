@@ -11,7 +11,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import Engine, EngineHandle
 from minitouch_bench.evaluation.rollout import ActorSource
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run
-from minitouch_bench.evaluation.suites import find_suite, parse_tasks
+from minitouch_bench.evaluation.suites import choose_tasks, find_suite
 from minitouch_bench.files import lock_directory
 from minitouch_bench.metrics import measure
 from minitouch_bench.policies.isolation.options import IsolationOptions
@@ -72,7 +72,7 @@ def request_like(baseline: SavedRun, policy: str, isolation: IsolationOptions) -
     """
     header = baseline.header
     suite = find_suite(header.suite)
-    tasks = parse_tasks(",".join(header.tasks), suite)
+    tasks = choose_tasks(header.tasks, suite)
     setup = prepare_policies(policy, tasks, isolation)
     request = RunRequest(suite, tasks, header.episodes, header.seed, setup)
     refuse_other_rules(header, request.header(), (baseline.name, setup.policy.name))

@@ -13,7 +13,7 @@ from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import EngineHandle
 from minitouch_bench.evaluation.journal import Journal, read_journal
-from minitouch_bench.evaluation.suites import Suite
+from minitouch_bench.evaluation.suites import Suite, why_unofficial
 from minitouch_bench.files import clear_run, holds_run
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.protocol.minitouch import PROTOCOL
@@ -41,14 +41,13 @@ class RunRequest:
 
     def header(self) -> RunHeader:
         """Return what fixes the run's numbers."""
-        differences = self.suite.differences(self.tasks, self.episodes, self.seed)
         exploration = self.setup.exploration
-        return RunHeader(
+        header = RunHeader(
             protocol=PROTOCOL.name,
             protocol_digest=PROTOCOL.digest(),
             suite=self.suite.name,
-            official=not differences,
-            unofficial_because=differences,
+            official=True,
+            unofficial_because=(),
             tasks=self.tasks,
             episodes=self.episodes,
             seed=self.seed,
@@ -57,6 +56,8 @@ class RunRequest:
             act_timeout_s=self.setup.isolation.limits.act_timeout_s,
             isolation=self.setup.isolation_level(),
         )
+        reasons = why_unofficial(header, self.suite)
+        return replace(header, official=not reasons, unofficial_because=reasons)
 
     def specs(self) -> tuple[EpisodeSpec, ...]:
         """Return the episodes, in the suite's order."""

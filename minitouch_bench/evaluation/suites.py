@@ -1,15 +1,17 @@
 """The suites, and the episodes they consist of."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.policies.sources import IN_MEMORY
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.protocol.seeds import episode_seed, suite_generator
 from minitouch_bench.protocol.spec import SuiteSpec
-from minitouch_bench.records import EpisodeSpec, Role
+from minitouch_bench.records import EpisodeSpec, Role, RunHeader
 from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
 from minitouch_bench.tasks.objects import CUBE
 
@@ -36,19 +38,6 @@ class Suite(SuiteSpec, ABC):
         return final + tuple(
             replace(spec, role=Role.EXPLORATION) for spec in final if spec.task in GOAL_TASKS
         )
-
-    def differences(self, tasks: tuple[str, ...], episodes: int, seed: int) -> tuple[str, ...]:
-        """Return what makes a run with these settings unofficial, in words."""
-        found = []
-        if not self.rankable:
-            found.append(f"suite {self.name}")
-        if tasks != self.tasks:
-            found.append(f"tasks {', '.join(tasks)} only")
-        if episodes != self.episodes_per_task:
-            found.append(f"{episodes} of {self.episodes_per_task} episodes a task")
-        if seed != PROTOCOL.suite(self.name).seed:
-            found.append(f"seed {seed}")
-        return tuple(found)
 
     def _seed_of(self, task: str, index: int) -> int:
         return episode_seed(self.name, task, index, self.seed)
@@ -107,19 +96,35 @@ def find_suite(name: str) -> Suite:
     return SUITES[name]
 
 
-def parse_tasks(text: str | None, suite: Suite) -> tuple[str, ...]:
-    """Return the tasks named in ``text``, separated by commas, in the suite's order.
+def choose_tasks(asked: Sequence[str] | None, suite: Suite) -> tuple[str, ...]:
+    """Return the tasks of a suite that are asked for, in the suite's order; None for all.
 
     Raises:
         UsageError: one of them is not in the suite.
     """
-    if text is None:
+    if asked is None:
         return suite.tasks
-    asked = [name.strip() for name in text.split(",") if name.strip()]
     unknown = [name for name in asked if name not in suite.tasks]
     if unknown or not asked:
         raise UsageError(
-            f"no task '{unknown[0] if unknown else text}' in suite {suite.name}; "
+            f"no task '{unknown[0] if unknown else ''}' in suite {suite.name}; "
             f"its tasks are {', '.join(suite.tasks)}"
         )
     return tuple(name for name in suite.tasks if name in asked)
+
+
+def why_unofficial(header: RunHeader, suite: Suite) -> tuple[str, ...]:
+    """Return what makes a run of a suite unofficial, in words."""
+    found = []
+    if not suite.rankable:
+        found.append(f"suite {suite.name}")
+    if header.tasks != suite.tasks:
+        found.append(f"tasks {', '.join(header.tasks)} only")
+    if header.episodes != suite.episodes_per_task:
+        found.append(f"{header.episodes} of {suite.episodes_per_task} episodes per task")
+    if header.seed != suite.seed:
+        found.append(f"seed {header.seed}")
+    policies = [policy for policy in (header.policy, header.exploration) if policy is not None]
+    if any(policy.kind == IN_MEMORY for policy in policies):
+        found.append("policy in memory, beside the simulator")
+    return tuple(found)

@@ -69,7 +69,7 @@ def _files_of(source: ActorSource) -> Iterator[PolicySource]:
     for policy in (source.policy, source.exploration):
         if policy is not None:
             leaves = [part for _, part in policy.parts] or [policy]
-            yield from (leaf for leaf in leaves if leaf.digest)
+            yield from (leaf for leaf in leaves if leaf.digest and not leaf.content)
 
 
 def _moved(policy: PolicySource, paths: Mapping[str, str]) -> PolicySource:

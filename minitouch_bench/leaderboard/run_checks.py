@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import cache
 
-from minitouch_bench.evaluation.suites import SUITES
+from minitouch_bench.evaluation.suites import SUITES, why_unofficial
 from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.plausibility import contradictions
 from minitouch_bench.leaderboard.submission import ALL_TASKS, CheckpointFile, TrainingSeed
@@ -96,7 +96,7 @@ def _check_header(header: RunHeader, suite: str, place: str, faults: Faults) -> 
     if header.suite != suite:
         faults.add(place, f"it is a run of the suite '{header.suite}', not {suite}", RUN_AGAIN)
         return
-    reasons = SUITES[suite].differences(header.tasks, header.episodes, header.seed)
+    reasons = why_unofficial(header, SUITES[suite])
     if reasons or not header.official or header.unofficial_because:
         said = "; ".join(reasons or header.unofficial_because) or "it says so"
         faults.add(place, f"it is unofficial: {said}", f"evaluate the whole suite {suite}")

@@ -15,10 +15,10 @@ from minitouch_bench.policies.policy import (
     Observation,
     Policy,
     action_size,
-    validate_action,
 )
 from minitouch_bench.policies.sources import PolicySource, read_checkpoint
 from minitouch_bench.policies.wire import describe
+from minitouch_bench.tasks.action import fit_action
 
 
 class InProcessPolicy:
@@ -48,7 +48,9 @@ class InProcessPolicy:
         """
         part = self._source.for_task(task)
         check_permitted(part.kind, part.target, Isolation.NONE, trust=self._trust)
-        content = read_checkpoint(Path(part.target)) if FORMATS[part.kind].suffixes else b""
+        content = part.content
+        if FORMATS[part.kind].suffixes:
+            content = read_checkpoint(Path(part.target))
         checkpoint = Checkpoint(part.target, content, self._deterministic, self._trust)
         self._size = action_size(task)
         seed_everything(seed)
@@ -78,7 +80,7 @@ class InProcessPolicy:
             raise
         except Exception as error:
             raise PolicyRaisedError(describe(error)) from error
-        return validate_action(raw, self._size)
+        return fit_action(raw, self._size)
 
     def close(self) -> None:
         """Forget the policy, telling it so if it wants to know."""

@@ -9,7 +9,7 @@ from minitouch_bench.policies.in_process import InProcessPolicy
 from minitouch_bench.policies.isolation.options import SANDBOXED, Isolation, IsolationOptions
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyProcess
-from minitouch_bench.policies.sources import PolicySource
+from minitouch_bench.policies.sources import IN_MEMORY, PolicySource
 
 MAX_TRIALS = 3
 """A policy is tried this often where something other than the policy fails."""
@@ -18,10 +18,11 @@ MAX_TRIALS = 3
 def effective_level(source: PolicySource, asked: Isolation) -> Isolation:
     """Return the level at which a policy runs where one was asked for.
 
-    The scripted policy runs beside the simulator, because it reads it. A remote policy needs
-    the network, and its process runs only our own client.
+    The scripted policy runs beside the simulator, because it reads it, and an object in memory
+    because it may need what its process has. A remote policy needs the network, and its process
+    runs only our own client.
     """
-    if source.kind == "scripted":
+    if source.kind in ("scripted", IN_MEMORY):
         return Isolation.NONE
     if source.kind == "remote" and asked is Isolation.SANDBOX:
         return Isolation.PROCESS

@@ -48,6 +48,7 @@ FORMATS: Mapping[str, Format] = {
         "minitouch_bench.policies.factory:load_factory", packages=(("torch", "all"),)
     ),
     "remote": Format("minitouch_bench.policies.remote:load_remote"),
+    "in memory": Format("minitouch_bench.policies.in_memory:load_object"),
 }
 
 BUILT_IN = ("random", "zero", "open-loop", "scripted")

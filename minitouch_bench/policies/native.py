@@ -14,7 +14,8 @@ from torch import Tensor
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.files import write_file
 from minitouch_bench.policies.networks import ARCHITECTURES, TouchActor
-from minitouch_bench.policies.policy import ACTION_SIZES, Checkpoint, Observation
+from minitouch_bench.policies.policy import Checkpoint, Observation
+from minitouch_bench.tasks.action import ACTION_SIZES
 
 METADATA_KEY = "minitouch"
 MAX_HEADER_BYTES = 2**20

@@ -29,7 +29,6 @@ from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptio
 from minitouch_bench.policies.policy import (
     Observation,
     action_size,
-    validate_action,
 )
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.policies.wire import (
@@ -40,6 +39,7 @@ from minitouch_bench.policies.wire import (
     plain_line,
     unpack_action,
 )
+from minitouch_bench.tasks.action import fit_action
 
 EXIT_GRACE_S = 0.2
 """Time in which a process that closed its pipe must have exited, to be asked for its status."""
@@ -152,7 +152,7 @@ class PolicyProcess:
             raw = unpack_action(payload)
         except WireError as error:
             self._break_off(error)
-        return validate_action(raw, self._size)
+        return fit_action(raw, self._size)
 
     def close(self) -> None:
         """End the child and the host."""

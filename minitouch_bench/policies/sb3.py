@@ -21,12 +21,12 @@ from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.optional import look_up, require
 from minitouch_bench.policies.declared_sizes import check_zip
 from minitouch_bench.policies.policy import (
-    ACTION_SIZES,
     IMAGE_SHAPE,
     TOUCH_SHAPE,
     Checkpoint,
     Observation,
 )
+from minitouch_bench.tasks.action import ACTION_SIZES
 
 MAX_SETTINGS_BYTES = 16 * 2**20
 MAX_WEIGHTS_BYTES = 512 * 2**20

@@ -4,7 +4,7 @@ import hashlib
 import re
 import urllib.parse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from minitouch_bench.errors import PolicyLoadError
@@ -14,6 +14,9 @@ from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import PolicyIdentity
 
 DIRECTORY = "directory"
+IN_MEMORY = "in memory"
+"""Kinds that are no file, name or address."""
+
 MAX_FILE_BYTES = GIB
 TRAINED_FILE = "final.safetensors"
 """What ``train`` leaves in its directory, which can be given in its place."""
@@ -29,7 +32,7 @@ class PolicySource:
 
     ``target`` is what a loader needs: the file, the factory or the URL. ``digest`` is the
     SHA-256 of the file's bytes, "" where there is no file. A directory has ``parts``, one
-    source a task.
+    source per task. ``content`` holds the bytes of a policy that is in memory.
     """
 
     kind: str
@@ -37,6 +40,7 @@ class PolicySource:
     target: str
     digest: str = ""
     parts: tuple[tuple[str, "PolicySource"], ...] = ()
+    content: bytes = field(default=b"", repr=False)
 
     def for_task(self, task: str) -> "PolicySource":
         """Return the source that serves a task.

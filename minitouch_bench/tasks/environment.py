@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import InvalidActionError, UsageError
+from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Outcome
 from minitouch_bench.sensing.camera import GreyCamera, Shadow
@@ -17,6 +17,7 @@ from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import PandaArm
 from minitouch_bench.simulation.panda_kinematics import PandaKinematics
 from minitouch_bench.simulation.scene import add_table
+from minitouch_bench.tasks.action import fit_action
 from minitouch_bench.tasks.contact_watch import ContactWatch
 from minitouch_bench.tasks.objects import ObjectModel, ObjectPool
 from minitouch_bench.tasks.studio import Studio
@@ -151,19 +152,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             InvalidActionError: wrong shape or kind, NaN or infinite; the world is untouched,
                 which matters because one NaN would poison it for good.
         """
-        try:
-            given = np.asarray(action)
-        except ValueError as error:
-            raise InvalidActionError("the action is not an array of numbers") from error
-        size = self.task.spec.action_size
-        if given.shape != (size,) or not np.issubdtype(given.dtype, np.floating):
-            raise InvalidActionError(
-                f"an action is float32 ({size},); this one is {given.dtype} {given.shape}"
-            )
-        if not np.isfinite(given).all():
-            raise InvalidActionError("the action holds NaN or infinity")
-        applied = np.clip(given, -1.0, 1.0).astype(np.float32)
-        return applied, bool((np.abs(given) > 1.0).any())
+        given = fit_action(action, self.task.spec.action_size)
+        return np.clip(given, -1.0, 1.0), bool((np.abs(given) > 1.0).any())
 
     def _observe(self) -> Observation:
         return {

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actions import Actions, read_actions
-from minitouch_bench.evaluation.suites import SUITES
+from minitouch_bench.evaluation.suites import SUITES, why_unofficial
 from minitouch_bench.files import RUN_FILE
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, RunHeader, SavedRun
@@ -85,7 +85,7 @@ def _settings(header: RunHeader) -> Iterator[Difference]:
     elif not 0 < header.episodes <= MAX_EPISODES:
         yield Difference("header.episodes", f"{header.episodes} episodes a task are no run")
     else:
-        reasons = suite.differences(header.tasks, header.episodes, header.seed)
+        reasons = why_unofficial(header, suite)
         recorded = {"official": header.official, "because": header.unofficial_because}
         found = {"official": not reasons, "because": reasons}
         yield from compare_values("header", recorded, found)

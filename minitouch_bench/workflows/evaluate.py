@@ -13,7 +13,7 @@ from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions, open_engine
 from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_episodes
-from minitouch_bench.evaluation.suites import find_suite, parse_tasks
+from minitouch_bench.evaluation.suites import choose_tasks, find_suite
 from minitouch_bench.files import VIDEOS, lock_directory
 from minitouch_bench.metrics import summarize
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
@@ -48,16 +48,17 @@ class EvaluateOptions:
     """What to evaluate, and how.
 
     ``tasks``, ``episodes`` (per task), ``seed``: None for the suite's own.
+    ``policy``: a name, a file and so on as on the command line, or an object in memory.
     ``exploration``: the policy as of the end of the exploration phase. ``name``: what reports
     call the policy.
     """
 
-    policy: str
+    policy: object
     suite: str = "table4"
     tasks: tuple[str, ...] | None = None
     episodes: int | None = None
     seed: int | None = None
-    exploration: str | None = None
+    exploration: object | None = None
     name: str | None = None
     engine: EngineOptions = LOCAL
     isolation: IsolationOptions = SANDBOXED
@@ -104,7 +105,7 @@ def make_request(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Run
         PolicyError, IsolationError, MissingExtraError: a policy cannot be used.
     """
     suite = find_suite(options.suite)
-    tasks = parse_tasks(None if options.tasks is None else ",".join(options.tasks), suite)
+    tasks = choose_tasks(options.tasks, suite)
     setup = prepare_policies(
         options.policy,
         tasks,

@@ -1,9 +1,11 @@
 """Find the policies of a run and try each before its first episode."""
 
 from dataclasses import replace
+from pathlib import Path
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.policies.in_memory import keep_in_memory
 from minitouch_bench.policies.isolate import effective_level, try_policy
 from minitouch_bench.policies.isolation.options import SANDBOXED, Isolation, IsolationOptions
 from minitouch_bench.policies.sources import PolicySource, parse_source
@@ -12,17 +14,18 @@ from minitouch_bench.workflows.callbacks import SILENT, Callbacks
 
 
 def prepare_policies(
-    policy: str,
+    policy: object,
     tasks: tuple[str, ...],
     isolation: IsolationOptions = SANDBOXED,
     callbacks: Callbacks = SILENT,
     *,
-    exploration: str | None = None,
+    exploration: object | None = None,
     name: str | None = None,
 ) -> PolicySetup:
     """Find the policies and load each once, so that a bad file is refused before any episode.
 
-    ``name`` is what reports call the policy; by default its own name.
+    A policy is what the command line takes, or an object. ``name`` is what reports call the
+    policy; by default its own name.
 
     Raises:
         UsageError: an option has no meaning here.
@@ -43,14 +46,17 @@ def prepare_policies(
 
 
 def _find_policy(
-    text: str,
+    policy: object,
     tasks: tuple[str, ...],
     isolation: IsolationOptions,
     callbacks: Callbacks,
     *,
     deterministic: bool = True,
 ) -> PolicySource:
-    source = parse_source(text, tasks, trust=isolation.trust)
+    if isinstance(policy, str | Path):
+        source = parse_source(str(policy), tasks, trust=isolation.trust)
+    else:
+        source = keep_in_memory(policy)
     level = effective_level(source, isolation.level)
     if source.kind == "remote" and level is not isolation.level:
         callbacks.note(f"a policy server needs the network: its client has isolation {level}")

@@ -45,7 +45,7 @@ def test_a_run_leaves_its_files_and_shows_its_table(scripted):
     assert [row["outcome"] for row in rows(directory)] == ["success"] * 4
     document = json.loads((directory / "run.json").read_text())
     assert "reads the simulator's state" in (directory / "run.json").read_text()
-    assert "2 of 100 episodes a task" in json.dumps(document)
+    assert "2 of 100 episodes per task" in json.dumps(document)
 
 
 def test_two_workers_give_the_same_numbers_and_json_alone_on_stdout(scripted, tmp_path):

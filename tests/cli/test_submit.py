@@ -72,7 +72,7 @@ def test_a_checkpoint_that_is_gone_is_named_by_its_digest(finished, tmp_path):
 
 def test_an_unofficial_run_is_refused(scripted, tmp_path):
     done = run("submit", "--run", scripted[1], "--name", "scripted", directory=tmp_path)
-    done.refused(2, "no official run", "2 of 100 episodes a task")
+    done.refused(2, "no official run", "2 of 100 episodes per task")
     assert os.listdir(tmp_path) == []
 
 

@@ -3,7 +3,10 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.suites import SUITES, find_suite, parse_tasks
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.run import RunRequest
+from minitouch_bench.evaluation.suites import SUITES, choose_tasks, find_suite, why_unofficial
+from minitouch_bench.policies.sources import IN_MEMORY, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.records import Role
 from minitouch_bench.shapegen.manifest import canonical_shape_set
@@ -68,24 +71,29 @@ def test_novel_shapes_faces_each_held_out_shape_once_and_as_many_others():
 
 
 def test_what_makes_a_run_unofficial_is_said():
-    assert TABLE4.differences(TASK_NAMES, 100, 0) == ()
-    assert TABLE4.differences(("pushing",), 3, 7) == (
+    header = RunRequest(TABLE4, TASK_NAMES, 100, 0, PolicySetup(parse_source("zero"))).header()
+    assert header.official
+    assert why_unofficial(header, TABLE4) == ()
+    changed = replace(header, tasks=("pushing",), episodes=3, seed=7)
+    assert why_unofficial(changed, TABLE4) == (
         "tasks pushing only",
-        "3 of 100 episodes a task",
+        "3 of 100 episodes per task",
         "seed 7",
     )
-    assert SUITES["smoke"].differences(TASK_NAMES, 5, 0) == ("suite smoke",)
+    assert why_unofficial(replace(header, episodes=5), SUITES["smoke"]) == ("suite smoke",)
+    in_memory = replace(header, exploration=replace(header.policy, kind=IN_MEMORY))
+    assert why_unofficial(in_memory, TABLE4) == ("policy in memory, beside the simulator",)
 
 
-def test_tasks_are_parsed_in_the_suite_s_order():
-    assert parse_tasks(None, TABLE4) == TASK_NAMES
-    assert parse_tasks(" pick-up, playing,playing", TABLE4) == ("playing", "pick-up")
+def test_tasks_are_chosen_in_the_suite_s_order():
+    assert choose_tasks(None, TABLE4) == TASK_NAMES
+    assert choose_tasks(["pick-up", "playing", "playing"], TABLE4) == ("playing", "pick-up")
 
 
-@pytest.mark.parametrize("text", ["flying", "pushing,flying", "", " , "])
-def test_unknown_tasks_are_usage_errors(text):
+@pytest.mark.parametrize("names", [["flying"], ["pushing", "flying"], [], [""]])
+def test_unknown_tasks_are_usage_errors(names):
     with pytest.raises(UsageError, match="no task '"):
-        parse_tasks(text, TABLE4)
+        choose_tasks(names, TABLE4)
 
 
 def test_an_unknown_suite_is_a_usage_error():

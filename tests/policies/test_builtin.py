@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from minitouch_bench.policies.loading import load_policy
-from minitouch_bench.policies.policy import Checkpoint, action_size, validate_action
+from minitouch_bench.policies.policy import Checkpoint, action_size
 from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.tasks.action import fit_action
 
 
 @pytest.mark.parametrize("name", ["random", "zero"])
@@ -11,7 +12,7 @@ from minitouch_bench.protocol.minitouch import TASK_NAMES
 def test_actions_fit_the_task(name, task, observation):
     policy = load_policy(name, Checkpoint(name))
     policy.reset(1, task)
-    action = validate_action(policy.act(observation), action_size(task))
+    action = fit_action(policy.act(observation), action_size(task))
     assert np.abs(action).max() <= 1.0
 
 

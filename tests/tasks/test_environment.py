@@ -152,9 +152,9 @@ def test_an_action_that_is_no_number_never_reaches_the_simulator(environment, va
 @pytest.mark.parametrize(
     "make_bad",
     [
-        lambda size: np.zeros(size + 1, np.float32),
+        lambda size: np.zeros(size + 2, np.float32),
         lambda size: np.zeros(size - 1, np.float32),
-        lambda size: np.zeros((1, size), np.float32),
+        lambda size: np.zeros((2, size), np.float32),
         lambda size: np.zeros(size, int),
         lambda size: np.zeros(size, bool),
         lambda size: np.zeros(size, complex),
@@ -169,6 +169,20 @@ def test_an_action_of_another_form_is_refused(environments, make_bad):
     environment.reset(seed=2)
     with pytest.raises(InvalidActionError):
         environment.step(make_bad(4))
+
+
+@pytest.mark.parametrize("task", ["opening", "pushing"])
+def test_four_or_five_numbers_serve_every_task(task, environments):
+    environment = environments[task]
+    moves = {}
+    for size in (4, 5):
+        environment.reset(seed=2)
+        given = np.linspace(0.1, 0.9, 5, dtype=np.float32)[:size]
+        *_, info = environment.step(given)
+        moves[size] = info["action"].tolist()
+        assert info["action"][:4].tolist() == given[:4].tolist()
+    assert len(moves[4]) == len(moves[5]) == environment.action_space.shape[0]
+    assert moves[4][4:] == [0.0] * (len(moves[4]) - 4)
 
 
 def test_an_action_out_of_range_is_clipped_and_counted(environment):

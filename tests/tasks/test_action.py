@@ -2,39 +2,38 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import InvalidActionError
-from minitouch_bench.policies.policy import action_size, validate_action
-from minitouch_bench.protocol.minitouch import TASK_NAMES
-
-
-def test_only_opening_has_a_fifth_number():
-    assert [action_size(task) for task in TASK_NAMES] == [4, 4, 5, 4]
+from minitouch_bench.tasks.action import fit_action
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, ">f8"])
 @pytest.mark.parametrize("shape", [(4,), (1, 4)])
 def test_floats_are_cast_and_a_batch_axis_is_dropped(dtype, shape):
-    action = validate_action(np.full(shape, 0.5, dtype), 4)
+    action = fit_action(np.full(shape, 0.5, dtype), 4)
     assert action.dtype == np.float32
     assert action.tolist() == [0.5] * 4
 
 
 def test_nothing_is_clipped():
-    assert validate_action([7.0, -7.0, 0.0, 0.0], 4).tolist() == [7.0, -7.0, 0.0, 0.0]
+    assert fit_action([7.0, -7.0, 0.0, 0.0], 4).tolist() == [7.0, -7.0, 0.0, 0.0]
 
 
 def test_four_are_taken_of_five():
-    assert validate_action(np.arange(5.0), 4).tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert fit_action(np.arange(5.0), 4).tolist() == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_the_yaw_of_four_is_zero():
+    assert fit_action(np.arange(1.0, 5.0), 5).tolist() == [1.0, 2.0, 3.0, 4.0, 0.0]
 
 
 def test_the_result_shares_no_memory_with_the_policy():
     raw = np.zeros(4, np.float32)
-    assert not np.shares_memory(validate_action(raw, 4), raw)
+    assert not np.shares_memory(fit_action(raw, 4), raw)
 
 
 @pytest.mark.parametrize(
     ("raw", "size", "text"),
     [
-        (np.zeros(4), 5, "4 numbers"),
+        (np.zeros(3), 5, "3 numbers, not 5"),
         (np.zeros(3), 4, "3 numbers"),
         (np.zeros(6), 4, "6 numbers"),
         (np.zeros(6), 5, "6 numbers"),
@@ -56,4 +55,4 @@ def test_the_result_shares_no_memory_with_the_policy():
 )
 def test_anything_else_is_refused(raw, size, text):
     with pytest.raises(InvalidActionError, match=text):
-        validate_action(raw, size)
+        fit_action(raw, size)

@@ -1,0 +1,93 @@
+"""Policies handed over as Python objects, in place of a name or a file.
+
+The object is copied by pickle. Every episode starts with a new copy, in whatever worker it
+runs, so that no episode can depend on another one.
+"""
+
+import copy
+import hashlib
+import pickle
+import sys
+from typing import Any
+
+import cloudpickle
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.policies.policy import Checkpoint, Observation, Policy
+from minitouch_bench.policies.sources import IN_MEMORY, PolicySource
+from minitouch_bench.policies.wire import describe
+
+WANTED = (
+    "a policy is a name, a file, an object with act(observation), a Stable-Baselines3 model, or "
+    "a torch module on (image, touch)"
+)
+
+
+class ObjectPolicy:
+    """Anything with ``act(observation)``; ``reset(seed, task)`` is called where there is one."""
+
+    def __init__(self, policy: Any) -> None:
+        self._policy = policy
+
+    def reset(self, seed: int, task: str) -> None:
+        """Reset the object."""
+        if callable(reset := getattr(self._policy, "reset", None)):
+            reset(seed, task)
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the object's action."""
+        return self._policy.act(observation)  # type: ignore[no-any-return]
+
+
+def keep_in_memory(policy: object) -> PolicySource:
+    """Return the source of a policy that is given as an object.
+
+    Raises:
+        PolicyLoadError: it is no policy, or cannot be copied.
+    """
+    try:
+        content = cloudpickle.dumps(_without_training(policy))
+    except Exception as error:  # whatever an object raises when it is pickled
+        raise PolicyLoadError(
+            f"the policy {type(policy).__name__} cannot be copied for each episode: "
+            f"{describe(error)}.\nGive a factory, 'package.module:attribute', with trust=True"
+        ) from error
+    digest = hashlib.sha256(content).hexdigest()
+    name = type(policy).__name__
+    return PolicySource(IN_MEMORY, name, f"{name} in memory", digest, content=content)
+
+
+def load_object(checkpoint: Checkpoint) -> Policy:
+    """Return a new copy of the object as a policy."""
+    policy = pickle.loads(checkpoint.content)
+    if _has_act(policy):
+        return ObjectPolicy(policy)
+    if hasattr(policy, "predict"):
+        from minitouch_bench.policies.sb3 import Sb3Policy  # noqa: PLC0415  imports torch
+
+        return Sb3Policy(policy, checkpoint.deterministic)
+    from minitouch_bench.policies.torchscript import TorchScriptPolicy  # noqa: PLC0415
+
+    return TorchScriptPolicy(policy)
+
+
+def _without_training(policy: object) -> object:
+    """Return what acts: of a model of Stable-Baselines3 its policy, on the CPU as any module."""
+    if _has_act(policy):
+        return policy
+    module = policy.policy if _is_sb3_model(policy) else policy  # type: ignore[attr-defined]
+    torch = sys.modules.get("torch")
+    if torch is None or not isinstance(module, torch.nn.Module):
+        raise PolicyLoadError(f"{type(policy).__name__} is no policy: {WANTED}")
+    return copy.deepcopy(module).cpu().eval()
+
+
+def _has_act(policy: object) -> bool:
+    return callable(getattr(policy, "act", None))
+
+
+def _is_sb3_model(policy: object) -> bool:
+    module = sys.modules.get("stable_baselines3.common.base_class")
+    return module is not None and isinstance(policy, module.BaseAlgorithm)

@@ -1,0 +1,204 @@
+"""The Python front door: the same runs as the command line's, for objects too."""
+
+import re
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+import minitouch_bench as mt
+from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.records import EpisodeMetrics
+
+ROOT = Path(__file__).parents[1]
+SHORT = {"suite": "smoke", "tasks": ["opening"], "episodes": 1}
+"""One episode, of the task that is simulated fastest."""
+
+
+class Counter:
+    """Its actions depend on how often it has acted: what is left of one episode would show."""
+
+    def __init__(self):
+        self.acts = 0
+
+    def act(self, observation):
+        self.acts += 1
+        action = np.zeros(4, np.float32)
+        action[self.acts % 3] = 0.5
+        return action
+
+
+class Resets(Counter):
+    def reset(self, seed, task):
+        assert isinstance(seed, int)
+        assert task == "opening"
+        self.acts = seed % 3
+
+
+class Unpicklable(Counter):
+    def __init__(self):
+        super().__init__()
+        self.lock = threading.Lock()
+
+
+@pytest.fixture(scope="module")
+def counted():
+    """Two episodes of an object by one worker, and the object."""
+    policy = Counter()
+    return mt.evaluate(policy, **{**SHORT, "episodes": 2}, workers=1), policy
+
+
+def test_an_object_is_evaluated_and_its_run_is_unofficial(counted):
+    run, policy = counted
+    assert run.header.policy.name == "Counter"
+    assert run.header.isolation == "none"
+    assert not run.header.official
+    assert "policy in memory, beside the simulator" in run.header.unofficial_because
+    assert run.directory is None
+    assert run.faults == {}
+    assert repr(run) == "<Run of Counter on smoke, unofficial: opening>"
+    assert policy.acts == 0
+
+
+def test_an_object_remembers_nothing_and_workers_do_not_matter(counted):
+    run, policy = counted
+    again = mt.evaluate(policy, **{**SHORT, "episodes": 2}, workers=2, name="again")
+    assert again.saved.digest == run.saved.digest
+    assert again.header.policy.name == "again"
+
+
+def test_the_figures_of_a_run_are_tables_and_estimates(counted):
+    run, _ = counted
+    episodes = run.episodes
+    assert isinstance(episodes, pd.DataFrame)
+    assert list(episodes.columns) == list(EpisodeMetrics.columns())
+    assert list(episodes["task"]) == ["opening"] * 2
+    assert run.exploration_episodes.empty
+    table = run.table4()
+    assert table.loc["success", ("opening", "value")] == run["opening"].success.value
+    assert np.isnan(table.loc["exploration", ("opening", "low")])
+    steps = run["opening"].episode_steps
+    assert steps.low <= steps.value <= steps.high
+    assert steps.value == episodes["steps"].mean()
+    assert "success" in dir(run["opening"])
+    assert sum(run["opening"].outcomes.values()) == 2
+
+
+def test_what_a_run_does_not_have_is_named(counted):
+    run, _ = counted
+    with pytest.raises(KeyError, match="no task 'pushing'; it has opening"):
+        run["pushing"]
+    with pytest.raises(AttributeError, match="no metric 'speed' here; there are success"):
+        run["opening"].speed  # noqa: B018
+
+
+def test_an_object_is_told_of_the_episode():
+    run = mt.evaluate(Resets(), **SHORT, workers=1)
+    assert run.faults == {}
+
+
+def test_a_torch_module_gives_the_bits_of_its_checkpoint(tmp_path):
+    torch.manual_seed(5)
+    actor = TouchActor(action_size=5)
+    save_native(actor, tmp_path / "actor.safetensors")
+    runs = [
+        mt.evaluate(policy, **SHORT, workers=1)
+        for policy in (actor, tmp_path / "actor.safetensors")
+    ]
+    assert list(runs[0].episodes["digest"]) == list(runs[1].episodes["digest"])
+    assert [run.header.isolation for run in runs] == ["none", "sandbox"]
+
+
+def test_a_model_of_stable_baselines_gives_the_bits_of_its_zip(tmp_path):
+    sb3 = pytest.importorskip("stable_baselines3")
+    from tests.policies.recipes import StillEnvironment
+
+    model = sb3.SAC("MultiInputPolicy", StillEnvironment(5), buffer_size=10, seed=1, device="cpu")
+    model.save(tmp_path / "model.zip")
+    runs = [mt.evaluate(policy, **SHORT, workers=1) for policy in (model, tmp_path / "model.zip")]
+    assert list(runs[0].episodes["digest"]) == list(runs[1].episodes["digest"])
+
+
+def test_a_run_with_a_directory_is_loaded_and_compared(tmp_path, counted):
+    run = mt.evaluate("scripted", **SHORT, workers=1, output=tmp_path / "run")
+    loaded = mt.load_run(tmp_path / "run")
+    assert loaded.saved == run.saved
+    assert loaded["opening"].success.value == 1.0
+    comparison = mt.compare(run, str(tmp_path / "run"))
+    assert comparison.pairs[0].identical
+    with pytest.raises(UsageError, match="not of the same episodes"):
+        mt.compare(run, counted[0])
+    with pytest.raises(RunDirectoryError, match="resume"):
+        mt.evaluate("scripted", **SHORT, output=tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("policy", "reason"),
+    [
+        (42, "int is no policy: .* an object with act"),
+        (Unpicklable(), "Unpicklable cannot be copied for each episode"),
+        ("gone.pt", "does not exist"),
+    ],
+)
+def test_what_is_no_policy_is_refused(policy, reason):
+    with pytest.raises(PolicyLoadError, match=reason):
+        mt.evaluate(policy, **SHORT)
+
+
+def test_wrong_options_are_refused():
+    with pytest.raises(UsageError, match="no isolation 'strong'; it is one of sandbox"):
+        mt.evaluate("zero", isolation="strong")
+    with pytest.raises(UsageError, match="no task 'flying'"):
+        mt.evaluate("zero", tasks=["flying"])
+    with pytest.raises(UsageError, match="no engine 'cloud'; the engines are local"):
+        mt.evaluate("zero", engine="cloud")
+
+
+def test_environments_are_made_by_the_task_s_name():
+    environment = mt.make("playing", objects="train", render_mode="rgb_array")
+    _, info = environment.reset(seed=3)
+    assert info["object"] != "cube"
+    assert environment.render().shape == (480, 480, 3)
+    environment.close()
+    with pytest.raises(UsageError, match="no task 'flying'"):
+        mt.make("flying")
+
+
+def test_after_the_import_gymnasium_knows_the_tasks():
+    assert gymnasium.spec("MiniTouch/Pushing-v1").max_episode_steps == 200
+
+
+def test_every_public_name_is_there_and_no_other():
+    assert set(mt.__all__) <= set(dir(mt))
+    for name in mt.__all__:
+        assert getattr(mt, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'evaluat'"):
+        mt.evaluat  # noqa: B018
+
+
+def test_importing_it_is_cheap():
+    code = "import sys, minitouch_bench; print(*{name.split('.')[0] for name in sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    heavy = {"torch", "pybullet", "pandas", "matplotlib", "trimesh", "scipy", "jinja2", "typer"}
+    assert not set(done.stdout.split()) & heavy
+
+
+@pytest.mark.slow
+def test_the_page_for_python_runs_from_top_to_bottom(tmp_path):
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    (tmp_path / "page.py").write_text(
+        "\n".join(re.findall(r"^```python\n(.*?)^```", page, re.M | re.S))
+    )
+    command = [sys.executable, "-W", "error", "page.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "opening/0 step_limit" in done.stdout
+    assert (tmp_path / "reports" / "first" / "report.html").exists()
