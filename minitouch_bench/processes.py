@@ -1,22 +1,27 @@
 """Worker processes: all compute alike, none outlives its parent, and one that dies is replaced.
 
 ``multiprocessing.Pool`` hangs after a worker's kill -9, and ``ProcessPoolExecutor`` loses all
-that was in flight. Here the job of a dead worker is tried again.
+that was in flight. Here the job of a dead worker is tried again. Their workers also import the
+program's main module, which a script without a guard would not survive.
 """
 
 import contextlib
 import ctypes
-import multiprocessing
 import os
+import pickle
 import platform
 import signal
+import subprocess
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from typing import Any, Generic, TypeVar
+
+import cloudpickle
 
 from minitouch_bench.errors import InfrastructureError, MiniTouchError
 
@@ -40,6 +45,16 @@ libraries read them when they are loaded.
 
 MANY_JOBS = 64
 """Jobs from which on the start of worker processes is worth its second."""
+
+START = """
+import sys
+from multiprocessing.connection import Connection
+connection = Connection(int(sys.argv[1]))
+sys.path[:] = connection.recv()
+from minitouch_bench.processes import serve
+serve(connection, int(sys.argv[2]))
+"""
+"""The program of a worker: what it imports comes from where its parent has it."""
 
 CLOSE_TIMEOUT_S = 2.0
 PR_SET_PDEATHSIG = 1
@@ -172,49 +187,55 @@ class _Worker(Generic[Job, Result]):
     """The parent's side of one worker process; ``task`` is (index of its job, attempt)."""
 
     def __init__(self, function: Callable[[Job], Result]) -> None:
-        context = multiprocessing.get_context("spawn")
-        self.connection, theirs = context.Pipe()
-        self.process = context.Process(
-            target=_serve, args=(theirs, function, os.getpid()), daemon=True
-        )
-        resource_tracker.ensure_running()  # a start of it in the block would lift the mask
-        with interrupts_held(), same_arithmetic():
-            self.process.start()
-        theirs.close()
+        self.connection, theirs = Pipe()
+        command = [sys.executable, "-P", "-c", START, str(theirs.fileno()), str(os.getpid())]
+        with theirs, interrupts_held(), same_arithmetic():
+            self.process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),)
+            )
+        self.sentinel = os.pidfd_open(self.process.pid)
         self.task: tuple[int, int] | None = None
+        self.send(sys.path)
+        self.send(cloudpickle.dumps(function))
 
-    def send(self, job: Job) -> None:
+    def send(self, message: object) -> None:
         """Hand over a job; a worker that has died is found by its sentinel."""
         with contextlib.suppress(OSError):
-            self.connection.send(job)
+            self.connection.send(message)
 
     def receive(self) -> Result | _Failure:
         """Return what came of the job."""
         try:
             result: Result | _Failure = self.connection.recv()
         except (EOFError, OSError):
-            self.process.join(CLOSE_TIMEOUT_S)
-            return _Failure(f"its worker ended (exit code {self.process.exitcode})")
+            return _Failure(f"its worker ended (exit code {self._wait()})")
         return result
 
     def close(self) -> None:
         """End the process; what it was doing is lost."""
         self.connection.close()
         self.process.kill()
-        self.process.join(CLOSE_TIMEOUT_S)
+        self._wait()
+        os.close(self.sentinel)
+
+    def _wait(self) -> int | None:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(CLOSE_TIMEOUT_S)
+        return self.process.returncode
 
 
 def _ready(pool: Sequence[_Worker[Job, Result]]) -> list[_Worker[Job, Result]]:
     """Wait until some busy workers have an answer or have died, and return them."""
     busy = [worker for worker in pool if worker.task]
-    found = wait([handle for w in busy for handle in (w.connection, w.process.sentinel)])
-    return [w for w in busy if w.connection in found or w.process.sentinel in found]
+    found = wait([handle for w in busy for handle in (w.connection, w.sentinel)])
+    return [w for w in busy if w.connection in found or w.sentinel in found]
 
 
-def _serve(connection: Connection, function: Callable[[Any], Any], parent: int) -> None:
+def serve(connection: Connection, parent: int) -> None:
     """Run in a worker process: answer each job received, until the pipe closes."""
     die_with(parent)
     with contextlib.suppress(EOFError, OSError):
+        function: Callable[[Any], Any] = pickle.loads(connection.recv())
         while True:
             job = connection.recv()
             try:

@@ -270,7 +270,9 @@ def test_ctrl_c_before_the_first_episode_ends_it_as_well(tmp_path, moment):
 
 def test_a_worker_that_always_dies_leaves_a_run_to_be_resumed(tmp_path, monkeypatch):
     (tmp_path / "sitecustomize.py").write_text(
-        "import sys\nif 'spawn_main' in ' '.join(sys.orig_argv):\n    raise SystemExit(9)\n"
+        "import sys\n"
+        "if 'minitouch_bench.processes' in ' '.join(sys.orig_argv):\n"
+        "    raise SystemExit(9)\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
     done = run(*SCRIPTED, "--workers", 1, "--output", "run", directory=tmp_path)

@@ -74,7 +74,7 @@ def victims(pid: int, kind: str) -> list[int]:
     """Return the workers below the command, or the processes that hold their policies."""
     below = family(pid)
     if kind == "worker":
-        return [child for child, line in below.items() if "spawn_main" in line]
+        return [child for child, line in below.items() if "minitouch_bench.processes" in line]
     return [child for child, line in below.items() if "policies.host" in line]
 
 

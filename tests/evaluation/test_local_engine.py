@@ -46,7 +46,7 @@ def wait_until(holds, seconds=30.0):
 
 def is_worker(pid):
     try:
-        return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        return b"minitouch_bench.processes" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except FileNotFoundError:
         return False
 
