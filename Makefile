@@ -5,7 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: evaluate test prove regress leaderboard check format bench pictures clean
+.PHONY: evaluate test prove regress leaderboard check format bench schemas pictures clean
 
 evaluate: $(READY)
 	$(BIN)/minitouch-bench evaluate scripted --suite smoke --fresh
@@ -37,6 +37,9 @@ format: $(READY)
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks.speed
+
+schemas: $(READY)
+	$(BIN)/python -m benchmarks.schemas
 
 pictures: $(READY)
 	$(BIN)/python -m benchmarks.pictures

@@ -15,9 +15,10 @@ from minitouch_bench.metrics.definitions import metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import EpisodeMetrics, Estimate, RunHeader, SavedRun, TaskSummary
+from minitouch_bench.records import Estimate, Outcome, RunHeader, SavedRun, TaskSummary
 from minitouch_bench.regression.comparison import Comparison, compare_runs
 from minitouch_bench.reporting import read_run
+from minitouch_bench.reporting.frames import episodes_frame
 from minitouch_bench.shapegen.manifest import ShapeSet
 from minitouch_bench.workflows import evaluate as workflow
 from minitouch_bench.workflows.callbacks import SILENT, Callbacks
@@ -42,7 +43,7 @@ class TaskResult:
         return dict(self.summary.estimates)
 
     @property
-    def outcomes(self) -> dict[str, int]:
+    def outcomes(self) -> dict[Outcome, int]:
         """Number of episodes by how they ended."""
         return dict(self.summary.outcomes)
 
@@ -85,12 +86,12 @@ class Run:
     @property
     def episodes(self) -> pd.DataFrame:
         """One row per episode, with the columns of ``episodes.csv``, family, split and digest."""
-        return _table(self.saved.episodes)
+        return episodes_frame(self.saved.episodes)
 
     @property
     def exploration_episodes(self) -> pd.DataFrame:
         """The episodes of the exploration policy; no rows where there was none."""
-        return _table(self.saved.exploration_episodes)
+        return episodes_frame(self.saved.exploration_episodes)
 
     def table4(self) -> pd.DataFrame:
         """Return Table 4 in the paper's shape: metrics as rows, tasks as groups of columns.
@@ -210,11 +211,4 @@ def compare(first: Run | StrPath, second: Run | StrPath, *others: Run | StrPath)
     runs = [one if isinstance(one, Run) else load_run(one) for one in (first, second, *others)]
     return compare_runs(
         [run.saved for run in runs], [str(run.directory or run.saved.name) for run in runs]
-    )
-
-
-def _table(episodes: Sequence[EpisodeMetrics]) -> pd.DataFrame:
-    columns = EpisodeMetrics.columns()
-    return pd.DataFrame(
-        {name: [getattr(one, field) for one in episodes] for name, field in columns.items()}
     )

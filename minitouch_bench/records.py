@@ -1,13 +1,21 @@
-"""Frozen records that every layer shares. They hold data and know no simulator."""
+"""Frozen records that every layer shares. They hold data and know no simulator.
+
+Those of ``run.json`` are its types: ``documents`` reads and writes them, and makes the schema.
+"""
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from enum import StrEnum
-from typing import Any
+from typing import Annotated, Literal
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
+
+Count = Annotated[int, Meta(ge=0)]
+Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+Sha256OrNone = Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")]
 
 
 class Outcome(StrEnum):
@@ -77,11 +85,11 @@ class EpisodeTrace:
         whoever replays the applied actions must find the same digest.
         """
         sha = hashlib.sha256()
-        for one in fields(self):
-            if one.name == "clipped":
+        for field in fields(self):
+            if field.name == "clipped":
                 continue
-            array = np.ascontiguousarray(getattr(self, one.name))
-            sha.update(f"{one.name}{array.dtype.str}{array.shape}".encode())
+            array = np.ascontiguousarray(getattr(self, field.name))
+            sha.update(f"{field.name}{array.dtype.str}{array.shape}".encode())
             sha.update(array.tobytes())
         return sha.hexdigest()
 
@@ -98,39 +106,36 @@ class EpisodeRecord:
 
 @dataclass(frozen=True)
 class EpisodeMetrics:
-    """The metrics of one episode: a row of ``episodes.csv``, in its column order.
+    """What was measured in one episode.
 
-    ``family`` and ``split`` of the shape, and ``digest``, the trajectory's, stand in
-    ``run.json`` alone.
-
-    ``touch_variance`` is in N², ``object_movement`` in m² (Opening: rad²),
-    ``time_to_first_touch`` and ``arm_time`` in s; None where the finger never touched.
+    ``shape``, ``family`` and ``split`` are those of the object, "" where there is none.
+    ``digest`` is the SHA-256 of the trajectory: applied actions, rewards, ticks, contacts, touch
+    and the object's state at every step.
     """
 
     task: str
-    index: int
-    seed: int
+    index: Count
+    seed: Count
     shape: str
+    family: str
+    split: str
     outcome: Outcome
-    success: bool
-    steps: int
-    episode_return: float = field(metadata={"column": "return"})
-    touch_interaction: int
-    touch_onsets: int
-    touch_steps: int
+    steps: Count
+    episode_return: float
+    touch_interaction: Count
+    touch_onsets: Count
+    touch_steps: Count
     touch_variance: float
     object_movement: float
-    time_to_first_touch: float | None
-    arm_time: float
-    clipped_actions: int
-    family: str = ""
-    split: str = ""
-    digest: str = ""
+    first_touch_tick: Count | None
+    ticks: Count
+    clipped_actions: Count
+    digest: Sha256
 
-    @classmethod
-    def columns(cls) -> dict[str, str]:
-        """Return the field of each column, by the name that files give it."""
-        return {one.metadata.get("column", one.name): one.name for one in fields(cls)}
+    @property
+    def success(self) -> bool:
+        """Whether the episode reached its goal."""
+        return self.outcome is Outcome.SUCCESS
 
 
 @dataclass(frozen=True)
@@ -140,7 +145,7 @@ class Estimate:
     value: float
     low: float
     high: float
-    count: int
+    count: Count
     method: str
 
 
@@ -155,9 +160,9 @@ class TaskSummary:
 
     task: str
     estimates: Mapping[str, Estimate]
-    outcomes: Mapping[str, int]
+    outcomes: Mapping[Outcome, Count]
     touch_curve: tuple[float, ...]
-    touch_curve_episodes: tuple[int, ...] = ()
+    touch_curve_episodes: tuple[Count, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -214,26 +219,39 @@ class PolicyIdentity:
     name: str
     source: str
     kind: str
-    digest: str
+    digest: Sha256OrNone
     notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class RunHeader:
-    """Everything that fixes the numbers of a run, known before its first episode."""
+    """Everything that fixes the numbers of a run, known before its first episode.
+
+    ``task_digests``: the protocol's digest for each task; results of a task are comparable where
+    its digests are equal.
+    """
 
     protocol: str
     protocol_digest: str
+    task_digests: Mapping[str, str]
     suite: str
     official: bool
     unofficial_because: tuple[str, ...]
     tasks: tuple[str, ...]
-    episodes: int
-    seed: int
+    episodes: Count
+    seed: Count
     policy: PolicyIdentity
     exploration: PolicyIdentity | None
     act_timeout_s: float
     isolation: str
+
+    def rules_differ(self, other: "RunHeader") -> tuple[str, ...]:
+        """Return the tasks of both runs that were not played by the same rules."""
+        return tuple(
+            task
+            for task in self.tasks
+            if task in other.tasks and self.task_digests.get(task) != other.task_digests.get(task)
+        )
 
 
 @dataclass(frozen=True)
@@ -242,7 +260,7 @@ class RunEnvironment:
 
     packages: Mapping[str, str]
     machine: Mapping[str, str]
-    workers: int
+    workers: Count
     started: str
     wall_s: float
 
@@ -257,18 +275,28 @@ class EvaluationRun:
 
 
 @dataclass(frozen=True)
-class SavedRun:
-    """A run as read back from its directory: what every report starts from.
+class RunDocument:
+    """What ``run.json`` holds: everything a report is drawn from.
 
-    ``digest`` covers every episode: runs with equal ones hold equal bits.
+    ``digest`` covers every episode: runs with equal ones hold the same bits. ``faults`` says what
+    the policy did wrong, by episode, such as "pushing/17" or "exploration/pushing/17"; each is a
+    failed episode. Episodes stand in the suite's order. Equal runs give equal documents except for
+    ``environment``, which alone holds times.
     """
 
-    name: str
-    digest: str
+    format: Literal["minitouch-run"]
+    version: Literal[2]
+    digest: Sha256
     header: RunHeader
     environment: RunEnvironment
     summary: Summary
+    faults: Mapping[str, str]
     episodes: tuple[EpisodeMetrics, ...]
     exploration_episodes: tuple[EpisodeMetrics, ...]
-    faults: Mapping[str, str]
-    document: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class SavedRun(RunDocument):
+    """A run as read back, and what it is called: usually by its directory's name."""
+
+    name: str

@@ -16,7 +16,7 @@ import minitouch_bench as mt
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.records import EpisodeMetrics
+from minitouch_bench.reporting.frames import EPISODE_COLUMNS
 
 ROOT = Path(__file__).parents[1]
 SHORT = {"suite": "smoke", "tasks": ["opening"], "episodes": 1}
@@ -79,7 +79,7 @@ def test_the_figures_of_a_run_are_tables_and_estimates(counted):
     run, _ = counted
     episodes = run.episodes
     assert isinstance(episodes, pd.DataFrame)
-    assert list(episodes.columns) == list(EpisodeMetrics.columns())
+    assert list(episodes.columns) == [*EPISODE_COLUMNS, "family", "split", "digest"]
     assert list(episodes["task"]) == ["opening"] * 2
     assert run.exploration_episodes.empty
     table = run.table4()

@@ -79,7 +79,7 @@ def evaluate(
     from minitouch_bench.cli.progress import EpisodeProgress
     from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.reporting import show_report
-    from minitouch_bench.reporting.json_document import to_text
+    from minitouch_bench.reporting.run_document import run_json
     from minitouch_bench.workflows import evaluate as workflow
 
     asked = workflow.EvaluateOptions(
@@ -97,7 +97,7 @@ def evaluate(
     with EpisodeProgress(notes) as progress:
         done = workflow.evaluate(asked, progress.callbacks)
     if as_json:
-        print(to_text(dict(done.saved.document)), end="")
+        print(run_json(done.saved).decode(), end="")
     else:
         show_report(done.report, data_console())
     assert done.directory is not None

@@ -9,7 +9,7 @@ from minitouch_bench.cli import options
 from minitouch_bench.cli.consoles import notes
 
 if TYPE_CHECKING:
-    from minitouch_bench.leaderboard.faults import Fault
+    from minitouch_bench.verification.problems import Problem
 
 INVALID = 1
 
@@ -30,7 +30,7 @@ def validate(
     ] = 0,
     workers: options.Workers = options.AUTO,
 ) -> None:
-    """Check submissions without trusting them; exit 1 with every fault and how to correct it.
+    """Check submissions without trusting them; exit 1 with every problem and how to correct it.
 
     With --replay a proof is written beside them, which the board shows.
     """
@@ -45,9 +45,9 @@ def validate(
         name = printable(directory.name or str(directory))
         with EpisodeProgress(notes) as progress:
             found = validate_submission(directory, asked, progress.callbacks)
-        valid += not found.faults
-        _show_faults(name, found.faults)
-        if not found.faults:
+        valid += not found.problems
+        _show_problems(name, found.problems)
+        if not found.problems:
             print(f"{name}: valid, {found.level}")
     notes.print(f"{valid} of {len(directories)} valid", markup=False)
     if valid < len(directories):
@@ -68,7 +68,7 @@ def build(
 
     built = build_board(submissions, output, lambda name: notes.print(name, markup=False))
     for verdict in built.refused:
-        _show_faults(verdict.directory.name, verdict.faults)
+        _show_problems(verdict.directory.name, verdict.problems)
     notes.print(
         f"{built.ranked} ranked, {built.apart} of another protocol, {len(built.refused)} refused",
         markup=False,
@@ -76,8 +76,8 @@ def build(
     print(output / "index.html")
 
 
-def _show_faults(name: str, faults: "tuple[Fault, ...]") -> None:
+def _show_problems(name: str, problems: "tuple[Problem, ...]") -> None:
     from minitouch_bench.rendering.escaping import printable
 
-    for fault in faults:
-        print(f"{printable(name)}: {fault}")
+    for problem in problems:
+        print(f"{printable(name)}: {problem}")

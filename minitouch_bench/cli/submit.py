@@ -107,9 +107,9 @@ def submit(
     )
     with EpisodeProgress(notes) as progress:
         packed = workflow.submit(asked, progress.callbacks)
-    for fault in packed.faults:
-        print(f"{name}: {fault}")
-    if packed.faults:
+    for problem in packed.problems:
+        print(f"{name}: {problem}")
+    if packed.problems:
         raise typer.Exit(INVALID)
     print(packed.directory)
     notes.print(

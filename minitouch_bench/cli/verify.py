@@ -89,10 +89,10 @@ def _show(asked: "VerifyOptions", result: "Verification") -> None:
     def line(text: str, style: str = "") -> None:
         console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
 
-    for difference in result.differences[:SHOWN]:
+    for difference in result.problems[:SHOWN]:
         line(str(difference))
-    if len(result.differences) > SHOWN:
-        line(f"... and {len(result.differences) - SHOWN} more")
+    if len(result.problems) > SHOWN:
+        line(f"... and {len(result.problems) - SHOWN} more")
     if result.episodes:
         line(f"{result.episodes} episodes replayed from their recorded actions")
     if result.reran:

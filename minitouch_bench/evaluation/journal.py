@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec import convert
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.files import JOURNAL_FILE, os_errors_as, read_file
@@ -24,7 +25,6 @@ from minitouch_bench.records import (
     EpisodeSpec,
     EpisodeTrace,
     Outcome,
-    PolicyIdentity,
     Role,
     RunHeader,
 )
@@ -118,7 +118,7 @@ def read_journal(directory: Path, *, repair: bool = True) -> JournalContent:
         raise RunDirectoryError(f"{path} holds nothing that can be resumed; start with --fresh")
     try:
         records = [_decode_record(body) for body in bodies[1:]]
-        return JournalContent(_decode_header(bodies[0]), records, torn)
+        return JournalContent(convert(bodies[0]["header"], RunHeader), records, torn)
     except (KeyError, TypeError, ValueError, zlib.error) as error:
         raise RunDirectoryError(f"{path} is of another version: {error!r}") from error
 
@@ -179,17 +179,3 @@ def _decode_record(body: dict[str, Any]) -> EpisodeRecord:
     if trace.digest() != body["digest"]:
         raise ValueError(f"the trace of {spec.key} does not have its digest")
     return EpisodeRecord(spec, Outcome(body["outcome"]), trace, body["fault"])
-
-
-def _decode_header(body: dict[str, Any]) -> RunHeader:
-    values = dict(body["header"])
-    values["policy"] = _decode_identity(values["policy"])
-    if values["exploration"] is not None:
-        values["exploration"] = _decode_identity(values["exploration"])
-    values["tasks"] = tuple(values["tasks"])
-    values["unofficial_because"] = tuple(values["unofficial_because"])
-    return RunHeader(**values)
-
-
-def _decode_identity(values: dict[str, Any]) -> PolicyIdentity:
-    return PolicyIdentity(**{**values, "notes": tuple(values["notes"])})

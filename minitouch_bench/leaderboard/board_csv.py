@@ -4,7 +4,7 @@ from minitouch_bench.leaderboard.board import Board, BoardRow
 from minitouch_bench.leaderboard.ranking import RANKED_BY
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.views import CALIBRATION, PAPER, RANKED
-from minitouch_bench.reporting.csv_writer import Cell, write_csv
+from minitouch_bench.reporting.frames import Row, csv_text, make_frame
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
 
 COLUMNS = (
@@ -31,20 +31,20 @@ GAP = "held-out minus train"
 
 def board_csv(board: Board) -> str:
     """Write every figure of a board; those that do not exist have no row."""
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[Row] = []
     for row in board.rows:
         rows += _figures(row)
         rows += _gaps(row)
     for method in PAPER_METHODS:
-        head: tuple[Cell, ...] = (method, PAPER, "", "", "", None, None)
+        head: Row = (method, PAPER, "", "", "", None, None)
         for (task, metric), printed in paper_values(method).items():
             value, none = float(printed.text), (None,) * 3
             rows.append((*head, "", task, metric, value, *none, printed.remark, None, None))
-    return write_csv(COLUMNS, rows)
+    return csv_text(make_frame(COLUMNS, rows))
 
 
-def _head(row: BoardRow) -> tuple[Cell, ...]:
-    about = row.entry.about
+def _head(row: BoardRow) -> Row:
+    about = row.entry.submission
     return (
         about.name,
         CALIBRATION if row.entry.is_calibration else RANKED,
@@ -56,8 +56,8 @@ def _head(row: BoardRow) -> tuple[Cell, ...]:
     )
 
 
-def _figures(row: BoardRow) -> list[tuple[Cell, ...]]:
-    rows: list[tuple[Cell, ...]] = []
+def _figures(row: BoardRow) -> list[Row]:
+    rows: list[Row] = []
     for (task, metric), found in row.figures.items():
         is_ranked = metric == (MEAN_SUCCESS if task == OVERALL else RANKED_BY[task])
         rank = row.ranks.get(task) if is_ranked else None
@@ -67,8 +67,8 @@ def _figures(row: BoardRow) -> list[tuple[Cell, ...]]:
     return rows
 
 
-def _gaps(row: BoardRow) -> list[tuple[Cell, ...]]:
-    rows: list[tuple[Cell, ...]] = []
+def _gaps(row: BoardRow) -> list[Row]:
+    rows: list[Row] = []
     for task, gap in row.gaps.items():
         splits = (("held-out", gap.held_out), ("train", gap.train), (GAP, gap.difference))
         for split, found in splits:

@@ -1,95 +1,164 @@
 """``leaderboard.json``; its schema is published as ``docs/leaderboard.schema.json``."""
 
-import json
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal
 
+from minitouch_bench.documents import schema_of, write_json
 from minitouch_bench.leaderboard.board import Board, BoardRow
-from minitouch_bench.leaderboard.scores import OVERALL
+from minitouch_bench.leaderboard.failures import Ending
+from minitouch_bench.leaderboard.proof import ProofLevel
+from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.validation import Verdict
-from minitouch_bench.metrics.definitions import unit_of
-from minitouch_bench.protocol.minitouch import TASK_NAMES
-from minitouch_bench.records import Estimate
+from minitouch_bench.records import Count, Estimate, Gap, Sha256
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
+from minitouch_bench.reporting.run_document import with_task_names
 
-FORMAT = "minitouch-leaderboard"
-VERSION = 1
-
-
-def board_json(board: Board) -> str:
-    """Write a board as JSON; NaN and infinity are refused."""
-    document = {
-        "format": FORMAT,
-        "version": VERSION,
-        "protocol": board.protocol,
-        "protocol_digest": board.protocol_digest,
-        "ranked": [_row(row) for row in board.ranked],
-        "calibration": [_row(row) for row in board.calibration],
-        "missing_calibration": list(board.missing_calibration),
-        "paper": [
-            {
-                "method": method,
-                "figures": [
-                    {
-                        "task": task,
-                        "metric": metric,
-                        "value": float(printed.text),
-                        "is_our_unit": printed.is_our_unit,
-                    }
-                    for (task, metric), printed in paper_values(method).items()
-                ],
-            }
-            for method in PAPER_METHODS
-        ],
-        "other_protocol": [_left_out(verdict) for verdict in board.apart],
-        "refused": [_left_out(verdict) for verdict in board.refused],
-    }
-    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+FORMAT: Final = "minitouch-leaderboard"
+VERSION: Final = 2
 
 
-def _row(row: BoardRow) -> dict[str, Any]:
-    entry, about = row.entry, row.entry.about
-    return {
-        **asdict(about),
-        "proof": entry.level.value,
-        "rerun_episodes": entry.proof.rerun_episodes if entry.proof else 0,
-        "same_episodes_as": list(row.twins),
-        "training_seeds": [seed.seed.seed for seed in entry.seeds],
-        "runs": {run.place: run.digest for seed in entry.seeds for run in seed.runs.values()},
-        "ranks": {task: asdict(rank) for task, rank in row.ranks.items()},
-        "figures": {
-            place: {
-                metric: _estimate(
-                    found, "share of episodes" if place == OVERALL else unit_of(metric, place)
-                )
-                for (task, metric), found in row.figures.items()
-                if task == place
-            }
-            for place in (OVERALL, *TASK_NAMES)
-        },
-        "novel_shapes": {
-            task: {
-                "held_out": _plain(gap.held_out),
-                "train": _plain(gap.train),
-                "gap": _plain(gap.difference),
-            }
-            for task, gap in row.gaps.items()
-        },
-        "endings": {task: dict(counts) for task, counts in row.endings.items()},
-    }
+@dataclass(frozen=True)
+class PublishedValue:
+    """A value of the paper's Table 4, from other episodes and object sets; never ranked.
+
+    Where ``is_our_unit`` is false the paper does not say what it counts: never compare it with an
+    estimate of the board.
+    """
+
+    task: str
+    metric: str
+    value: float
+    is_our_unit: bool
 
 
-def _estimate(found: Estimate, unit: str) -> dict[str, Any]:
-    return {**_plain(found), "unit": unit}
+@dataclass(frozen=True)
+class PublishedMethod:
+    """A method of the paper's Table 4."""
+
+    method: str
+    values: tuple[PublishedValue, ...]
 
 
-def _plain(found: Estimate) -> dict[str, Any]:
-    return asdict(found)
+@dataclass(frozen=True)
+class RowDocument:
+    """A submission: what it tells, how well it is proved, and its figures.
+
+    ``same_episodes_as`` names the submissions with the very same episodes, bit for bit; ``runs``
+    has the digest of each run. ``ranks`` by task and "overall", empty for a calibration policy;
+    ``figures`` by task (or "overall") and metric, in the units that ``docs/metrics.md`` gives;
+    ``novel_shapes`` by task: the metric that ranks it on held-out and on train shapes, and
+    held-out minus train. ``endings``: number of episodes by how they ended.
+    """
+
+    name: str
+    method: str
+    authors: tuple[str, ...]
+    paper: str
+    code: str
+    licence: str
+    training_steps: Count
+    modalities: tuple[str, ...]
+    notes: str
+    proof: ProofLevel
+    rerun_episodes: Count
+    same_episodes_as: tuple[str, ...]
+    training_seeds: tuple[Count, ...]
+    runs: Mapping[str, Sha256]
+    ranks: Mapping[str, Rank]
+    figures: Mapping[str, Mapping[str, Estimate]]
+    novel_shapes: Mapping[str, Gap]
+    endings: Mapping[str, Mapping[Ending, Count]]
 
 
-def _left_out(verdict: Verdict) -> dict[str, Any]:
-    return {
-        "name": printable(verdict.directory.name),
-        "reasons": [str(fault) for fault in verdict.faults],
-    }
+@dataclass(frozen=True)
+class LeftOut:
+    """A submission that is not on the board, with every reason."""
+
+    name: str
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class BoardDocument:
+    """The leaderboard of one protocol: ``ranked`` from the best down.
+
+    ``calibration`` are the built-in policies, which are never ranked, ``missing_calibration``
+    those without a submission. ``other_protocol``: submissions of another protocol; ``refused``:
+    submissions that do not pass.
+    """
+
+    format: Literal["minitouch-leaderboard"]
+    version: Literal[2]
+    protocol: str
+    protocol_digest: str
+    ranked: tuple[RowDocument, ...]
+    calibration: tuple[RowDocument, ...]
+    missing_calibration: tuple[str, ...]
+    paper: tuple[PublishedMethod, ...]
+    other_protocol: tuple[LeftOut, ...]
+    refused: tuple[LeftOut, ...]
+
+
+TOLD = ("name", "method", "authors", "paper", "code", "licence", "training_steps", "modalities",
+        "notes")  # fmt: skip
+"""What a row repeats of its submission."""
+
+
+def board_json(board: Board) -> bytes:
+    """Write a board as JSON.
+
+    Raises:
+        ValueError: it holds NaN or infinity.
+    """
+    return write_json(
+        BoardDocument(
+            format=FORMAT,
+            version=VERSION,
+            protocol=board.protocol,
+            protocol_digest=board.protocol_digest,
+            ranked=tuple(map(_row, board.ranked)),
+            calibration=tuple(map(_row, board.calibration)),
+            missing_calibration=board.missing_calibration,
+            paper=tuple(map(_published, PAPER_METHODS)),
+            other_protocol=tuple(map(_left_out, board.apart)),
+            refused=tuple(map(_left_out, board.refused)),
+        )
+    )
+
+
+def board_schema() -> dict[str, Any]:
+    """Return the JSON schema of ``leaderboard.json``."""
+    return with_task_names(schema_of(BoardDocument, "The MiniTouch leaderboard"))
+
+
+def _row(row: BoardRow) -> RowDocument:
+    entry = row.entry
+    figures: dict[str, dict[str, Estimate]] = {}
+    for (task, metric), estimate in row.figures.items():
+        figures.setdefault(task, {})[metric] = estimate
+    return RowDocument(
+        **{name: getattr(entry.submission, name) for name in TOLD},
+        proof=entry.level,
+        rerun_episodes=entry.proof.rerun_episodes if entry.proof else 0,
+        same_episodes_as=row.twins,
+        training_seeds=tuple(seed.seed.seed for seed in entry.seeds),
+        runs={run.place: run.digest for seed in entry.seeds for run in seed.runs.values()},
+        ranks=row.ranks,
+        figures=figures,
+        novel_shapes=row.gaps,
+        endings=row.endings,
+    )
+
+
+def _published(method: str) -> PublishedMethod:
+    values = (
+        PublishedValue(task, metric, float(printed.text), printed.is_our_unit)
+        for (task, metric), printed in paper_values(method).items()
+    )
+    return PublishedMethod(method, tuple(values))
+
+
+def _left_out(verdict: Verdict) -> LeftOut:
+    return LeftOut(printable(verdict.directory.name), tuple(map(str, verdict.problems)))

@@ -45,7 +45,7 @@ def _about(board: Board) -> Table:
     heads = ("Method", "Proof", "Modalities", "Training steps", "Training seeds")
     rows = []
     for row in board.rows:
-        about = row.entry.about
+        about = row.entry.submission
         cells = (
             about.method,
             row.entry.level.value,
@@ -64,7 +64,7 @@ def _left_out(title: str, verdicts: Sequence[Verdict]) -> list[str]:
     lines = ["", f"## {title}", ""]
     for verdict in verdicts:
         lines.append(f"- **{escape(verdict.directory.name)}**")
-        lines += [f"  - {escape(str(fault))}" for fault in verdict.faults[:SHOWN_REASONS]]
-        if (more := len(verdict.faults) - SHOWN_REASONS) > 0:
+        lines += [f"  - {escape(str(problem))}" for problem in verdict.problems[:SHOWN_REASONS]]
+        if (more := len(verdict.problems) - SHOWN_REASONS) > 0:
             lines.append(f"  - and {more} more")
     return lines

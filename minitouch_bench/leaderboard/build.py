@@ -76,5 +76,5 @@ def _read(directory: Path) -> Entry | Verdict:
     """Check one submission; one that does not pass is told by its verdict, without its runs."""
     verdict = validate(directory, Depth.BOARD)
     if not verdict.passed:
-        return Verdict(verdict.directory, verdict.submission, {}, verdict.faults)
+        return Verdict(verdict.directory, verdict.submission, {}, verdict.problems)
     return make_entry(verdict, read_proof(directory.parent / PROOFS / f"{directory.name}.json"))

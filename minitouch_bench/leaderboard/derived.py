@@ -1,75 +1,73 @@
 """What follows from a run's episodes, computed anew and compared: estimates, tables, actions."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, replace
-from itertools import chain
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.documents import plain
 from minitouch_bench.evaluation.actions import read_actions
 from minitouch_bench.files import ACTIONS_FILE
-from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
-from minitouch_bench.leaderboard.run_checks import NAMED, PACK_AGAIN
 from minitouch_bench.metrics import summarize_episodes
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, SavedRun, TaskSummary
 from minitouch_bench.reporting import derived_files
-from minitouch_bench.reporting.json_document import saved_document
-from minitouch_bench.verification.differences import ROUNDING, Difference, compare_values
+from minitouch_bench.verification.differences import ROUNDING, compare_values
+from minitouch_bench.verification.problems import Problem, Problems
+from minitouch_bench.verification.suite_check import AS_WRITTEN, NAMED
 
 CURVE_TOLERANCE = 1e-6
 """Relative rounding of a sum over a touch curve's means."""
 
 
-def check_estimates(saved: SavedRun, place: str, faults: Faults) -> None:
-    """Compute every estimate from the episodes again, with the run's own random stream."""
+def check_estimates(saved: SavedRun, place: str, problems: Problems) -> None:
+    """Compute every estimate from the episodes, with the run's own random stream."""
     rng = np.random.default_rng(saved.header.seed)
     found = summarize_episodes(saved.header.tasks, saved.episodes, saved.exploration_episodes, rng)
     recorded = replace(
         saved.summary, tasks=tuple(_without_curve(task) for task in saved.summary.tasks)
     )
-    differences = compare_values("summary", asdict(recorded), asdict(found), ROUNDING)
-    document = compare_values("", saved.document, saved_document(saved))
-    for difference in _first(chain(differences, document)):
-        faults.add(f"{place}, {difference.place}", difference.what, PACK_AGAIN)
+    differences = compare_values("summary", plain(recorded), plain(found), ROUNDING)
+    for difference in _first(differences):
+        problems.add_below(place, replace(difference, remedy=AS_WRITTEN))
     for task in saved.summary.tasks:
         if what := _curve_at_fault(task, [e for e in saved.episodes if e.task == task.task]):
-            faults.add(f"{place}, touch curve of {task.task}", what, PACK_AGAIN)
+            problems.add(f"{place}, touch curve of {task.task}", what, AS_WRITTEN)
 
 
-def check_tables(directory: Path, place: str, saved: SavedRun, faults: Faults) -> None:
+def check_tables(directory: Path, place: str, saved: SavedRun, problems: Problems) -> None:
     """Hold the CSV files and ``report.md`` against those that ``run.json`` gives, byte for byte."""
     expected = derived_files(saved, directory / place)
     for name, text in expected.items():
         if not (directory / place / name).exists():
-            faults.add(f"{place}/{name}", "it is missing", PACK_AGAIN)
+            problems.add(f"{place}/{name}", "it is missing", AS_WRITTEN)
             continue
-        with faults.caught(f"{place}/{name}"):
+        with problems.caught(f"{place}/{name}"):
             if read_plain(directory, f"{place}/{name}", RUN_LIMITS[name]) != text.encode():
-                faults.add(f"{place}/{name}", "it is not what run.json gives", PACK_AGAIN)
+                problems.add(f"{place}/{name}", "it is not what run.json gives", AS_WRITTEN)
     for name in RUN_LIMITS:
         extra = name.endswith((".csv", ".md")) and name not in expected
         if extra and (directory / place / name).exists():
-            faults.add(f"{place}/{name}", "run.json gives no such file", "remove it")
+            problems.add(f"{place}/{name}", "run.json gives no such file", "remove it")
 
 
-def check_actions(directory: Path, place: str, saved: SavedRun, faults: Faults) -> None:
+def check_actions(directory: Path, place: str, saved: SavedRun, problems: Problems) -> None:
     """Check that every episode has its actions, as many as it has steps, within -1 to 1."""
     rows = dict(_rows_by_spec(saved))
-    with faults.caught(f"{place}/{ACTIONS_FILE}", PACK_AGAIN):
+    with problems.caught(f"{place}/{ACTIONS_FILE}", AS_WRITTEN):
         actions = read_actions(directory / place, list(rows))
         missing = [spec.key for spec in rows if spec.key not in actions]
         if missing:
-            faults.add(
+            problems.add(
                 f"{place}/{ACTIONS_FILE}",
                 f"the actions of {len(missing)} episodes are missing: {', '.join(missing[:NAMED])}",
-                PACK_AGAIN,
+                AS_WRITTEN,
             )
         for spec, row in rows.items():
             if spec.key in actions and (what := _actions_at_fault(actions[spec.key], row)):
-                faults.add(f"{place}/{ACTIONS_FILE}, {spec.key}", what, PACK_AGAIN)
+                problems.add(f"{place}/{ACTIONS_FILE}, {spec.key}", what, AS_WRITTEN)
 
 
 def _rows_by_spec(saved: SavedRun) -> Iterator[tuple[EpisodeSpec, EpisodeMetrics]]:
@@ -111,7 +109,7 @@ def _without_curve(task: TaskSummary) -> TaskSummary:
     return replace(task, touch_curve=(), touch_curve_episodes=())
 
 
-def _first(differences: Iterator[Difference]) -> Iterator[Difference]:
+def _first(differences: Iterator[Problem]) -> Iterator[Problem]:
     """Yield a few differences: one edited figure shows in several places."""
     for difference, _ in zip(differences, range(2 * NAMED), strict=False):
         yield difference

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.files import VIDEOS
 from minitouch_bench.leaderboard.proof import Proof, ProofLevel, holds, level_of
-from minitouch_bench.leaderboard.submission import About, Submission, TrainingSeed
+from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics import METRICS, ShownIn
 from minitouch_bench.policies.loading import BUILT_IN
@@ -89,14 +89,9 @@ class Entry:
     videos: tuple[str, ...]
 
     @property
-    def about(self) -> About:
-        """What the submission tells."""
-        return self.submission.about
-
-    @property
     def name(self) -> str:
         """The submission's name."""
-        return self.submission.about.name
+        return self.submission.name
 
     @property
     def is_calibration(self) -> bool:

@@ -20,9 +20,9 @@ from minitouch_bench.files import (
     TABLE4_FILE,
     read_file,
 )
-from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.submission import SUBMISSION_FILE, Submission
 from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.verification.problems import Problems
 
 RUN_LIMITS = {
     RUN_FILE: 16 * MIB,
@@ -46,28 +46,28 @@ MAX_DEPTH = 4
 VIDEO = re.compile(rf"videos/(?:exploration-)?(?:{'|'.join(TASK_NAMES)})-\d{{1,4}}\.mp4")
 
 
-def list_files(directory: Path, faults: Faults) -> dict[str, int]:
+def list_files(directory: Path, problems: Problems) -> dict[str, int]:
     """Return every plain file by its path inside the directory, with its size in bytes.
 
-    Links and special files are faults; nothing is followed and nothing is opened.
+    Links and special files are problems; nothing is followed and nothing is opened.
     """
     if not stat.S_ISDIR(os.lstat(directory).st_mode):
-        faults.add(str(directory), "it is a link, not a directory", "give the directory itself")
+        problems.add(str(directory), "it is a link, not a directory", "give the directory itself")
         return {}
     found: dict[str, int] = {}
     for entry in _walk(directory, 0):
         place = Path(entry.path).relative_to(directory).as_posix()
         status = entry.stat(follow_symlinks=False)
         if stat.S_ISLNK(status.st_mode):
-            faults.add(place, "it is a symbolic link", "put the file itself there")
+            problems.add(place, "it is a symbolic link", "put the file itself there")
         elif stat.S_ISREG(status.st_mode):
             found[place] = status.st_size
         elif not stat.S_ISDIR(status.st_mode):
-            faults.add(place, "it is no plain file", "remove it")
+            problems.add(place, "it is no plain file", "remove it")
         elif place.count("/") >= MAX_DEPTH - 1:
-            faults.add(place, f"it is a directory more than {MAX_DEPTH} levels deep", "remove it")
+            problems.add(place, f"it is a directory more than {MAX_DEPTH} levels deep", "remove it")
         if len(found) > MAX_FILES:
-            faults.add(str(directory), f"it has more than {MAX_FILES} files", "remove some")
+            problems.add(str(directory), f"it has more than {MAX_FILES} files", "remove some")
             break
     return found
 
@@ -80,7 +80,7 @@ def _walk(directory: Path | str, depth: int) -> Iterator[os.DirEntry[str]]:
                 yield from _walk(entry.path, depth + 1)
 
 
-def check_files(submission: Submission, found: dict[str, int], faults: Faults) -> None:
+def check_files(submission: Submission, found: dict[str, int], problems: Problems) -> None:
     """Hold the files against those that a submission has; the rest is unknown."""
     limits = {SUBMISSION_FILE: MAX_SUBMISSION_FILE}
     for seed in submission.seeds:
@@ -88,19 +88,19 @@ def check_files(submission: Submission, found: dict[str, int], faults: Faults) -
             limits |= {f"{place}/{name}": limit for name, limit in RUN_LIMITS.items()}
             for name in REQUIRED_RUN_FILES:
                 if f"{place}/{name}" not in found:
-                    faults.add(f"{place}/{name}", "it is missing", "pack the run again")
+                    problems.add(f"{place}/{name}", "it is missing", "pack the run again")
         for file in seed.checkpoints:
             if file.path:
                 limits[file.path] = MAX_CHECKPOINT
                 if file.path not in found:
-                    faults.add(file.path, "it is missing", 'add it, or set its path to ""')
+                    problems.add(file.path, "it is missing", 'add it, or set its path to ""')
     places = [place for seed in submission.seeds for place in seed.runs.values()]
     for path, size in found.items():
         limit = limits.get(path, MAX_VIDEO if _is_video(path, places) else None)
         if limit is None:
-            faults.add(path, "a submission has no such file", "remove it")
+            problems.add(path, "a submission has no such file", "remove it")
         elif size > limit:
-            faults.add(path, f"it has {size} bytes; the limit is {limit}", "make it smaller")
+            problems.add(path, f"it has {size} bytes; the limit is {limit}", "make it smaller")
 
 
 def _is_video(path: str, places: list[str]) -> bool:

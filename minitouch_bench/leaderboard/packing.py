@@ -1,7 +1,6 @@
 """Make a submission's directory of finished runs and their checkpoints."""
 
 import shutil
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from minitouch_bench.files import (
     read_file,
     write_file,
 )
-from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.inventory import (
     MAX_CHECKPOINT,
     MAX_SUBMISSION_FILE,
@@ -28,18 +26,17 @@ from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     CHECKPOINTS,
     SUBMISSION_FILE,
-    About,
     CheckpointFile,
     Submission,
     TrainingSeed,
     checkpoint_place,
 )
-from minitouch_bench.leaderboard.submission_reader import read_submission
-from minitouch_bench.leaderboard.submission_writer import submission_text
+from minitouch_bench.leaderboard.submission_document import read_submission, submission_toml
 from minitouch_bench.leaderboard.texts import check_file_name
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource
 from minitouch_bench.records import Role
 from minitouch_bench.reporting import derived_files, read_run
+from minitouch_bench.verification.problems import Problems
 
 LEFT_BEHIND = (JOURNAL_FILE, REPORT_PAGE)
 """What an evaluation writes and a submission does not need."""
@@ -49,22 +46,22 @@ def begun_submission(directory: Path) -> Submission | None:
     """Return the submission that the directory holds already, None if there is none.
 
     Raises:
-        UsageError: its ``submission.toml`` has a fault.
+        UsageError: its ``submission.toml`` has a problem.
     """
     if not (directory / SUBMISSION_FILE).exists():
         return None
-    faults = Faults()
+    problems = Problems()
     content = read_plain(directory, SUBMISSION_FILE, MAX_SUBMISSION_FILE)
-    submission = read_submission(content, faults)
-    for fault in faults:
-        raise UsageError(str(fault))
+    submission = read_submission(content, problems)
+    for problem in problems:
+        raise UsageError(str(problem))
     return submission
 
 
 def add_seed(
-    directory: Path, begun: Submission | None, about: About, seed: TrainingSeed
+    directory: Path, begun: Submission | None, told: Submission, seed: TrainingSeed
 ) -> Submission:
-    """Write ``submission.toml`` with this training seed added, or put in place of its old entry.
+    """Write what is told, with this training seed added or put in place of its old entry.
 
     Raises:
         UsageError: the result would be refused.
@@ -72,26 +69,27 @@ def add_seed(
     """
     others = [other for other in (begun.seeds if begun else ()) if other.seed != seed.seed]
     seeds = tuple(sorted((*others, seed), key=lambda one: one.seed))
-    submission = Submission(about, seeds)
-    text = submission_text(submission)
-    check_about(about, seeds)
+    submission = replace(told, seeds=seeds)
+    text = submission_toml(submission)
+    check_submission(submission)
     write_file(directory / SUBMISSION_FILE, text)
     return submission
 
 
-def check_about(about: About, seeds: Sequence[TrainingSeed] = ()) -> None:
+def check_submission(submission: Submission) -> None:
     """Refuse what ``validate`` would refuse, before any episode is run.
 
+    A submission without a training seed gets one to be checked with.
+
     Raises:
-        UsageError: the first fault.
+        UsageError: the first problem.
     """
     placeholder = TrainingSeed(0, {"table4": "seed-0/table4"})
-    faults = Faults()
-    read_submission(
-        submission_text(Submission(about, tuple(seeds) or (placeholder,))).encode(), faults
-    )
-    for fault in faults:
-        raise UsageError(str(fault))
+    seeds = submission.seeds or (placeholder,)
+    problems = Problems()
+    read_submission(submission_toml(replace(submission, seeds=seeds)).encode(), problems)
+    for problem in problems:
+        raise UsageError(str(problem))
 
 
 def tidy(directory: Path) -> None:

@@ -17,8 +17,6 @@ def contradictions(row: EpisodeMetrics) -> Iterator[str]:
 
 
 def _outcome(row: EpisodeMetrics) -> Iterator[str]:
-    if row.success != (row.outcome is Outcome.SUCCESS):
-        yield f"success is {row.success} and the outcome '{row.outcome}'"
     if row.outcome is Outcome.SUCCESS and row.task not in GOAL_TASKS:
         yield f"{row.task} has no goal and cannot succeed"
     if row.outcome is Outcome.LEFT_WORKSPACE and not PROTOCOL.task(row.task).object_can_leave:
@@ -35,16 +33,15 @@ def _length(row: EpisodeMetrics) -> Iterator[str]:
         yield f"{row.steps} steps, not {least} to {longest}"
     if row.outcome is Outcome.STEP_LIMIT and row.steps != longest:
         yield f"it ended at the step limit after {row.steps} of {longest} steps"
-    if not row.steps <= row.arm_time * PROTOCOL.physics.tick_rate <= row.steps * MAX_TICKS:
-        yield f"{row.arm_time:g} s are not {row.steps} steps of 1 to {MAX_TICKS} ticks"
+    if not row.steps <= row.ticks <= row.steps * MAX_TICKS:
+        yield f"{row.ticks} ticks are not {row.steps} steps of 1 to {MAX_TICKS} ticks"
     if row.clipped_actions > row.steps:
         yield f"{row.clipped_actions} clipped actions in {row.steps} steps"
 
 
 def _touch(row: EpisodeMetrics) -> Iterator[str]:
-    ticks = row.arm_time * PROTOCOL.physics.tick_rate
-    if row.touch_interaction > ticks:
-        yield f"{row.touch_interaction} ticks of contact in {ticks:g} ticks"
+    if row.touch_interaction > row.ticks:
+        yield f"{row.touch_interaction} ticks of contact in {row.ticks} ticks"
     if not row.touch_steps <= min(row.steps, row.touch_interaction):
         yield f"{row.touch_steps} steps with contact, {row.touch_interaction} ticks of contact"
     if row.touch_onsets > FINGERS * row.touch_interaction:
@@ -52,9 +49,9 @@ def _touch(row: EpisodeMetrics) -> Iterator[str]:
     touched = row.touch_interaction > 0
     if touched != (row.touch_steps > 0) or touched != (row.touch_onsets > 0):
         yield "some of its figures of contact are 0 and others are not"
-    if touched != (row.time_to_first_touch is not None):
-        yield f"first touch is {row.time_to_first_touch}, contact {row.touch_interaction} ticks"
-    elif row.time_to_first_touch is not None and not (0 <= row.time_to_first_touch < row.arm_time):
-        yield f"first touch at {row.time_to_first_touch:g} s of {row.arm_time:g} s"
+    if touched != (row.first_touch_tick is not None):
+        yield f"first touch is {row.first_touch_tick}, contact {row.touch_interaction} ticks"
+    elif row.first_touch_tick is not None and row.first_touch_tick >= row.ticks:
+        yield f"first touch at tick {row.first_touch_tick} of {row.ticks}"
     if row.touch_variance < 0 or row.object_movement < 0:
         yield "a variance is below 0"

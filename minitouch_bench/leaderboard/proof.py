@@ -5,23 +5,20 @@ adds a submission has no reason to touch it. It binds a level to the bytes of ea
 """
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
+from typing import Literal
 
+from minitouch_bench.documents import read_json, write_json
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, write_file
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.leaderboard.validation import Verdict
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import SavedRun
-from minitouch_bench.reporting.json_reader import JsonNode
+from minitouch_bench.records import Count, SavedRun
 
-FORMAT = "minitouch-proof"
-VERSION = 1
 PROOFS = "_proofs"
 """A submission's name begins with a letter or digit, so none can be called this."""
 
@@ -38,6 +35,9 @@ class ProofLevel(StrEnum):
     REMOTE = "remote"
 
 
+PROVED_LEVELS = (ProofLevel.REPLAYED, ProofLevel.RERUN)
+"""The levels that a maintainer's proof can give."""
+
 MEANINGS: Mapping[ProofLevel, str] = {
     ProofLevel.SELF_REPORTED: "the submitter's own figures, consistent with their episodes",
     ProofLevel.REPLAYED: "a maintainer replayed the recorded actions: the simulator gives "
@@ -53,9 +53,10 @@ class Proof:
 
     level: ProofLevel
     files: Mapping[str, str]
-    protocol_digest: str
-    rerun_episodes: int
+    rerun_episodes: Count
     package: str
+    format: Literal["minitouch-proof"] = "minitouch-proof"
+    version: Literal[1] = 1
 
 
 def make_proof(verdict: Verdict, level: ProofLevel, rerun_episodes: int = 0) -> Proof:
@@ -67,7 +68,6 @@ def make_proof(verdict: Verdict, level: ProofLevel, rerun_episodes: int = 0) -> 
     return Proof(
         level,
         file_digests(verdict.directory, tuple(verdict.runs)),
-        PROTOCOL.digest(),
         rerun_episodes,
         version("minitouch-bench"),
     )
@@ -97,16 +97,7 @@ def write_proof(proof: Proof, path: Path) -> None:
     Raises:
         RunDirectoryError: it cannot be written.
     """
-    document = {
-        "format": FORMAT,
-        "version": VERSION,
-        "level": proof.level.value,
-        "protocol_digest": proof.protocol_digest,
-        "package": proof.package,
-        "rerun_episodes": proof.rerun_episodes,
-        "files": dict(proof.files),
-    }
-    write_file(path, json.dumps(document, indent=1) + "\n")
+    write_file(path, write_json(proof))
 
 
 def read_proof(path: Path) -> Proof | None:
@@ -117,20 +108,10 @@ def read_proof(path: Path) -> Proof | None:
     """
     if not path.exists():
         return None
-    try:
-        document = json.loads(read_plain(path.parent, path.name, MAX_PROOF))
-    except (ValueError, RecursionError) as error:
-        raise RunDirectoryError(f"{path} is not JSON: {error}") from error
-    node = JsonNode(document, path.name)
-    if node["format"].text() != FORMAT or node["version"].integer() != VERSION:
-        raise RunDirectoryError(f"{path} is no proof of version {VERSION}")
-    return Proof(
-        level=ProofLevel(node["level"].choice((ProofLevel.REPLAYED, ProofLevel.RERUN))),
-        files=node["files"].text_mapping(),
-        protocol_digest=node["protocol_digest"].text(),
-        rerun_episodes=node["rerun_episodes"].count(),
-        package=node["package"].text(),
-    )
+    proof = read_json(read_plain(path.parent, path.name, MAX_PROOF), Proof, path.name)
+    if proof.level not in PROVED_LEVELS:
+        raise RunDirectoryError(f"{path.name}: the level {proof.level} needs no proof")
+    return proof
 
 
 def level_of(verdict: Verdict, proof: Proof | None) -> ProofLevel:
@@ -144,9 +125,7 @@ def level_of(verdict: Verdict, proof: Proof | None) -> ProofLevel:
 
 
 def holds(proof: Proof, verdict: Verdict) -> bool:
-    """Tell whether a proof is about a submission's runs as they are now, and this protocol."""
-    if proof.protocol_digest != PROTOCOL.digest():
-        return False
+    """Tell whether a proof is about a submission's runs as they are now."""
     try:
         return proof.files == file_digests(verdict.directory, tuple(verdict.runs))
     except RunDirectoryError:

@@ -1,7 +1,7 @@
 """Prove a submission: replay its recorded actions, and run drawn episodes with its checkpoint."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,16 +9,19 @@ import numpy as np
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
-from minitouch_bench.leaderboard.faults import Faults
 from minitouch_bench.leaderboard.submission import CHECKPOINTS, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.policies.isolation.options import IsolationOptions, PolicyLimits
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.records import EpisodeRecord, PolicyIdentity, Role
+from minitouch_bench.verification.problems import Problems
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
 from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun
 from minitouch_bench.verification.verify import verify_run
+
+NOT_REPLAYED = "the recorded actions do not give these figures"
+NOT_REPEATED = "the checkpoint does not act as recorded"
 
 
 @dataclass(frozen=True)
@@ -30,50 +33,47 @@ class Proving:
     on_record: Callable[[EpisodeRecord], None] = lambda _: None
 
 
-def replay(verdict: Verdict, proving: Proving) -> Faults:
-    """Replay the actions of every run; each difference is a fault. No checkpoint is opened."""
-    faults = Faults()
+def replay(verdict: Verdict, proving: Proving) -> Problems:
+    """Replay the actions of every run; each difference is a problem. No checkpoint is opened."""
+    problems = Problems()
     for place in verdict.runs:
-        with faults.caught(place):
+        with problems.caught(place):
             found = verify_run(verdict.directory / place, proving.engine, proving.on_record)
-            for difference in found.differences:
-                faults.add(
-                    f"{place}, {difference.place}",
-                    difference.what,
-                    "the recorded actions do not give these figures",
-                )
-    return faults
+            for problem in found.problems:
+                problems.add_below(place, replace(problem, remedy=problem.remedy or NOT_REPLAYED))
+    return problems
 
 
-def run_again(verdict: Verdict, count: int, proving: Proving) -> Faults:
+def run_again(verdict: Verdict, count: int, proving: Proving) -> Problems:
     """Run ``count`` drawn episodes of each run with the checkpoint, held in the sandbox."""
-    faults = Faults()
+    problems = Problems()
     assert verdict.submission is not None
     for seed in verdict.submission.seeds:
         for place in seed.runs.values():
-            with faults.caught(place):
-                _run_again(verdict.directory, seed, place, count, proving, faults)
-    return faults
+            with problems.caught(place):
+                _run_again(verdict.directory, seed, place, count, proving, problems)
+    return problems
 
 
 def _run_again(  # noqa: PLR0917 - one run of one seed of a submission
-    directory: Path, seed: TrainingSeed, place: str, count: int, proving: Proving, faults: Faults
+    directory: Path,
+    seed: TrainingSeed,
+    place: str,
+    count: int,
+    proving: Proving,
+    problems: Problems,
 ) -> None:
-    run, differences = open_run(directory / place)
-    for difference in differences:
-        faults.add(f"{place}, {difference.place}", difference.what)
+    run, found = open_run(directory / place)
+    for problem in found:
+        problems.add_below(place, problem)
     if run is None:
         return
     setup = _setup(directory, seed, run)
     specs = draw_episodes(run, count, proving.rng)
-    for record, found in rerun(run, setup, specs, proving.engine):
+    for record, differing in rerun(run, setup, specs, proving.engine):
         proving.on_record(record)
-        for difference in found:
-            faults.add(
-                f"{place}, {difference.place}",
-                difference.what,
-                "the checkpoint does not act as recorded",
-            )
+        for problem in differing:
+            problems.add_below(place, replace(problem, remedy=NOT_REPEATED))
 
 
 def _setup(directory: Path, seed: TrainingSeed, run: RecordedRun) -> PolicySetup:

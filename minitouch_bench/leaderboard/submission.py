@@ -1,14 +1,19 @@
-"""What a submission says of itself: ``submission.toml`` as frozen records."""
+"""What a submission says of itself: the types of ``submission.toml``."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 from types import MappingProxyType
+from typing import Annotated, Any, Final, Literal
 
-from minitouch_bench.records import Role
+from msgspec import Meta
 
-FORMAT = "minitouch-submission"
-VERSION = 1
+from minitouch_bench.leaderboard import texts
+from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.records import Role, Sha256
+
+FORMAT: Final = "minitouch-submission"
+VERSION: Final = 1
 SUBMISSION_FILE = "submission.toml"
 CHECKPOINTS = "checkpoints"
 
@@ -28,15 +33,34 @@ MODALITIES: Mapping[str, str] = MappingProxyType(
 )
 """What a policy may look at, and what that means."""
 
+MAX_METHOD, MAX_AUTHOR, MAX_NOTES = 120, 100, 2000
+MAX_AUTHORS, MAX_SEEDS = 50, 20
+MAX_STEPS = 10**12
+MAX_SEED = 2**63 - 1
+
+
+def _looks_like(description: str, pattern: str, longest: int) -> Meta:
+    """Describe a text in the schema; ``texts`` checks it, in words that help."""
+    schema: dict[str, Any] = {"maxLength": longest, "pattern": f"^{pattern}$"}
+    return Meta(description=description, extra_json_schema=schema)
+
+
+def _plain_text(description: str, longest: int) -> Meta:
+    return _looks_like(description, texts.TEXT_PATTERN, longest)
+
+
+def _link(description: str) -> Meta:
+    return _looks_like(description, f"(https://{texts.LINK.pattern})?", texts.MAX_LINK)
+
 
 @dataclass(frozen=True)
 class CheckpointFile:
-    """One file of a policy. ``path`` is its place in the submission, "" if it is not there."""
+    """One file of a policy. ``path`` is where it lies in the submission, "" if it is not there."""
 
     role: Role
-    task: str
-    file: str
-    sha256: str
+    task: Annotated[str, Meta(pattern=f"^({'|'.join((ALL_TASKS, *TASK_NAMES))})$")]
+    file: Annotated[str, _looks_like("Name of the file.", texts.FILE_NAME.pattern, 128)]
+    sha256: Sha256
     path: str = ""
 
 
@@ -44,7 +68,7 @@ class CheckpointFile:
 class TrainingSeed:
     """One training run of the method: its seed, its run directory by suite, its files."""
 
-    seed: int
+    seed: Annotated[int, Meta(ge=0, le=MAX_SEED)]
     runs: Mapping[str, str]
     checkpoints: tuple[CheckpointFile, ...] = ()
 
@@ -54,30 +78,43 @@ class TrainingSeed:
 
 
 @dataclass(frozen=True)
-class About:
-    """What a submission tells a reader.
+class Submission:
+    """What a submission tells a reader, and one entry per training seed.
 
     ``training_steps`` are control steps in all environments over the whole training, 0 where
-    nothing is trained. ``paper`` and ``code`` are https links, "" where there are none.
+    nothing is trained. Texts and links are "" where there are none.
     """
 
-    name: str
-    method: str
-    authors: tuple[str, ...] = ()
-    paper: str = ""
-    code: str = ""
-    licence: str = ""
-    training_steps: int = 0
-    modalities: tuple[str, ...] = ()
-    notes: str = ""
-
-
-@dataclass(frozen=True)
-class Submission:
-    """A submission: what it tells, and one entry a training seed."""
-
-    about: About
-    seeds: tuple[TrainingSeed, ...]
+    format: Literal["minitouch-submission"] = FORMAT
+    version: Literal[1] = VERSION
+    name: Annotated[str, _looks_like("Its name and its directory's.", texts.NAME.pattern, 64)] = ""
+    method: Annotated[
+        str,
+        _plain_text("What the board calls it.", MAX_METHOD),
+        Meta(extra_json_schema={"minLength": 1}),
+    ] = ""
+    authors: Annotated[
+        tuple[Annotated[str, _plain_text("One of the authors.", MAX_AUTHOR)], ...],
+        Meta(max_length=MAX_AUTHORS),
+    ] = ()
+    paper: Annotated[str, _link("The paper.")] = ""
+    code: Annotated[str, _link("The code.")] = ""
+    licence: Annotated[
+        str,
+        _looks_like(
+            "SPDX expression of the checkpoints' licence.", f"({texts.LICENCE.pattern})?", 63
+        ),
+    ] = ""
+    training_steps: Annotated[int, Meta(ge=0, le=MAX_STEPS)] = 0
+    modalities: Annotated[
+        tuple[Annotated[str, Meta(pattern=f"^({'|'.join(MODALITIES)})$")], ...],
+        Meta(description="What the policy uses. 'state' is the scripted policy's alone."),
+    ] = ()
+    notes: Annotated[str, _plain_text("Anything else, on one line.", MAX_NOTES)] = ""
+    seeds: Annotated[
+        tuple[TrainingSeed, ...],
+        Meta(max_length=MAX_SEEDS, extra_json_schema={"minItems": 1}),
+    ] = ()
 
 
 def run_place(seed: int, suite: str) -> str:

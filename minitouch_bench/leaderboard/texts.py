@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.csv_writer import FORMULA_STARTS
+from minitouch_bench.reporting.frames import FORMULA_STARTS
 
 NAME = re.compile(r"[a-z0-9](?:[a-z0-9._-]{0,62}[a-z0-9])?")
 """A submission's name: it becomes a directory and an address on every system."""
@@ -14,6 +14,9 @@ NAME = re.compile(r"[a-z0-9](?:[a-z0-9._-]{0,62}[a-z0-9])?")
 FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,126}[A-Za-z0-9]")
 LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+ ()-]{0,62}")
 LINK = re.compile(r"[A-Za-z0-9._~:/?#\[\]@!$&'()*+,;=%-]+")
+TEXT_PATTERN = "(?![=+@-])[^<>\\u0000-\\u001f\\u007f]*"
+"""What ``check_text`` lets in, as far as a schema can say it."""
+
 MAX_LINK = 300
 SHOWN = 40
 

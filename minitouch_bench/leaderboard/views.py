@@ -170,9 +170,9 @@ def _lines(board: Board, ranked_by: str) -> Iterator[Line]:
         ),
     )
     for row in ordered:
-        yield Line(RANKED, row.entry.name, row.entry.about.method, row.ranks[ranked_by], row)
+        yield Line(RANKED, row.entry.name, row.entry.submission.method, row.ranks[ranked_by], row)
     for row in board.calibration:
-        yield Line(CALIBRATION, row.entry.name, row.entry.about.method, None, row)
+        yield Line(CALIBRATION, row.entry.name, row.entry.submission.method, None, row)
     for name in board.missing_calibration:
         yield Line(CALIBRATION, name, "not submitted yet", None, None)
     for method in PAPER_METHODS:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.metrics.metric import DOWN, UP, Kind, Metric, ShownIn
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
-from minitouch_bench.records import EpisodeRecord, Outcome, Role
+from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, Role
 
 FORCE_COMPONENTS = slice(5, 11)
 """Columns of the touch vector that hold the two fingers' forces, N."""
@@ -27,13 +27,14 @@ def _object_movement(record: EpisodeRecord) -> float:
     return float(_axis_variances(record.trace.object_state).sum())
 
 
-def _time_to_first_touch(record: EpisodeRecord) -> float | None:
+def _first_touch_tick(record: EpisodeRecord) -> int | None:
     tick = record.trace.first_touch_tick
-    return None if tick < 0 else tick / PROTOCOL.physics.tick_rate
+    return None if tick < 0 else tick
 
 
-def _arm_time(record: EpisodeRecord) -> float:
-    return int(record.trace.ticks.sum(dtype=np.int64)) / PROTOCOL.physics.tick_rate
+def _time_to_first_touch(episode: EpisodeMetrics) -> float | None:
+    tick = episode.first_touch_tick
+    return None if tick is None else tick / PROTOCOL.physics.tick_rate
 
 
 def _axis_variances(
@@ -64,12 +65,13 @@ _TABLE = (
     Metric(
         name="success",
         label="Success",
+        column="success",
         unit="share of episodes",
         direction=UP,
         source="T",
         number_format=".3f",
         meaning="episodes that succeed",
-        measure=lambda record: record.outcome is Outcome.SUCCESS,
+        derive=lambda episode: episode.success,
         kind=Kind.SHARE,
         needs_goal=True,
         shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
@@ -77,13 +79,14 @@ _TABLE = (
     Metric(
         name="episode_steps",
         label="Episode steps",
+        column="steps",
         unit="control steps",
         direction=DOWN,
         source="T",
         number_format=".1f",
         meaning="length of an episode, failures included",
         measure=lambda record: len(record.trace.actions),
-        column="steps",
+        field="steps",
         needs_goal=True,
         shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
@@ -101,17 +104,19 @@ _TABLE = (
     Metric(
         name="return",
         label="Return",
+        column="return",
         unit="reward",
         direction=UP,
         source="T",
         number_format=".2f",
         meaning="sum of the task's rewards",
         measure=lambda record: float(record.trace.rewards.sum(dtype=np.float64)),
-        column="episode_return",
+        field="episode_return",
     ),
     Metric(
         name="touch_interaction",
         label="Touch-interaction",
+        column="touch_interaction",
         unit="ticks",
         task_directions={"playing": UP},
         source="T",
@@ -145,6 +150,7 @@ _TABLE = (
     Metric(
         name="touch_onsets",
         label="Touch onsets",
+        column="touch_onsets",
         unit="contacts",
         source="D",
         number_format=".1f",
@@ -155,6 +161,7 @@ _TABLE = (
     Metric(
         name="touch_steps",
         label="Touch steps",
+        column="touch_steps",
         unit="control steps",
         source="D",
         number_format=".1f",
@@ -164,6 +171,7 @@ _TABLE = (
     Metric(
         name="touch_variance",
         label="Touch variance",
+        column="touch_variance",
         unit="N²",
         source="R",
         number_format=".3g",
@@ -173,6 +181,7 @@ _TABLE = (
     Metric(
         name="object_movement",
         label="Object movement",
+        column="object_movement",
         unit="m²",
         task_units={"opening": "rad²"},
         source="T",
@@ -184,26 +193,33 @@ _TABLE = (
     Metric(
         name="time_to_first_touch",
         label="First touch",
+        column="time_to_first_touch",
         unit="s",
         source="D",
         number_format=".2f",
         meaning="simulated time to the first contact, episodes that touched",
-        measure=_time_to_first_touch,
+        measure=_first_touch_tick,
+        field="first_touch_tick",
+        derive=_time_to_first_touch,
         shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
     ),
     Metric(
         name="arm_time",
         label="Arm time",
+        column="arm_time",
         unit="s",
         source="D",
         number_format=".2f",
         meaning="simulated time of an episode",
-        measure=_arm_time,
+        measure=lambda record: int(record.trace.ticks.sum(dtype=np.int64)),
+        field="ticks",
+        derive=lambda episode: episode.ticks / PROTOCOL.physics.tick_rate,
         shown_in=frozenset({ShownIn.DIAGNOSTICS}),
     ),
     Metric(
         name="clipped_actions",
         label="Clipped actions",
+        column="clipped_actions",
         unit="control steps",
         source="D",
         number_format=".1f",

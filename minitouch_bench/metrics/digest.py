@@ -3,21 +3,22 @@
 import hashlib
 from collections.abc import Iterable
 
-from minitouch_bench.records import EpisodeMetrics
+from minitouch_bench.records import EpisodeMetrics, RunHeader
 
 
 def run_digest(
-    protocol_digest: str,
+    header: RunHeader,
     episodes: Iterable[EpisodeMetrics],
     exploration_episodes: Iterable[EpisodeMetrics] = (),
 ) -> str:
-    """Return the SHA-256 over a protocol and the episodes run under it, in the run's order.
+    """Return the SHA-256 over the rules of each task and the episodes, in the run's order.
 
     Of an episode it covers the task, index, seed, shape, outcome and the trajectory's own
     digest, and so every metric but ``clipped_actions``. It names neither the policy nor the
     machine: whoever gets the same bits gets the same digest.
     """
-    sha = hashlib.sha256(protocol_digest.encode())
+    rules = (f"{task} {header.task_digests.get(task, '')}" for task in header.tasks)
+    sha = hashlib.sha256("\n".join(rules).encode())
     for role, listed in (("final", episodes), ("exploration", exploration_episodes)):
         for episode in listed:
             identity = (role, episode.task, episode.index, episode.seed, episode.shape)

@@ -11,7 +11,7 @@ def measure(record: EpisodeRecord) -> EpisodeMetrics:
     """
     spec = record.spec
     measured = {
-        metric.column or metric.name: metric.measure(record)
+        metric.field or metric.name: metric.measure(record)
         for metric in METRICS.values()
         if metric.measure is not None
     }

@@ -1,7 +1,7 @@
 """What a metric is: how it is measured, estimated and written, and where it is shown."""
 
+import dataclasses
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -45,7 +45,7 @@ Value = float | None
 """A metric's value in one episode; None where the episode has none."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Metric:
     """What a metric is called, what it counts, and how it is measured and written.
 
@@ -54,9 +54,10 @@ class Metric:
     paper), R (the released package) or D (decided here). ``number_format``: Python format of a
     value.
 
-    ``measure`` reads a finished episode and fills ``column``, a field of EpisodeMetrics, by
-    default the one of the metric's name. ``derive`` gives the metric's value in a measured
-    episode, by default what its column holds. A metric has one of the two, or both.
+    ``measure`` reads a finished episode and fills ``field`` of EpisodeMetrics, by default the one
+    of the metric's name. ``derive`` gives the metric's value in a measured episode, by default
+    what that field holds. A metric has one of the two, or both. ``column`` holds the value in
+    ``episodes.csv``, "" for a metric that has none there.
 
     ``role``: whose episodes are counted. ``needs_goal``: only tasks with a goal have the metric.
     """
@@ -68,6 +69,7 @@ class Metric:
     number_format: str
     meaning: str
     measure: Callable[[EpisodeRecord], Value] | None = None
+    field: str = ""
     column: str = ""
     derive: Callable[[EpisodeMetrics], Value] | None = None
     direction: str = NO_DIRECTION
@@ -75,14 +77,14 @@ class Metric:
     role: Role = Role.FINAL
     needs_goal: bool = False
     shown_in: frozenset[ShownIn] = frozenset()
-    task_units: Mapping[str, str] = field(default_factory=dict)
-    task_directions: Mapping[str, str] = field(default_factory=dict)
+    task_units: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    task_directions: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     def value(self, episode: EpisodeMetrics) -> Value:
         """Return the metric's value in one episode; a share's is true or false."""
         if self.derive is not None:
             return self.derive(episode)
-        found: Value = getattr(episode, self.column or self.name)
+        found: Value = getattr(episode, self.field or self.name)
         return found
 
     @property

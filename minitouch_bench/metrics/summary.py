@@ -70,7 +70,7 @@ def _summarize_task(
     return TaskSummary(
         task=task,
         estimates={name: figure for name, figure in found.items() if figure is not None},
-        outcomes={o.value: sum(e.outcome is o for e in own[Role.FINAL]) for o in Outcome},
+        outcomes={o: sum(e.outcome is o for e in own[Role.FINAL]) for o in Outcome},
         touch_curve=(),
     )
 

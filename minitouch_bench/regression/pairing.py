@@ -78,8 +78,10 @@ def refuse_other_rules(first: RunHeader, second: RunHeader, names: tuple[str, st
     Errors: UsageError with the difference.
     """
     one, other = (_short(name) for name in names)
+    tasks = first.rules_differ(second)
+    rules = [_rules(header, tasks) for header in (first, second)]
     for what, left, right in (
-        ("protocols", _protocol(first), _protocol(second)),
+        ("protocols", *rules),
         ("suites", first.suite, second.suite),
         ("seeds", str(first.seed), str(second.seed)),
     ):
@@ -184,8 +186,9 @@ def _some(keys: Iterable[str]) -> str:
     return shown if len(listed) <= NAMED_EPISODES else f"{shown}, …"
 
 
-def _protocol(header: RunHeader) -> str:
-    return f"{header.protocol} {header.protocol_digest[:12]}"
+def _rules(header: RunHeader, tasks: Sequence[str]) -> str:
+    digests = (f"{task} {header.task_digests.get(task, 'none')[:12]}" for task in tasks)
+    return f"{header.protocol}: {', '.join(digests)}" if tasks else ""
 
 
 def _short(text: str) -> str:

@@ -1,6 +1,5 @@
 """Reports of runs: tables and plots as data, and one writer a format."""
 
-from minitouch_bench.reporting.json_document import from_document, to_document
 from minitouch_bench.reporting.report import Report, build_report, table4_latex
 from minitouch_bench.reporting.run_directory import (
     derived_files,
@@ -14,11 +13,9 @@ __all__ = [
     "Report",
     "build_report",
     "derived_files",
-    "from_document",
     "read_run",
     "show_report",
     "table4_latex",
-    "to_document",
     "write_report",
     "write_run",
 ]

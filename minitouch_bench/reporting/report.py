@@ -46,7 +46,7 @@ def build_report(
     """Compose the report of one or several runs, called ``names`` or by their policies.
 
     Raises:
-        UsageError: no runs; runs of different protocols, which are never put into one table;
+        UsageError: no runs; runs of which a task was played by other rules;
             names that do not fit the runs.
     """
     if not runs:
@@ -83,13 +83,13 @@ def find_videos(files: Sequence[Path], directory: Path) -> tuple[Video, ...]:
 
 
 def _check_protocols(runs: Sequence[SavedRun]) -> None:
-    """Refuse runs whose protocol digests differ."""
+    """Refuse runs of which a task was not played by the same rules."""
     first = runs[0]
     for other in runs[1:]:
-        if other.header.protocol_digest != first.header.protocol_digest:
+        if tasks := first.header.rules_differ(other.header):
             raise UsageError(
-                f"{_protocol_of(first)} and {_protocol_of(other)} cannot be compared: "
-                "their protocols differ"
+                f"{_protocol_of(first)} and {_protocol_of(other)} cannot stand in one table: "
+                f"the rules of {', '.join(tasks)} differ"
             )
 
 

@@ -1,6 +1,5 @@
 """The files of a run's directory that are derived from its records, and reading them back."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,15 +17,16 @@ from minitouch_bench.files import (
     write_file,
 )
 from minitouch_bench.records import EvaluationRun, SavedRun, Summary
-from minitouch_bench.reporting.csv_writer import (
+from minitouch_bench.reporting.frames import (
+    csv_text,
     episodes_csv,
-    generalization_csv,
-    table4_csv,
+    generalization_frame,
+    table4_frame,
 )
-from minitouch_bench.reporting.json_document import from_document, to_document, to_text
 from minitouch_bench.reporting.markdown import to_markdown
 from minitouch_bench.reporting.page import to_html
 from minitouch_bench.reporting.report import Report, build_report, find_videos
+from minitouch_bench.reporting.run_document import parse_run, run_json, save
 
 
 def write_run(run: EvaluationRun, summary: Summary, directory: Path) -> SavedRun:
@@ -37,12 +37,12 @@ def write_run(run: EvaluationRun, summary: Summary, directory: Path) -> SavedRun
 
     Errors: RunDirectoryError if a file cannot be written.
     """
-    document = to_document(run, summary)
-    saved = from_document(document, directory.name)
+    saved = save(run, summary, directory.name)
+    content = run_json(saved)
     for name, text in _tables(saved).items():
         write_file(directory / name, text)
     # Last: a directory with a run.json has everything else.
-    write_file(directory / RUN_FILE, to_text(document))
+    write_file(directory / RUN_FILE, content)
     return saved
 
 
@@ -62,15 +62,13 @@ def read_run(directory: Path) -> SavedRun:
     """
     file = directory if directory.name == RUN_FILE else directory / RUN_FILE
     try:
-        document = json.loads(read_file(file))
+        content = read_file(file)
     except FileNotFoundError as error:
         raise RunDirectoryError(f"{file.parent} is no run: it has no {RUN_FILE}") from error
     except OSError as error:
         raise RunDirectoryError(f"{file} cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise RunDirectoryError(f"{file} is not JSON: {error}") from error
     try:
-        return from_document(document, file.resolve().parent.name)
+        return parse_run(content, file.resolve().parent.name)
     except RunDirectoryError as error:
         raise RunDirectoryError(f"{file.parent}: {error}") from error
 
@@ -95,11 +93,11 @@ def write_report(
 
 def _tables(run: SavedRun) -> dict[str, str]:
     """Return the CSV files of a run by name."""
-    tables = {EPISODES_FILE: episodes_csv(run.episodes), TABLE4_FILE: table4_csv([run])}
+    tables = {EPISODES_FILE: episodes_csv(run.episodes), TABLE4_FILE: csv_text(table4_frame([run]))}
     if run.exploration_episodes:
         tables[EXPLORATION_FILE] = episodes_csv(run.exploration_episodes)
     if run.summary.generalization:
-        tables[GENERALIZATION_FILE] = generalization_csv([run])
+        tables[GENERALIZATION_FILE] = csv_text(generalization_frame([run]))
     return tables
 
 

@@ -10,7 +10,7 @@ from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.policies.sources import PolicySource, identify
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EpisodeSpec, PolicyIdentity
-from minitouch_bench.verification.differences import Difference
+from minitouch_bench.verification.problems import Problem
 from minitouch_bench.verification.recorded_run import RecordedRun
 
 
@@ -41,7 +41,7 @@ def check_identity(recorded: PolicyIdentity, source: PolicySource) -> None:
 
 def rerun(
     run: RecordedRun, setup: PolicySetup, specs: Sequence[EpisodeSpec], engine: Engine
-) -> Iterator[tuple[EpisodeRecord, tuple[Difference, ...]]]:
+) -> Iterator[tuple[EpisodeRecord, tuple[Problem, ...]]]:
     """Run these episodes with the checkpoint and yield each with how it differs.
 
     Raises:
@@ -55,12 +55,12 @@ def rerun(
 
 def _differences(
     record: EpisodeRecord, row: EpisodeMetrics, recorded: Actions
-) -> Iterator[Difference]:
+) -> Iterator[Problem]:
     key, found = record.spec.key, record.trace.actions
     if record.outcome is not row.outcome:
-        yield Difference(key, f"{row.outcome} recorded, {record.outcome} when run again")
+        yield Problem(key, f"{row.outcome} recorded, {record.outcome} when run again")
     elif record.trace.digest() != row.digest:
-        yield Difference(key, _first_other_step(recorded, found))
+        yield Problem(key, _first_other_step(recorded, found))
 
 
 def _first_other_step(recorded: Actions, found: Actions) -> str:

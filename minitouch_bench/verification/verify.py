@@ -1,21 +1,23 @@
 """A run checked by replaying its recorded actions, without loading the checkpoint."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from minitouch_bench.documents import plain
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.journal import read_journal
 from minitouch_bench.evaluation.replay import Recording
-from minitouch_bench.files import JOURNAL_FILE, read_file
+from minitouch_bench.files import JOURNAL_FILE, RUN_FILE, read_file
 from minitouch_bench.metrics import summarize
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EvaluationRun, SavedRun
-from minitouch_bench.reporting import derived_files, to_document
-from minitouch_bench.verification.differences import ROUNDING, Difference, compare_values
+from minitouch_bench.reporting import derived_files
+from minitouch_bench.reporting.run_document import document_of, run_json, save
+from minitouch_bench.verification.differences import ROUNDING, compare_values
+from minitouch_bench.verification.problems import Problem
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
 
 EPISODE_LISTS = ("episodes", "exploration_episodes")
@@ -26,13 +28,13 @@ class Verification:
     """What a check of a run found. ``episodes`` were replayed, ``reran`` run with the policy."""
 
     episodes: int
-    differences: tuple[Difference, ...]
+    problems: tuple[Problem, ...]
     reran: int = 0
 
     @property
     def passed(self) -> bool:
         """Whether everything is as recorded."""
-        return not self.differences
+        return not self.problems
 
 
 def verify_run(
@@ -51,8 +53,8 @@ def verify_run(
         RunDirectoryError: it is no run, or a file of it is damaged.
         InfrastructureError: an episode could not be replayed.
     """
-    run, differences = open_run(directory)
-    return Verification(0, differences) if run is None else replay_run(run, engine, on_record)
+    run, problems = open_run(directory)
+    return Verification(0, problems) if run is None else replay_run(run, engine, on_record)
 
 
 def replay_run(
@@ -71,23 +73,22 @@ def replay_run(
     return Verification(len(records), found)
 
 
-def compare_with_replay(run: RecordedRun, records: list[EpisodeRecord]) -> Iterator[Difference]:
+def compare_with_replay(run: RecordedRun, records: list[EpisodeRecord]) -> Iterator[Problem]:
     """Compare everything a run's directory holds with its replayed episodes."""
     by_spec = {record.spec: record for record in records}
     for spec in run.specs:
         given, used = len(run.actions[spec.key]), len(by_spec[spec].trace.actions)
         if given != used:
             text = f"{given} actions recorded, the episode ends after {used}"
-            yield Difference(spec.key, text)
+            yield Problem(spec.key, text)
     replayed = tuple(
         _with_claims(by_spec[spec], row, run.saved.faults.get(spec.key, ""))
         for spec, row in run.rows()
     )
     evaluation = EvaluationRun(run.saved.header, run.saved.environment, replayed)
     summary = summarize(evaluation, np.random.default_rng(run.saved.header.seed))
-    document = to_document(evaluation, summary)
-    yield from _documents(run, document)
-    yield from _files(run.directory, run.saved)
+    yield from _documents(run, save(evaluation, summary, run.saved.name))
+    yield from _files(run)
     if (run.directory / JOURNAL_FILE).exists():
         yield from _journal(run, replayed)
 
@@ -104,30 +105,32 @@ def _with_claims(record: EpisodeRecord, row: EpisodeMetrics, fault: str) -> Epis
     return replace(record, trace=replace(record.trace, clipped=clipped), fault=fault)
 
 
-def _documents(run: RecordedRun, found: Mapping[str, Any]) -> Iterator[Difference]:
+def _documents(run: RecordedRun, replayed: SavedRun) -> Iterator[Problem]:
     """Compare ``run.json`` with the document of the replayed run, episodes by their names."""
-    recorded = run.saved.document
+    if read_file(run.directory / RUN_FILE) != run_json(run.saved):
+        yield Problem(RUN_FILE, "a key is there twice or unknown, or it was edited")
+    recorded, found = plain(document_of(run.saved)), plain(document_of(replayed))
     names = [spec.key for spec in run.specs]
-    rows = [row for name in EPISODE_LISTS for row in recorded[name]]
-    again = [row for name in EPISODE_LISTS for row in found[name]]
-    for key, row, replayed in zip(names, rows, again, strict=True):
-        yield from compare_values(key, row, replayed)
-    for name in dict.fromkeys([*recorded, *found]):
-        if name not in ("environment", *EPISODE_LISTS):
-            yield from compare_values(name, recorded.get(name), found.get(name), ROUNDING)
+    rows = [row for name in EPISODE_LISTS for row in recorded.pop(name)]
+    again = [row for name in EPISODE_LISTS for row in found.pop(name)]
+    for key, row, other in zip(names, rows, again, strict=True):
+        yield from compare_values(key, row, other)
+    for name, value in recorded.items():
+        if name != "environment":
+            yield from compare_values(name, value, found[name], ROUNDING)
 
 
-def _files(directory: Path, saved: SavedRun) -> Iterator[Difference]:
+def _files(run: RecordedRun) -> Iterator[Problem]:
     """Compare the tables and the report with those that ``run.json`` gives."""
-    for name, text in derived_files(saved, directory).items():
+    for name, text in derived_files(run.saved, run.directory).items():
         try:
-            content = read_file(directory / name)
+            content = read_file(run.directory / name)
         except FileNotFoundError:
             continue
         except OSError as error:
             raise RunDirectoryError(f"{name} cannot be read: {error.strerror}") from error
         if content != text.encode():
-            yield Difference(name, _first_line(content, text))
+            yield Problem(name, _first_line(content, text))
 
 
 def _first_line(content: bytes, text: str) -> str:
@@ -138,22 +141,22 @@ def _first_line(content: bytes, text: str) -> str:
     return f"{len(there)} lines, run.json gives {len(again)}"
 
 
-def _journal(run: RecordedRun, records: tuple[EpisodeRecord, ...]) -> Iterator[Difference]:
+def _journal(run: RecordedRun, records: tuple[EpisodeRecord, ...]) -> Iterator[Problem]:
     """Compare the journal, whose records are whole, with the replayed episodes."""
     try:
         header, written, _ = read_journal(run.directory, repair=False)
     except RunDirectoryError as error:
-        yield Difference(JOURNAL_FILE, str(error).partition("\n")[0])
+        yield Problem(JOURNAL_FILE, str(error).partition("\n")[0])
         return
     if header != run.saved.header:
-        yield Difference(JOURNAL_FILE, "its header is not that of run.json")
+        yield Problem(JOURNAL_FILE, "its header is not that of run.json")
     by_spec = {record.spec: record for record in written}
     for record in records:
         there = by_spec.get(record.spec)
         if there is None:
-            yield Difference(JOURNAL_FILE, f"{record.spec.key} is missing")
+            yield Problem(JOURNAL_FILE, f"{record.spec.key} is missing")
         elif _contents(there) != _contents(record):
-            yield Difference(JOURNAL_FILE, f"{record.spec.key} is not what its actions give")
+            yield Problem(JOURNAL_FILE, f"{record.spec.key} is not what its actions give")
 
 
 def _contents(record: EpisodeRecord) -> tuple[object, ...]:

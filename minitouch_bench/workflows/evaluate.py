@@ -19,8 +19,8 @@ from minitouch_bench.metrics import summarize
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.records import EvaluationRun, SavedRun
 from minitouch_bench.reporting import Report, write_report, write_run
-from minitouch_bench.reporting.json_document import from_document, to_document
 from minitouch_bench.reporting.report import build_report
+from minitouch_bench.reporting.run_document import save
 from minitouch_bench.workflows.callbacks import SILENT, Callbacks
 from minitouch_bench.workflows.policies import prepare_policies
 
@@ -169,5 +169,5 @@ def save_run(run: EvaluationRun, directory: Path, video: int = 0) -> EvaluationR
 
 def _in_memory(run: EvaluationRun, name: str) -> EvaluationResult:
     summary = summarize(run, np.random.default_rng(run.header.seed))
-    saved = from_document(to_document(run, summary), name)
+    saved = save(run, summary, name)
     return EvaluationResult(saved, build_report([saved]))

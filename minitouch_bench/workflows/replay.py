@@ -33,9 +33,9 @@ def replay(run: Path, episode: str) -> ReplayedEpisode:
         UsageError: the run has no such episode, or cannot be replayed here.
         RunDirectoryError: it is no run, or a file of it is damaged.
     """
-    opened, differences = open_run(run)
+    opened, problems = open_run(run)
     if opened is None:
-        raise UsageError(f"{run} cannot be replayed.\n{differences[0]}")
+        raise UsageError(f"{run} cannot be replayed.\n{problems[0]}")
     spec, row = opened.find(episode)
     runner = EpisodeRunner(Recording(opened.actions))
     try:

@@ -15,11 +15,10 @@ from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions
 from minitouch_bench.evaluation.run import RunRequest, open_run
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import JOURNAL_FILE, RUN_FILE, clear_run, lock_directory
-from minitouch_bench.leaderboard.faults import Fault
 from minitouch_bench.leaderboard.packing import (
     add_seed,
     begun_submission,
-    check_about,
+    check_submission,
     copy_run,
     name_files,
     tidy,
@@ -27,7 +26,6 @@ from minitouch_bench.leaderboard.packing import (
 from minitouch_bench.leaderboard.submission import (
     MAIN_SUITE,
     SUBMITTED_SUITES,
-    About,
     CheckpointFile,
     Submission,
     TrainingSeed,
@@ -40,6 +38,7 @@ from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.records import PolicyIdentity, Role, SavedRun
 from minitouch_bench.reporting import read_run, write_run
+from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows.callbacks import SILENT, Callbacks
 from minitouch_bench.workflows.evaluate import play
 from minitouch_bench.workflows.policies import prepare_policies
@@ -51,7 +50,7 @@ DEFAULT_MODALITIES = ("vision", "touch")
 class SubmitOptions:
     """What to submit: a policy to evaluate, or the directories of finished runs.
 
-    ``about`` holds fields of ``About``; what is left out stays as the submission has it.
+    ``about`` holds fields of ``Submission``; what is left out stays as the submission has it.
     ``training_seed`` names the training run that the policy comes from. With ``include`` the
     checkpoint is copied, so that others can run it again. ``directory`` holds all submissions.
     """
@@ -73,10 +72,10 @@ class SubmitOptions:
 
 @dataclass(frozen=True)
 class Packed:
-    """A submission's directory, and the faults for which a maintainer would refuse it."""
+    """A submission's directory, and the problems for which a maintainer would refuse it."""
 
     directory: Path
-    faults: tuple[Fault, ...]
+    problems: tuple[Problem, ...]
 
 
 def submit(options: SubmitOptions, callbacks: Callbacks = SILENT) -> Packed:
@@ -92,14 +91,14 @@ def submit(options: SubmitOptions, callbacks: Callbacks = SILENT) -> Packed:
     _check_suites(options.suites)
     directory = options.directory / options.name
     begun = begun_submission(directory)
-    about = _about(options, begun)
-    check_about(about)
+    told = _told(options, begun)
+    check_submission(told)
     if (options.policy is None) == (not options.runs):
         raise UsageError("give a POLICY to evaluate, or finished runs with --run")
     packer = _Packer(options, directory, callbacks)
     seed = packer.copy_runs() if options.policy is None else packer.evaluate(options.policy)
-    add_seed(directory, begun, about, seed)
-    return Packed(directory, validate(directory).faults)
+    add_seed(directory, begun, told, seed)
+    return Packed(directory, validate(directory).problems)
 
 
 def _check_suites(suites: tuple[str, ...]) -> None:
@@ -109,12 +108,13 @@ def _check_suites(suites: tuple[str, ...]) -> None:
         )
 
 
-def _about(options: SubmitOptions, begun: Submission | None) -> About:
+def _told(options: SubmitOptions, begun: Submission | None) -> Submission:
     """Return what the submission tells: what it told before, changed by the options given."""
     usual = RESERVED_MODALITIES.get(options.policy or options.name, DEFAULT_MODALITIES)
     steps = trained_steps(Path(options.policy)) if options.policy else 0
-    fresh = About(options.name, method=options.name, modalities=usual, training_steps=steps)
-    known = begun.about if begun else fresh
+    known = begun or Submission(
+        name=options.name, method=options.name, modalities=usual, training_steps=steps
+    )
     return replace(known, name=options.name, **options.about)
 
 

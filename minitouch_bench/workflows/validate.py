@@ -5,7 +5,6 @@ from pathlib import Path
 
 from minitouch_bench.evaluation.engine import LOCAL, EngineOptions, open_engine
 from minitouch_bench.leaderboard import proving
-from minitouch_bench.leaderboard.faults import Fault
 from minitouch_bench.leaderboard.proof import (
     ProofLevel,
     level_of,
@@ -15,6 +14,7 @@ from minitouch_bench.leaderboard.proof import (
     write_proof,
 )
 from minitouch_bench.leaderboard.validation import Verdict, validate
+from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows.callbacks import SILENT, Callbacks
 
 
@@ -29,9 +29,9 @@ class ValidateOptions:
 
 @dataclass(frozen=True)
 class Validation:
-    """What came of it: the faults, or where there are none the level of proof."""
+    """What came of it: the problems, or where there are none the level of proof."""
 
-    faults: tuple[Fault, ...]
+    problems: tuple[Problem, ...]
     level: ProofLevel | None = None
 
 
@@ -45,26 +45,26 @@ def validate_submission(
     """
     verdict = validate(directory)
     if not verdict.passed:
-        return Validation(verdict.faults)
+        return Validation(verdict.problems)
     if options.replay or options.rerun:
-        faults = _prove(verdict, options, callbacks)
-        if faults:
-            return Validation(faults)
+        problems = _prove(verdict, options, callbacks)
+        if problems:
+            return Validation(problems)
     proof = read_proof(proof_path(directory.resolve()))
     return Validation((), level_of(verdict, proof))
 
 
-def _prove(verdict: Verdict, options: ValidateOptions, callbacks: Callbacks) -> tuple[Fault, ...]:
+def _prove(verdict: Verdict, options: ValidateOptions, callbacks: Callbacks) -> tuple[Problem, ...]:
     """Replay a submission, run some of it again, and write the proof if all holds."""
     replayed = sum(len(r.episodes) + len(r.exploration_episodes) for r in verdict.runs.values())
     callbacks.phase("replay", replayed + options.rerun * len(verdict.runs))
     with open_engine(options.engine, callbacks.note) as handle:
         how = proving.Proving(handle.engine, on_record=callbacks.episode)
-        faults = [*proving.replay(verdict, how)]
-        if not faults and options.rerun:
-            faults += proving.run_again(verdict, options.rerun, how)
-    if not faults:
+        problems = [*proving.replay(verdict, how)]
+        if not problems and options.rerun:
+            problems += proving.run_again(verdict, options.rerun, how)
+    if not problems:
         level = ProofLevel.RERUN if options.rerun else ProofLevel.REPLAYED
         proof = make_proof(verdict, level, options.rerun)
         write_proof(proof, proof_path(verdict.directory.resolve()))
-    return tuple(faults)
+    return tuple(problems)

@@ -12,7 +12,7 @@ from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions, PolicyLimits
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.reporting import read_run
-from minitouch_bench.verification.differences import Difference
+from minitouch_bench.verification.problems import Problem
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
 from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun
 from minitouch_bench.verification.verify import Verification, replay_run
@@ -56,9 +56,9 @@ def verify(options: VerifyOptions, callbacks: Callbacks = SILENT) -> Verificatio
     setup = _find_checkpoints(options, callbacks) if options.rerun else None
     try:
         with opening as handle:
-            run, differences = open_run(options.run)
+            run, problems = open_run(options.run)
             if run is None:
-                return Verification(0, differences)
+                return Verification(0, problems)
             callbacks.phase("replaying", len(run.specs))
             found = replay_run(run, handle.engine, callbacks.episode)
             if setup is None or not found.passed:
@@ -94,8 +94,8 @@ def _run_again(  # noqa: PLR0917 - everything that verify has opened
     """Add what the drawn episodes gave when run with the checkpoint."""
     specs = draw_episodes(run, options.rerun, np.random.default_rng(options.draw))
     callbacks.phase("running again", len(specs))
-    differences: list[Difference] = []
+    problems: list[Problem] = []
     for record, found in rerun(run, setup, specs, engine):
-        differences += found
+        problems += found
         callbacks.episode(record)
-    return replace(replayed, differences=tuple(differences), reran=len(specs))
+    return replace(replayed, problems=tuple(problems), reran=len(specs))

@@ -23,19 +23,25 @@ def test_a_true_run_is_verified_and_run_again(scripted):
 
 
 def test_an_edited_run_is_named_with_exit_1(copy):
-    text = (copy / "run.json").read_text().replace('"success": true', '"success": false', 1)
+    text = (copy / "run.json").read_text()
+    text = text.replace('"outcome": "success"', '"outcome": "step_limit"', 1)
     (copy / "run.json").write_text(text)
     done = run("verify", copy, "--rerun", 2, "--json", directory=copy.parent)
     assert done.code == 1
     result = json.loads(done.out)
     assert result["passed"] is False
     assert result["reran"] == 0
-    assert result["differences"] == [
-        {"place": "pushing/0.success", "what": "False recorded, True found"}
+    assert result["problems"] == [
+        {
+            "place": "pushing/0.outcome",
+            "what": "'step_limit' recorded, 'success' found",
+            "remedy": "",
+            "is_other_protocol": False,
+        }
     ]
     plain = run("verify", copy, directory=copy.parent)
     assert plain.code == 1
-    assert "pushing/0.success: False recorded, True found" in plain.out
+    assert "pushing/0.outcome: 'step_limit' recorded, 'success' found" in plain.out
     assert "is not verified" in plain.out
 
 

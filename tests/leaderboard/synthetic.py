@@ -11,8 +11,8 @@ from minitouch_bench.evaluation.suites import SUITES
 from minitouch_bench.leaderboard.packing import add_seed, begun_submission, tidy
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
-    About,
     CheckpointFile,
+    Submission,
     TrainingSeed,
     checkpoint_place,
     run_place,
@@ -24,8 +24,8 @@ from minitouch_bench.reporting import write_run
 from tests.reporting.synthetic import make_record, with_fault
 
 CHECKPOINT = b"weights of a policy that nobody ever loads"
-ABOUT = About(
-    "hac",
+ABOUT = Submission(
+    name="hac",
     method="HaC, retrained",
     authors=("A. Researcher", "B. Researcher"),
     paper="https://example.org/paper",
@@ -65,6 +65,7 @@ def official_run(
     header = RunHeader(
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
+        task_digests={task: PROTOCOL.task_digest(task) for task in SUITES[suite].tasks},
         suite=suite,
         official=True,
         unofficial_because=(),

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import json
 import shutil
 from dataclasses import replace
 
@@ -21,7 +20,8 @@ from minitouch_bench.metrics import ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.records import Role
 from minitouch_bench.reporting import read_run
-from tests.leaderboard.synthetic import ABOUT, make_submission
+from minitouch_bench.reporting.run_document import run_json
+from tests.leaderboard.synthetic import make_submission
 
 BOTH = ("table4", "novel-shapes")
 
@@ -39,7 +39,7 @@ def submissions(tmp_path_factory):
 
 def entry(directory):
     verdict = validate(directory, Depth.BOARD)
-    assert verdict.faults == ()
+    assert verdict.problems == ()
     return make_entry(verdict, None)
 
 
@@ -155,9 +155,9 @@ def test_another_protocol_is_listed_apart_and_a_bad_one_left_out(submissions, tm
     root = tmp_path / "submissions"
     shutil.copytree(submissions, root)
     file = root / "near" / "seed-0" / "table4" / "run.json"
-    run = json.loads(file.read_text())
-    run["header"]["protocol_digest"] = "0" * 64
-    file.write_text(json.dumps(run))
+    run = read_run(file)
+    digests = {**run.header.task_digests, "pushing": "0" * 64}
+    file.write_bytes(run_json(replace(run, header=replace(run.header, task_digests=digests))))
     (root / "hac" / "submission.toml").unlink()
     (root / "_proofs").mkdir()
     (root / "README.md").write_text("hello")
@@ -200,8 +200,7 @@ def test_csv_has_a_row_a_figure_and_guards_formulas(board):
 
 
 def with_method(own, method):
-    about = replace(ABOUT, name=own.name, method=method)
-    return replace(own, submission=replace(own.submission, about=about))
+    return replace(own, submission=replace(own.submission, method=method))
 
 
 def test_the_board_does_not_depend_on_the_order_of_submissions(submissions, board):

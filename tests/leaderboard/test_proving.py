@@ -16,11 +16,11 @@ from minitouch_bench.leaderboard.proof import (
     write_proof,
 )
 from minitouch_bench.leaderboard.proving import Proving, replay, run_again
-from minitouch_bench.leaderboard.submission import About, Submission, TrainingSeed
+from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics import summarize
 from minitouch_bench.reporting import write_run
-from minitouch_bench.reporting.json_document import to_text
+from minitouch_bench.reporting.run_document import run_json
 from tests.evaluation.runs import request, run
 
 PLACE = "seed-0/table4"
@@ -40,8 +40,10 @@ def verdict(records, tmp_path):
     write_actions(records.records, place)
     saved = write_run(records, summarize(records, np.random.default_rng(0)), place)
     submission = Submission(
-        About("scripted", "scripted", modalities=("state",)),
-        (TrainingSeed(0, {"table4": PLACE}),),
+        name="scripted",
+        method="scripted",
+        modalities=("state",),
+        seeds=(TrainingSeed(0, {"table4": PLACE}),),
     )
     return Verdict(directory, submission, {PLACE: saved}, ())
 
@@ -70,7 +72,7 @@ def test_swapped_actions_do_not_give_the_figures(verdict, proving):
         actions["opening/0"], actions["opening/1"] = actions["opening/1"], actions["opening/0"]
 
     change_actions(verdict, swap)
-    found = [str(fault) for fault in replay(verdict, proving)]
+    found = [str(problem) for problem in replay(verdict, proving)]
     assert any("opening/0" in line and "do not give these figures" in line for line in found)
 
 
@@ -79,7 +81,7 @@ def test_one_changed_bit_of_an_action_is_found(verdict, proving):
         actions["opening/1"][3, 0] = np.nextafter(actions["opening/1"][3, 0], np.float32(0))
 
     change_actions(verdict, nudge)
-    assert any("opening/1" in str(fault) for fault in replay(verdict, proving))
+    assert any("opening/1" in str(problem) for problem in replay(verdict, proving))
 
 
 def test_episodes_run_again_with_the_policy_give_the_same_actions(verdict, proving):
@@ -87,13 +89,12 @@ def test_episodes_run_again_with_the_policy_give_the_same_actions(verdict, provi
 
 
 def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, proving):
-    document = dict(verdict.runs[PLACE].document)
-    document["header"] = {
-        **document["header"],
-        "policy": {**document["header"]["policy"], "kind": "native", "digest": "0" * 64},
-    }
-    (verdict.directory / PLACE / "run.json").write_text(to_text(document))
-    found = [str(fault) for fault in run_again(verdict, 1, proving)]
+    saved = verdict.runs[PLACE]
+    policy = dataclasses.replace(saved.header.policy, kind="native", digest="0" * 64)
+    header = dataclasses.replace(saved.header, policy=policy)
+    content = run_json(dataclasses.replace(saved, header=header))
+    (verdict.directory / PLACE / "run.json").write_bytes(content)
+    found = [str(problem) for problem in run_again(verdict, 1, proving)]
     assert any("checkpoint of seed 0 is not in the submission" in line for line in found)
 
 
@@ -110,11 +111,10 @@ def test_a_proof_counts_for_the_very_bytes_alone(sound, tmp_path):
     assert level_of(verdict, None) is ProofLevel.SELF_REPORTED
 
 
-def test_a_proof_of_other_bytes_or_of_another_protocol_is_ignored(submission):
+def test_a_proof_of_other_bytes_is_ignored(submission):
     verdict = validate(submission)
     proof = make_proof(verdict, ProofLevel.RERUN, 5)
-    other = dataclasses.replace(proof, protocol_digest="0" * 64)
-    assert level_of(verdict, other) is ProofLevel.SELF_REPORTED
+    assert level_of(verdict, proof) is ProofLevel.RERUN
     file = submission / PLACE / "run.json"
     file.write_bytes(file.read_bytes() + b"\n")
     assert level_of(verdict, proof) is ProofLevel.SELF_REPORTED
@@ -134,4 +134,4 @@ def test_a_remote_policy_stays_remote(verdict):
 
 def test_a_proof_inside_a_submission_is_an_unknown_file(submission):
     (submission / "proof.json").write_text("{}")
-    assert any("proof.json" in str(fault) for fault in validate(submission).faults)
+    assert any("proof.json" in str(problem) for problem in validate(submission).problems)

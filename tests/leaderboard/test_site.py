@@ -40,7 +40,7 @@ def board(tmp_path_factory) -> Path:
     (best / "seed-0/table4/videos/pushing-0.mp4").write_bytes(b"no real film")
     write_tables_again(best / "seed-0/table4")
     verdict = validate(best)
-    assert verdict.passed, verdict.faults
+    assert verdict.passed, verdict.problems
     write_proof(make_proof(verdict, ProofLevel.REPLAYED), proof_path(best))
     build_board(submissions, root / "board")
     return root / "board"

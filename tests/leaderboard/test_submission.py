@@ -9,18 +9,22 @@ import jsonschema
 import pytest
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.leaderboard.board_json import board_schema
 from minitouch_bench.leaderboard.build import build_board
-from minitouch_bench.leaderboard.faults import Faults
-from minitouch_bench.leaderboard.packing import add_seed, check_about
+from minitouch_bench.leaderboard.packing import add_seed, check_submission
 from minitouch_bench.leaderboard.submission import (
     CheckpointFile,
     Submission,
     TrainingSeed,
     checkpoint_place,
 )
-from minitouch_bench.leaderboard.submission_reader import read_submission
-from minitouch_bench.leaderboard.submission_writer import submission_text
+from minitouch_bench.leaderboard.submission_document import (
+    read_submission,
+    submission_schema,
+    submission_toml,
+)
 from minitouch_bench.records import Role
+from minitouch_bench.verification.problems import Problems
 from tests.leaderboard.synthetic import ABOUT, make_submission
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -43,6 +47,14 @@ SEEDS = (
 )
 
 
+@pytest.mark.parametrize(
+    ("name", "schema_of"), [("submission", submission_schema), ("leaderboard", board_schema)]
+)
+def test_the_published_schemas_are_those_of_the_types(name, schema_of):
+    published = json.loads((DOCS / f"{name}.schema.json").read_text("utf-8"))
+    assert published == schema_of(), "run `make schemas`"
+
+
 def schema(name: str) -> jsonschema.Draft202012Validator:
     document = json.loads((DOCS / name).read_text())
     jsonschema.Draft202012Validator.check_schema(document)
@@ -50,8 +62,8 @@ def schema(name: str) -> jsonschema.Draft202012Validator:
 
 
 def read(text: str) -> tuple[Submission | None, list[str]]:
-    faults = Faults()
-    return read_submission(text.encode(), faults), [str(fault) for fault in faults]
+    problems = Problems()
+    return read_submission(text.encode(), problems), [str(problem) for problem in problems]
 
 
 @pytest.mark.parametrize(
@@ -65,13 +77,13 @@ def read(text: str) -> tuple[Submission | None, list[str]]:
     ],
 )
 def test_what_is_written_is_read_back(about):
-    submission = Submission(about, SEEDS)
-    assert read(submission_text(submission)) == (submission, [])
+    submission = replace(about, seeds=SEEDS)
+    assert read(submission_toml(submission)) == (submission, [])
 
 
 def test_the_published_schema_describes_what_is_written():
     validator = schema("submission.schema.json")
-    validator.validate(tomllib.loads(submission_text(Submission(ABOUT, SEEDS))))
+    validator.validate(tomllib.loads(submission_toml(replace(ABOUT, seeds=SEEDS))))
 
 
 @pytest.mark.parametrize(
@@ -88,7 +100,7 @@ def test_the_published_schema_describes_what_is_written():
     ],
 )
 def test_the_schema_refuses_what_the_reader_refuses(key, value):
-    document = tomllib.loads(submission_text(Submission(ABOUT, SEEDS)))
+    document = tomllib.loads(submission_toml(replace(ABOUT, seeds=SEEDS)))
     document[key] = value
     assert not schema("submission.schema.json").is_valid(document)
 
@@ -122,5 +134,5 @@ def test_another_training_seed_is_added_and_the_same_one_replaced(tmp_path):
 
 def test_mistakes_are_told_before_any_episode_is_run():
     with pytest.raises(UsageError, match="paper"):
-        check_about(replace(ABOUT, paper="ftp://example.org"))
-    check_about(ABOUT)
+        check_submission(replace(ABOUT, paper="ftp://example.org"))
+    check_submission(ABOUT)

@@ -8,13 +8,13 @@ import shutil
 import zipfile
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from minitouch_bench.leaderboard.validation import Depth, validate
 from minitouch_bench.metrics.digest import run_digest
-from minitouch_bench.reporting import from_document
-from minitouch_bench.reporting.json_document import to_text
+from minitouch_bench.reporting.run_document import parse_run
 from tests.leaderboard.synthetic import make_submission
 
 RUN = "seed-0/table4"
@@ -26,7 +26,7 @@ def refused(directory: Path, *words: str, depth: Depth | None = None) -> list[st
     Where a board sees it already there is no need to look deeper: that takes a second.
     """
     for looked in [depth] if depth else [Depth.BOARD, Depth.FULL]:
-        found = [str(fault) for fault in validate(directory, looked).faults]
+        found = [str(problem) for problem in validate(directory, looked).problems]
         if any(all(word in line for word in words) for line in found):
             break
     else:
@@ -41,11 +41,13 @@ def edit_run(directory: Path, change, run=RUN, *, seal=False) -> None:
     document = json.loads(file.read_text())
     change(document)
     if seal:
-        saved = from_document(document, "x")
-        document["digest"] = run_digest(
-            saved.header.protocol_digest, saved.episodes, saved.exploration_episodes
-        )
-    file.write_text(to_text(document))
+        saved = parse_run(as_written(document), "x")
+        document["digest"] = run_digest(saved.header, saved.episodes, saved.exploration_episodes)
+    file.write_bytes(as_written(document))
+
+
+def as_written(document: dict) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
 
 
 def edit_toml(directory: Path, old: str, new: str) -> None:
@@ -69,7 +71,7 @@ def edit_actions(directory: Path, change) -> None:
 @pytest.mark.parametrize("depth", Depth)
 def test_a_sound_submission_has_no_fault(sound, depth):
     verdict = validate(sound, depth)
-    assert verdict.faults == ()
+    assert verdict.problems == ()
     assert verdict.passed
     assert set(verdict.runs) == {RUN}
 
@@ -78,20 +80,20 @@ def test_several_seeds_suites_and_policy_faults_are_sound(tmp_path):
     both = ("table4", "novel-shapes")
     directory = make_submission(tmp_path, "multi", seeds=(0, 7), suites=both, faults=3)
     verdict = validate(directory)
-    assert verdict.faults == ()
+    assert verdict.problems == ()
     assert set(verdict.runs) == {f"seed-{seed}/{suite}" for seed in (0, 7) for suite in both}
 
 
 @pytest.mark.parametrize("kind", ["random", "zero", "scripted", "remote"])
 def test_policies_without_a_file_are_sound(tmp_path, kind):
     name = "host" if kind == "remote" else kind
-    assert validate(make_submission(tmp_path, name, kind=kind)).faults == ()
+    assert validate(make_submission(tmp_path, name, kind=kind)).problems == ()
 
 
 def test_checkpoints_need_not_be_included(tmp_path):
     directory = make_submission(tmp_path, include=False)
     assert not (directory / "checkpoints").exists()
-    assert validate(directory).faults == ()
+    assert validate(directory).problems == ()
 
 
 def test_every_fault_is_told_at_once(submission):
@@ -100,7 +102,7 @@ def test_every_fault_is_told_at_once(submission):
     edit_run(submission, lambda run: run["episodes"].pop())
     (submission / "extra.txt").write_text("hello")
     found = "\n".join(refused(submission, "submission.toml", "method", "HTML"))
-    for words in ("paper", "1 of 400 episodes are missing", "extra.txt"):
+    for words in ("paper", "1 episode is missing", "extra.txt"):
         assert words in found
 
 
@@ -125,7 +127,7 @@ def test_failures_turned_into_successes(submission):
     def change(run):
         failed = [e for e in run["episodes"] if e["outcome"] == "left_workspace"]
         for episode in failed:
-            episode.update({"outcome": "success", "success": True, "return": 25.0})
+            episode.update({"outcome": "success", "episode_return": 25.0})
 
     edit_run(submission, change)
     refused(submission, RUN, "its digest is not that of its episodes")
@@ -143,7 +145,7 @@ def test_edited_estimates(submission):
 
 def test_an_edited_touch_curve(submission):
     def change(run):
-        run["summary"]["tasks"][0]["touch_curve"]["mean_contact_ticks"][50] += 9
+        run["summary"]["tasks"][0]["touch_curve"][50] += 9
 
     edit_run(submission, change)
     refused(submission, RUN, "touch curve of playing")
@@ -158,7 +160,7 @@ def test_edited_tables(submission, name):
 
 def test_keys_that_the_schema_does_not_know(submission):
     edit_run(submission, lambda run: run["header"].update(sponsor="somebody"))
-    refused(submission, RUN, "header.sponsor")
+    refused(submission, f"{RUN}/run.json", "unknown")
 
 
 def test_figures_that_contradict_each_other(submission):
@@ -224,7 +226,7 @@ def test_missing_hard_episodes(submission):
         ]
 
     edit_run(submission, change, seal=True)
-    refused(submission, "episodes are missing: pushing/", "evaluate the whole suite")
+    refused(submission, "are missing: pushing/", "evaluate the whole suite")
 
 
 def test_duplicate_episodes(submission):
@@ -232,8 +234,8 @@ def test_duplicate_episodes(submission):
         run["episodes"][101] = run["episodes"][100]
 
     edit_run(submission, change, seal=True)
-    refused(submission, "1 episodes are there twice: pushing/0")
-    refused(submission, "1 of 400 episodes are missing: pushing/1")
+    refused(submission, "1 episode is there twice: pushing/0")
+    refused(submission, "1 episode is missing: pushing/1")
 
 
 def test_easier_seeds_and_shapes(submission):
@@ -242,8 +244,8 @@ def test_easier_seeds_and_shapes(submission):
         run["episodes"][300]["shape"] = run["episodes"][301]["shape"]
 
     edit_run(submission, change, seal=True)
-    refused(submission, "another seed than the suite: pushing/0")
-    refused(submission, "another shape than the suite: pick-up/0")
+    refused(submission, "another seed than the suite's: pushing/0")
+    refused(submission, "another shape than the suite's: pick-up/0")
 
 
 def test_another_order(submission):
@@ -256,7 +258,7 @@ def test_an_unofficial_run_that_says_it_is_official(submission):
         run["header"]["seed"] = 3
 
     edit_run(submission, change)
-    refused(submission, "unofficial: seed 3")
+    refused(submission, "it does not say seed 3")
 
 
 def test_another_suite_in_its_place(submission):
@@ -265,10 +267,10 @@ def test_another_suite_in_its_place(submission):
 
 
 def test_another_protocol_s_run(submission):
-    edit_run(submission, lambda run: run["header"].update(protocol_digest="0" * 64))
+    edit_run(submission, lambda run: run["header"]["task_digests"].update(pushing="0" * 64))
     verdict = validate(submission)
     assert verdict.is_other_protocol
-    refused(submission, "its protocol is minitouch-v1 000000000000", "evaluate again")
+    refused(submission, "the rules of pushing are not", "000000000000", "evaluate again")
 
 
 def test_a_policy_that_could_read_the_simulator(submission):
@@ -358,7 +360,7 @@ def test_endless_lists_of_packages(submission):
         ("seed = 0", "seed = -3", "seed"),
         ('name = "hac"', 'nme = "hac"', "has no key 'nme'"),
         ('name = "hac"', 'nme = "hac"', "'name' is missing"),
-        ('name = "hac"', "name = 1979-05-27", "should be text"),
+        ('name = "hac"', "name = 1979-05-27", "expected str"),
         ("[[seeds]]", "[[seeds", "is not TOML"),
         ('sha256 = "', 'sha256 = "zz', "sha256"),
     ],
@@ -463,18 +465,18 @@ def test_numbers_that_json_does_not_have(submission, number):
     file = submission / RUN / "run.json"
     text = file.read_text()
     file.write_text(text.replace('"touch_variance": ', f'"touch_variance": {number}, "x": ', 1))
-    refused(submission, f"{RUN}/run.json", number)
+    refused(submission, f"{RUN}/run.json", "is not JSON")
 
 
 @pytest.mark.parametrize(
     ("content", "words"),
     [
         ("", "not JSON"),
-        ("[" * 100_000, "not JSON"),
-        ('{"format": 1, "format": 2}', "there twice"),
-        ("1" * 10_000, "not JSON"),
+        ("[" * 100_000, "expected object"),
+        ('{"format": 1, "format": 2}', "expected str"),
+        ("1" * 10_000, "out of range"),
         ('{"format": "minitouch-run", "version": 9}', "version 9"),
-        ("null", "should be an object"),
+        ("null", "expected object"),
     ],
 )
 def test_json_that_is_no_run(submission, content, words):
@@ -482,11 +484,18 @@ def test_json_that_is_no_run(submission, content, words):
     refused(submission, f"{RUN}/run.json", words)
 
 
+def test_a_key_that_is_there_twice(submission):
+    file = submission / RUN / "run.json"
+    text = file.read_text()
+    file.write_text(text.replace('"official": true,', '"official": false,\n  "official": true,', 1))
+    refused(submission, f"{RUN}/run.json", "there twice")
+
+
 def test_an_infinite_number_written_as_a_large_one(submission):
     file = submission / RUN / "run.json"
     text = file.read_text()
     file.write_text(text.replace('"wall_s": 754.2', '"wall_s": 1e999'))
-    refused(submission, f"{RUN}/run.json", "wall_s", "finite")
+    refused(submission, f"{RUN}/run.json", "wall_s", "out of range")
 
 
 # What is no submission

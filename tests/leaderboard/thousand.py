@@ -1,6 +1,5 @@
 """A thousand submissions, quickly: episodes of a few made runs, mixed row by row."""
 
-import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +9,9 @@ import numpy as np
 from minitouch_bench.leaderboard.packing import add_seed
 from minitouch_bench.leaderboard.submission import TrainingSeed, run_place
 from minitouch_bench.metrics.digest import run_digest
-from minitouch_bench.reporting import derived_files, from_document
-from minitouch_bench.reporting.json_document import to_text
+from minitouch_bench.records import SavedRun
+from minitouch_bench.reporting import derived_files, read_run
+from minitouch_bench.reporting.run_document import run_json
 from tests.leaderboard.synthetic import ABOUT, make_submission
 
 SKILLS = (0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 0.95)
@@ -27,7 +27,7 @@ def make_many(root: Path, number: int) -> None:
         make_submission(root / "_bases", f"base-{place}", skill, kind="remote")
         for place, skill in enumerate(SKILLS)
     ]
-    documents = [json.loads((base / "seed-0/table4/run.json").read_text()) for base in bases]
+    runs = [read_run(base / "seed-0/table4") for base in bases]
     rng = np.random.default_rng(11)
     for turn in range(number):
         worse = int(rng.integers(len(bases) - 1))
@@ -35,9 +35,9 @@ def make_many(root: Path, number: int) -> None:
         directory = root / f"method-{turn:04d}"
         place = directory / run_place(0, "table4")
         place.mkdir(parents=True)
-        document = _mix(documents[worse], documents[worse + 1], rng.random(400) < share)
-        (place / "run.json").write_text(to_text(document))
-        for name, text in derived_files(from_document(document, "run"), place).items():
+        mixed = _mix(runs[worse], runs[worse + 1], rng.random(400) < share)
+        (place / "run.json").write_bytes(run_json(mixed))
+        for name, text in derived_files(mixed, place).items():
             (place / name).write_text(text)
         os.link(bases[worse] / "seed-0/table4/actions.npz", place / "actions.npz")
         about = replace(
@@ -50,12 +50,9 @@ def make_many(root: Path, number: int) -> None:
         add_seed(directory, None, about, TrainingSeed(0, {"table4": run_place(0, "table4")}))
 
 
-def _mix(one: dict, other: dict, chosen: np.ndarray) -> dict:
+def _mix(one: SavedRun, other: SavedRun, chosen: np.ndarray) -> SavedRun:
     """Take each episode from one of two runs, and seal the result."""
-    rows = [
-        (b if take else a)
-        for a, b, take in zip(one["episodes"], other["episodes"], chosen, strict=True)
-    ]
-    document = {**one, "episodes": rows}
-    saved = from_document(document, "run")
-    return {**document, "digest": run_digest(saved.header.protocol_digest, saved.episodes)}
+    episodes = tuple(
+        (b if take else a) for a, b, take in zip(one.episodes, other.episodes, chosen, strict=True)
+    )
+    return replace(one, episodes=episodes, digest=run_digest(one.header, episodes))

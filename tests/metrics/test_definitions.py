@@ -8,7 +8,7 @@ from minitouch_bench.metrics.metric import DOWN, NO_DIRECTION, UP
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec
 
-MEASURED = [metric.column or metric.name for metric in METRICS.values() if metric.measure]
+MEASURED = [metric.field or metric.name for metric in METRICS.values() if metric.measure]
 
 
 def test_every_field_of_an_episode_is_its_identity_or_measured_once():

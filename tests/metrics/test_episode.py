@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from minitouch_bench.metrics import METRICS
 from minitouch_bench.metrics.episode import measure
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
 
@@ -46,8 +47,10 @@ def test_every_metric_follows_its_definition():
     assert metrics.touch_steps == 2
     assert metrics.touch_variance == pytest.approx(1 / 6)
     assert metrics.object_movement == pytest.approx(1.25)
-    assert metrics.time_to_first_touch == 0.15
-    assert metrics.arm_time == 0.75
+    assert metrics.first_touch_tick == 36
+    assert METRICS["time_to_first_touch"].value(metrics) == 0.15
+    assert metrics.ticks == 180
+    assert METRICS["arm_time"].value(metrics) == 0.75
     assert metrics.clipped_actions == 2
 
 
@@ -67,7 +70,7 @@ def test_only_success_is_success(outcome):
 
 def test_touch_at_the_very_first_tick_is_touch():
     trace = replace(make_trace(), first_touch_tick=0)
-    assert measure(EpisodeRecord(SPEC, Outcome.SUCCESS, trace)).time_to_first_touch == 0.0
+    assert measure(EpisodeRecord(SPEC, Outcome.SUCCESS, trace)).first_touch_tick == 0
 
 
 @pytest.mark.parametrize("samples", [0, 1])
@@ -84,9 +87,10 @@ def test_an_episode_without_steps_has_zeros(samples):
         object_state=np.ones((samples, 3)),
     )
     metrics = measure(EpisodeRecord(SPEC, Outcome.POLICY_FAULT, trace, "raised"))
-    assert metrics.time_to_first_touch is None
+    assert metrics.first_touch_tick is None
+    assert METRICS["time_to_first_touch"].value(metrics) is None
     assert (metrics.steps, metrics.episode_return, metrics.touch_interaction) == (0, 0, 0)
-    assert (metrics.touch_variance, metrics.object_movement, metrics.arm_time) == (0, 0, 0)
+    assert (metrics.touch_variance, metrics.object_movement, metrics.ticks) == (0, 0, 0)
 
 
 def test_long_contact_does_not_overflow_int16():
@@ -98,4 +102,4 @@ def test_long_contact_does_not_overflow_int16():
     )
     metrics = measure(EpisodeRecord(SPEC, Outcome.STEP_LIMIT, trace))
     assert metrics.touch_interaction == 200_000
-    assert metrics.arm_time == pytest.approx(200_000 / 240)
+    assert metrics.ticks == 200_000

@@ -79,7 +79,6 @@ def episode(task: str, index: int, own: Values) -> EpisodeMetrics:
         seed=1000 + index,
         shape="",
         outcome=Outcome.SUCCESS if won else Outcome.STEP_LIMIT,
-        success=won,
         steps=int(own.steps[index]),
         touch_interaction=int(own.touch[index]),
     )

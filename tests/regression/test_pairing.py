@@ -55,7 +55,7 @@ def test_exploration_episodes_are_paired_by_their_role():
 
 
 REFUSALS = [
-    (with_header(OTHER, protocol_digest="ff" * 32), "protocols differ .*ffffffffffff"),
+    (with_header(OTHER, task_digests={"pushing": "ff" * 32}), "protocols differ .*ffffffffffff"),
     (with_header(OTHER, suite="smoke"), "suites differ .table4; smoke"),
     (with_header(OTHER, seed=7), "seeds differ .0; 7"),
     (

@@ -18,7 +18,8 @@ from minitouch_bench.records import (
     RunHeader,
     SavedRun,
 )
-from minitouch_bench.reporting.json_document import from_document, to_document
+from minitouch_bench.reporting.run_document import parse_run, run_json
+from minitouch_bench.reporting.run_document import save as saved_form
 
 FAMILIES = ("carved", "extruded", "harmonic", "lathed")
 SHAPE_TASKS = ("playing", "pushing", "pick-up")
@@ -99,6 +100,7 @@ def make_run(  # noqa: PLR0917 - a fixture with defaults reads best as one call
     header = RunHeader(
         protocol="minitouch-v1",
         protocol_digest=digest * 6,
+        task_digests={task: f"{task} {digest}" for task in tasks},
         suite="table4",
         official=official,
         unofficial_because=() if official else (f"{episodes} of 100 episodes",),
@@ -150,4 +152,4 @@ def without_success(run: EvaluationRun, split: str) -> EvaluationRun:
 
 def save(run: EvaluationRun, name: str = "a-run", seed: int = 1) -> SavedRun:
     summary = summarize(run, np.random.default_rng(seed))
-    return from_document(to_document(run, summary), name)
+    return parse_run(run_json(saved_form(run, summary, name)), name)

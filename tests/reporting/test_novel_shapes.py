@@ -5,7 +5,6 @@ import io
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -17,22 +16,22 @@ from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.charts import Dot
 from minitouch_bench.rendering.tables import ABSENT
-from minitouch_bench.reporting.csv_writer import DIFFERENCE, generalization_csv
 from minitouch_bench.reporting.figures import split_figures
-from minitouch_bench.reporting.json_document import from_document, to_document, to_text
+from minitouch_bench.reporting.frames import DIFFERENCE, csv_text, generalization_frame
 from minitouch_bench.reporting.labels import describe_runs
 from minitouch_bench.reporting.markdown import to_markdown
 from minitouch_bench.reporting.novel_shapes import novel_shapes, verdict
 from minitouch_bench.reporting.page import to_html
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.run_directory import read_run, write_report, write_run
+from minitouch_bench.reporting.run_document import parse_run, run_json, run_schema
+from minitouch_bench.reporting.run_document import save as saved_form
 from minitouch_bench.reporting.tables import table4
 from minitouch_bench.reporting.terminal import show_report
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes, without_success
 
-SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "run.schema.json").read_text("utf-8"))
-VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
+VALIDATOR = jsonschema.Draft202012Validator(run_schema())
 
 
 def novel_run(name: str = "hac-seed1", **options):
@@ -41,29 +40,29 @@ def novel_run(name: str = "hac-seed1", **options):
 
 def document_of(run):
     summary = summarize(run, np.random.default_rng(0))
-    return summary, json.loads(to_text(to_document(run, summary)))
+    return summary, json.loads(run_json(saved_form(run, summary, "x")))
 
 
 def test_the_document_follows_the_schema_and_reads_back():
     summary, document = document_of(novel_run())
     VALIDATOR.validate(document)
     assert len(summary.generalization) == 3
-    assert from_document(document, "x").summary == summary
+    assert parse_run(json.dumps(document).encode(), "x").summary == summary
 
 
 def test_a_run_of_one_split_has_no_generalization_in_its_document():
     _, document = document_of(make_run(episodes=24))
-    assert "generalization" not in document["summary"]
+    assert document["summary"]["generalization"] == []
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(task="juggling"), "should be one of playing"),
-        (lambda d: d.pop("gaps"), "'gaps' is missing"),
-        (lambda d: d["gaps"]["success"].pop("train"), "'train' is missing"),
-        (lambda d: d["gaps"]["success"]["difference"].update(low="0"), "should be a number"),
-        (lambda d: d["families"]["carved"].update(train=3), "should be an object"),
+        (lambda d: d.update(task="juggling"), "this version has no task 'juggling'"),
+        (lambda d: d.pop("gaps"), "missing required field gaps"),
+        (lambda d: d["gaps"]["success"].pop("train"), "missing required field train"),
+        (lambda d: d["gaps"]["success"]["difference"].update(low="0"), "expected float, got str"),
+        (lambda d: d["families"]["carved"].update(train=3), "expected object"),
     ],
 )
 def test_a_malformed_document_gives_one_clear_line(change, message):
@@ -71,7 +70,7 @@ def test_a_malformed_document_gives_one_clear_line(change, message):
     change(document["summary"]["generalization"][1])
     assert not VALIDATOR.is_valid(document)
     with pytest.raises(RunDirectoryError, match=message):
-        from_document(document, "x")
+        parse_run(json.dumps(document).encode(), "x")
 
 
 def test_files_and_equal_bytes(tmp_path):
@@ -98,7 +97,7 @@ def test_a_run_of_one_split_has_no_file_and_no_section(tmp_path, hac):
 
 
 def test_csv_is_long_and_signed(novel):
-    rows = list(csv.DictReader(io.StringIO(generalization_csv([novel]))))
+    rows = list(csv.DictReader(io.StringIO(csv_text(generalization_frame([novel])))))
     own = [r for r in rows if (r["task"], r["family"], r["metric"]) == ("pushing", "", "success")]
     assert [row["split"] for row in own] == ["held-out", "train", DIFFERENCE]
     gap = next(r for r in novel.summary.generalization if r.task == "pushing").gaps["success"]
@@ -113,7 +112,7 @@ def test_hostile_names_are_harmless():
     specs = (replace(r.spec, family=HOSTILE) for r in run.records)
     records = tuple(replace(r, spec=s) for r, s in zip(run.records, specs, strict=True))
     saved = save(replace(run, records=records), "x")
-    row = list(csv.DictReader(io.StringIO(generalization_csv([saved]))))[-1]
+    row = list(csv.DictReader(io.StringIO(csv_text(generalization_frame([saved])))))[-1]
     assert row["policy"].startswith("'=")
     assert row["family"].startswith("'=")
     report = build_report([saved])

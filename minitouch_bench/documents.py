@@ -1,0 +1,145 @@
+"""Documents as typed records: one reader, one writer, and the schema that the types give.
+
+msgspec rather than pydantic, by measurement: every worker imports the types, in 25 ms of CPU
+against 95 ms and 30 ms more to build the reader, and a ``run.json`` of 1,200 episodes is read in
+2.7 ms against 4.0 ms. What pydantic does better: it lists all faults, msgspec stops at the first.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar, get_type_hints
+
+import msgspec
+
+from minitouch_bench.errors import RunDirectoryError
+
+Document = TypeVar("Document")
+
+SHOWN = 200
+"""Characters of a fault; a stranger's text never fills the screen."""
+
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def read_json(content: bytes, kind: type[Document], name: str) -> Document:
+    """Read a JSON text as ``kind``; ``name`` begins the path of a fault.
+
+    Keys that ``kind`` lacks are passed over, and of a key that is there twice the last one counts:
+    where that matters, write the record again and compare the bytes.
+
+    Raises:
+        RunDirectoryError: it is not JSON, or a value is missing or of another type.
+    """
+    try:
+        return msgspec.json.decode(content, type=kind)
+    except msgspec.ValidationError as error:
+        raise RunDirectoryError(fault_in_words(error, name)) from error
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise RunDirectoryError(f"{name} is not JSON: {error}") from error
+
+
+def write_json(document: object) -> bytes:
+    """Write a record as JSON; equal records give equal bytes.
+
+    Raises:
+        ValueError: it holds NaN or infinity, which JSON lacks.
+    """
+    content = msgspec.json.encode(document)
+    try:
+        msgspec.json.decode(content, type=type(document))
+    except msgspec.ValidationError as error:  # NaN and infinity were written as null
+        raise ValueError(fault_in_words(error, "the document")) from error
+    return msgspec.json.format(content, indent=1) + b"\n"
+
+
+def plain(document: object) -> Any:
+    """Return a record as the dicts, lists, strings and numbers of its JSON."""
+    return msgspec.to_builtins(document)
+
+
+def fault_in_words(error: msgspec.ValidationError, name: str) -> str:
+    """Say where in a document a fault is, and which: ``run.json.header.seed: expected int, …``."""
+    what, _, place = str(error).partition(" - at ")
+    place = place.replace("`", "").removeprefix("key in ").removeprefix("$")
+    what = ascii(what.replace("`", ""))[1:-1][:SHOWN]  # it may quote a stranger's text
+    return f"{name}{place}: {what[:1].lower()}{what[1:]}"
+
+
+def read_table(table: Mapping[str, Any], kind: type[Document]) -> tuple[Document, tuple[str, ...]]:
+    """Read a table, such as a TOML document, key by key, and return every fault beside it.
+
+    ``kind`` has a default for each key, which one that is missing or at fault keeps.
+    """
+    types = get_type_hints(kind, include_extras=True)
+    values: dict[str, Any] = {}
+    faults = [f"'{key}' is missing" for key in types if key not in table]
+    for key, value in table.items():
+        if key not in types:
+            faults.append(f"it has no key {key!a}; remove it")
+            continue
+        try:
+            values[key] = msgspec.convert(value, types[key])
+        except msgspec.ValidationError as error:
+            faults.append(fault_in_words(error, key))
+        else:
+            faults += _unknown_keys(value, plain(values[key]), key)
+    return kind(**values), tuple(faults)
+
+
+def _unknown_keys(table: Any, known: Any, path: str) -> Iterator[str]:
+    """Walk through the keys below ``path`` that the types do not know."""
+    if isinstance(table, Mapping) and isinstance(known, Mapping):
+        for key, value in table.items():
+            if key not in known:
+                yield f"{path}: it has no key {key!a}; remove it"
+            else:
+                yield from _unknown_keys(value, known[key], f"{path}.{key}")
+    elif isinstance(table, list):
+        for index, pair in enumerate(zip(table, known, strict=True)):
+            yield from _unknown_keys(*pair, f"{path}[{index}]")
+
+
+def write_toml(document: object) -> str:
+    """Write a record as TOML: values first, then tables; keys are plain."""
+    return "\n".join(_toml_lines(plain(document), "")) + "\n"
+
+
+def _toml_lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
+    inner: list[str] = []
+    for key, value in table.items():
+        name = f"{path}{key}"
+        if isinstance(value, Mapping):
+            inner += ["", f"[{name}]", *_toml_lines(value, f"{name}.")]
+        elif isinstance(value, tuple) and value and isinstance(value[0], Mapping):
+            for one in value:
+                inner += ["", f"[[{name}]]", *_toml_lines(one, f"{name}.")]
+        else:
+            yield f"{key} = {_toml_value(value)}"
+    yield from inner
+
+
+def _toml_value(value: Any) -> str:
+    """Write a value: JSON's escapes are TOML's, and DEL needs one as well."""
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml_value, value))}]"
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def schema_of(kind: type, title: str) -> dict[str, Any]:
+    """Return the JSON schema of what ``write_json`` writes of a record.
+
+    Every record has all its keys and no other one; its description is its docstring.
+    """
+    (root,), parts = msgspec.json.schema_components([kind], ref_template="#/$defs/{name}")
+    for part in parts.values():
+        if "description" in part:
+            lines = part["description"].replace("``", "'").split()
+            part["description"] = " ".join(lines)
+        if "properties" in part:
+            part["required"] = list(part["properties"])
+            part["additionalProperties"] = False
+            for entry in part["properties"].values():
+                entry.pop("default", None)
+    own = parts.pop(root["$ref"].rpartition("/")[2])
+    own.pop("title")
+    return {"$schema": DRAFT, "title": title, **own, "$defs": parts}

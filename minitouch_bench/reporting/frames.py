@@ -1,0 +1,161 @@
+"""A run's tables as pandas frames, and the CSV files they are written to.
+
+One row per episode; Table 4 and the gaps on novel shapes in long form. pandas is imported when
+the first frame is made, so that a command without one starts quickly.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.generalization import HELD_OUT, TRAIN
+from minitouch_bench.records import EpisodeMetrics, Estimate, Generalization, SavedRun
+from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
+from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_value
+from minitouch_bench.reporting.tables import TABLE4_METRICS, find_estimate
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_IDENTITY = ("task", "index", "seed", "shape", "outcome")
+_MEASURED = tuple(metric for metric in METRICS.values() if metric.column)
+EPISODE_COLUMNS = (*_IDENTITY, *(metric.column for metric in _MEASURED))
+"""Columns of ``episodes.csv``."""
+
+_BESIDE = ("family", "split", "digest")
+"""What a frame of episodes has and ``episodes.csv`` has not."""
+
+ESTIMATE_COLUMNS = ("value", "low", "high", "count", "method", "source")
+TABLE4_COLUMNS = ("policy", "task", "metric", *ESTIMATE_COLUMNS)
+GENERALIZATION_COLUMNS = ("policy", "task", "family", "metric", "split", *ESTIMATE_COLUMNS)
+DIFFERENCE = "held-out minus train"
+
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+"""First characters that make a spreadsheet run a cell."""
+
+WHOLE = ("count", "training_steps", "training_seeds", "rank", "worst_rank")
+"""Columns of whole numbers that may be missing."""
+
+FRACTIONAL = ("value", "low", "high", "time_to_first_touch")
+"""Columns of other numbers that may be missing."""
+
+Row = tuple[Any, ...]
+
+
+def episodes_frame(episodes: Iterable[EpisodeMetrics]) -> "pd.DataFrame":
+    """Return one row per episode: EPISODE_COLUMNS, then the shape's family and split, the digest.
+
+    A time that does not exist is NaN.
+    """
+    rows = [
+        (
+            *(getattr(episode, name) for name in _IDENTITY),
+            *(metric.value(episode) for metric in _MEASURED),
+            *(getattr(episode, name) for name in _BESIDE),
+        )
+        for episode in episodes
+    ]
+    return make_frame((*EPISODE_COLUMNS, *_BESIDE), rows).astype({"outcome": "str"})
+
+
+def episodes_csv(episodes: Iterable[EpisodeMetrics]) -> str:
+    """Write ``episodes.csv``."""
+    return csv_text(episodes_frame(episodes)[list(EPISODE_COLUMNS)])
+
+
+def table4_frame(runs: Sequence[SavedRun]) -> "pd.DataFrame":
+    """Return Table 4 in long form; values that do not exist have no row.
+
+    ``source`` carries a run's labels, and what must be known of the paper's values.
+    """
+    rows: list[Row] = []
+    for task in tasks_in_order(runs):
+        for metric in TABLE4_METRICS:
+            rows += _run_rows(runs, task, metric)
+            rows += _paper_rows(task, metric)
+    return make_frame(TABLE4_COLUMNS, rows)
+
+
+def generalization_frame(runs: Sequence[SavedRun]) -> "pd.DataFrame":
+    """Return held-out, train and their difference in long form, then each family's values.
+
+    ``family`` is empty in a row over all families; values that do not exist have no row.
+    """
+    rows: list[Row] = []
+    for name, run in zip(run_names(runs), runs, strict=True):
+        for result in run.summary.generalization:
+            for family, metric, split, found in _splits(result):
+                place = (name, result.task, family, metric, split)
+                rows.append((*place, *_estimate_cells(found), _source(run)))
+    return make_frame(GENERALIZATION_COLUMNS, rows)
+
+
+def make_frame(columns: Sequence[str], rows: Sequence[Row]) -> "pd.DataFrame":
+    """Return a frame of rows, in which numbers stay numbers where some are missing."""
+    import pandas as pd  # noqa: PLC0415  takes half a second
+
+    frame = pd.DataFrame(rows, columns=list(columns))
+    types = {**dict.fromkeys(WHOLE, "Int64"), **dict.fromkeys(FRACTIONAL, "float64")}
+    return frame.astype({name: kind for name, kind in types.items() if name in columns})
+
+
+def csv_text(frame: "pd.DataFrame") -> str:
+    """Write a frame as CSV, the same on every machine.
+
+    Numbers in the shortest form that reads back the same, "true" and "false", an empty cell for
+    what does not exist. A text that a spreadsheet would run as a formula gets an apostrophe.
+    """
+    written = frame.copy()
+    for name in frame.select_dtypes("bool"):
+        written[name] = frame[name].map({True: "true", False: "false"})
+    for name in frame.select_dtypes(exclude=["number", "bool"]):
+        written[name] = frame[name].map(_safe_text)
+    return str(written.to_csv(index=False, lineterminator="\n"))
+
+
+def _safe_text(text: str) -> str:
+    """Return a text as a cell that no spreadsheet runs."""
+    # The guard looks at the raw text too: a leading tab is gone once it is printable.
+    plain = printable(text)
+    is_formula = any(one.startswith(FORMULA_STARTS) for one in (text, plain))
+    return f"'{plain}" if is_formula else plain
+
+
+def _splits(result: Generalization) -> Iterator[tuple[str, str, str, Estimate]]:
+    """Walk through a task's estimates with their family, metric and split."""
+    for metric, gap in result.gaps.items():
+        yield "", metric, HELD_OUT, gap.held_out
+        yield "", metric, TRAIN, gap.train
+        yield "", metric, DIFFERENCE, gap.difference
+    for family, found in result.families.items():
+        for split, estimate in ((HELD_OUT, found.held_out), (TRAIN, found.train)):
+            if estimate is not None:
+                yield family, result.family_metric, split, estimate
+
+
+def _run_rows(runs: Sequence[SavedRun], task: str, metric: str) -> Iterator[Row]:
+    """Walk through the runs' rows of one metric."""
+    for name, run in zip(run_names(runs), runs, strict=True):
+        found = find_estimate(run, task, metric)
+        if found is not None:
+            yield name, task, metric, *_estimate_cells(found), _source(run)
+
+
+def _paper_rows(task: str, metric: str) -> Iterator[Row]:
+    """Walk through the paper's rows of one metric."""
+    for method in PAPER_METHODS:
+        printed = paper_value(task, metric, method)
+        if printed is not None:
+            source = f"paper ({', '.join(filter(None, (printed.remark, CAVEAT)))})"
+            yield method, task, metric, float(printed.text), None, None, None, "", source
+
+
+def _estimate_cells(found: Estimate) -> Row:
+    return found.value, found.low, found.high, found.count, found.method
+
+
+def _source(run: SavedRun) -> str:
+    """Say that a row is a run's, with the run's labels."""
+    labels = "; ".join(run_labels(run))
+    return f"run ({labels})" if labels else "run"

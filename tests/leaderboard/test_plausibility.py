@@ -1,0 +1,71 @@
+from dataclasses import replace
+
+import pytest
+
+from minitouch_bench.leaderboard.plausibility import contradictions
+from minitouch_bench.metrics import METRICS
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.records import EpisodeMetrics, Outcome
+
+MAX_TICKS, RATE = PROTOCOL.control.max_ticks, PROTOCOL.physics.tick_rate
+LONGEST = PROTOCOL.task("pushing").max_steps
+
+FAILED = EpisodeMetrics(
+    task="pushing",
+    index=0,
+    seed=1,
+    shape="cube",
+    family="",
+    split="",
+    outcome=Outcome.LEFT_WORKSPACE,
+    steps=20,
+    episode_return=0.0,
+    touch_interaction=0,
+    touch_onsets=0,
+    touch_steps=0,
+    touch_variance=0.0,
+    object_movement=0.0,
+    first_touch_tick=None,
+    ticks=2000,
+    clipped_actions=0,
+    digest="0" * 64,
+)
+
+
+@pytest.mark.parametrize("steps", range(1, LONGEST + 1))
+def test_an_honest_episode_of_any_length_passes_at_both_ends(steps):
+    outcome = Outcome.STEP_LIMIT if steps == LONGEST else Outcome.LEFT_WORKSPACE
+    for ticks in (steps, steps * MAX_TICKS):
+        honest = replace(FAILED, outcome=outcome, steps=steps, ticks=ticks)
+        touching = replace(
+            honest,
+            touch_interaction=ticks,
+            touch_steps=steps,
+            touch_onsets=1,
+            first_touch_tick=ticks - 1,
+        )
+        assert not list(contradictions(honest))
+        assert not list(contradictions(touching))
+        assert METRICS["arm_time"].value(honest) * RATE == pytest.approx(ticks)
+    for ticks in (steps - 1, steps * MAX_TICKS + 1):
+        dishonest = replace(FAILED, outcome=outcome, steps=steps, ticks=ticks)
+        assert any("ticks" in what for what in contradictions(dishonest))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"outcome": Outcome.SUCCESS}, "the return is 0, not 25"),
+        ({"task": "playing"}, "nothing can leave"),
+        ({"task": "playing", "outcome": Outcome.SUCCESS}, "has no goal"),
+        ({"outcome": Outcome.STEP_LIMIT}, "ended at the step limit after 20"),
+        ({"steps": 0}, "0 steps"),
+        ({"clipped_actions": 21}, "21 clipped"),
+        ({"touch_interaction": 2001}, "2001 ticks of contact"),
+        ({"touch_interaction": 5}, "some of its figures of contact are 0"),
+        ({"first_touch_tick": 3}, "first touch is 3"),
+        ({"touch_variance": -1.0}, "a variance is below 0"),
+    ],
+)
+def test_what_no_episode_can_be_is_named(change, words):
+    assert any(words in what for what in contradictions(replace(FAILED, **change)))

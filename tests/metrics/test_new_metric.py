@@ -1,0 +1,118 @@
+"""Proof by doing: a metric is an entry in the table and a field of an episode, nothing else."""
+
+import csv
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+import minitouch_bench
+
+PACKAGE = Path(minitouch_bench.__file__).parent
+ROOT = Path(__file__).parents[2]
+
+ENTRY = """    Metric(
+        name="peak_finger_force",
+        label="Peak finger force",
+        column="peak_finger_force",
+        unit="N",
+        source="D",
+        number_format=".1f",
+        meaning="largest force component at a finger",
+        measure=lambda record: float(
+            np.abs(record.trace.touch[:, FORCE_COMPONENTS]).max(initial=0.0)
+        ),
+        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
+    ),
+)
+
+METRICS:"""
+
+SCRIPT = """
+import json, sys
+from pathlib import Path
+from minitouch_bench.leaderboard.board_json import board_schema
+from minitouch_bench.leaderboard.build import build_board
+from minitouch_bench.reporting.run_document import run_schema
+from tests.leaderboard.synthetic import make_submission
+
+root = Path(sys.argv[1])
+make_submission(root / "submissions", "random", 0.2, kind="random")
+build_board(root / "submissions", root / "board")
+(root / "run.schema.json").write_text(json.dumps(run_schema()))
+(root / "leaderboard.schema.json").write_text(json.dumps(board_schema()))
+"""
+
+
+def insert(file: Path, before: str, text: str) -> None:
+    content = file.read_text()
+    assert content.count(before) == 1
+    file.write_text(content.replace(before, text))
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory) -> Path:
+    """The files that a package with one metric more writes of a run and of a board."""
+    root = tmp_path_factory.mktemp("metric")
+    copy = root / "copy" / "minitouch_bench"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("tests", "shapes"):
+        (copy.parent / name).symlink_to(ROOT / name)
+    insert(copy / "metrics" / "definitions.py", ")\n\nMETRICS:", ENTRY)
+    field = "    clipped_actions: Count\n"
+    insert(copy / "records.py", field, f"    peak_finger_force: float\n{field}")
+    subprocess.run(
+        [sys.executable, "-c", SCRIPT, root],
+        cwd=copy.parent,
+        env={**os.environ, "PYTHONPATH": str(copy.parent)},
+        check=True,
+    )
+    return root
+
+
+@pytest.fixture(scope="module")
+def run(built) -> Path:
+    return built / "submissions" / "random" / "seed-0" / "table4"
+
+
+def test_it_is_a_column_of_the_episodes(run):
+    with (run / "episodes.csv").open() as file:
+        forces = [float(row["peak_finger_force"]) for row in csv.DictReader(file)]
+    assert len(forces) == 400
+    assert min(forces) > 0
+
+
+def test_it_is_in_the_run_s_document_and_its_schema(built, run):
+    document = json.loads((run / "run.json").read_text())
+    schema = json.loads((built / "run.schema.json").read_text())
+    jsonschema.Draft202012Validator(schema).validate(document)
+    episode = schema["$defs"]["EpisodeMetrics"]["properties"]["peak_finger_force"]
+    assert episode == {"type": "number", "description": "Largest force component at a finger; N."}
+    for task in document["summary"]["tasks"]:
+        own = [e["peak_finger_force"] for e in document["episodes"] if e["task"] == task["task"]]
+        estimate = task["estimates"]["peak_finger_force"]
+        assert estimate["value"] == pytest.approx(sum(own) / len(own))
+        assert estimate["low"] < estimate["value"] < estimate["high"]
+
+
+def test_it_is_in_the_diagnostics(run):
+    report = (run / "report.md").read_text()
+    assert "Peak finger force" in report.partition("## Diagnostics")[2]
+
+
+def test_it_is_on_the_board(built):
+    board = built / "board"
+    document = json.loads((board / "leaderboard.json").read_text())
+    schema = json.loads((built / "leaderboard.schema.json").read_text())
+    jsonschema.Draft202012Validator(schema).validate(document)
+    (random,) = document["calibration"]
+    for task in ("playing", "pushing", "opening", "pick-up"):
+        assert random["figures"][task]["peak_finger_force"]["value"] > 0
+    for name in ("leaderboard.md", "index.html", "leaderboard.csv"):
+        text = (board / name).read_text()
+        assert "Peak finger force" in text or "peak_finger_force" in text
