@@ -20,7 +20,7 @@ import gymnasium
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
 if TYPE_CHECKING:
-    from minitouch_bench.api import Run, TaskResult, compare, evaluate, load_run, make
+    from minitouch_bench.api import Run, TaskResult, compare, evaluate, load_run, make, train
     from minitouch_bench.errors import MiniTouchError
 
     __version__: str
@@ -34,6 +34,7 @@ __all__ = [
     "evaluate",
     "load_run",
     "make",
+    "train",
 ]
 
 

@@ -1,14 +1,16 @@
 """The Python front door: ``import minitouch_bench as mt`` gives these names."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import gymnasium
 import pandas as pd
 
+from minitouch_bench.agents.config import make_config
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.metrics.definitions import metrics_shown_in
@@ -190,6 +192,34 @@ def evaluate(
     )
     done = workflow.evaluate(options, callbacks)
     return Run(done.saved, done.directory)
+
+
+def train(
+    task: str,
+    method: str = "hac",
+    *,
+    seed: int = 0,
+    preset: str = "default",
+    settings: Mapping[str, Any] = MappingProxyType({}),
+    output: StrPath | None = None,
+    resume: bool = False,
+    device: str = "auto",
+) -> Path:
+    """Train a learner and return its directory, which ``evaluate`` takes as a policy.
+
+    ``settings`` change the preset's, nested as in a TOML file of the command line:
+    ``{"task_phase": {"steps": 80_000}}``. By default the directory is that of the command line.
+
+    Raises:
+        MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
+    """
+    # Not at the top: torch takes seconds.
+    from minitouch_bench.workflows import train as training  # noqa: PLC0415
+
+    config = make_config(task, preset, settings={**settings, "method": method, "seed": seed})
+    directory = training.default_directory(config) if output is None else Path(output)
+    training.train(training.TrainingRequest(config, directory, resume, device))
+    return directory
 
 
 def load_run(path: StrPath) -> Run:

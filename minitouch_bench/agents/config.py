@@ -5,9 +5,11 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, get_type_hints
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.minitouch import PROTOCOL
 
 METHODS = ("sac", "hac", "icm", "icm-touch", "disagreement", "rnd", "rnd-touch")
 """``sac`` has no intrinsic reward; the others each name their curiosity."""
@@ -147,6 +149,28 @@ def paper_config(task: str) -> TrainingConfig:
 
 PRESETS = {"default": TrainingConfig, "paper": paper_config}
 """Builders of a task's settings by the preset's name."""
+
+
+def make_config(
+    task: str,
+    preset: str = "default",
+    file: Path | None = None,
+    settings: Mapping[str, Any] = MappingProxyType({}),
+) -> TrainingConfig:
+    """Return a preset's settings, changed by a TOML file, then by ``settings``.
+
+    ``settings`` are nested as in the file: ``{"seed": 1, "task_phase": {"steps": 80_000}}``.
+
+    Raises:
+        UsageError: no such task or preset, or a setting that there is not.
+    """
+    PROTOCOL.task(task)
+    _check("preset", preset, tuple(PRESETS))
+    base = PRESETS[preset](task)
+    if file is not None:
+        base = replace(read_config(file, base), task=task)
+    config: TrainingConfig = apply_settings(base, settings)
+    return config
 
 
 def read_config(path: Path, base: TrainingConfig) -> TrainingConfig:

@@ -3,7 +3,6 @@
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +10,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from minitouch_bench.cli.consoles import notes
-from minitouch_bench.errors import InterruptedRunError, UsageError
+from minitouch_bench.errors import InterruptedRunError
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 
 if TYPE_CHECKING:
@@ -22,10 +21,12 @@ def train(
     task: Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))],
     *,
     method: Annotated[
-        str,
-        typer.Option(help="sac, hac, icm, icm-touch, disagreement, rnd or rnd-touch."),
-    ] = "hac",
-    seed: Annotated[int, typer.Option(min=0, help="Fixes every random draw.")] = 0,
+        str | None,
+        typer.Option(help="hac (default), sac, icm, icm-touch, disagreement, rnd or rnd-touch."),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Fixes every random draw; by default 0.")
+    ] = None,
     exploration_steps: Annotated[
         int | None, typer.Option(min=0, help="Control steps on the intrinsic reward alone.")
     ] = None,
@@ -33,8 +34,9 @@ def train(
         int | None, typer.Option(min=0, help="Control steps on the task's reward after them.")
     ] = None,
     objects: Annotated[
-        str, typer.Option(help="cube, or shapes to draw from: train, all. Default: the task's.")
-    ] = "",
+        str | None,
+        typer.Option(help="cube, or shapes to draw from: train, all. Default: the task's."),
+    ] = None,
     from_log: Annotated[
         Path | None,
         typer.Option(help="Explore this recorded dataset (Minari's) in place of the world."),
@@ -53,27 +55,21 @@ def train(
 ) -> None:
     """Train a learner in two phases: curiosity alone, then the task."""
     # Not at the top: torch takes seconds, and --help shall not.
-    from minitouch_bench.agents.config import PRESETS, TrainingConfig, read_config
-    from minitouch_bench.workflows.train import TrainingRequest
+    from minitouch_bench.agents.config import make_config
+    from minitouch_bench.workflows.train import TrainingRequest, default_directory
     from minitouch_bench.workflows.train import train as run_training
 
-    if task not in TASK_NAMES:
-        raise UsageError(f"no task '{task}'; the tasks are {', '.join(TASK_NAMES)}")
-    if preset not in PRESETS:
-        raise UsageError(f"no preset '{preset}'; there are {', '.join(PRESETS)}")
-    settings: TrainingConfig = PRESETS[preset](task)
-    if config is not None:
-        settings = read_config(config, settings)
-    settings = replace(settings, task=task, method=method, seed=seed, objects=objects)
-    if from_log is not None:
-        settings = replace(settings, log=str(from_log))
-    if exploration_steps is not None:
-        phase = replace(settings.exploration, steps=exploration_steps)
-        settings = replace(settings, exploration=phase)
-    if task_steps is not None:
-        phase = replace(settings.task_phase, steps=task_steps)
-        settings = replace(settings, task_phase=phase)
-    directory = output or Path("reports") / "training" / f"{task}-{method}-{seed}"
+    given = {
+        "method": method,
+        "seed": seed,
+        "objects": objects,
+        "log": None if from_log is None else str(from_log),
+        "exploration": None if exploration_steps is None else {"steps": exploration_steps},
+        "task_phase": None if task_steps is None else {"steps": task_steps},
+    }
+    changes = {name: value for name, value in given.items() if value is not None}
+    settings = make_config(task, preset, config, changes)
+    directory = output or default_directory(settings)
     with _interrupts() as interrupts, _TrainingProgress(settings.steps) as progress:
         finished = run_training(
             TrainingRequest(

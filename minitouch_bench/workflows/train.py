@@ -26,6 +26,7 @@ from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registration import make_environment
 from minitouch_bench.workflows.training_events import EventWriter
 
+TRAININGS = Path("reports") / "training"
 REPORT_FILE = "report.html"
 EVALUATION_SUITE = "training"
 """Seeds the episodes of a training's evaluations; no suite has this name."""
@@ -46,6 +47,11 @@ class TrainingRequest:
     on_row: Callable[[ProgressRow], None] = lambda _: None
     should_stop: Callable[[], bool] = lambda: False
     note: Callable[[str], None] = lambda _: None
+
+
+def default_directory(config: TrainingConfig) -> Path:
+    """Return where a training is kept if nobody says where."""
+    return TRAININGS / f"{config.task}-{config.method}-{config.seed}"
 
 
 def train(request: TrainingRequest) -> bool:

@@ -8,6 +8,7 @@ from minitouch_bench.agents.config import (
     PhaseConfig,
     TrainingConfig,
     config_text,
+    make_config,
     read_config,
     trained_steps,
 )
@@ -46,6 +47,21 @@ def test_a_mistake_is_named(tmp_path, text, word):
     file.write_text(text)
     with pytest.raises(UsageError, match=word):
         read_config(file, TrainingConfig("pushing"))
+
+
+def test_a_file_and_then_options_change_a_preset(tmp_path):
+    file = tmp_path / "config.toml"
+    file.write_text("method = 'rnd'\nseed = 5\n[exploration]\nsteps = 7\n")
+    config = make_config("opening", "paper", file, {"seed": 6, "task_phase": {"steps": 8}})
+    assert (config.task, config.method, config.seed) == ("opening", "rnd", 6)
+    assert (config.exploration.steps, config.task_phase.steps) == (7, 8)
+    assert config.exploration.learning_rate == 3e-5
+
+
+@pytest.mark.parametrize(("task", "preset"), [("juggling", "paper"), ("pushing", "best")])
+def test_an_unknown_task_or_preset_is_named(task, preset):
+    with pytest.raises(UsageError, match=r"juggling|best"):
+        make_config(task, preset)
 
 
 def test_the_paper_preset_is_table_2():

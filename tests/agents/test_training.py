@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+import minitouch_bench as mt
 from minitouch_bench.agents.config import (
     CuriosityConfig,
     PhaseConfig,
@@ -94,8 +95,14 @@ def test_killed_before_the_first_checkpoint_it_starts_over(tmp_path, undisturbed
 
 
 def test_exploration_alone_leaves_both_policies_too(tmp_path):
-    config = replace(CONFIG, task="playing", exploration=PhaseConfig(12), task_phase=PhaseConfig(0))
-    assert train(TrainingRequest(config, tmp_path, device="cpu"))
+    short = {
+        "random_steps": 4,
+        "exploration": {"steps": 8},
+        "task_phase": {"steps": 0},
+        "sac": {"batch_size": 4},
+    }
+    found = mt.train("playing", "rnd", settings=short, output=tmp_path, device="cpu")
+    assert found == tmp_path
     final, exploration = (
         (tmp_path / f"{n}.safetensors").read_bytes() for n in ("final", "exploration")
     )
