@@ -88,7 +88,7 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
     density: Annotated[float, typer.Option(min=1.0, help="Density in kg/m3.")] = 1000.0,
     workers: Workers = 1,
 ) -> None:
-    """Make a set of anyone's objects; each refusal is printed with its reason."""
+    """Make a set of given objects; each refusal is printed with its reason."""
     config = importing.ImportConfig(scale, fit, density)
     with progress_bar("objects") as progress:
         result = importing.import_objects(source, output, config, workers, progress)

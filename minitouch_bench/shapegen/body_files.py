@@ -47,7 +47,7 @@ def body_files(body: Body) -> BodyFiles:
 
 
 def obj_text(meshes: tuple[Mesh, ...]) -> str:
-    """Return an OBJ of one object a mesh; coordinates in m, exact on the 2 µm grid."""
+    """Return an OBJ of one object per mesh; coordinates in m, exact on the 2 µm grid."""
     lines, first = [], 1
     for number, mesh in enumerate(meshes):
         lines.append(f"o part{number}")

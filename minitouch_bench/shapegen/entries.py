@@ -94,7 +94,7 @@ def write_set(
 
 
 def manifest_text(document: Mapping[str, Any]) -> str:
-    """Return a manifest with one line a shape, so that a difference can be read."""
+    """Return a manifest with one line per shape, so that a difference can be read."""
     head = {key: value for key, value in document.items() if key != "shapes"}
     top = json.dumps(head, indent=1, allow_nan=False)[:-2]
     rows = ",\n".join(json.dumps(entry, allow_nan=False) for entry in document["shapes"])

@@ -42,7 +42,7 @@ class PreviewFiles:
 
 
 def preview(shapes: ShapeSet, folder: Path, progress: Progress = lambda *_: None) -> PreviewFiles:
-    """Write one sheet a family and split, and ``index.html`` with every shape.
+    """Write one sheet per family and split, and ``index.html`` with every shape.
 
     Raises:
         InfrastructureError: the folder cannot be written.

@@ -10,12 +10,13 @@ import numpy as np
 import trimesh
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.files import MIB, read_file
 from minitouch_bench.shapegen.mesh import Mesh
 
 SUFFIXES = (".urdf", ".obj", ".stl", ".glb")
 """Read in this order: a URDF claims the meshes it names, which then do not count again."""
 MOST_FACES = 500_000
-MOST_BYTES = 64 * 1024 * 1024
+MOST_BYTES = 64 * MIB
 """More than half a million faces of any of these formats."""
 
 
@@ -79,7 +80,7 @@ def _check_size(path: Path) -> None:
         raise UnreadableError(f"cannot be read: {error.strerror}") from error
     if size > MOST_BYTES:
         raise UnreadableError(
-            f"file over {MOST_BYTES // 2**20} MB, which means more than {MOST_FACES} faces"
+            f"file over {MOST_BYTES // MIB} MB, which means more than {MOST_FACES} faces"
         )
 
 
@@ -114,7 +115,7 @@ def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, tuple[floa
         UnreadableError: ``strict`` and it is no URDF of a single link.
     """
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")[:1_000_000]
+        text = read_file(path, MIB, follow=True).decode(errors="replace")
         if re.search(r"<!(DOCTYPE|ENTITY)", text):
             raise ElementTree.ParseError("entities are not read")
         root = ElementTree.fromstring(text)

@@ -5,7 +5,6 @@ import os
 
 PR_SET_SECCOMP = 22
 PR_SET_NO_NEW_PRIVS = 38
-PR_GET_NO_NEW_PRIVS = 39
 
 LIBC = ctypes.CDLL(None, use_errno=True)
 
