@@ -47,7 +47,7 @@ def cluster(tmp_path_factory):
     """The address of a cluster of two nodes, which have a cache of their own."""
     pytest.importorskip("ray")
     with pytest.MonkeyPatch.context() as patch, contextlib.ExitStack() as stack:
-        patch.setenv("PYTHONPATH", str(HERE))
+        patch.setenv("PYTHONPATH", str(HERE), prepend=":")
         patch.setenv(VARIABLE, str(tmp_path_factory.mktemp("nodes")))
         patch.setenv("DEATHS", str(tmp_path_factory.mktemp("deaths") / "counter"))
         address = stack.enter_context(ray_nodes.head())
@@ -194,8 +194,9 @@ def test_breaking_off_ends_the_workers(cluster):
 # Nodes that cannot do
 
 OTHER_PROTOCOL = """
-    import minitouch_bench.protocol.seeds as seeds
-    seeds.PROTOCOL = "minitouch-v0"
+    import dataclasses
+    from minitouch_bench.protocol import minitouch
+    minitouch.PROTOCOL = dataclasses.replace(minitouch.PROTOCOL, name="minitouch-v0")
 """
 NO_PACKAGE = """
     sys.modules["minitouch_bench"] = None
@@ -215,11 +216,12 @@ def test_a_node_that_cannot_give_the_same_bits_is_refused(finished, tmp_path, fa
     (tmp_path / "sitecustomize.py").write_text(
         "import sys\nif any('default_worker.py' in word for word in sys.orig_argv):" + fault
     )
+    path = f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"
     wanted = request(episodes=12)
     here = run(wanted, tmp_path / "here", workers=2)
     with (
         ray_nodes.head() as address,
-        ray_nodes.joined(address, 2, PYTHONPATH=str(tmp_path)),
+        ray_nodes.joined(address, 2, PYTHONPATH=path),
         engine_on(address) as (engine, notes),
     ):
         there = run(wanted, tmp_path / "there", engine=engine)
@@ -239,7 +241,7 @@ def test_where_every_node_is_refused_nothing_runs(tmp_path):
         pytest.MonkeyPatch.context() as patch,
         contextlib.ExitStack() as stack,
     ):
-        patch.setenv("PYTHONPATH", str(tmp_path))
+        patch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
         address = stack.enter_context(ray_nodes.head())
         engine, notes = stack.enter_context(engine_on(address))
         with pytest.raises(InfrastructureError, match=r"no node of the cluster can run"):
