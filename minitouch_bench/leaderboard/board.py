@@ -11,11 +11,14 @@ from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, Figures, s
 from minitouch_bench.leaderboard.submission import MAIN_SUITE
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics import ShownIn, metrics_shown_in
+from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.records import Estimate, Gap, Role
 
-CALIBRATION = ("scripted", "open-loop", "random", "zero")
-"""The calibration rows in the order of every table: the ceiling, then the floors."""
+CEILING = "scripted"
+FLOORS = tuple(name for name in BUILT_IN if name != CEILING)
+CALIBRATION = (CEILING, *FLOORS)
+"""The built-in policies in the order of every table."""
 
 TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
 """The touch diagnostics of every task."""

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 
-from minitouch_bench.leaderboard.board import Board
+from minitouch_bench.leaderboard.board import CEILING, FLOORS, Board
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, views
 from minitouch_bench.rendering.markdown import escape, table_lines
 from minitouch_bench.rendering.tables import Cell, Column, Row, Table
+from minitouch_bench.reporting.labels import listed
 from minitouch_bench.reporting.paper import PAPER_NOTE
 
 SHOWN_REASONS = 3
@@ -35,8 +36,8 @@ def notes() -> tuple[str, ...]:
         "rank with 95 % confidence.",
         "Brackets: 95 % interval. One training seed: Wilson for shares, bootstrap over episodes "
         f"for means; {EPISODE_VARIANCE}. Several: bootstrap over training seeds.",
-        "Calibration rows are the built-in policies: scripted reads the simulator's state and is "
-        "the ceiling, random and zero are the floor. They are never ranked.",
+        f"Calibration rows are the built-in policies: {CEILING} reads the simulator's state and is "
+        f"the ceiling, {listed(FLOORS)} are floors. They are never ranked.",
         f"{PAPER_NOTE} They are never ranked.",
     )
 
