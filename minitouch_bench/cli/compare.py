@@ -6,12 +6,6 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli.consoles import data_console, notes
-from minitouch_bench.files import write_file
-from minitouch_bench.regression.comparison import compare_runs
-from minitouch_bench.regression.documents import comparison_document, to_text
-from minitouch_bench.regression.markdown import comparison_markdown
-from minitouch_bench.regression.terminal import show_comparison
-from minitouch_bench.reporting import read_run
 
 
 def compare(
@@ -26,14 +20,14 @@ def compare(
         bool, typer.Option("--json", help="Print the comparison as JSON in place of the tables.")
     ] = False,
 ) -> None:
-    """Compare runs episode by episode: effect, interval, verdict, episodes that changed."""
-    comparison = compare_runs([read_run(run) for run in runs], [str(run) for run in runs])
-    document = to_text(comparison_document(comparison))
-    if output is not None:
-        write_file(output / "comparison.json", document)
-        write_file(output / "comparison.md", comparison_markdown(comparison))
+    """Compare runs episode by episode: differences, intervals, verdicts, changed outcomes."""
+    from minitouch_bench.regression.documents import comparison_json
+    from minitouch_bench.regression.terminal import show_comparison
+    from minitouch_bench.workflows import compare as workflow
+
+    comparison = workflow.compare(workflow.CompareOptions(tuple(runs), output))
     if as_json:
-        print(document, end="")
+        print(comparison_json(comparison), end="")
     else:
         show_comparison(comparison, data_console())
     if output is not None:

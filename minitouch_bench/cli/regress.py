@@ -2,29 +2,20 @@
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.consoles import data_console, notes
-from minitouch_bench.cli.gating import PlaySettings, play_gate, request_like
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.engine import EngineOptions, open_engine
-from minitouch_bench.files import append_text, write_file
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.regression.documents import to_text, verdict_document
-from minitouch_bench.regression.gate import Verdict, judge_runs
-from minitouch_bench.regression.junit import verdict_junit
-from minitouch_bench.regression.markdown import verdict_markdown
-from minitouch_bench.regression.terminal import show_verdict
-from minitouch_bench.regression.tolerances import (
-    CONFIG_FILE,
-    GateSettings,
-    read_settings,
-    with_flags,
-)
-from minitouch_bench.reporting import read_run
+
+if TYPE_CHECKING:
+    from minitouch_bench.regression.settings import GateSettings
+
+CONFIG_FILE = "minitouch-bench.toml"
+"""Read if it lies in the working directory."""
 
 GITHUB_SUMMARY = "GITHUB_STEP_SUMMARY"
 """The variable in which a GitHub workflow names the file of a step's summary."""
@@ -77,52 +68,49 @@ def regress(
         typer.Option(help=f"Append Markdown there; by default to ${GITHUB_SUMMARY}, if set."),
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print the verdict as JSON in place of the table.")
+        bool, typer.Option("--json", help="Print the result as JSON in place of the tables.")
     ] = False,
 ) -> None:
-    """Exit 1 if a candidate is worse than the baseline, beyond tolerance and chance."""
+    """Say PASS, or FAIL (exit 1) if a candidate is worse beyond tolerance and chance."""
     if (policy is None) == (candidate is None):
         raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
     if candidate is not None and (output is not None or resume or fresh or trust):
         raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
-    settings = with_flags(
-        _file_settings(config), tolerance or (), alpha=alpha, strict=strict, metrics=metrics
-    )
-    known = read_run(baseline)
-    if candidate is not None:
-        places = (str(baseline), str(candidate))
-        verdict = judge_runs(known, read_run(candidate), places, settings)
-    else:
-        assert policy is not None
-        chosen = open_engine(
-            EngineOptions(engine, options.worker_count(workers), address), notes.print
-        )
-        isolated = options.isolation_options(isolation, trust, act_timeout)
-        request = request_like(known, policy, isolated)
-        with chosen as handle:
-            play = PlaySettings(output, handle, resume=resume, fresh=fresh)
-            verdict = play_gate(known, str(baseline), request, settings, play)
-    _report(verdict, junit, summary, as_json=as_json)
-    if verdict.exit_code:
-        raise typer.Exit(verdict.exit_code)
+    from minitouch_bench.cli.progress import EpisodeProgress
+    from minitouch_bench.evaluation.engine import EngineOptions
+    from minitouch_bench.regression.documents import gate_json
+    from minitouch_bench.regression.settings import with_flags
+    from minitouch_bench.regression.terminal import show_result
+    from minitouch_bench.workflows import regress as workflow
+    from minitouch_bench.workflows.evaluate import OutputOptions
 
-
-def _file_settings(config: Path | None) -> GateSettings:
-    """Read the file that was named, or the one that lies here."""
-    if config is not None:
-        return read_settings(config)
-    here = Path(CONFIG_FILE)
-    return read_settings(here) if here.is_file() else GateSettings()
-
-
-def _report(verdict: Verdict, junit: Path | None, summary: Path | None, *, as_json: bool) -> None:
-    """Print the verdict and write what was asked for."""
-    if junit is not None:
-        write_file(junit, verdict_junit(verdict))
     page = summary or Path(os.environ.get(GITHUB_SUMMARY) or "")
-    if page.name:
-        append_text(page, verdict_markdown(verdict))
+    asked = workflow.RegressOptions(
+        baseline,
+        policy,
+        candidate,
+        with_flags(
+            _file_settings(config), tolerance or (), alpha=alpha, strict=strict, metrics=metrics
+        ),
+        EngineOptions(engine, options.worker_count(workers), address),
+        options.isolation_options(isolation, trust, act_timeout),
+        OutputOptions(output, resume=resume, fresh=fresh),
+        junit,
+        page if page.name else None,
+    )
+    with EpisodeProgress(notes) as progress:
+        result = workflow.regress(asked, progress.callbacks)
     if as_json:
-        print(to_text(verdict_document(verdict)), end="")
+        print(gate_json(result), end="")
     else:
-        show_verdict(verdict, data_console())
+        show_result(result, data_console())
+    if result.exit_code:
+        raise typer.Exit(result.exit_code)
+
+
+def _file_settings(config: Path | None) -> "GateSettings":
+    """Read the file that was named, or the one that lies here."""
+    from minitouch_bench.regression.settings import STANDARD, read_settings
+
+    file = config or Path(CONFIG_FILE)
+    return STANDARD if config is None and not file.is_file() else read_settings(file)

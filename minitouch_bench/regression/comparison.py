@@ -5,156 +5,169 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.metric import NO_DIRECTION
 from minitouch_bench.records import Outcome, RunHeader, SavedRun
-from minitouch_bench.regression.effects import Effect, holm, measure_effect
+from minitouch_bench.regression.effects import Effect, holm, measure_effect, resolution_of
+from minitouch_bench.regression.means import ALPHA
 from minitouch_bench.regression.pairing import (
+    COMPARED_METRICS,
     EpisodePair,
     are_identical,
-    collect_samples,
+    collect_values,
     pair_runs,
 )
+from minitouch_bench.regression.power import Resolution
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
-
-ALPHA = 0.05
-"""Chance of a false difference, over all tasks and runs of one metric."""
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
 
 @dataclass(frozen=True)
-class Entrant:
-    """A run in a comparison: the letter that stands for it, and where it lies."""
+class ComparedRun:
+    """A run and what stands for it: a letter, or "baseline" and "candidate".
 
-    letter: str
+    ``labels``: what a reader must know of it.
+    """
+
+    title: str
     name: str
-    place: str
-    labels: tuple[str, ...]
+    path: str
+    labels: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One metric of one task, judged.
+class ComparedMetric:
+    """One metric of one task in two runs, and what it shows.
 
-    ``p_holm`` is adjusted over the tasks and runs of the metric. ``needed``: episodes that
-    would resolve the difference if it is as observed, None for no difference or too many.
-    ``detectable``: the smallest difference that the present episodes would show.
+    ``p_adjusted`` is over the tasks and runs of the metric. ``episodes_to_resolve`` would show
+    the difference if it is as observed, None for no difference or too many. ``detectable``: the
+    smallest difference that the present episodes show.
     """
 
     effect: Effect
-    p_holm: float
+    p_adjusted: float
     verdict: str
-    needed: int | None
+    episodes_to_resolve: int | None
     detectable: float | None
 
 
 @dataclass(frozen=True)
-class Change:
+class OutcomeChange:
     """An episode that ended in another way, and the commands that replay it."""
 
-    key: str
+    episode: str
     first: Outcome
     second: Outcome
     replays: tuple[str, str]
 
 
 @dataclass(frozen=True)
-class Versus:
-    """One run against the first."""
+class RunPair:
+    """One run against the first, by their titles. ``notes``: what else is not alike."""
 
-    first: Entrant
-    second: Entrant
+    first: str
+    second: str
     identical: bool
-    findings: tuple[Finding, ...]
-    changes: tuple[Change, ...]
+    metrics: tuple[ComparedMetric, ...]
+    changes: tuple[OutcomeChange, ...]
     notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """All runs against the first. ``tests`` counts the comparisons Holm's method is over."""
+    """All runs against the first.
 
-    entrants: tuple[Entrant, ...]
-    pairs: tuple[Versus, ...]
+    ``alpha``: chance of a false difference, over all tasks and runs of one metric.
+    """
+
+    runs: tuple[ComparedRun, ...]
+    pairs: tuple[RunPair, ...]
     alpha: float = ALPHA
 
 
-def compare_runs(runs: Sequence[SavedRun], places: Sequence[str]) -> Comparison:
-    """Compare each run with the first; ``places`` are their directories, for replaying.
+def compare_runs(runs: Sequence[SavedRun], paths: Sequence[str]) -> Comparison:
+    """Compare each run with the first; ``paths`` are their directories, for replaying.
 
     Errors: UsageError for fewer than two runs or more than LETTERS, and for runs that were
     not made of the same episodes by the same protocol.
     """
     if not 2 <= len(runs) <= len(LETTERS):
         raise UsageError(f"compare takes 2 to {len(LETTERS)} runs, not {len(runs)}")
-    entrants = [
-        Entrant(letter, name, place, run_labels(run))
-        for letter, name, place, run in zip(LETTERS, run_names(runs), places, runs, strict=False)
+    named = [
+        ComparedRun(letter, name, path, run_labels(run))
+        for letter, name, path, run in zip(LETTERS, run_names(runs), paths, runs, strict=False)
     ]
     paired = [pair_runs(runs[0], other) for other in runs[1:]]
     root = (runs[0].header.seed,)
-    effects = [
-        [measure_effect(sample, root) for sample in collect_samples(pairs, tasks_in_order(runs))]
-        for pairs in paired
-    ]
-    adjusted = _adjust([effect for own in effects for effect in own])
+    values = [collect_values(pairs, tasks_in_order(runs)) for pairs in paired]
+    effects = [[measure_effect(one, root) for one in own] for own in values]
+    adjusted = _adjusted([effect for own in effects for effect in own])
     return Comparison(
-        tuple(entrants),
+        tuple(named),
         tuple(
-            Versus(
-                first=entrants[0],
-                second=entrant,
+            RunPair(
+                first=named[0].title,
+                second=other.title,
                 identical=are_identical(runs[0], run, pairs),
-                findings=tuple(
-                    _judge(effect, next(adjusted), (entrants[0].letter, entrant.letter))
-                    for effect in own
+                metrics=tuple(
+                    _compared(
+                        effect, resolution_of(one), next(adjusted), (named[0].title, other.title)
+                    )
+                    for effect, one in zip(effects[index], values[index], strict=True)
                 ),
-                changes=find_changes(pairs, (entrants[0].place, entrant.place)),
+                changes=find_changes(pairs, (named[0].path, other.path)),
                 notes=differences_of_making(runs[0], run),
             )
-            for entrant, run, pairs, own in zip(
-                entrants[1:], runs[1:], paired, effects, strict=True
+            for index, (other, run, pairs) in enumerate(
+                zip(named[1:], runs[1:], paired, strict=True)
             )
         ),
     )
 
 
-def find_changes(pairs: Sequence[EpisodePair], places: tuple[str, str]) -> tuple[Change, ...]:
+def find_changes(pairs: Sequence[EpisodePair], paths: tuple[str, str]) -> tuple[OutcomeChange, ...]:
     """Return the episodes whose outcome is another in the second run."""
     return tuple(
-        Change(
-            key=pair.key,
+        OutcomeChange(
+            episode=pair.key,
             first=pair.first.outcome,
             second=pair.second.outcome,
-            replays=(replay_command(places[0], pair.key), replay_command(places[1], pair.key)),
+            replays=(replay_command(paths[0], pair.key), replay_command(paths[1], pair.key)),
         )
         for pair in pairs
         if pair.first.outcome is not pair.second.outcome
     )
 
 
-def replay_command(place: str, key: str) -> str:
+def replay_command(path: str, episode: str) -> str:
     """Return the command line that shows one episode of a run."""
-    return shlex.join(["minitouch-bench", "replay", printable(place), key])
+    return shlex.join(["minitouch-bench", "replay", printable(path), episode])
 
 
 def differences_of_making(first: SavedRun, second: SavedRun) -> tuple[str, ...]:
     """Say in what two runs differ that is not the policy, and may matter."""
-    machines = [run.environment.machine.get("processor", "unknown") for run in (first, second)]
-    found = [*_packages(first, second), ("processor", machines[0], machines[1])]
-    return differences_of_holding(first.header, second.header) + _in_words(found)
+    packages = (first.environment.packages, second.environment.packages)
+    machines = (run.environment.machine.get("processor", "unknown") for run in (first, second))
+    found = [
+        *(
+            (name, *(own.get(name, "none") for own in packages))
+            for name in {**packages[0], **packages[1]}
+        ),
+        ("processor", *machines),
+    ]
+    return differences_of_isolation(first.header, second.header) + _in_words(found)
 
 
-def differences_of_holding(first: RunHeader, second: RunHeader) -> tuple[str, ...]:
-    """Say in what way two policies were held differently."""
+def differences_of_isolation(first: RunHeader, second: RunHeader) -> tuple[str, ...]:
+    """Say in what way two policies were run differently."""
     times = (f"{first.act_timeout_s:g}", f"{second.act_timeout_s:g}")
     return _in_words(
         [("isolation", first.isolation, second.isolation), ("seconds for an action", *times)]
     )
 
 
-def _in_words(facts: Sequence[tuple[str, str, str]]) -> tuple[str, ...]:
+def _in_words(facts: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
     return tuple(
         printable(f"{what}: {one} in the first run, {other} in the second")
         for what, one, other in facts
@@ -162,37 +175,36 @@ def _in_words(facts: Sequence[tuple[str, str, str]]) -> tuple[str, ...]:
     )
 
 
-def _packages(first: SavedRun, second: SavedRun) -> Iterator[tuple[str, str, str]]:
-    names = {**first.environment.packages, **second.environment.packages}
-    for name in names:
-        yield (
-            name,
-            first.environment.packages.get(name, "none"),
-            second.environment.packages.get(name, "none"),
-        )
-
-
-def _adjust(effects: Sequence[Effect]) -> Iterator[float]:
+def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:
     """Yield each effect's p-value, adjusted over all effects of its metric."""
-    adjusted: dict[int, float] = {}
-    for metric in METRICS:
-        places = [place for place, effect in enumerate(effects) if effect.metric == metric]
-        adjusted.update(zip(places, holm([effects[p].p_value for p in places]), strict=True))
-    return (adjusted[place] for place in range(len(effects)))
+    found = [0.0] * len(effects)
+    for metric in COMPARED_METRICS:
+        own = [index for index, effect in enumerate(effects) if effect.metric == metric]
+        for index, p_value in zip(own, holm([effects[i].p_value for i in own]), strict=True):
+            found[index] = p_value
+    return iter(found)
 
 
-def _judge(effect: Effect, p_holm: float, letters: tuple[str, str]) -> Finding:
-    """Put an effect into words."""
-    if effect.differing == 0:
-        verdict = "equal in every episode"
-    elif p_holm <= ALPHA:
-        verdict = f"{letters[0] if effect.worsening > 0 else letters[1]} is better"
-    else:
-        verdict = "no difference seen"
-    return Finding(
+def _compared(
+    effect: Effect, resolution: Resolution, p_adjusted: float, titles: tuple[str, str]
+) -> ComparedMetric:
+    return ComparedMetric(
         effect=effect,
-        p_holm=p_holm,
-        verdict=verdict,
-        needed=effect.resolution.episodes_to_detect(ALPHA),
-        detectable=effect.resolution.detectable(ALPHA),
+        p_adjusted=p_adjusted,
+        verdict=verdict(effect, p_adjusted, titles),
+        episodes_to_resolve=resolution.episodes_to_detect(ALPHA),
+        detectable=resolution.detectable(ALPHA),
     )
+
+
+def verdict(effect: Effect, p_adjusted: float, titles: tuple[str, str]) -> str:
+    """Put an effect into words: without a better direction the second run has more or less."""
+    if effect.differing == 0:
+        return "equal in every episode"
+    if effect.p_value > ALPHA:
+        return "no difference seen"
+    if p_adjusted > ALPHA:
+        return "not clear once adjusted"
+    if effect.direction == NO_DIRECTION:
+        return f"{titles[1]} has {'more' if effect.difference.value > 0 else 'less'}"
+    return f"{titles[0] if effect.worsening > 0 else titles[1]} is better"

@@ -1,35 +1,41 @@
-"""What one metric of one task differs by between two runs of the same episodes."""
+"""How much one metric of one task differs between two runs of the same episodes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.metric import DOWN
+from minitouch_bench.metrics.metric import DOWN, UP, Kind
 from minitouch_bench.metrics.streams import Root, stream
 from minitouch_bench.records import Estimate
-from minitouch_bench.regression.means import paired_mean
-from minitouch_bench.regression.pairing import SHARE_METRICS, Sample
+from minitouch_bench.regression.means import ALPHA, paired_mean
+from minitouch_bench.regression.pairing import PairedValues
 from minitouch_bench.regression.power import MeanResolution, Resolution, ShareResolution
 from minitouch_bench.regression.shares import count_discordance, tango
+
+WORSE_SIGNS = {UP: -1.0, DOWN: 1.0}
+"""Sign of a change for the worse, by a metric's better direction."""
 
 
 @dataclass(frozen=True)
 class Effect:
     """A metric in both runs over the same episodes, and second minus first.
 
-    ``differing`` counts the episodes in which the two values are not equal.
+    ``direction``: UP or DOWN where more or less is better in this task, else NO_DIRECTION.
+    ``difference`` has a 95 % interval without 0 exactly where ``p_value`` <= 0.05; both are of
+    this metric and task alone. ``differing`` counts the episodes whose values are not equal.
     """
 
     task: str
     metric: str
+    unit: str
+    direction: str
     first: float
     second: float
     difference: Estimate
     p_value: float
     differing: int
-    resolution: Resolution
 
     @property
     def count(self) -> int:
@@ -38,54 +44,64 @@ class Effect:
 
     @property
     def worsening(self) -> float:
-        """How much worse the second run is, in the metric's unit; negative if it is better."""
-        return self.difference.value * worse_sign(self.metric)
+        """How much worse the second run is, in the metric's unit; negative if it is better.
+
+        Errors: KeyError where the metric has no direction.
+        """
+        return self.difference.value * WORSE_SIGNS[self.direction]
 
     @property
     def worst(self) -> float:
         """The worsening at the worse end of the interval."""
         ends = (self.difference.low, self.difference.high)
-        return max(end * worse_sign(self.metric) for end in ends)
+        return max(end * WORSE_SIGNS[self.direction] for end in ends)
 
 
-def worse_sign(metric: str) -> float:
-    """Return 1 where more of a metric is worse, -1 where less is."""
-    return 1.0 if METRICS[metric].direction == DOWN else -1.0
+def is_binary(metric: str) -> bool:
+    """Tell whether a metric is a share of episodes, so that its values are 0 and 1."""
+    return METRICS[metric].kind is Kind.SHARE
 
 
-def measure_effect(sample: Sample, root: Root) -> Effect:
-    """Estimate the difference of a sample and test it against 0.
+def direction_of(values: PairedValues) -> str:
+    """Return UP, DOWN or NO_DIRECTION; that of a mean is the metric's own."""
+    return METRICS[values.metric].direction_in(values.task)
+
+
+def measure_effect(values: PairedValues, root: Root) -> Effect:
+    """Estimate the difference of paired values and test it against 0.
 
     Each (task, metric) draws from its own stream under ``root``.
     """
-    differences = sample.differences
-    if sample.metric in SHARE_METRICS:
-        found = count_discordance(sample.first, sample.second)
+    if is_binary(values.metric):
+        found = count_discordance(values.first, values.second)
         difference, p_value = tango(found), found.p_value
-        resolution: Resolution = ShareResolution(found)
     else:
-        rng = stream(root, sample.task, sample.metric, "paired")
-        difference, p_value = _of_means(sample, rng)
-        resolution = MeanResolution(
-            n=len(differences),
-            worsening=float(differences.mean()) * worse_sign(sample.metric),
-            deviation=float(differences.std(ddof=1)) if len(differences) > 1 else 0.0,
-        )
+        rng = stream(root, values.task, values.metric, "paired")
+        paired = paired_mean(values.differences, rng)
+        difference, p_value = paired.estimate, paired.p_value
     return Effect(
-        task=sample.task,
-        metric=sample.metric,
-        first=float(sample.first.mean()),
-        second=float(sample.second.mean()),
-        difference=difference,
+        task=values.task,
+        metric=values.metric,
+        unit=METRICS[values.metric].unit_in(values.task),
+        direction=direction_of(values),
+        first=float(values.first.mean()),
+        second=float(values.second.mean()),
+        difference=_in_line(difference, p_value),
         p_value=p_value,
-        differing=int(np.count_nonzero(differences)),
-        resolution=resolution,
+        differing=int(np.count_nonzero(values.differences)),
     )
 
 
-def _of_means(sample: Sample, rng: np.random.Generator) -> tuple[Estimate, float]:
-    found = paired_mean(sample.differences, rng)
-    return found.estimate, found.p_value
+def resolution_of(values: PairedValues) -> Resolution:
+    """Return what paired values tell of the episodes that a clear answer takes."""
+    if is_binary(values.metric):
+        return ShareResolution(count_discordance(values.first, values.second))
+    differences = values.differences * WORSE_SIGNS.get(direction_of(values), 1.0)
+    return MeanResolution(
+        n=len(differences),
+        worsening=float(differences.mean()),
+        deviation=float(differences.std(ddof=1)) if len(differences) > 1 else 0.0,
+    )
 
 
 def holm(p_values: Sequence[float]) -> tuple[float, ...]:
@@ -102,3 +118,10 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     adjusted = np.empty(len(order))
     adjusted[order] = np.maximum.accumulate(np.minimum(scaled, 1.0))
     return tuple(adjusted.tolist())
+
+
+def _in_line(difference: Estimate, p_value: float) -> Estimate:
+    """Widen an interval to 0 where its test, exact for few episodes, does not exclude 0."""
+    if p_value <= ALPHA:
+        return difference
+    return replace(difference, low=min(difference.low, 0.0), high=max(difference.high, 0.0))

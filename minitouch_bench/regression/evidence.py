@@ -15,14 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.records import Estimate
-from minitouch_bench.regression.shares import Discordance
+from minitouch_bench.regression.shares import Discordance, last_true
 
 BETTING = "betting confidence sequence"
 
 BETS = np.array([0.25, 0.5, 0.75, 0.95])
 """Parts of the largest bet that cannot ruin; the wealth is spread evenly over them."""
-
-BISECTIONS = 40
 
 
 def evidence_of_loss(found: Discordance, margin: float = 0.0) -> float:
@@ -80,11 +78,8 @@ def _log_mean_exp(values: NDArray[np.float64]) -> float:
 
 def _least_worsening(found: Discordance, wanted: float) -> float:
     """Return the largest margin that the evidence of a loss exceeds, -1 if it exceeds none."""
-    low, high = -1.0, 1.0
-    for _ in range(BISECTIONS):
-        middle = (low + high) / 2.0
-        if evidence_of_loss(found, middle) >= wanted:
-            low = middle
-        else:
-            high = middle
-    return low
+
+    def is_exceeded(margin: float) -> bool:
+        return evidence_of_loss(found, margin) >= wanted
+
+    return last_true(is_exceeded, -1.0, 1.0, halvings=40)

@@ -1,34 +1,45 @@
 """The regression gate: whether a candidate is worse than its baseline beyond a tolerance."""
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.records import SavedRun
+from minitouch_bench.metrics.metric import NO_DIRECTION
+from minitouch_bench.records import Outcome, RunHeader, SavedRun
 from minitouch_bench.regression.comparison import (
-    Change,
+    ComparedRun,
+    OutcomeChange,
     differences_of_making,
     find_changes,
 )
-from minitouch_bench.regression.effects import Effect, holm, measure_effect
+from minitouch_bench.regression.effects import (
+    Effect,
+    direction_of,
+    holm,
+    is_binary,
+    measure_effect,
+    resolution_of,
+)
 from minitouch_bench.regression.pairing import (
+    MEAN_TASK,
     EpisodePair,
-    Sample,
+    PairedValues,
     are_identical,
-    collect_samples,
+    collect_values,
     pair_runs,
 )
-from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN, MeanResolution
-from minitouch_bench.regression.tolerances import GateSettings
+from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
+from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.labels import run_labels, tasks_in_order
+from minitouch_bench.reporting.labels import reproduce_command, run_labels, tasks_in_order
 
 FAILED = 1
 """Exit code of a regression, and with ``strict`` of an inconclusive gate."""
 
 
-class Ruling(StrEnum):
+class Decision(StrEnum):
     """What the gate says of a metric of a task, or of all."""
 
     REGRESSION = "regression"
@@ -38,78 +49,67 @@ class Ruling(StrEnum):
 
 
 @dataclass(frozen=True)
-class Judgement:
+class JudgedMetric:
     """One metric of one task.
 
-    ``p_value`` is adjusted over all judgements of the gate; ``allowed`` is the tolerance in
-    the metric's unit; ``needed``: episodes a task that would settle it, None for none or too
-    many.
+    ``p_adjusted`` is over everything judged; ``tolerance`` is in the metric's unit;
+    ``episodes_needed``: per task, to settle it, None for none or too many.
     """
 
     effect: Effect
-    p_value: float
-    allowed: float
-    ruling: Ruling
-    needed: int | None = None
+    p_adjusted: float
+    tolerance: float
+    decision: Decision
+    episodes_needed: int | None = None
 
 
 @dataclass(frozen=True)
-class Side:
-    """One of the two runs: what it is called, where it lies, what must be known of it."""
-
-    name: str
-    place: str
-    labels: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Effort:
-    """Episodes that a sequential gate has used, of those it had planned, and why it stopped.
-
-    ``continuation``: the command that finishes an unfinished run, "" for a whole one.
-    """
+class EpisodesUsed:
+    """Episodes that a sequential gate has used, of those it had planned, and why it stopped."""
 
     used: int
     planned: int
     reason: str
-    continuation: str = ""
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What the gate found. ``effort`` is None where both runs were there already.
+class GateResult:
+    """What the gate found, and the command to type next.
 
-    ``identical``: every episode of both runs has the same bits.
+    ``identical``: every episode of both runs has the same bits. ``unjudged``: metrics of which
+    more is neither better nor worse. ``episodes_used`` is None where both runs were there
+    already; ``unfinished``: the candidate's run was stopped.
     """
 
-    baseline: Side
-    candidate: Side
-    ruling: Ruling
+    baseline: ComparedRun
+    candidate: ComparedRun
+    decision: Decision
     settings: GateSettings
     identical: bool
-    judgements: tuple[Judgement, ...]
-    changes: tuple[Change, ...]
-    notes: tuple[str, ...] = ()
-    effort: Effort | None = None
+    judged: tuple[JudgedMetric, ...]
+    unjudged: tuple[Effect, ...]
+    changes: tuple[OutcomeChange, ...]
+    notes: tuple[str, ...]
+    next_command: str
+    episodes_used: EpisodesUsed | None = None
+    unfinished: bool = False
 
     @property
     def exit_code(self) -> int:
         """0, or 1 for a regression; with ``strict`` 1 for whatever is not passed."""
-        if self.ruling is Ruling.PASSED:
+        if self.decision is Decision.PASSED:
             return 0
-        return FAILED if self.ruling is Ruling.REGRESSION or self.settings.strict else 0
+        return FAILED if self.decision is Decision.REGRESSION or self.settings.strict else 0
 
     @property
-    def needed(self) -> int | None:
-        """The most episodes a task that an inconclusive judgement needs, None if unknown."""
-        open_ones = [one for one in self.judgements if one.ruling is Ruling.INCONCLUSIVE]
-        counts = [one.needed for one in open_ones if one.needed is not None]
-        return max(counts) if counts and len(counts) == len(open_ones) else None
+    def episodes_needed(self) -> int | None:
+        """The most episodes per task that an inconclusive metric needs, None if unknown."""
+        return episodes_needed(self.judged)
 
 
 def judge_runs(
-    baseline: SavedRun, candidate: SavedRun, places: tuple[str, str], settings: GateSettings
-) -> Verdict:
+    baseline: SavedRun, candidate: SavedRun, paths: tuple[str, str], settings: GateSettings
+) -> GateResult:
     """Judge a candidate by its whole run, beside the baseline's.
 
     A metric is a regression where it is worse by more than its tolerance and, after Holm's
@@ -119,78 +119,122 @@ def judge_runs(
     Errors: UsageError where the runs cannot be paired, or have none of the metrics.
     """
     pairs = pair_runs(baseline, candidate)
-    samples = guarded_samples(pairs, tasks_in_order((baseline,)), settings)
-    effects = [measure_effect(sample, (baseline.header.seed,)) for sample in samples]
-    judgements = judge_effects(effects, settings)
+    guarded, others = guarded_values(pairs, tasks_in_order((baseline,)), settings)
+    root = (baseline.header.seed,)
+    judged = judge_values(guarded, settings, root)
     identical = are_identical(baseline, candidate, pairs)
     if identical:
-        judgements = tuple(replace(one, ruling=Ruling.PASSED, needed=None) for one in judgements)
-    return Verdict(
-        baseline=Side(printable(baseline.name), places[0], run_labels(baseline)),
-        candidate=Side(printable(candidate.name), places[1], run_labels(candidate)),
-        ruling=overall([one.ruling for one in judgements]),
+        judged = tuple(
+            replace(one, decision=Decision.PASSED, episodes_needed=None) for one in judged
+        )
+    changes = find_changes(pairs, paths)
+    return GateResult(
+        baseline=ComparedRun("baseline", printable(baseline.name), paths[0], run_labels(baseline)),
+        candidate=ComparedRun(
+            "candidate", printable(candidate.name), paths[1], run_labels(candidate)
+        ),
+        decision=overall([one.decision for one in judged]),
         settings=settings,
         identical=identical,
-        judgements=judgements,
-        changes=find_changes(pairs, places),
+        judged=judged,
+        unjudged=tuple(measure_effect(values, root) for values in others),
+        changes=changes,
         notes=differences_of_making(baseline, candidate),
+        next_command=_next_command(judged, changes, (baseline.header, candidate.header), paths),
     )
 
 
-def guarded_samples(
+def guarded_values(
     pairs: Sequence[EpisodePair], tasks: Sequence[str], settings: GateSettings
-) -> tuple[Sample, ...]:
-    """Return the samples of the metrics that the gate guards.
+) -> tuple[tuple[PairedValues, ...], tuple[PairedValues, ...]]:
+    """Return the values of the metrics that the gate guards: with a direction, and without.
 
-    Errors: UsageError if there is none.
+    Errors: UsageError if none has a direction.
     """
-    found = tuple(
-        sample for sample in collect_samples(pairs, tasks) if sample.metric in settings.metrics
-    )
-    if not found:
-        raise UsageError(f"the runs have none of the metrics {', '.join(settings.metrics)}")
-    return found
+    found = [one for one in collect_values(pairs, tasks) if one.metric in settings.metrics]
+    guarded = tuple(one for one in found if direction_of(one) != NO_DIRECTION)
+    if not guarded:
+        names = ", ".join(settings.metrics)
+        raise UsageError(f"nothing to judge: in {', '.join(tasks)} {names} cannot get worse")
+    return guarded, tuple(one for one in found if direction_of(one) == NO_DIRECTION)
 
 
-def judge_effects(effects: Sequence[Effect], settings: GateSettings) -> tuple[Judgement, ...]:
-    """Judge effects together, at the level of the settings."""
+def judge_values(
+    guarded: Sequence[PairedValues], settings: GateSettings, root: tuple[int, ...]
+) -> tuple[JudgedMetric, ...]:
+    """Judge metrics together, at the level of the settings."""
+    effects = [measure_effect(values, root) for values in guarded]
     adjusted = holm([effect.p_value for effect in effects])
-    level = settings.alpha / len(effects)
     found = []
-    for effect, p_value in zip(effects, adjusted, strict=True):
+    for values, effect, p_value in zip(guarded, effects, adjusted, strict=True):
         allowed = settings.tolerance(effect.task, effect.metric).absolute(effect.first)
-        ruling, needed = Ruling.INCONCLUSIVE, None
+        decision, needed = Decision.INCONCLUSIVE, None
         if effect.worsening > allowed and p_value <= settings.alpha:
-            ruling = Ruling.REGRESSION
+            decision = Decision.REGRESSION
         elif effect.worst <= allowed and _has_enough(effect):
-            ruling = Ruling.PASSED
+            decision = Decision.PASSED
         else:
-            needed = _needed(effect, allowed, level)
-        found.append(Judgement(effect, p_value, allowed, ruling, needed))
+            needed = _needed(values, effect, allowed, settings.alpha / len(effects))
+        found.append(JudgedMetric(effect, p_value, allowed, decision, needed))
     return tuple(found)
 
 
-def overall(rulings: Sequence[Ruling]) -> Ruling:
-    """Return the ruling over all: one regression is enough, and all must have passed."""
-    if Ruling.REGRESSION in rulings:
-        return Ruling.REGRESSION
-    return Ruling.PASSED if set(rulings) == {Ruling.PASSED} else Ruling.INCONCLUSIVE
+def overall(decisions: Sequence[Decision]) -> Decision:
+    """Return the decision over all: one regression is enough, and all must have passed."""
+    if Decision.REGRESSION in decisions:
+        return Decision.REGRESSION
+    return Decision.PASSED if set(decisions) == {Decision.PASSED} else Decision.INCONCLUSIVE
 
 
-def final_episodes(run: SavedRun) -> SavedRun:
-    """Return a run without its exploration episodes, for a candidate that has none."""
-    return replace(run, exploration_episodes=()) if run.exploration_episodes else run
+def episodes_needed(judged: Sequence[JudgedMetric]) -> int | None:
+    """Return the most episodes per task that an inconclusive metric needs, None if unknown."""
+    counts = [one.episodes_needed for one in judged if one.decision is Decision.INCONCLUSIVE]
+    known = [count for count in counts if count is not None]
+    return max(known) if known and len(known) == len(counts) else None
 
 
 def _has_enough(effect: Effect) -> bool:
     """Tell whether an interval may be believed; that of a share is good for any number."""
-    return effect.count >= FEWEST_FOR_A_MEAN or not isinstance(effect.resolution, MeanResolution)
+    return effect.count >= FEWEST_FOR_A_MEAN or is_binary(effect.metric)
 
 
-def _needed(effect: Effect, allowed: float, level: float) -> int | None:
-    """Return the episodes that settle a metric: to show the worsening, or to exclude it."""
+def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) -> int | None:
+    """Return the episodes per task that show the worsening, or exclude it."""
+    resolution = resolution_of(values)
     if effect.worsening > allowed:
-        found = effect.resolution.episodes_to_detect(level, beyond=allowed)
+        found = resolution.episodes_to_detect(level, beyond=allowed)
     else:
-        found = effect.resolution.episodes_to_exclude(allowed)
-    return None if found is None else max(found, effect.count + 1)
+        found = resolution.episodes_to_exclude(allowed)
+    return None if found is None else -(-max(found, effect.count + 1) // len(values.tasks))
+
+
+def _next_command(
+    judged: Sequence[JudgedMetric],
+    changes: Sequence[OutcomeChange],
+    headers: tuple[RunHeader, RunHeader],
+    paths: tuple[str, str],
+) -> str:
+    """Return the command line that leads on from here.
+
+    After a regression it replays an episode that was lost; where more episodes would settle
+    the matter it plays them; else it compares the runs in full.
+    """
+    worse = {one.effect.task for one in judged if one.decision is Decision.REGRESSION}
+    lost = [change for change in changes if change.first is Outcome.SUCCESS]
+    for change in lost:
+        if change.episode.split("/")[-2] in worse or worse == {MEAN_TASK}:
+            return change.replays[1]
+    if not worse and (needed := episodes_needed(judged)):
+        return _longer_gate(headers, paths[0], needed)
+    return shlex.join(["minitouch-bench", "compare", *map(printable, paths)])
+
+
+def _longer_gate(headers: tuple[RunHeader, RunHeader], path: str, episodes: int) -> str:
+    """Return the commands that make a longer baseline and hold the candidate to it."""
+    baseline, candidate = headers
+    output = printable(f"{path.rstrip('/')}-{episodes}")
+    evaluate = reproduce_command(replace(baseline, official=False, episodes=episodes))
+    regress = ["minitouch-bench", "regress", candidate.policy.source, "--baseline", output]
+    if candidate.policy.kind == "factory":
+        regress.append("--trust")
+    return f"{evaluate} {shlex.join(['--output', output])} && {shlex.join(map(printable, regress))}"

@@ -1,72 +1,69 @@
-"""Comparisons and verdicts as GitHub's Markdown."""
+"""Comparisons and results of the gate as GitHub's Markdown."""
 
 from collections.abc import Sequence
 
-from minitouch_bench.regression.comparison import Change, Comparison
-from minitouch_bench.regression.gate import Ruling, Verdict
-from minitouch_bench.regression.tables import changes_table, comparison_tables, verdict_table
-from minitouch_bench.regression.wording import (
+from minitouch_bench.regression.comparison import Comparison, OutcomeChange
+from minitouch_bench.regression.gate import Decision, GateResult
+from minitouch_bench.regression.sentences import (
+    comparison_lines,
     comparison_notes,
-    effort_line,
-    entrant_line,
-    headline,
-    side_line,
-    verdict_notes,
-    versus_lines,
+    episodes_line,
+    gate_notes,
+    result_line,
+    run_line,
 )
+from minitouch_bench.regression.tables import changes_table, comparison_tables, gate_table
 from minitouch_bench.rendering.markdown import code_span, escape, table_lines
 from minitouch_bench.reporting.tables import OUTCOME_TITLES
 
-MARKS = {Ruling.PASSED: "✅", Ruling.REGRESSION: "❌", Ruling.INCONCLUSIVE: "❔"}
+MARKS = {Decision.PASSED: "✅", Decision.REGRESSION: "❌", Decision.INCONCLUSIVE: "❔"}
 SUMMARY_CHANGES = 50
-"""Changed episodes that a verdict lists; the JSON has all of them."""
+"""Changed episodes that a result lists; the JSON has all of them."""
 
 
 def comparison_markdown(comparison: Comparison) -> str:
     """Write a comparison as a page."""
     parts = ["# Comparison of runs", ""]
-    parts += [f"- {escape(entrant_line(entrant))}" for entrant in comparison.entrants]
-    for versus in comparison.pairs:
-        names = (versus.first.letter, versus.second.letter)
-        parts += ["", f"## {names[1]} against {names[0]}"]
-        for line in versus_lines(versus):
+    parts += [f"- {escape(run_line(run))}" for run in comparison.runs]
+    for one in comparison.pairs:
+        titles = (one.first, one.second)
+        parts += ["", f"## {titles[1]} against {titles[0]}"]
+        for line in comparison_lines(one):
             parts += ["", escape(line)]
-        for table in comparison_tables(versus):
+        for table in comparison_tables(one):
             parts += ["", f"### {escape(table.title)}", "", *table_lines(table)]
         parts += ["", "### Episodes that ended in another way", ""]
-        parts += _changes(versus.changes, names, len(versus.changes))
+        parts += _changes(one.changes, titles, len(one.changes))
     parts += ["", *(f"- {escape(note)}" for note in comparison_notes(comparison))]
     return "\n".join(parts) + "\n"
 
 
-def verdict_markdown(verdict: Verdict) -> str:
-    """Write a verdict as a section of a page, such as a GitHub step summary."""
-    parts = [f"## {MARKS[verdict.ruling]} minitouch-bench: {escape(headline(verdict))}", ""]
-    parts += [
-        f"- {escape(side_line('Baseline', verdict.baseline))}",
-        f"- {escape(side_line('Candidate', verdict.candidate))}",
-    ]
-    if verdict.effort is not None:
-        parts.append(f"- {escape(effort_line(verdict))}")
-    parts += ["", *table_lines(verdict_table(verdict)), ""]
-    parts += [f"- {escape(note)}" for note in verdict_notes(verdict)]
-    if verdict.changes:
-        title = f"{len(verdict.changes)} episodes ended in another way"
+def gate_markdown(result: GateResult) -> str:
+    """Write a result as a section of a page, such as a GitHub step summary."""
+    parts = [f"## {MARKS[result.decision]} minitouch-bench {escape(result_line(result))}", ""]
+    parts += [f"- {escape(run_line(run))}" for run in (result.baseline, result.candidate)]
+    if line := episodes_line(result):
+        parts.append(f"- {escape(line)}")
+    parts.append(f"- next: {code_span(result.next_command)}")
+    parts += ["", *table_lines(gate_table(result)), ""]
+    parts += [f"- {escape(note)}" for note in gate_notes(result)]
+    if result.changes:
+        title = f"{len(result.changes)} episodes ended in another way"
+        titles = (result.baseline.title, result.candidate.title)
         parts += ["", f"<details><summary>{title}</summary>", ""]
-        parts += _changes(verdict.changes, ("baseline", "candidate"), SUMMARY_CHANGES)
+        parts += _changes(result.changes, titles, SUMMARY_CHANGES)
         parts += ["", "</details>"]
     return "\n".join(parts) + "\n"
 
 
-def _changes(changes: Sequence[Change], names: tuple[str, str], most: int) -> list[str]:
+def _changes(changes: Sequence[OutcomeChange], titles: tuple[str, str], most: int) -> list[str]:
     """List the changed episodes; the command stands in a code span, ready to copy."""
     if not changes:
         return ["None."]
-    heads = changes_table((), names)
-    lines = table_lines(heads)
+    lines = table_lines(changes_table((), titles))
     for change in changes[:most]:
         cells = (
-            change.key,
+            change.episode,
             OUTCOME_TITLES[change.first],
             OUTCOME_TITLES[change.second],
         )

@@ -1,20 +1,26 @@
 """Two runs laid side by side, episode by episode; what cannot be paired is refused."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
+from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, RunHeader, SavedRun
 from minitouch_bench.rendering.escaping import printable
 
-SHARE_METRICS = ("success", "exploration")
-MEAN_METRICS = ("episode_steps", "touch_interaction")
-PAIRED_METRICS = (*SHARE_METRICS, *MEAN_METRICS)
-"""What two runs are compared in; every task has touch-interaction, the others need a goal."""
+COMPARED_METRICS = metrics_shown_in(ShownIn.TABLE4)
+"""What two runs are compared in."""
+
+MEAN_TASK = "mean"
+"""Stands in a task's place for the mean over the tasks with a goal."""
+
+MEAN_METRIC = "success"
+"""The metric that has such a mean."""
 
 NAMED_EPISODES = 3
 """Episodes that a refusal names."""
@@ -35,18 +41,36 @@ class EpisodePair:
 
 
 @dataclass(frozen=True)
-class Sample:
-    """The paired values of one metric in one task, float64 (N,) each, N > 0."""
+class PairedValues:
+    """The paired values of one metric, float64 (N,) each; those of a share are 0 and 1.
+
+    ``task`` names the task, or is MEAN_TASK; ``tasks`` are those whose episodes these are. The
+    tasks of a mean have equally many episodes.
+    """
 
     task: str
     metric: str
-    first: NDArray[np.float64]
-    second: NDArray[np.float64]
+    tasks: tuple[str, ...]
+    first: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    second: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @property
     def differences(self) -> NDArray[np.float64]:
         """Second minus first, float64 (N,)."""
         return self.second - self.first
+
+    def with_pairs(self, pairs: Sequence[EpisodePair]) -> "PairedValues":
+        """Add the values of those pairs that are of these tasks and have one in both runs."""
+        known = METRICS[self.metric]
+        own = [pair for pair in pairs if pair.first.task in self.tasks and pair.role is known.role]
+        both = [(known.value(pair.first), known.value(pair.second)) for pair in own]
+        table = np.array([values for values in both if None not in values], np.float64)
+        first, second = table.reshape(-1, 2).T
+        return replace(
+            self,
+            first=np.concatenate((self.first, first)),
+            second=np.concatenate((self.second, second)),
+        )
 
 
 def episode_key(role: Role, episode: EpisodeMetrics) -> str:
@@ -118,41 +142,24 @@ def are_identical(first: SavedRun, second: SavedRun, pairs: Sequence[EpisodePair
     return all(_bits_of(pair.first) == _bits_of(pair.second) for pair in pairs)
 
 
+def collect_values(pairs: Sequence[EpisodePair], tasks: Sequence[str]) -> tuple[PairedValues, ...]:
+    """Return the values of each task and metric that has episodes, task by task, then the mean."""
+    found = [
+        PairedValues(task, metric, (task,))
+        for task in tasks
+        for metric in COMPARED_METRICS
+        if METRICS[metric].is_in(task)
+    ]
+    goals = tuple(task for task in tasks if task in GOAL_TASKS)
+    if len(goals) > 1:
+        found.append(PairedValues(MEAN_TASK, MEAN_METRIC, goals))
+    filled = (values.with_pairs(pairs) for values in found)
+    return tuple(values for values in filled if len(values.first))
+
+
 def _bits_of(episode: EpisodeMetrics) -> tuple[object, ...]:
-    return episode.digest, episode.outcome, *(value_of(episode, m) for m in PAIRED_METRICS)
-
-
-def collect_samples(pairs: Sequence[EpisodePair], tasks: Sequence[str]) -> tuple[Sample, ...]:
-    """Return the sample of each task and metric that has episodes, task by task."""
-    found = []
-    for task in tasks:
-        for metric in PAIRED_METRICS:
-            if metric != "touch_interaction" and task not in GOAL_TASKS:
-                continue
-            role = role_of(metric)
-            own = [pair for pair in pairs if pair.first.task == task and pair.role is role]
-            if own:
-                found.append(
-                    Sample(
-                        task,
-                        metric,
-                        np.array([value_of(pair.first, metric) for pair in own]),
-                        np.array([value_of(pair.second, metric) for pair in own]),
-                    )
-                )
-    return tuple(found)
-
-
-def role_of(metric: str) -> Role:
-    """Return the role whose episodes a metric is of."""
-    return Role.EXPLORATION if metric == "exploration" else Role.FINAL
-
-
-def value_of(episode: EpisodeMetrics, metric: str) -> float:
-    """Return a metric's value in one episode; a share's is 1 or 0."""
-    if metric in SHARE_METRICS:
-        return float(episode.success)
-    return float(episode.steps if metric == "episode_steps" else episode.touch_interaction)
+    values = (METRICS[metric].value(episode) for metric in COMPARED_METRICS)
+    return episode.digest, episode.outcome, *values
 
 
 def _by_key(run: SavedRun) -> dict[str, tuple[Role, EpisodeMetrics]]:
@@ -174,16 +181,12 @@ def _by_key(run: SavedRun) -> dict[str, tuple[Role, EpisodeMetrics]]:
 
 def _refuse_missing(there: str, here: str, missing: Sequence[str]) -> None:
     if missing:
+        listed = ", ".join(missing[:NAMED_EPISODES])
+        more = ", …" if len(missing) > NAMED_EPISODES else ""
         raise UsageError(
             f"'{_short(there)}' and '{_short(here)}' are not of the same episodes: "
-            f"{len(missing)} of the first are not in the second ({_some(missing)})"
+            f"{len(missing)} of the first are not in the second ({listed}{more})"
         )
-
-
-def _some(keys: Iterable[str]) -> str:
-    listed = list(keys)
-    shown = ", ".join(listed[:NAMED_EPISODES])
-    return shown if len(listed) <= NAMED_EPISODES else f"{shown}, …"
 
 
 def _rules(header: RunHeader, tasks: Sequence[str]) -> str:

@@ -4,6 +4,7 @@ Both at a power of 80 %: four times in five, if the difference is the one observ
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
-from minitouch_bench.regression.shares import Discordance, score_statistic
+from minitouch_bench.regression.shares import Discordance, last_true, score_statistic
 
 POWER = 0.8
 POWER_QUANTILE = float(stats.norm.ppf(POWER))
@@ -29,8 +30,6 @@ NEGLIGIBLE = 1e-10
 
 FEWEST_FOR_A_MEAN = 10
 """Episodes below which no bound of a mean is believed."""
-
-HALVINGS = 20
 
 
 class Resolution(Protocol):
@@ -66,11 +65,7 @@ class ShareResolution:
         if abs(lost - won) <= beyond:
             return None
         guess = _connor(_two_sided(alpha), lost + won, abs(lost - won), beyond)
-        if guess > 1.2 * EXACT_UP_TO:
-            return _as_count(guess)
-        return _least(
-            lambda n: mcnemar_power(n, lost, won, alpha, beyond) >= POWER, guess
-        ) or _as_count(guess)
+        return _least(lambda n: mcnemar_power(n, lost, won, alpha, beyond) >= POWER, guess)
 
     def episodes_to_exclude(self, margin: float) -> int | None:
         """Count for the 95 % score interval."""
@@ -80,11 +75,7 @@ class ShareResolution:
             return None
         deviation = math.sqrt(lost + won - (lost - won) ** 2)
         guess = ((NORMAL_QUANTILE + POWER_QUANTILE) * deviation / room) ** 2
-        if guess > 1.2 * EXACT_UP_TO:
-            return _as_count(guess)
-        return _least(lambda n: exclusion_power(n, lost, won, margin) >= POWER, guess) or _as_count(
-            guess
-        )
+        return _least(lambda n: exclusion_power(n, lost, won, margin) >= POWER, guess)
 
     def detectable(self, alpha: float) -> float | None:
         """Search with the share of pairs that differ as it is, or larger where it must be."""
@@ -100,11 +91,7 @@ class ShareResolution:
             return needed * math.sqrt(max(differing, 1.0 / self.found.n) / self.found.n)
         if not is_seen(1.0):
             return None
-        low, high = 0.0, 1.0
-        for _ in range(HALVINGS):
-            middle = (low + high) / 2.0
-            low, high = (low, middle) if is_seen(middle) else (middle, high)
-        return high
+        return last_true(lambda difference: not is_seen(difference), 0.0, 1.0, halvings=20)
 
     def _rates(self) -> tuple[float, float]:
         return self.found.lost / self.found.n, self.found.won / self.found.n
@@ -192,23 +179,18 @@ def _likely_counts(n: int, share: float) -> NDArray[np.float64]:
 
 
 def _least(is_enough: Callable[[int], bool], guess: float) -> int | None:
-    """Return the least number of episodes that is enough, None beyond EXACT_UP_TO.
+    """Return the least number of episodes that is enough; beyond EXACT_UP_TO the guess.
 
-    The search starts from a guess.
+    Power rises with the episodes in small teeth, so that a few less may do.
     """
+    if guess > 1.2 * EXACT_UP_TO:
+        return _as_count(guess)
     high = min(max(4, math.ceil(guess)), EXACT_UP_TO)
-    low = 0
     while not is_enough(high):
         if high == EXACT_UP_TO:
-            return None
-        low, high = high, min(math.ceil(1.3 * high), EXACT_UP_TO)
-    while low == 0 and high > 4 and is_enough(high * 3 // 4):
-        high = high * 3 // 4
-    low = max(low, high * 3 // 4 if high > 4 else 0)
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if is_enough(middle) else (middle, high)
-    return high
+            return _as_count(guess)
+        high = min(math.ceil(1.3 * high), EXACT_UP_TO)
+    return bisect_left(range(high), True, lo=1, key=is_enough)
 
 
 def _connor(quantile: float, differing: float, difference: float, beyond: float) -> float:

@@ -1,5 +1,6 @@
 """The difference of two success shares over the same episodes."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +12,8 @@ from minitouch_bench.records import Estimate
 
 TANGO = "tango"
 
-BISECTIONS = 60
-"""Halvings of an interval of length 2, to the last bit of a float."""
+HALVINGS = 60
+"""Of an interval of length 2, to the last bit of a float."""
 
 
 @dataclass(frozen=True)
@@ -98,18 +99,21 @@ def _statistic(found: Discordance, difference: float) -> float:
 
 
 def _lower_end(found: Discordance, quantile: float) -> float:
-    low, high = -1.0, found.difference
-    if low == high:
-        return low
-    for _ in range(BISECTIONS):
-        middle = (low + high) / 2.0
-        if _statistic(found, middle) > quantile:
-            low = middle
-        else:
-            high = middle
-    return low
+    if found.difference == -1.0:
+        return -1.0
+    return last_true(lambda at: _statistic(found, at) > quantile, -1.0, found.difference)
 
 
 def _upper_end(found: Discordance, quantile: float) -> float:
     mirrored = Discordance(found.n, lost=found.won, won=found.lost)
     return -_lower_end(mirrored, quantile)
+
+
+def last_true(
+    holds: Callable[[float], bool], low: float, high: float, halvings: int = HALVINGS
+) -> float:
+    """Return the point between two up to which something holds, ``low`` if nowhere above it."""
+    for _ in range(halvings):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low

@@ -1,20 +1,19 @@
-"""The tables of a comparison and of a gate's verdict as data; each writer draws the same ones."""
+"""The tables of a comparison and of a gate's result as data; each writer draws the same ones."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.regression.comparison import Change, Entrant, Finding, Versus
+from minitouch_bench.regression.comparison import OutcomeChange, RunPair, verdict
 from minitouch_bench.regression.effects import Effect
-from minitouch_bench.regression.gate import Judgement, Ruling, Verdict
-from minitouch_bench.regression.pairing import PAIRED_METRICS
+from minitouch_bench.regression.gate import Decision, GateResult, JudgedMetric
+from minitouch_bench.regression.pairing import COMPARED_METRICS
 from minitouch_bench.rendering.tables import (
-    ABSENT,
     Cell,
     Column,
     Row,
     Table,
+    difference_cell,
     format_value,
-    metric_head,
 )
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.tables import OUTCOME_TITLES
@@ -22,80 +21,79 @@ from minitouch_bench.reporting.tables import OUTCOME_TITLES
 SMALLEST_P = 0.0001
 """A p-value below is written as such: the bootstrap draws no finer ones."""
 
-VERDICT_COLUMNS = (
+GATE_COLUMNS = (
     Column("Baseline"),
     Column("Candidate"),
     Column("Difference"),
     Column("Tolerance"),
-    Column("p"),
-    Column("Judgement", is_text=True),
+    Column("p adjusted"),
+    Column("Decision", is_text=True),
 )
 
 
-def comparison_tables(versus: Versus) -> tuple[Table, ...]:
-    """Lay one run against the first, a table a metric: tasks down."""
-    found = {
-        metric: [one for one in versus.findings if one.effect.metric == metric]
-        for metric in PAIRED_METRICS
-    }
-    return tuple(
-        _metric_table(metric, rows, (versus.first, versus.second))
-        for metric, rows in found.items()
-        if rows
+def comparison_tables(comparison: RunPair) -> tuple[Table, ...]:
+    """Lay one run against the first, one table per metric: tasks down."""
+    first, second = comparison.first, comparison.second
+    columns = (
+        Column(first),
+        Column(second),
+        Column(f"{second} minus {first}"),
+        Column("p"),
+        Column("p adjusted"),
+        Column("Verdict", is_text=True),
+        Column("Episodes to resolve"),
+        Column("Detectable"),
     )
+    rows = [
+        (
+            one.effect,
+            (
+                *_values(one.effect),
+                Cell(p_text(one.effect.p_value)),
+                Cell(p_text(one.p_adjusted)),
+                Cell(one.verdict),
+                Cell() if one.episodes_to_resolve is None else Cell(f"{one.episodes_to_resolve:,}"),
+                Cell()
+                if one.detectable is None
+                else Cell(format_value(one.effect.metric, one.detectable)),
+            ),
+        )
+        for one in comparison.metrics
+    ]
+    return tuple(_by_metric(columns, rows))
 
 
-def verdict_table(verdict: Verdict) -> Table:
-    """Lay out what the gate judged, a row a metric of a task."""
+def gate_tables(result: GateResult) -> tuple[Table, ...]:
+    """Lay out what the gate judged in narrow tables, one per metric: tasks down."""
+    return tuple(_by_metric(GATE_COLUMNS, _gate_rows(result)))
+
+
+def gate_table(result: GateResult) -> Table:
+    """Lay out what the gate judged, one row per metric of a task."""
     return Table(
         title="Candidate minus baseline, on the same episodes",
         corner=("Task", "Metric"),
-        columns=VERDICT_COLUMNS,
+        columns=GATE_COLUMNS,
         rows=tuple(
-            Row(
-                (task_title(one.effect.task), metric_label(one.effect.metric)),
-                _judgement_cells(one, verdict),
-            )
-            for one in verdict.judgements
+            Row((task_title(effect.task), effect_head(effect)), cells)
+            for effect, cells in _gate_rows(result)
         ),
-        notes=(),
     )
 
 
-def verdict_tables(verdict: Verdict) -> tuple[Table, ...]:
-    """Lay out what the gate judged in narrow tables, one a metric: tasks down."""
-    found = {
-        metric: [one for one in verdict.judgements if one.effect.metric == metric]
-        for metric in PAIRED_METRICS
-    }
-    return tuple(
-        Table(
-            title=metric_label(metric),
-            corner=("Task",),
-            columns=VERDICT_COLUMNS,
-            rows=tuple(
-                Row((task_title(one.effect.task),), _judgement_cells(one, verdict)) for one in rows
-            ),
-            notes=(),
-        )
-        for metric, rows in found.items()
-        if rows
-    )
-
-
-def changes_table(changes: Sequence[Change], names: tuple[str, str]) -> Table:
+def changes_table(changes: Sequence[OutcomeChange], titles: tuple[str, str]) -> Table:
     """Lay out the episodes that ended in another way, with the command that replays each."""
     return Table(
         title="Episodes that ended in another way",
         corner=("Episode",),
         columns=(
-            Column(names[0], is_text=True),
-            Column(names[1], is_text=True),
-            Column(f"Replay of {names[1]}", is_text=True),
+            Column(titles[0], is_text=True),
+            Column(titles[1], is_text=True),
+            Column(f"Replay of {titles[1]}", is_text=True),
         ),
         rows=tuple(
             Row(
-                (change.key,),
+                (change.episode,),
                 (
                     Cell(OUTCOME_TITLES[change.first]),
                     Cell(OUTCOME_TITLES[change.second]),
@@ -104,18 +102,12 @@ def changes_table(changes: Sequence[Change], names: tuple[str, str]) -> Table:
             )
             for change in changes
         ),
-        notes=(),
     )
 
 
 def difference_text(effect: Effect) -> str:
     """Write a difference with its sign and its 95 % interval."""
-    form = METRICS[effect.metric].number_format
-    value, low, high = (
-        _signed(end, form)
-        for end in (effect.difference.value, effect.difference.low, effect.difference.high)
-    )
-    return f"{value} [{low}, {high}]"
+    return str(difference_cell(effect.metric, effect.difference))
 
 
 def p_text(p_value: float) -> str:
@@ -123,76 +115,55 @@ def p_text(p_value: float) -> str:
     return f"<{SMALLEST_P:.4f}" if p_value < SMALLEST_P else f"{p_value:.4f}"
 
 
-def ruling_text(judgement: Judgement) -> str:
-    """Write a ruling, with the episodes that would settle it."""
-    if judgement.ruling is not Ruling.INCONCLUSIVE:
-        return judgement.ruling.value
-    if judgement.needed is None:
-        return f"{judgement.ruling.value}, at the very tolerance"
-    return f"{judgement.ruling.value}, needs {judgement.needed:,} episodes"
+def decision_text(judged: JudgedMetric) -> str:
+    """Write a decision, with the episodes that would settle it."""
+    if judged.decision is not Decision.INCONCLUSIVE:
+        return judged.decision.value
+    if judged.episodes_needed is None:
+        return f"{judged.decision.value}, at the very tolerance"
+    return f"{judged.decision.value}, needs {judged.episodes_needed:,} episodes"
 
 
-def metric_label(metric: str) -> str:
-    """Write a metric with its better direction and its unit."""
-    return f"{metric_head(metric)} ({METRICS[metric].unit})"
+def effect_head(effect: Effect) -> str:
+    """Name the metric of an effect with its better direction in the task, and its unit."""
+    label = f"{METRICS[effect.metric].label} {effect.direction}".rstrip()
+    return f"{label} ({effect.unit})"
 
 
-def _metric_table(
-    metric: str, findings: Sequence[Finding], entrants: tuple[Entrant, Entrant]
-) -> Table:
-    one, other = (entrant.letter for entrant in entrants)
-    form = METRICS[metric].number_format
+def _gate_rows(result: GateResult) -> list[tuple[Effect, tuple[Cell, ...]]]:
+    """Return the cells of what was judged, then of what cannot get worse."""
+    titles = (result.baseline.title, result.candidate.title)
     rows = []
-    for finding in findings:
-        effect = finding.effect
-        rows.append(
-            Row(
-                (task_title(effect.task),),
-                (
-                    Cell(format_value(metric, effect.first)),
-                    Cell(format_value(metric, effect.second)),
-                    Cell(difference_text(effect)),
-                    Cell(p_text(finding.p_holm)),
-                    Cell(finding.verdict),
-                    Cell(ABSENT if finding.needed is None else f"{finding.needed:,}"),
-                    Cell(
-                        ABSENT if finding.detectable is None else format(finding.detectable, form)
-                    ),
-                ),
+    for one in result.judged:
+        effect = one.effect
+        tolerance = result.settings.tolerance(effect.task, effect.metric)
+        allowed = format_value(effect.metric, one.tolerance)
+        text = f"{allowed} ({tolerance})" if tolerance.relative else allowed
+        tail = (Cell(text), Cell(p_text(one.p_adjusted)), Cell(decision_text(one)))
+        rows.append((effect, (*_values(effect), *tail)))
+    for effect in result.unjudged:
+        words = verdict(effect, effect.p_value, titles)
+        rows.append((effect, (*_values(effect), Cell(), Cell(), Cell(f"not judged: {words}"))))
+    return rows
+
+
+def _values(effect: Effect) -> tuple[Cell, ...]:
+    """Return the cells of both values and their difference."""
+    values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
+    return (*map(Cell, values), Cell(difference_text(effect)))
+
+
+def _by_metric(
+    columns: tuple[Column, ...], rows: Sequence[tuple[Effect, tuple[Cell, ...]]]
+) -> Iterable[Table]:
+    """Yield one table per metric and direction, in the metrics' order."""
+    for metric in COMPARED_METRICS:
+        own = [(effect, cells) for effect, cells in rows if effect.metric == metric]
+        for head in dict.fromkeys(effect_head(effect) for effect, _ in own):
+            listed = [(e, cells) for e, cells in own if effect_head(e) == head]
+            yield Table(
+                title=head,
+                corner=("Task",),
+                columns=columns,
+                rows=tuple(Row((task_title(e.task),), cells) for e, cells in listed),
             )
-        )
-    return Table(
-        title=metric_label(metric),
-        corner=("Task",),
-        columns=(
-            Column(one),
-            Column(other),
-            Column(f"{other} minus {one}"),
-            Column("p"),
-            Column("Verdict", is_text=True),
-            Column("Episodes to resolve"),
-            Column("Detectable"),
-        ),
-        rows=tuple(rows),
-        notes=(),
-    )
-
-
-def _judgement_cells(judgement: Judgement, verdict: Verdict) -> tuple[Cell, ...]:
-    effect = judgement.effect
-    tolerance = verdict.settings.tolerance(effect.task, effect.metric)
-    allowed = format_value(effect.metric, judgement.allowed)
-    return (
-        Cell(format_value(effect.metric, effect.first)),
-        Cell(format_value(effect.metric, effect.second)),
-        Cell(difference_text(effect)),
-        Cell(f"{allowed} ({tolerance})" if tolerance.relative else allowed),
-        Cell(p_text(judgement.p_value)),
-        Cell(ruling_text(judgement)),
-    )
-
-
-def _signed(value: float, form: str) -> str:
-    """Write a number with its sign; what rounds to 0 has none."""
-    text = format(value, f"+{form}")
-    return text[1:] if not any(digit in text for digit in "123456789") else text

@@ -32,11 +32,13 @@ def test_a_regression_exits_1_and_writes_all_it_is_asked_for(runs, tmp_path):
     files = ("--junit", tmp_path / "out" / "gate.xml", "--summary", tmp_path / "summary.md")
     done = gate(runs, "bad", *files)
     assert done.code == 1, done.err
-    assert "regression: worse beyond the tolerance in" in done.out
+    answer, following = done.out.strip().splitlines()[-2:]
+    assert answer.startswith("FAIL: worse beyond the tolerance in")
+    assert following.startswith("next: minitouch-bench replay bad ")
     suite = ElementTree.parse(tmp_path / "out" / "gate.xml").getroot().find("testsuite")
-    assert len(suite.findall("testcase")) == 10
+    assert len(suite.findall("testcase")) == 12
     assert int(suite.attrib["failures"]) >= 3
-    assert (tmp_path / "summary.md").read_text().startswith("## ❌ minitouch-bench: regression")
+    assert (tmp_path / "summary.md").read_text().startswith("## ❌ minitouch-bench FAIL")
 
 
 def test_the_summary_of_a_github_step_is_added_to(runs, tmp_path, monkeypatch):
@@ -46,7 +48,7 @@ def test_the_summary_of_a_github_step_is_added_to(runs, tmp_path, monkeypatch):
     assert gate(runs, "good").code == 0
     assert gate(runs, "bad").code == 1
     text = page.read_text()
-    assert text.startswith("before\n## ✅ minitouch-bench: no regression")
+    assert text.startswith("before\n## ✅ minitouch-bench PASS: ")
     assert text.count("## ") == 2
 
 
@@ -59,27 +61,28 @@ def test_equal_digests_pass_and_say_so(runs):
 def test_what_is_inconclusive_passes_unless_strict(runs):
     done = gate(runs, "close", "--json")
     document = json.loads(done.out)
-    assert (done.code, document["verdict"]) == (0, "inconclusive")
+    assert (done.code, document["decision"]) == (0, "inconclusive")
     assert gate(runs, "close", "--strict").code == 1
 
 
 def test_tolerances_come_from_the_file_here_and_from_flags(runs, tmp_path):
     lenient = "[regress]\nmetrics = ['success']\n[regress.tolerance]\nsuccess = 0.95\n"
     (tmp_path / "minitouch-bench.toml").write_text(lenient)
-    places = ("--baseline", runs / "good", "--candidate", runs / "bad")
-    assert run("regress", *places, directory=tmp_path).code == 0
+    paths = ("--baseline", runs / "good", "--candidate", runs / "bad")
+    assert run("regress", *paths, directory=tmp_path).code == 0
     flag = ("--tolerance", "pushing.success=0.1")
-    done = run("regress", *places, *flag, "--json", directory=tmp_path)
+    done = run("regress", *paths, *flag, "--json", directory=tmp_path)
     assert done.code == 1
-    judged = {one["task"]: one["judgement"] for one in json.loads(done.out)["judgements"]}
+    judged = {one["effect"]["task"]: one["decision"] for one in json.loads(done.out)["judged"]}
     assert judged == {
         "pushing": "regression",
         "opening": "no regression",
         "pick-up": "no regression",
+        "mean": "no regression",
     }
     (tmp_path / "other.toml").write_text("[regress]\nmetric = ['success']\n")
     config = ("--config", "other.toml")
-    run("regress", *places, *config, directory=tmp_path).refused(2, "other.toml", "'metric'")
+    run("regress", *paths, *config, directory=tmp_path).refused(2, "other.toml", "'metric'")
 
 
 REFUSED = [
@@ -116,13 +119,13 @@ def test_a_policy_that_is_clearly_worse_is_stopped_early(baseline):
     command = ("regress", "zero", "--baseline", "base", "--output", "zero")
     done = run(*command, "--json", directory=baseline)
     document = json.loads(done.out)
-    assert (done.code, document["verdict"]) == (1, "regression")
-    used, planned = document["sequential"]["used"], document["sequential"]["planned"]
+    assert (done.code, document["decision"]) == (1, "regression")
+    used, planned = document["episodes_used"]["used"], document["episodes_used"]["planned"]
     assert planned == 32
     assert used <= planned // 1.5
     run(*command, directory=baseline).refused(6, "--resume", "--fresh")
     again = run(*command, "--resume", "--workers", 1, "--json", directory=baseline)
-    assert json.loads(again.out)["judgements"] == document["judgements"]
+    assert json.loads(again.out)["judged"] == document["judged"]
 
 
 def test_the_same_policy_is_played_to_the_end_and_has_the_same_bits(baseline):
@@ -145,23 +148,23 @@ def test_a_baseline_that_lacks_episodes_is_refused_before_any_is_played(baseline
     assert not (baseline / "never").exists()
     exploration = ("--metrics", "exploration", "--output", "never")
     done = run("regress", "zero", "--baseline", "base", *exploration, directory=baseline)
-    done.refused(2, "none of the metrics exploration")
+    done.refused(2, "exploration cannot get worse")
     assert not (baseline / "never").exists()
 
 
 @pytest.mark.slow
 def test_the_number_of_workers_and_a_break_do_not_change_the_answer(baseline):
-    def without_places(done):
-        """The verdict, without what names the candidate's directory."""
+    def without_paths(done):
+        """The result, without what names the candidate's directory."""
         document = json.loads(done.out)
-        document["sequential"].pop("continuation")
+        document.pop("next_command")
         return {**document, "candidate": None, "changes": len(document["changes"])}
 
     answers = []
     for name, workers in (("one", 1), ("two", 2)):
         options = ("--output", name, "--workers", workers, "--json")
         done = run("regress", "random", "--baseline", "base", *options, directory=baseline)
-        answers.append(without_places(done))
+        answers.append(without_paths(done))
     assert answers[0] == answers[1]
     broken = ("regress", "random", "--baseline", "base", "--output", "broken")
     process = start(*broken, "--workers", 1, directory=baseline)
@@ -175,4 +178,4 @@ def test_the_number_of_workers_and_a_break_do_not_change_the_answer(baseline):
     assert ended.code == 130
     assert "--resume" in ended.err
     done = run(*broken, "--resume", "--json", directory=baseline)
-    assert answers[0] == without_places(done)
+    assert answers[0] == without_paths(done)

@@ -13,11 +13,11 @@ from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import EvaluationRun, RunEnvironment, SavedRun
-from minitouch_bench.regression.gate import Verdict, judge_runs
+from minitouch_bench.regression.gate import GateResult, judge_runs
+from minitouch_bench.regression.sentences import result_line
 from minitouch_bench.regression.sequential import SequentialGate, play_order
+from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.regression.tables import difference_text, p_text
-from minitouch_bench.regression.tolerances import GateSettings
-from minitouch_bench.regression.wording import headline
 from tests.evaluation.runs import request
 from tests.reporting.synthetic import save
 
@@ -69,7 +69,7 @@ def play(variant: Variant, name: str, episodes: int, tasks: Sequence[str] = GOAL
     return save(EvaluationRun(header, NOWHERE, tuple(records[spec] for spec in specs)), name)
 
 
-def judged(baseline: SavedRun, candidate: SavedRun) -> tuple[Verdict, SequentialGate]:
+def judged(baseline: SavedRun, candidate: SavedRun) -> tuple[GateResult, SequentialGate]:
     """Judge whole runs, and by the sequential gate."""
     settings = GateSettings()
     gate = SequentialGate(play_order(baseline.episodes, (0,)), settings, (0,))
@@ -78,14 +78,14 @@ def judged(baseline: SavedRun, candidate: SavedRun) -> tuple[Verdict, Sequential
 
 
 def report(baseline: SavedRun, candidate: SavedRun) -> None:
-    verdict, gate = judged(baseline, candidate)
-    print(f"\n{candidate.name}: {headline(verdict)}", flush=True)
-    print(f"  sequential: {gate.ruling.value} after {gate.used} of {gate.planned} episodes")
-    for one in verdict.judgements:
+    result, gate = judged(baseline, candidate)
+    print(f"\n{candidate.name}: {result_line(result)}", flush=True)
+    print(f"  sequential: {gate.decision.value} after {gate.used} of {gate.planned} episodes")
+    for one in result.judged:
         effect = one.effect
         print(
             f"  {effect.task} {effect.metric}: {effect.first:.2f} -> {effect.second:.2f}, "
-            f"{difference_text(effect)}, p {p_text(one.p_value)}, {one.ruling.value}"
+            f"{difference_text(effect)}, p {p_text(one.p_adjusted)}, {one.decision.value}"
         )
 
 

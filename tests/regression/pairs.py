@@ -20,12 +20,15 @@ class Values:
     success: NDArray[np.bool_]
     steps: NDArray[np.int64]
     touch: NDArray[np.int64]
+    touch_steps: NDArray[np.int64]
 
 
 def values(success: Sequence[bool], steps=None, touch=None) -> Values:
+    """Half of the control steps have contact."""
     won = np.asarray(success, bool)
     lengths = np.where(won, 20, LIMIT) if steps is None else np.asarray(steps)
-    return Values(won, lengths, np.full(len(won), 300) if touch is None else np.asarray(touch))
+    ticks = np.full(len(won), 300) if touch is None else np.asarray(touch)
+    return Values(won, lengths, ticks, lengths // 2)
 
 
 def draw(
@@ -40,7 +43,8 @@ def draw(
     won = own < skill
     steps = np.where(won, np.clip(rng.gamma(5, 6, len(won)), 5, LIMIT), LIMIT).astype(int)
     touch = (steps * rng.gamma(4, 2, len(won))).astype(int)
-    return Values(won, steps, touch)
+    touch_steps = (steps * rng.beta(4, 4, len(won))).astype(int)
+    return Values(won, steps, touch, touch_steps)
 
 
 def make_saved(
@@ -81,6 +85,7 @@ def episode(task: str, index: int, own: Values) -> EpisodeMetrics:
         outcome=Outcome.SUCCESS if won else Outcome.STEP_LIMIT,
         steps=int(own.steps[index]),
         touch_interaction=int(own.touch[index]),
+        touch_steps=int(own.touch_steps[index]),
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from minitouch_bench.regression.tolerances import GateSettings, with_flags
+from minitouch_bench.regression.settings import GateSettings, with_flags
 
 ROOT = Path(__file__).parents[2]
 ACTION = ROOT / ".github/actions/regress/action.yml"
@@ -21,10 +21,10 @@ def script():
     return "\n".join(line.removeprefix("        ") for line in text.splitlines())
 
 
-def gate(tmp_path, code=0, verdict="no regression", **given):
+def gate(tmp_path, code=0, decision="no regression", **given):
     """Run the script with a stand-in command that notes its arguments."""
     command = tmp_path / "minitouch-bench"
-    body = json.dumps({"verdict": verdict})
+    body = json.dumps({"decision": decision})
     command.write_text(
         f"#!/usr/bin/env bash\nprintf '%s\\n' \"$@\" > arguments\necho '{body}'\nexit {code}\n"
     )
@@ -65,14 +65,14 @@ def test_the_script_passes_the_inputs_on_as_they_are(tmp_path):
         "--", hostile,
     ]  # fmt: skip
     assert not (tmp_path / "owned").exists()
-    assert (tmp_path / "output").read_text() == "verdict=no regression\n"
+    assert (tmp_path / "output").read_text() == "decision=no regression\n"
 
 
 def test_the_script_ends_as_the_gate_does(tmp_path):
-    done, arguments = gate(tmp_path, code=1, verdict="regression", baseline="b", candidate="c")
+    done, arguments = gate(tmp_path, code=1, decision="regression", baseline="b", candidate="c")
     assert done.returncode == 1
     assert arguments[-2:] == ["--candidate", "c"]
-    assert (tmp_path / "output").read_text() == "verdict=regression\n"
+    assert (tmp_path / "output").read_text() == "decision=regression\n"
 
 
 def test_no_input_stands_in_a_script():

@@ -9,11 +9,11 @@ from rich.console import Console
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.regression.comparison import compare_runs
-from minitouch_bench.regression.documents import comparison_document, to_text
+from minitouch_bench.regression.documents import comparison_json
 from minitouch_bench.regression.effects import holm
 from minitouch_bench.regression.markdown import comparison_markdown
 from minitouch_bench.regression.terminal import show_comparison
-from tests.regression.pairs import draw, make_saved, values
+from tests.regression.pairs import draw, flags, make_saved, values
 from tests.reporting.conftest import HOSTILE
 
 TASKS = ("playing", "pushing", "opening", "pick-up")
@@ -26,50 +26,83 @@ def drawn(name, skill, seed, n=60):
 
 
 GOOD, BAD, GOOD_TOO = drawn("good", 0.9, 1), drawn("bad", 0.4, 2), drawn("good-too", 0.9, 3)
-PLACES = ("runs/good", "runs/bad one", "runs/too")
+PATHS = ("runs/good", "runs/bad one", "runs/too")
 
 
 def compared(*runs):
-    return compare_runs(runs, PLACES[: len(runs)])
+    return compare_runs(runs, PATHS[: len(runs)])
 
 
 def test_a_clear_difference_is_seen_in_its_direction():
-    versus = compared(GOOD, BAD).pairs[0]
-    success = [one for one in versus.findings if one.effect.metric == "success"]
-    assert [one.effect.task for one in success] == ["pushing", "opening", "pick-up"]
+    found = compared(GOOD, BAD).pairs[0]
+    success = [one for one in found.metrics if one.effect.metric == "success"]
+    assert [one.effect.task for one in success] == ["pushing", "opening", "pick-up", "mean"]
     for one in success:
         assert one.verdict == "A is better"
         assert one.effect.difference.high < 0
         assert one.effect.worsening > 0
-    steps = next(one for one in versus.findings if one.effect.metric == "episode_steps")
+    steps = next(one for one in found.metrics if one.effect.metric == "episode_steps")
     assert steps.verdict == "A is better"
     assert steps.effect.difference.low > 0
-    turned = compare_runs((BAD, GOOD), PLACES[:2]).pairs[0].findings
-    assert [one.verdict for one in turned if one.effect.metric == "success"] == ["B is better"] * 3
+    turned = compare_runs((BAD, GOOD), PATHS[:2]).pairs[0].metrics
+    assert [one.verdict for one in turned if one.effect.metric == "success"] == ["B is better"] * 4
+
+
+def test_more_of_a_metric_without_direction_is_neither_better_nor_worse():
+    few, many = (
+        make_saved({task: values(flags(30, 60), touch=np.full(60, ticks)) for task in TASKS}, name)
+        for name, ticks in (("few", 100), ("many", 300))
+    )
+    for pair, words, best in (((few, many), "B has more", "B"), ((many, few), "B has less", "A")):
+        found = {
+            one.effect.task: one.verdict
+            for one in compared(*pair).pairs[0].metrics
+            if one.effect.metric == "touch_interaction"
+        }
+        assert found == {**dict.fromkeys(TASKS, words), "playing": f"{best} is better"}
+
+
+def test_an_interval_and_its_own_p_value_agree_and_the_verdict_follows_the_adjusted_one():
+    # 6 lost and none won: p = 0.031 alone; 0.094 among the three rows of success.
+    tasks = {task: values(flags(60, 60)) for task in ("pushing", "opening")}
+    other = make_saved({**tasks, "opening": values(flags(54, 60))}, "other")
+    alone, *_ = [
+        one
+        for one in compared(make_saved(tasks, "one"), other).pairs[0].metrics
+        if (one.effect.task, one.effect.metric) == ("opening", "success")
+    ]
+    assert alone.effect.p_value == pytest.approx(2 / 64)
+    assert alone.effect.difference.high < 0
+    assert alone.p_adjusted > 0.05
+    assert alone.verdict == "not clear once adjusted"
 
 
 def test_equally_good_runs_show_no_difference():
-    versus = compared(GOOD, GOOD_TOO).pairs[0]
-    assert {one.verdict for one in versus.findings} == {"no difference seen"}
-    assert all(one.p_holm > 0.05 for one in versus.findings)
+    found = compared(GOOD, GOOD_TOO).pairs[0]
+    assert {one.verdict for one in found.metrics} == {"no difference seen"}
+    assert all(one.p_adjusted > 0.05 for one in found.metrics)
 
 
 def test_holm_is_over_the_tasks_and_runs_of_a_metric():
     comparison = compared(GOOD, BAD, GOOD_TOO)
-    findings = [one for versus in comparison.pairs for one in versus.findings]
+    findings = [one for found in comparison.pairs for one in found.metrics]
     for metric in ("success", "touch_interaction"):
         own = [one for one in findings if one.effect.metric == metric]
-        assert len(own) == (6 if metric == "success" else 8)
+        assert len(own) == 8
         wanted = holm([one.effect.p_value for one in own])
-        assert tuple(one.p_holm for one in own) == wanted
+        assert tuple(one.p_adjusted for one in own) == wanted
 
 
 def test_a_run_beside_itself_is_identical():
-    versus = compared(GOOD, replace(GOOD, name="again")).pairs[0]
-    assert versus.identical
-    assert versus.changes == ()
-    for one in versus.findings:
-        assert (one.verdict, one.p_holm, one.needed) == ("equal in every episode", 1.0, None)
+    found = compared(GOOD, replace(GOOD, name="again")).pairs[0]
+    assert found.identical
+    assert found.changes == ()
+    for one in found.metrics:
+        assert (one.verdict, one.p_adjusted, one.episodes_to_resolve) == (
+            "equal in every episode",
+            1.0,
+            None,
+        )
     assert not compared(GOOD, BAD).pairs[0].identical
 
 
@@ -79,8 +112,8 @@ def test_changed_episodes_are_listed_with_commands_that_replay_them():
     after = {(e.task, e.index): e.outcome for e in BAD.episodes}
     assert len(changes) == sum(before[key] is not after[key] for key in before) > 20
     first = changes[0]
-    assert first.replays[0] == f"minitouch-bench replay runs/good {first.key}"
-    assert first.replays[1] == f"minitouch-bench replay 'runs/bad one' {first.key}"
+    assert first.replays[0] == f"minitouch-bench replay runs/good {first.episode}"
+    assert first.replays[1] == f"minitouch-bench replay 'runs/bad one' {first.episode}"
 
 
 def test_what_is_not_alike_beside_the_policies_is_said():
@@ -97,7 +130,7 @@ def test_what_is_not_alike_beside_the_policies_is_said():
         "isolation: sandbox in the first run, none in the second",
         "numpy: 2.4.6 in the first run, 2.0.0 in the second",
     )
-    assert "1 policy fault" in comparison.entrants[1].labels
+    assert "1 policy fault" in comparison.runs[1].labels
     assert compared(GOOD, BAD).pairs[0].notes == ()
 
 
@@ -113,13 +146,14 @@ def test_too_few_and_too_many_runs_are_refused(count):
 
 def test_the_document_is_json_with_every_number():
     comparison = compared(GOOD, BAD)
-    document = json.loads(to_text(comparison_document(comparison)))
-    assert (document["format"], document["version"]) == ("minitouch-comparison", 1)
-    findings = document["comparisons"][0]["findings"]
-    assert len(findings) == 10
-    assert findings[0]["unit"] == "share of episodes"
-    assert set(findings[0]["difference"]) == {"value", "low", "high", "count", "method"}
-    assert len(document["comparisons"][0]["changes"]) == len(comparison.pairs[0].changes)
+    document = json.loads(comparison_json(comparison))
+    assert (document["format"], document["version"]) == ("minitouch-comparison", 2)
+    findings = document["pairs"][0]["metrics"]
+    assert len(findings) == 15
+    effect = next(f["effect"] for f in findings if f["effect"]["metric"] == "success")
+    assert (effect["unit"], effect["direction"]) == ("share of episodes", "↑")
+    assert set(effect["difference"]) == {"value", "low", "high", "count", "method"}
+    assert len(document["pairs"][0]["changes"]) == len(comparison.pairs[0].changes)
 
 
 def shown(comparison):

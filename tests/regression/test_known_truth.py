@@ -10,10 +10,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from minitouch_bench.regression.gate import Ruling, judge_runs
-from minitouch_bench.regression.sequential import SequentialGate, play_order
-from minitouch_bench.regression.tolerances import GateSettings
-from minitouch_bench.regression.verdicts import final_verdict
+from minitouch_bench.regression.gate import Decision, judge_runs
+from minitouch_bench.regression.sequential import SequentialGate, final_result, play_order
+from minitouch_bench.regression.settings import GateSettings
 from tests.regression.pairs import draw, make_saved, values
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
@@ -22,7 +21,7 @@ TASKS = ("playing", "pushing", "opening", "pick-up")
 GOALS = TASKS[1:]
 TRIALS = 1000
 N = 100
-PLACES = ("a", "b")
+PATHS = ("a", "b")
 SUCCESS = GateSettings(metrics=("success",))
 SETTINGS = {"every metric": GateSettings(), "success": SUCCESS}
 
@@ -39,18 +38,20 @@ def draw_pair(rng, first, second, noise=0.5, n=N, tasks=TASKS):  # noqa: PLR0917
 
 
 def sequential(first, second, settings):
-    """The ruling and the share of the episodes that it took."""
+    """The decision and the share of the episodes that it took."""
     gate = SequentialGate(play_order(first.episodes, (0,)), settings, (0,))
     gate.add(second.episodes)
     if gate.is_certain:
-        return gate.ruling, gate.used / gate.planned
-    return final_verdict(first, second, PLACES, settings).ruling, 1.0
+        return gate.decision, gate.used / gate.planned
+    return final_result(first, second, PATHS, settings).decision, 1.0
 
 
-def told(what, rulings):
-    shares = {ruling.value: count / len(rulings) for ruling, count in Counter(rulings).items()}
+def told(what, decisions):
+    shares = {
+        decision.value: count / len(decisions) for decision, count in Counter(decisions).items()
+    }
     print(f"\n{what}: {shares}", flush=True)
-    return Counter(rulings)
+    return Counter(decisions)
 
 
 EQUAL = [
@@ -64,12 +65,12 @@ EQUAL = [
 @pytest.mark.parametrize(("skill", "noise", "settings", "trials"), EQUAL)
 def test_equal_policies_are_hardly_ever_a_regression(skill, noise, settings, trials):
     rng = np.random.default_rng(1)
-    rulings = [
-        judge_runs(*draw_pair(rng, skill, skill, noise), PLACES, SETTINGS[settings]).ruling
+    decisions = [
+        judge_runs(*draw_pair(rng, skill, skill, noise), PATHS, SETTINGS[settings]).decision
         for _ in range(trials)
     ]
-    found = told(f"equal at {skill}, luck {noise}, {settings}, {trials} pairs", rulings)
-    assert found[Ruling.REGRESSION] / trials <= 0.05
+    found = told(f"equal at {skill}, luck {noise}, {settings}, {trials} pairs", decisions)
+    assert found[Decision.REGRESSION] / trials <= 0.05
 
 
 SEQUENTIAL = [
@@ -89,7 +90,7 @@ def test_the_sequential_gate_keeps_the_level(skill, noise, settings, trials):
             for _ in range(trials)
         ],
     )
-    assert found[Ruling.REGRESSION] / trials <= 0.05
+    assert found[Decision.REGRESSION] / trials <= 0.05
 
 
 def test_a_worsening_beyond_the_tolerance_hardly_ever_passes():
@@ -98,11 +99,11 @@ def test_a_worsening_beyond_the_tolerance_hardly_ever_passes():
     whole, looked = [], []
     for _ in range(trials):
         pair = draw_pair(rng, 0.95, 0.90, 0.1, n, ("pushing",))
-        whole.append(judge_runs(*pair, PLACES, SUCCESS).ruling)
+        whole.append(judge_runs(*pair, PATHS, SUCCESS).decision)
         looked.append(sequential(*pair, SUCCESS)[0])
-    for what, rulings in (("whole", whole), ("sequential", looked)):
-        found = told(f"worse by the tolerance, {what}", rulings)
-        assert found[Ruling.PASSED] / trials <= 0.05
+    for what, decisions in (("whole", whole), ("sequential", looked)):
+        found = told(f"worse by the tolerance, {what}", decisions)
+        assert found[Decision.PASSED] / trials <= 0.05
 
 
 WORSE = {
@@ -120,10 +121,10 @@ def test_a_clear_regression_is_caught_with_half_of_the_episodes(worse, settings)
         sequential(*draw_pair(rng, 0.9, skill, noise, N, GOALS), SETTINGS[settings])
         for _ in range(trials)
     ]
-    rulings = told(f"0.9 to 0.6 in {worse}, {settings}", [ruling for ruling, _ in found])
+    decisions = told(f"0.9 to 0.6 in {worse}, {settings}", [decision for decision, _ in found])
     used = float(np.mean([share for _, share in found]))
     print(f"episodes used: {used:.2f} of all, {used * N * len(GOALS):.0f} of {N * len(GOALS)}")
-    assert rulings[Ruling.REGRESSION] / trials >= 0.95
+    assert decisions[Decision.REGRESSION] / trials >= 0.95
     assert used <= 0.5
 
 
@@ -142,18 +143,17 @@ def test_as_many_episodes_as_printed_settle_the_matter():
     def rest(n):
         return {task: values(np.ones(n, bool)) for task in GOALS[1:]}
 
-    verdict = judge_runs(*pair(12, 4, N), PLACES, SUCCESS)
-    judged = verdict.judgements[0]
-    assert judged.ruling is Ruling.INCONCLUSIVE
-    counts = rng.multinomial(judged.needed, (0.12, 0.04, 0.84), trials)
+    judged = judge_runs(*pair(12, 4, N), PATHS, SUCCESS).judged[0]
+    assert judged.decision is Decision.INCONCLUSIVE
+    counts = rng.multinomial(judged.episodes_needed, (0.12, 0.04, 0.84), trials)
     seen = np.mean(
         [
-            judge_runs(*pair(int(lost), int(won), judged.needed), PLACES, SUCCESS)
-            .judgements[0]
-            .ruling
-            is Ruling.REGRESSION
+            judge_runs(*pair(int(lost), int(won), judged.episodes_needed), PATHS, SUCCESS)
+            .judged[0]
+            .decision
+            is Decision.REGRESSION
             for lost, won, _ in counts
         ]
     )
-    print(f"\n{judged.needed} episodes printed: caught in {seen:.3f}")
+    print(f"\n{judged.episodes_needed} episodes printed: caught in {seen:.3f}")
     assert abs(seen - 0.8) <= 3 * math.sqrt(0.16 / trials) + 0.02

@@ -2,7 +2,7 @@
 
 import pytest
 
-from minitouch_bench.regression.gate import Ruling
+from minitouch_bench.regression.gate import Decision
 from tests.regression.noisy import STRENGTHS, Variant, judged, play, report
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
@@ -21,9 +21,9 @@ def baseline():
 def test_noise_on_the_actions_is_caught(baseline, noise):
     candidate = play(Variant(noise), f"noise {noise}", EPISODES)
     report(baseline, candidate)
-    verdict, gate = judged(baseline, candidate)
-    assert (verdict.ruling, verdict.exit_code) == (Ruling.REGRESSION, 1)
-    assert gate.ruling is Ruling.REGRESSION
+    result, gate = judged(baseline, candidate)
+    assert (result.decision, result.exit_code) == (Decision.REGRESSION, 1)
+    assert gate.decision is Decision.REGRESSION
     assert gate.used <= gate.planned * 2 / 3
 
 
@@ -31,13 +31,13 @@ def test_half_precision_is_no_regression():
     base, half = play(Variant(0.0), "scripted", ENOUGH), play(Variant(), "half", ENOUGH)
     report(base, half)
     assert base.digest != half.digest
-    verdict, gate = judged(base, half)
-    assert verdict.exit_code == 0
-    assert not verdict.identical
-    assert gate.ruling is not Ruling.REGRESSION
+    result, gate = judged(base, half)
+    assert result.exit_code == 0
+    assert not result.identical
+    assert gate.decision is not Decision.REGRESSION
 
 
 def test_no_noise_has_the_same_bits(baseline):
-    verdict, _ = judged(baseline, play(Variant(0.0), "again", EPISODES))
-    assert verdict.identical
-    assert verdict.exit_code == 0
+    result, _ = judged(baseline, play(Variant(0.0), "again", EPISODES))
+    assert result.identical
+    assert result.exit_code == 0

@@ -5,7 +5,7 @@ import pytest
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.records import Role
-from minitouch_bench.regression.pairing import collect_samples, pair_runs
+from minitouch_bench.regression.pairing import collect_values, pair_runs
 from tests.regression.pairs import flags, make_saved, values
 from tests.reporting.synthetic import make_run, save
 
@@ -31,15 +31,25 @@ def test_runs_of_the_same_episodes_are_paired_whatever_their_order():
 
 
 def test_a_goal_brings_its_metrics_and_playing_has_touch_alone():
-    samples = collect_samples(pair_runs(ONE, OTHER), ("playing", "pushing"))
-    assert [(sample.task, sample.metric) for sample in samples] == [
+    found = collect_values(pair_runs(ONE, OTHER), ("playing", "pushing"))
+    assert [(values.task, values.metric) for values in found] == [
         ("playing", "touch_interaction"),
+        ("playing", "touch_share"),
         ("pushing", "success"),
         ("pushing", "episode_steps"),
         ("pushing", "touch_interaction"),
+        ("pushing", "touch_share"),
     ]
-    np.testing.assert_array_equal(samples[1].differences, [0, 0, 0, 1, 0])
-    np.testing.assert_array_equal(samples[2].differences, [0, 0, 0, -180, 0])
+    np.testing.assert_array_equal(found[2].differences, [0, 0, 0, 1, 0])
+    np.testing.assert_array_equal(found[3].differences, [0, 0, 0, -180, 0])
+
+
+def test_several_tasks_with_a_goal_have_a_mean_over_all_their_episodes():
+    goals = {"pushing": values(flags(3, 5)), "pick-up": values(flags(1, 5))}
+    one, other = make_saved(goals, "one"), make_saved({**goals, "pick-up": goals["pushing"]}, "two")
+    *_, mean = collect_values(pair_runs(one, other), ("playing", "pushing", "pick-up"))
+    assert (mean.task, mean.metric, mean.tasks) == ("mean", "success", ("pushing", "pick-up"))
+    np.testing.assert_array_equal(mean.differences, [0, 0, 0, 0, 0, 0, 1, 1, 0, 0])
 
 
 def test_exploration_episodes_are_paired_by_their_role():
@@ -48,8 +58,8 @@ def test_exploration_episodes_are_paired_by_their_role():
     pairs = pair_runs(one, other)
     assert [pair.role for pair in pairs].count(Role.EXPLORATION) == 6
     assert pairs[-1].key == "exploration/pushing/5"
-    samples = collect_samples(pairs, ("pushing",))
-    assert [sample.metric for sample in samples][:2] == ["success", "exploration"]
+    found = collect_values(pairs, ("pushing",))
+    assert [values.metric for values in found][:2] == ["exploration", "success"]
     with pytest.raises(UsageError, match="exploration/pushing/0"):
         pair_runs(one, replace(other, exploration_episodes=()))
 

@@ -1,8 +1,9 @@
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.regression.tolerances import (
+from minitouch_bench.regression.settings import (
     DEFAULT_TOLERANCES,
+    OTHER_TOLERANCE,
     GateSettings,
     Tolerance,
     read_settings,
@@ -18,9 +19,10 @@ strict = true
 metrics = ["touch_interaction", "success"]
 [regress.tolerance]
 success = 0.1
-touch_interaction = "50 %"
+touch_share = "50 %"
 pushing.success = 0.02
-[regress.tolerance.pick-up]
+mean.success = 0.03
+[regress.tolerance.playing]
 touch_interaction = 40
 """
 
@@ -37,8 +39,10 @@ def test_a_file_sets_levels_metrics_and_tolerances(tmp_path):
     assert settings.metrics == ("success", "touch_interaction")
     assert settings.tolerance("opening", "success") == Tolerance(0.1)
     assert settings.tolerance("pushing", "success") == Tolerance(0.02)
-    assert settings.tolerance("opening", "touch_interaction") == Tolerance(0.5, relative=True)
-    assert settings.tolerance("pick-up", "touch_interaction") == Tolerance(40)
+    assert settings.tolerance("mean", "success") == Tolerance(0.03)
+    assert settings.tolerance("opening", "touch_share") == Tolerance(0.5, relative=True)
+    assert settings.tolerance("playing", "touch_interaction") == Tolerance(40)
+    assert GateSettings().tolerance("playing", "touch_interaction") == OTHER_TOLERANCE
     assert settings.tolerance("opening", "episode_steps") == DEFAULT_TOLERANCES["episode_steps"]
 
 
@@ -52,6 +56,8 @@ BAD = [
     ("[regress.tolerance.flying]\nsuccess = 0.1", "no key 'flying'"),
     ("[regress.tolerance.pushing]\nsteps = 0.1", "no key 'steps'"),
     ("[regress.tolerance.playing]\nsuccess = 0.1", "playing has no success"),
+    ("[regress.tolerance.mean]\nepisode_steps = 0.1", "mean has no episode_steps"),
+    ("[regress.tolerance.pushing]\ntouch_interaction = 9", "neither better nor worse in pushing"),
     ("[regress.tolerance]\nsuccess = 1.5", "from 0 to below 1"),
     ("[regress.tolerance]\nsuccess = -0.1", "from 0 to below 1"),
     ("[regress.tolerance]\nepisode_steps = nan", "0 or more"),

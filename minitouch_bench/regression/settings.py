@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
-from minitouch_bench.regression.pairing import PAIRED_METRICS, SHARE_METRICS
+from minitouch_bench.metrics.definitions import METRICS, direction_of
+from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.regression.pairing import COMPARED_METRICS, MEAN_METRIC, MEAN_TASK
 from minitouch_bench.rendering.escaping import printable
 
-CONFIG_FILE = "minitouch-bench.toml"
 SECTION_KEYS = ("alpha", "strict", "metrics", "tolerance")
+ROWS = (*TASK_NAMES, MEAN_TASK)
+"""What a tolerance may be of: a task, or the mean."""
+
 _PERCENT = re.compile(r"(\d+(?:\.\d+)?)\s*%")
 
 
@@ -36,9 +39,11 @@ DEFAULT_TOLERANCES: Mapping[str, Tolerance] = {
     "success": Tolerance(0.05),
     "exploration": Tolerance(0.05),
     "episode_steps": Tolerance(0.10, relative=True),
-    "touch_interaction": Tolerance(0.20, relative=True),
 }
-"""By metric: 5 points of a share, a tenth of the steps, a fifth of the touches."""
+"""By metric: 5 points of success, a tenth of the steps."""
+
+OTHER_TOLERANCE = Tolerance(0.20, relative=True)
+"""Of every other metric."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +55,17 @@ class GateSettings:
 
     alpha: float = 0.05
     strict: bool = False
-    metrics: tuple[str, ...] = PAIRED_METRICS
+    metrics: tuple[str, ...] = COMPARED_METRICS
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
 
     def tolerance(self, task: str, metric: str) -> Tolerance:
         """Return the tolerance of a metric in a task: its own, the metric's, the default."""
         own = self.tolerances.get(f"{task}.{metric}") or self.tolerances.get(metric)
-        return own or DEFAULT_TOLERANCES[metric]
+        return own or DEFAULT_TOLERANCES.get(metric, OTHER_TOLERANCE)
+
+
+STANDARD = GateSettings()
+"""What the gate asks for where nobody says otherwise."""
 
 
 def read_settings(file: Path) -> GateSettings:
@@ -71,7 +80,7 @@ def read_settings(file: Path) -> GateSettings:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UsageError(f"{file} is not TOML: {printable(str(error))}") from error
     try:
-        return _settings(_table(document, ("regress",), "the file").get("regress", {}))
+        return _settings(document.get("regress", {}))
     except UsageError as error:
         raise UsageError(f"{file}: {error}") from error
 
@@ -95,7 +104,8 @@ def with_flags(
             raise UsageError(
                 f"a tolerance is METRIC=NUMBER or TASK.METRIC=NUMBER, not '{printable(text)}'"
             )
-        own[_checked_key(key)] = _tolerance(key, _number(value))
+        checked = _checked_key(key)
+        own[checked] = _tolerance(checked, _number(value))
     names = settings.metrics
     if metrics is not None:
         names = _metrics([name.strip() for name in metrics.split(",") if name.strip()])
@@ -116,7 +126,7 @@ def _settings(values: Any) -> GateSettings:
     return GateSettings(
         alpha=_alpha(table.get("alpha", GateSettings.alpha)),
         strict=strict,
-        metrics=_metrics(table.get("metrics", list(PAIRED_METRICS))),
+        metrics=_metrics(table.get("metrics", list(COMPARED_METRICS))),
         tolerances={
             key: _tolerance(key, value) for key, value in _flat(table.get("tolerance", {}))
         },
@@ -125,35 +135,41 @@ def _settings(values: Any) -> GateSettings:
 
 def _flat(values: Any) -> Iterator[tuple[str, Any]]:
     """Walk through a table of tolerances; those of a task stand in a table of its name."""
-    known = (*PAIRED_METRICS, *TASK_NAMES)
-    for name, value in _table(values, known, "[regress.tolerance]").items():
-        if name in TASK_NAMES:
-            for metric, own in _table(value, PAIRED_METRICS, f"[regress.tolerance.{name}]").items():
-                yield _checked_key(f"{name}.{metric}"), own
+    table = _table(values, (*COMPARED_METRICS, *ROWS), "[regress.tolerance]")
+    for name, value in table.items():
+        if name in ROWS:
+            own = _table(value, COMPARED_METRICS, f"[regress.tolerance.{name}]")
+            yield from ((_checked_key(f"{name}.{metric}"), one) for metric, one in own.items())
         else:
             yield name, value
 
 
-def _table(value: Any, known: Sequence[str], place: str) -> dict[str, Any]:
+def _table(value: Any, known: Sequence[str], name: str) -> dict[str, Any]:
     """Return a table whose keys are all known."""
     if not isinstance(value, dict):
-        raise UsageError(f"{place} is a table")
+        raise UsageError(f"{name} is a table")
     for key in value:
-        if place != "the file" and key not in known:
-            raise UsageError(f"{place} has no key '{printable(key)}'; it knows {', '.join(known)}")
+        if key not in known:
+            raise UsageError(f"{name} has no key '{printable(key)}'; it knows {', '.join(known)}")
     return value
 
 
 def _checked_key(key: str) -> str:
-    """Return a tolerance's key, of a metric that its task has."""
+    """Return a tolerance's key, of a metric that can get worse in its task."""
     task, dot, metric = key.rpartition(".")
-    if metric not in PAIRED_METRICS:
-        known = ", ".join(PAIRED_METRICS)
+    if metric not in COMPARED_METRICS:
+        known = ", ".join(COMPARED_METRICS)
         raise UsageError(f"no metric '{printable(metric)}' to tolerate; there are {known}")
-    if dot and task not in TASK_NAMES:
-        raise UsageError(f"no task '{printable(task)}'; there are {', '.join(TASK_NAMES)}")
-    if dot and task not in GOAL_TASKS and metric != "touch_interaction":
-        raise UsageError(f"the task {task} has no {metric}, only touch_interaction")
+    if not dot:
+        return key
+    if task not in ROWS:
+        raise UsageError(f"no task '{printable(task)}'; there are {', '.join(ROWS)}")
+    if metric != MEAN_METRIC if task == MEAN_TASK else not METRICS[metric].is_in(task):
+        raise UsageError(f"{task} has no {metric}")
+    if not direction_of(metric, task):
+        raise UsageError(
+            f"more {metric} is neither better nor worse in {task}: nothing to tolerate"
+        )
     return key
 
 
@@ -165,7 +181,7 @@ def _tolerance(key: str, value: Any) -> Tolerance:
         found = Tolerance(float(value))
     else:
         raise UsageError(f"the tolerance of {key} is a number or a percentage like '10%'")
-    is_share = key.rpartition(".")[2] in SHARE_METRICS
+    is_share = METRICS[key.rpartition(".")[2]].is_share
     if not 0.0 <= found.amount < (1.0 if is_share else float("inf")):
         room = "from 0 to below 1" if is_share else "0 or more"
         raise UsageError(f"the tolerance of {key} is {room}, not {value}")
@@ -187,10 +203,10 @@ def _alpha(value: Any) -> float:
 
 
 def _metrics(names: Any) -> tuple[str, ...]:
-    known = ", ".join(PAIRED_METRICS)
+    known = ", ".join(COMPARED_METRICS)
     if not isinstance(names, list) or not names:
         raise UsageError(f"metrics is a list of some of {known}")
     for name in names:
-        if name not in PAIRED_METRICS:
+        if name not in COMPARED_METRICS:
             raise UsageError(f"no metric '{printable(str(name))}' to guard; there are {known}")
-    return tuple(metric for metric in PAIRED_METRICS if metric in names)
+    return tuple(metric for metric in COMPARED_METRICS if metric in names)
