@@ -7,13 +7,13 @@ from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.shapegen.manifest import load_shape_set
-from minitouch_bench.tasks.registration import make_environment
+from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
 def main() -> None:
     """Print how many episodes ended how; each shape of the set is played once."""
     shapes = load_shape_set(sys.argv[1])
-    environment = make_environment("pick-up", objects=shapes)
+    environment = MiniTouchEnv("pick-up", objects=shapes)
     outcomes: Counter[str] = Counter()
     for index, shape in enumerate(shapes.shapes):
         spec = EpisodeSpec(Role.FINAL, "pick-up", index, index, shape.name)

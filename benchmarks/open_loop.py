@@ -13,7 +13,6 @@ from minitouch_bench.policies.builtin import OPEN_LOOP_FILE
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registration import make_environment
 
 CANDIDATES, TRIALS, FIRST_SEED = 12, 24, 7_000_000
 
@@ -49,7 +48,7 @@ def score(environment: MiniTouchEnv, actions: Actions, seeds: range) -> float:
 
 def choose(task: str) -> Actions:
     """Return the best of the recordings."""
-    environment = make_environment(task)
+    environment = MiniTouchEnv(task)
     trials = range(FIRST_SEED + CANDIDATES, FIRST_SEED + CANDIDATES + TRIALS)
     best, best_score = np.zeros((1, environment.task.spec.action_size), np.float32), -1.0
     for seed in range(FIRST_SEED, FIRST_SEED + CANDIDATES):

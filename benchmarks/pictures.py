@@ -6,7 +6,8 @@ import numpy as np
 from PIL import Image
 
 from minitouch_bench.policies.scripted import make_controller
-from minitouch_bench.tasks.registration import TASKS, make_environment
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.registration import TASKS
 
 REPORT_PICTURES = Path("minitouch_bench/rendering/pictures")
 DOCUMENT_PICTURES = Path("docs/pictures")
@@ -38,7 +39,7 @@ def main() -> None:
 def draw(task: str) -> tuple[Image.Image, np.ndarray]:
     """Return a picture of a task while the scripted policy is at it, and the policy's view."""
     seed, moment = MOMENTS[task]
-    environment = make_environment(task, width=WIDTH * SMOOTHING, height=HEIGHT * SMOOTHING)
+    environment = MiniTouchEnv(task, width=WIDTH * SMOOTHING, height=HEIGHT * SMOOTHING)
     observation, _ = environment.reset(seed=seed)
     controller = make_controller(environment)
     for _ in range(moment):

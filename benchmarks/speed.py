@@ -19,7 +19,7 @@ from rich.table import Table
 
 from minitouch_bench.simulation.quiet_pybullet import pybullet
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registration import TASKS, make_environment
+from minitouch_bench.tasks.registration import TASKS
 
 RELEASED_STEPS_PER_SECOND = {"playing": 15.0, "pushing": 14.9, "opening": 32.0, "pick-up": 13.7}
 """The released MiniTouch package on a machine of its own: for orientation, not a ratio."""
@@ -66,7 +66,7 @@ def main() -> None:
 
 def measure_steps(task: str, seed: int) -> Run:
     """Time one episode of random actions, then its bare limit; episodes that end start anew."""
-    environment = make_environment(task, max_steps=STEPS)
+    environment = MiniTouchEnv(task, max_steps=STEPS)
     rng = np.random.default_rng(seed)
     size = environment.action_space.shape[0]
     actions = rng.uniform(-1.0, 1.0, (STEPS, size)).astype(np.float32)
@@ -106,7 +106,7 @@ def play(environment: MiniTouchEnv, actions: np.ndarray) -> int:
 
 def measure_resets(task: str) -> list[float]:
     """Return the seconds of several resets."""
-    environment = make_environment(task)
+    environment = MiniTouchEnv(task)
     environment.reset(seed=0)
     found = []
     for seed in range(RESETS):

@@ -12,7 +12,7 @@ from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.policies.networks import TOUCH_SIZE
 from minitouch_bench.protocol.minitouch import TASK_NAMES
-from minitouch_bench.tasks.registration import make_environment
+from minitouch_bench.tasks.environment import MiniTouchEnv
 
 STEPS, UPDATES, ACTIONS = 1024, 12, 50
 
@@ -28,7 +28,7 @@ def cpu_ms(count, work):
 
 def fill(task):
     """Return an environment, the replay memory of random actions, and steps per second."""
-    environment = make_environment(task)
+    environment = MiniTouchEnv(task)
     size = environment.action_space.shape[0]
     replay = Replay(STEPS, TOUCH_SIZE, size, compress=True)
     rng = np.random.default_rng(0)

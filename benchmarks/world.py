@@ -12,7 +12,6 @@ import numpy as np
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.simulation.quiet_pybullet import pybullet
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registration import make_environment
 
 FIRST_SEED = 6_000_000
 TABLE = 0
@@ -121,7 +120,7 @@ def play(environment: MiniTouchEnv, count: int) -> str:
 
 def look(task: str, episodes: int, resets: int) -> str:
     """Return the lines of one task."""
-    environment = make_environment(task)
+    environment = MiniTouchEnv(task)
     lines = [look_at_resets(environment, resets), play(environment, episodes)]
     environment.close()
     return "\n".join(f"{task}: {line}" for line in lines)

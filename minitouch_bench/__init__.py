@@ -44,7 +44,7 @@ def _register_environments() -> None:
         if task.gym_id not in gymnasium.registry:
             gymnasium.register(
                 task.gym_id,
-                entry_point="minitouch_bench.tasks.registration:make_environment",
+                entry_point="minitouch_bench.tasks.environment:MiniTouchEnv",
                 max_episode_steps=task.max_steps,
                 kwargs={"task": task.name},
             )

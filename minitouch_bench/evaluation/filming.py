@@ -12,7 +12,7 @@ from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import os_errors_as, write_file
 from minitouch_bench.optional import require
 from minitouch_bench.records import EpisodeSpec
-from minitouch_bench.tasks.registration import make_environment
+from minitouch_bench.tasks.environment import MiniTouchEnv
 
 FRAMES_PER_SECOND = 8
 """A control step lasts about a quarter of a second: films run at twice real time."""
@@ -58,7 +58,7 @@ def _write_gif(frames: Frames, path: Path) -> None:
 
 
 def _frames(spec: EpisodeSpec, actions: NDArray[np.float32]) -> Frames:
-    environment = make_environment(spec.task, render_mode="rgb_array")
+    environment = MiniTouchEnv(spec.task, render_mode="rgb_array")
     try:
         environment.reset(seed=spec.seed, options={"object": spec.shape} if spec.shape else None)
         yield environment.picture()

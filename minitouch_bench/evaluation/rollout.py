@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from minitouch_bench.errors import PolicyFaultError, PolicyKilledError, PolicyLoadError
 from minitouch_bench.policies.policy import Observation
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
-from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registration import make_environment
+from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 
 MAX_ATTEMPTS = 3
 """An episode that meets an infrastructure fault is tried again with its seed, twice."""
@@ -57,7 +56,7 @@ class EpisodeRunner:
     def run(self, spec: EpisodeSpec) -> EpisodeRecord:
         """Run one episode."""
         if spec.task not in self._environments:
-            self._environments[spec.task] = make_environment(spec.task)
+            self._environments[spec.task] = MiniTouchEnv(spec.task)
         if spec.role not in self._actors:
             self._actors[spec.role] = self._source.make_actor(spec.role)
         return run_episode(self._environments[spec.task], self._actors[spec.role], spec)
@@ -102,18 +101,18 @@ def _attempt(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> _Att
     options = {"object": spec.shape} if spec.shape else None
     observation, info = environment.reset(seed=spec.seed, options=options)
     recorder = _Recorder(environment.task.spec.action_size, observation, info)
-    outcome = ""
+    outcome = None
     try:
         actor.reset(environment, spec)
-        while not outcome:
+        while outcome is None:
             action = actor.act(observation)
             observation, reward, _, _, info = environment.step(action)
             recorder.add(observation, reward, info)
-            outcome = info["outcome"]
+            outcome = OUTCOMES[info["outcome"]]
     except (PolicyFaultError, PolicyLoadError) as fault:
         record = EpisodeRecord(spec, Outcome.POLICY_FAULT, recorder.trace(), str(fault))
         return _Attempt(record, isinstance(fault, PolicyKilledError))
-    return _Attempt(EpisodeRecord(spec, Outcome(outcome), recorder.trace()), killed=False)
+    return _Attempt(EpisodeRecord(spec, outcome, recorder.trace()), killed=False)
 
 
 class _Recorder:
@@ -143,7 +142,7 @@ class _Recorder:
             onsets=self._column("onsets", np.int16),
             touch=np.array(self._touch, np.float32),
             object_state=np.array(self._object_states, np.float64),
-            first_touch_tick=self._steps[-1]["first_touch_tick"] if self._steps else -1,
+            first_touch_tick=int(self._steps[-1]["first_touch_tick"]) if self._steps else -1,
         )
 
     def _column(self, name: str, dtype: type[np.generic]) -> NDArray[Any]:

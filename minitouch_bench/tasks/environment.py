@@ -1,10 +1,12 @@
 """One Gymnasium environment for all four tasks."""
 
-from typing import Any
+from typing import Any, NoReturn
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import UsageError
@@ -19,64 +21,86 @@ from minitouch_bench.simulation.panda_kinematics import PandaKinematics
 from minitouch_bench.simulation.scene import add_table
 from minitouch_bench.tasks.action import fit_action
 from minitouch_bench.tasks.contact_watch import ContactWatch
-from minitouch_bench.tasks.objects import ObjectModel, ObjectPool
-from minitouch_bench.tasks.studio import Studio
-from minitouch_bench.tasks.task import Task
+from minitouch_bench.tasks.human_renderer import HumanRenderer
+from minitouch_bench.tasks.objects import ObjectModel
+from minitouch_bench.tasks.registration import Objects, make_task, object_pool
 
 Info = dict[str, Any]
+
+OBJECT = "object"
+"""The one option of ``reset``."""
+
+OUTCOMES = (None, Outcome.SUCCESS, Outcome.LEFT_WORKSPACE, Outcome.STEP_LIMIT)
+"""What the numbers of ``info["outcome"]`` mean; 0 while the episode goes on."""
 
 OBSERVATION = PROTOCOL.observation
 
 
-class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     """A task seen through the 84 x 84 camera and the touch vector.
 
     Observations: ``image`` uint8 (1, 84, 84), ``touch`` float32 (11,). Actions: float32
-    (4,), Opening (5,), in [-1, 1]; values outside are clipped and reported in ``info``.
+    (4,), Opening (5,), in [-1, 1]; values outside are clipped and reported in ``info``, and 4
+    or 5 numbers are accepted everywhere (see ``fit_action``).
 
-    ``reset(options={"object": name})`` asks for one object of the pool; without it the
-    object is drawn. ``info`` of a step: ``success``, ``outcome`` ("" until the end),
-    ``ticks``, ``contact_ticks``, ``onsets``, ``first_touch_tick``, ``clipped``,
-    ``object_state``, and the action as applied.
+    ``objects``: "cube" (the task's own), a split of the canonical shape set ("train",
+    "held-out", "all"), the names of its shapes, or a set of your own as
+    ``shapegen.manifest.load_shape_set`` reads it; None takes the task's default.
+    ``reset(options={"object": name})`` asks for one object; without it one is drawn.
+    ``render_mode="rgb_array"`` draws for people, ``width`` x ``height`` pixels.
 
-    Each reset builds its world anew, so an episode depends on its seed and actions alone.
+    ``info`` has the same keys in ``reset`` and ``step``, with numpy values only:
+    ``is_success`` and ``success``; ``outcome``, an index of ``OUTCOMES``; ``ticks``,
+    ``contact_ticks`` and ``onsets`` of the step; ``first_touch_tick`` of the episode, -1 if
+    there was none; ``object_state``; the ``action`` as applied, and whether it was ``clipped``.
+
+    Each reset builds its world again, so an episode depends on its seed and actions alone. A
+    world cannot be copied; pickling gives an equal new environment.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012  Gymnasium's form
 
     def __init__(
         self,
-        task: Task,
-        pool: ObjectPool | None,
+        task: str,
+        objects: Objects | None = None,
         render_mode: str | None = None,
         *,
         width: int = 480,
         height: int = 480,
         max_steps: int | None = None,
     ) -> None:
+        EzPickle.__init__(
+            self, task, objects, render_mode, width=width, height=height, max_steps=max_steps
+        )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode is 'rgb_array' or None, not '{render_mode}'")
         self.render_mode = render_mode
-        self.task = task
-        self._pool = pool
+        self.task = make_task(task)
+        self._pool = object_pool(self.task, objects)
         self._size = (width, height)
-        self._max_steps = max_steps or task.spec.max_steps
-        spec = task.spec
+        spec = self.task.spec
+        self._max_steps = max_steps or spec.max_steps
         self.action_space = spaces.Box(-1.0, 1.0, (spec.action_size,), np.float32)
         # Gymnasium has no type for a Dict space whose samples are plain dicts.
         self.observation_space = observation_space(spec.force_limit)  # type: ignore[assignment]
         self.client = PhysicsClient()
         self._kinematics = PandaKinematics(spec.arm.posture)
         self._camera = GreyCamera(spec.camera)
-        self._studio: Studio | None = None
+        self._renderer: HumanRenderer | None = None
+        self._is_reset = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Build the world of a new episode."""
+        """Build the world of a new episode.
+
+        Raises:
+            UsageError: an unknown option, or no such object.
+        """
         super().reset(seed=seed)
         client, task = self.client, self.task
-        model = self._choose_object((options or {}).get("object"))
+        model = self._choose_object(options or {})
         for _ in range(OBSERVATION.max_draws):
             self._build(model)
             seen = self._camera.visible_bodies(client)
@@ -84,11 +108,69 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
                 (seen == body).sum() >= OBSERVATION.least_visible_pixels for body in task.landmarks
             ):
                 break
+        self.object_name = model.name if model else ""
         self._watch = ContactWatch(client, self.arm.body, task.target_body, task.target_links)
         self._steps = 0
-        if self._studio is not None:
-            self._studio.forget()
-        return self._observe(), {"object": model.name if model else "", **self._state()}
+        self._is_reset = True
+        if self._renderer is not None:
+            self._renderer.forget()
+        return self._observe(), self._info(np.zeros(task.spec.action_size, np.float32))
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
+        """Carry out one control step.
+
+        Raises:
+            InvalidActionError: wrong shape or kind, NaN or infinite; the world is untouched,
+                which matters because one NaN would spoil it for good.
+            ResetNeeded: there was no reset.
+        """
+        self._require_reset("step")
+        given = fit_action(action, self.task.spec.action_size)
+        applied = np.clip(given, -1.0, 1.0)
+        workspace, watch = self.task.spec.workspace, self._watch
+        contact_ticks, onsets = watch.contact_ticks, watch.onsets
+        ticks = self.arm.move(applied, workspace.low, workspace.high, watch.after_tick)
+        self._steps += 1
+        outcome = self.task.outcome(self.client)
+        truncated = outcome is None and self._steps >= self._max_steps
+        info = self._info(
+            applied,
+            Outcome.STEP_LIMIT if truncated else outcome,
+            ticks=ticks,
+            contact_ticks=watch.contact_ticks - contact_ticks,
+            onsets=watch.onsets - onsets,
+            clipped=bool((given != applied).any()),
+        )
+        reward = self.task.spec.success_reward if outcome is Outcome.SUCCESS else 0.0
+        return self._observe(), reward, outcome is not None, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return ``picture()`` if ``render_mode`` asks for it, else None."""
+        return None if self.render_mode is None else self.picture()
+
+    def picture(self) -> NDArray[np.uint8]:
+        """Return a picture of the scene for people, uint8 (height, width, 3).
+
+        Raises:
+            ResetNeeded: there was no reset.
+        """
+        self._require_reset("render")
+        if self._renderer is None:
+            self._renderer = HumanRenderer(*self._size)
+        return self._renderer.picture(self.task, self.client)
+
+    def close(self) -> None:
+        """Free the worlds."""
+        self.client.close()
+        self._kinematics.close()
+        if self._renderer is not None:
+            self._renderer.close()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> NoReturn:
+        raise TypeError(
+            "a MiniTouch environment cannot be copied: its world is the simulator's. "
+            "Make another one, or replay its actions from the same seed"
+        )
 
     def _build(self, model: ObjectModel | None) -> None:
         """Draw where everything stands, and build that world."""
@@ -101,59 +183,19 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.arm = PandaArm(client, self._kinematics, task.spec.arm)
         task.place_arm(self.arm)
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
-        """Carry out one control step."""
-        applied, clipped = self._checked(action)
-        workspace, watch = self.task.spec.workspace, self._watch
-        contact_ticks, onsets = watch.contact_ticks, watch.onsets
-        ticks = self.arm.move(applied, workspace.low, workspace.high, watch.after_tick)
-        self._steps += 1
-        outcome = self.task.outcome(self.client)
-        truncated = outcome is None and self._steps >= self._max_steps
-        info = {
-            "outcome": str(outcome or (Outcome.STEP_LIMIT if truncated else "")),
-            "ticks": ticks,
-            "contact_ticks": watch.contact_ticks - contact_ticks,
-            "onsets": watch.onsets - onsets,
-            "first_touch_tick": watch.first_tick,
-            "action": applied,
-            "clipped": clipped,
-            **self._state(outcome),
-        }
-        reward = self.task.spec.success_reward if info["success"] else 0.0
-        return self._observe(), reward, outcome is not None, truncated, info
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """Return ``picture()`` if ``render_mode`` asks for it, else None."""
-        return None if self.render_mode is None else self.picture()
-
-    def picture(self) -> NDArray[np.uint8]:
-        """Return a picture of the scene for people, uint8 (height, width, 3)."""
-        if self._studio is None:
-            self._studio = Studio(*self._size)
-        return self._studio.picture(self.task, self.client)
-
-    def close(self) -> None:
-        """Free the worlds."""
-        self.client.close()
-        self._kinematics.close()
-        if self._studio is not None:
-            self._studio.close()
-
-    def _choose_object(self, name: str | None) -> ObjectModel | None:
+    def _choose_object(self, options: dict[str, Any]) -> ObjectModel | None:
+        if unknown := options.keys() - {OBJECT}:
+            raise UsageError(f"no reset option '{min(unknown)}'; there is '{OBJECT}'")
+        name = options.get(OBJECT)
         if self._pool is None:
+            if name:
+                raise UsageError(f"{self.task.spec.name} has no object to choose")
             return None
         return self._pool.model(name) if name else self._pool.draw(self.np_random)
 
-    def _checked(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], bool]:
-        """Return the action clipped to [-1, 1], and whether it had to be.
-
-        Raises:
-            InvalidActionError: wrong shape or kind, NaN or infinite; the world is untouched,
-                which matters because one NaN would poison it for good.
-        """
-        given = fit_action(action, self.task.spec.action_size)
-        return np.clip(given, -1.0, 1.0), bool((np.abs(given) > 1.0).any())
+    def _require_reset(self, called: str) -> None:
+        if not self._is_reset:
+            raise ResetNeeded(f"call reset() before {called}()")
 
     def _observe(self) -> Observation:
         return {
@@ -172,8 +214,27 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             Shadow(object_x, object_y, OBSERVATION.object_shadow_radius),
         )
 
-    def _state(self, outcome: Outcome | None = None) -> Info:
+    def _info(
+        self,
+        action: NDArray[np.float32],
+        outcome: Outcome | None = None,
+        *,
+        ticks: int = 0,
+        contact_ticks: int = 0,
+        onsets: int = 0,
+        clipped: bool = False,
+    ) -> Info:
+        # Arrays, for vector environments stack no numpy.bool_.
+        success = np.array(outcome is Outcome.SUCCESS)
         return {
-            "success": outcome is Outcome.SUCCESS,
+            "is_success": success,
+            "success": success.copy(),
+            "outcome": np.int64(OUTCOMES.index(outcome)),
+            "ticks": np.int64(ticks),
+            "contact_ticks": np.int64(contact_ticks),
+            "onsets": np.int64(onsets),
+            "first_touch_tick": np.int64(self._watch.first_tick),
             "object_state": self.task.object_state(self.client),
+            "action": action,
+            "clipped": np.array(clipped),
         }

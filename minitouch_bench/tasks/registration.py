@@ -1,11 +1,10 @@
-"""The one table of tasks, and the function that Gymnasium calls to make one."""
+"""The one table of tasks, and what their objects can be named by."""
 
 from collections.abc import Sequence
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.tasks import TabletopSpec
 from minitouch_bench.shapegen.manifest import ShapeSet
-from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.objects import CUBE, ObjectPool
 from minitouch_bench.tasks.opening import Opening
 from minitouch_bench.tasks.pick_up import PickUp
@@ -23,24 +22,23 @@ TASKS: dict[str, type[Task]] = {
 """Every task by its name on the command line."""
 
 
-def make_environment(task: str, objects: Objects | None = None, **options: object) -> MiniTouchEnv:
-    """Return the environment of a task.
-
-    ``objects``: "cube" (the task's own), a split of the canonical shape set ("train",
-    "held-out", "all"), the names of its shapes, or a set of one's own as
-    ``shapegen.manifest.load_shape_set`` reads it; None takes the task's default. The other
-    options are those of ``MiniTouchEnv``.
+def make_task(name: str) -> Task:
+    """Return a new instance of a task.
 
     Raises:
-        UsageError: no such task or objects.
+        UsageError: no such task.
     """
-    if task not in TASKS:
-        raise UsageError(f"no task '{task}'; the tasks are {', '.join(TASKS)}")
-    instance = TASKS[task]()
-    return MiniTouchEnv(instance, _pool(instance, objects), **options)  # type: ignore[arg-type]
+    if name not in TASKS:
+        raise UsageError(f"no task '{name}'; the tasks are {', '.join(TASKS)}")
+    return TASKS[name]()
 
 
-def _pool(task: Task, objects: Objects | None) -> ObjectPool | None:
+def object_pool(task: Task, objects: Objects | None) -> ObjectPool | None:
+    """Return the objects that a task draws from, None where it has none to choose.
+
+    Raises:
+        UsageError: no such objects.
+    """
     own = task.own_object()
     chosen = task.spec.default_objects if objects is None else objects
     if own is None or not isinstance(task.spec, TabletopSpec):

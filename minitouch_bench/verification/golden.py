@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
-from minitouch_bench.tasks.registration import make_environment
+from minitouch_bench.tasks.environment import MiniTouchEnv
 
 FILE = "golden.json"
 SEED = 20211108
@@ -33,7 +33,7 @@ class Golden:
 def golden_bits(task: str) -> str:
     """Return the SHA-256 over all that is observed in the task's golden episode."""
     sha = hashlib.sha256()
-    environment = make_environment(task)
+    environment = MiniTouchEnv(task)
     rng = np.random.default_rng(SEED)
     try:
         observation, info = environment.reset(seed=SEED)

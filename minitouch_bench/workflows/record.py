@@ -14,7 +14,6 @@ from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptio
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import EpisodeRecord, Outcome
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registration import make_environment
 from minitouch_bench.workflows.callbacks import SILENT, Callbacks
 from minitouch_bench.workflows.policies import prepare_policies
 
@@ -50,7 +49,7 @@ def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> Path:
     minari = require("minari", "data")
     storages = require("minari.dataset.minari_storage", "data")
     setup = prepare_policies(options.policy, (options.task,), options.isolation, callbacks)
-    environment, runner = make_environment(options.task), EpisodeRunner(setup)
+    environment, runner = MiniTouchEnv(options.task), EpisodeRunner(setup)
     callbacks.phase("recording", options.episodes)
     try:
         storage = _new_storage(storages, environment, options.directory)

@@ -23,7 +23,6 @@ from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import EpisodeSpec, Outcome
 from minitouch_bench.reporting.training_page import training_page
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registration import make_environment
 from minitouch_bench.workflows.training_events import EventWriter
 
 TRAININGS = Path("reports") / "training"
@@ -66,7 +65,7 @@ def train(request: TrainingRequest) -> bool:
     torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
     with lock_directory(request.directory):
         _prepare(request)
-        environment = make_environment(request.config.task, request.config.objects or None)
+        environment = MiniTouchEnv(request.config.task, request.config.objects or None)
         evaluator = TrainingEvaluator(request.config)
         events = _open_events(request)
 
@@ -151,7 +150,7 @@ class TrainingEvaluator:
             seed=config.seed,
         )
         self._specs = suite.episodes(exploration=False)
-        self._environment = make_environment(config.task, None)
+        self._environment = MiniTouchEnv(config.task, None)
 
     def evaluate(self, actor: TouchActor, deterministic: bool) -> Evaluation:
         """Return the shares of success and touch over the episodes."""

@@ -8,7 +8,8 @@ from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.records import Outcome, Role
-from minitouch_bench.tasks.registration import TASKS, make_environment
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.registration import TASKS
 from tests.evaluation.runs import request
 
 SPECS = {spec.task: spec for spec in find_suite("smoke").episodes(exploration=False)}
@@ -16,7 +17,7 @@ SPECS = {spec.task: spec for spec in find_suite("smoke").episodes(exploration=Fa
 
 @pytest.fixture(scope="module", params=list(TASKS))
 def environment(request):
-    made = make_environment(request.param, max_steps=30)
+    made = MiniTouchEnv(request.param, max_steps=30)
     yield made
     made.close()
 

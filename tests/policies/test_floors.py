@@ -8,7 +8,7 @@ import pytest
 
 from minitouch_bench.policies.scripted.pushing import PushingController
 from minitouch_bench.protocol.tasks import PICK_UP, PUSHING
-from minitouch_bench.tasks.registration import make_environment
+from minitouch_bench.tasks.environment import MiniTouchEnv
 
 FIRST_SEED = 8_000_000
 EPISODES = 60
@@ -41,7 +41,7 @@ class CenterGrasper:
 
 
 def success_rate(task, make_policy):
-    environment, successes = make_environment(task), 0
+    environment, successes = MiniTouchEnv(task), 0
     for seed in range(FIRST_SEED, FIRST_SEED + EPISODES):
         environment.reset(seed=seed)
         policy, ended = make_policy(environment), False
@@ -64,7 +64,7 @@ def test_a_grasper_that_never_looks_for_the_object_fails():
 
 
 def test_a_squeeze_is_felt_and_free_air_is_not():
-    environment = make_environment("pick-up", objects="cube")
+    environment = MiniTouchEnv("pick-up", objects="cube")
     environment.reset(seed=1)
     rng, free = np.random.default_rng(0), []
     for _ in range(20):  # up, then about in the air

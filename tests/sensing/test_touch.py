@@ -5,12 +5,12 @@ from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.sensing.observation import observation_space
 from minitouch_bench.sensing.touch import FORCES, OPENINGS, POSITION, read_touch
-from minitouch_bench.tasks.registration import make_environment
+from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
 @pytest.fixture(scope="module")
 def environment():
-    made = make_environment("playing")
+    made = MiniTouchEnv("playing")
     yield made
     made.close()
 

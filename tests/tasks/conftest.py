@@ -3,13 +3,13 @@ from collections.abc import Iterator
 import pytest
 
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registration import TASKS, make_environment
+from minitouch_bench.tasks.registration import TASKS
 
 
 @pytest.fixture(scope="session")
 def environments() -> Iterator[dict[str, MiniTouchEnv]]:
     """One environment a task, shared: that episodes do not disturb each other is a promise."""
-    made = {task: make_environment(task) for task in TASKS}
+    made = {task: MiniTouchEnv(task) for task in TASKS}
     yield made
     for environment in made.values():
         environment.close()

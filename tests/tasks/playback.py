@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registration import make_environment
 
 
 def random_actions(environment: Any, seed: int, steps: int) -> NDArray[np.float32]:
@@ -49,4 +48,4 @@ def digest(environment: MiniTouchEnv, seed: int, steps: int) -> str:
 
 
 if __name__ == "__main__":
-    print(digest(make_environment(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])))
+    print(digest(MiniTouchEnv(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])))

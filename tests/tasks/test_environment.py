@@ -1,5 +1,7 @@
 """The four environments, as Gymnasium and Stable-Baselines3 see them, and their promises."""
 
+import copy
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -7,13 +9,18 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import load_env_creator
+from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as equal
 
 from minitouch_bench.errors import InvalidActionError, UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.records import Outcome
 from minitouch_bench.sensing.camera import GreyCamera
-from minitouch_bench.tasks.registration import TASKS, make_environment
+from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
+from minitouch_bench.tasks.registration import TASKS
+from minitouch_bench.tasks.shapes import shape_names
 from tests.tasks.playback import digest, play, random_actions
 
 ROOT = Path(__file__).parents[2]
@@ -72,6 +79,65 @@ def test_every_observation_is_in_its_space(environment):
             break
 
 
+def test_info_has_the_same_keys_and_numpy_values_at_reset_and_step(environment):
+    _, first = environment.reset(seed=4)
+    *_, second = environment.step(zero(environment))
+    assert list(first) == list(second)
+    for before, after in zip(first.values(), second.values(), strict=True):
+        assert isinstance(before, np.ndarray | np.generic)
+        assert before.dtype == after.dtype
+        assert before.shape == after.shape
+    assert (first["ticks"], first["outcome"], first["first_touch_tick"]) == (0, 0, -1)
+    assert second["ticks"] > 0
+    assert first["is_success"] == first["success"] == False  # noqa: E712  numpy's
+
+
+def test_a_step_or_a_picture_before_the_first_reset_says_so():
+    environment = MiniTouchEnv("playing", render_mode="rgb_array")
+    with pytest.raises(ResetNeeded, match=r"call reset\(\) before step\(\)"):
+        environment.step(zero(environment))
+    with pytest.raises(ResetNeeded, match=r"call reset\(\) before render\(\)"):
+        environment.render()
+    environment.close()
+
+
+def test_a_world_cannot_be_copied(environment):
+    with pytest.raises(TypeError, match="cannot be copied"):
+        copy.deepcopy(environment)
+
+
+@pytest.mark.parametrize(
+    ("task", "options"),
+    [("opening", {}), ("pick-up", {"objects": shape_names("train")[7:8], "max_steps": 3})],
+)
+def test_pickling_gives_an_equal_new_environment(task, options):
+    first = MiniTouchEnv(task, **options, render_mode="rgb_array", width=64, height=48)
+    seen = digest(first, 7, 5)
+    second = pickle.loads(pickle.dumps(first))
+    assert second.client is not first.client
+    assert digest(second, 7, 5) == seen
+    assert second.object_name == first.object_name
+    assert second.render().shape == (48, 64, 3)
+    first.close()
+    second.close()
+
+
+def test_the_registration_tells_limit_and_metadata(environment):
+    spec = gymnasium.spec(environment.task.spec.gym_id)
+    assert spec.max_episode_steps == environment.task.spec.max_steps == 200
+    assert load_env_creator(spec.entry_point).metadata == MiniTouchEnv.metadata
+
+
+def test_vector_environments_stack_info():
+    vector = gymnasium.make_vec("minitouch_bench:MiniTouch/Playing-v1", num_envs=2)
+    _, info = vector.reset(seed=1)
+    assert info["ticks"].tolist() == [0, 0]
+    *_, info = vector.step(vector.action_space.sample())
+    assert info["is_success"].dtype == bool
+    assert info["object_state"].shape == (2, 3)
+    vector.close()
+
+
 # One seed and the same actions: the same bits, whatever else happens
 
 
@@ -90,7 +156,7 @@ def test_the_same_bits_in_a_fresh_process(task, environments):
 
 @pytest.mark.parametrize(("one", "other"), [("pushing", "pushing"), ("pick-up", "opening")])
 def test_two_interleaved_environments_do_not_disturb_each_other(one, other, environments):
-    first, second = environments[one], make_environment(other)
+    first, second = environments[one], MiniTouchEnv(other)
     alone = [list(play(first, 3, STEPS)), list(play(second, 5, STEPS))]
     together = list(zip(play(first, 3, STEPS), play(second, 5, STEPS), strict=False))
     second.close()
@@ -202,13 +268,13 @@ def test_an_action_out_of_range_is_clipped_and_counted(environment):
 
 
 def test_the_step_limit_truncates():
-    environment = make_environment("playing")
+    environment = MiniTouchEnv("playing")
     environment.reset(seed=1)
     for step in range(1, 201):
         _, reward, terminated, truncated, info = environment.step(zero(environment))
         assert (terminated, truncated) == (False, step == 200)
     assert reward == 0.0
-    assert info["outcome"] == "step_limit"
+    assert OUTCOMES[info["outcome"]] is Outcome.STEP_LIMIT
     assert not info["success"]
     environment.close()
 
@@ -216,12 +282,19 @@ def test_the_step_limit_truncates():
 def test_objects_are_asked_for_by_name(environments):
     environment = environments["pick-up"]
     names = environment._pool.names
-    _, info = environment.reset(seed=1, options={"object": names[-1]})
-    assert info["object"] == names[-1]
-    _, info = environment.reset(seed=1)
-    assert info["object"] in names
+    environment.reset(seed=1, options={"object": names[-1]})
+    assert environment.object_name == names[-1]
+    environment.reset(seed=1)
+    assert environment.object_name in names
     with pytest.raises(UsageError, match="'moon'"):
         environment.reset(seed=1, options={"object": "moon"})
+    with pytest.raises(UsageError, match="opening has no object"):
+        environments["opening"].reset(options={"object": "cube"})
+
+
+def test_an_unknown_reset_option_is_an_error(environment):
+    with pytest.raises(UsageError, match="no reset option 'shape'; there is 'object'"):
+        environment.reset(seed=1, options={"shape": "cube"})
 
 
 # Pictures
@@ -230,7 +303,7 @@ def test_objects_are_asked_for_by_name(environments):
 @pytest.mark.parametrize("size", [(64, 64), (320, 180), (90, 200)])
 def test_a_picture_has_its_size_and_something_on_it(size):
     width, height = size
-    environment = make_environment("pushing", render_mode="rgb_array", width=width, height=height)
+    environment = MiniTouchEnv("pushing", render_mode="rgb_array", width=width, height=height)
     environment.reset(seed=1)
     picture = environment.render()
     assert (picture.shape, picture.dtype) == ((height, width, 3), np.uint8)
@@ -251,7 +324,7 @@ def test_every_task_has_its_picture(environment):
 def test_without_a_render_mode_nothing_is_drawn(environments):
     assert environments["pushing"].render() is None
     with pytest.raises(UsageError, match="human"):
-        make_environment("pushing", render_mode="human")
+        MiniTouchEnv("pushing", render_mode="human")
 
 
 class WholeCamera(GreyCamera):
@@ -271,7 +344,7 @@ class WholeCamera(GreyCamera):
 
 
 def test_the_composed_image_is_that_of_the_whole_scene(environment):
-    whole = make_environment(environment.task.spec.name)
+    whole = MiniTouchEnv(environment.task.spec.name)
     whole._camera = WholeCamera(whole.task.spec.camera)
     differing = pixels = 0
     for seed in (1, 2):

@@ -5,8 +5,9 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.tasks import CubeSpec
 from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.objects import ObjectPool, cube_model
-from minitouch_bench.tasks.registration import TASKS, make_environment
+from minitouch_bench.tasks.registration import TASKS
 from minitouch_bench.tasks.shapes import shape_names
 from tests.shapegen.conftest import subset
 
@@ -47,16 +48,16 @@ def test_each_task_says_what_it_draws_from():
 
 def test_unknown_tasks_and_objects_are_usage_errors():
     with pytest.raises(UsageError, match="no task 'flying'"):
-        make_environment("flying")
+        MiniTouchEnv("flying")
     with pytest.raises(UsageError, match="no object"):
-        make_environment("opening", objects="cube")
+        MiniTouchEnv("opening", objects="cube")
 
 
 @pytest.mark.parametrize("task", ["playing", "pushing"])
 def test_a_shape_can_stand_in_for_the_cube(task):
-    environment = make_environment(task, objects="train")
-    _, info = environment.reset(seed=1)
-    assert info["object"] in shape_names("train")
+    environment = MiniTouchEnv(task, objects="train")
+    environment.reset(seed=1)
+    assert environment.object_name in shape_names("train")
     observation, *_ = environment.step(np.zeros(4, np.float32))
     assert observation in environment.observation_space
     environment.close()
@@ -64,8 +65,11 @@ def test_a_shape_can_stand_in_for_the_cube(task):
 
 def test_a_set_of_one_s_own_is_drawn_from(tmp_path):
     shapes = load_shape_set(subset(tmp_path / "set", 8))
-    environment = make_environment("pick-up", objects=shapes)
-    drawn = {environment.reset(seed=seed)[1]["object"] for seed in range(8)}
+    environment = MiniTouchEnv("pick-up", objects=shapes)
+    drawn = set()
+    for seed in range(8):
+        environment.reset(seed=seed)
+        drawn.add(environment.object_name)
     environment.close()
     assert drawn <= {shape.name for shape in shapes.shapes}
     assert len(drawn) > 1

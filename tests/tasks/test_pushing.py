@@ -5,6 +5,8 @@ import pytest
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.tasks import PUSHING
+from minitouch_bench.records import Outcome
+from minitouch_bench.tasks.environment import OUTCOMES
 from minitouch_bench.tasks.pushing import Pushing
 
 TABLE_TOP_M, WORKSPACE = PROTOCOL.physics.table_top, PUSHING.workspace
@@ -66,7 +68,7 @@ def test_success_is_seven_centimetres_from_the_target(environment, distance, suc
     _, reward, terminated, truncated, info = environment.step(STILL)
     assert (terminated, truncated, info["success"]) == (success, False, success)
     assert reward == (25.0 if success else 0.0)
-    assert info["outcome"] == ("success" if success else "")
+    assert OUTCOMES[info["outcome"]] is (Outcome.SUCCESS if success else None)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +92,7 @@ def test_an_object_outside_the_workspace_ends_the_episode_without_success(
     _, reward, terminated, truncated, info = environment.step(STILL)
     assert (terminated, truncated) == (not inside, False)
     assert (reward, info["success"]) == (0.0, False)
-    assert info["outcome"] == ("" if inside else "left_workspace")
+    assert OUTCOMES[info["outcome"]] is (None if inside else Outcome.LEFT_WORKSPACE)
 
 
 def test_the_target_is_seen_and_never_touched(environment):

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minitouch_bench.tasks.registration import TASKS, make_environment
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.registration import TASKS
 from minitouch_bench.tasks.tabletop import Placement
 
 TRACES = np.load(Path(__file__).parents[1] / "data" / "release_traces.npz")
@@ -25,7 +26,7 @@ over the steps: in Pick-up, which touches nothing for 60 steps, to 1.3 mm."""
 @pytest.fixture(params=list(TASKS))
 def environment(request, monkeypatch):
     task = request.param
-    made = make_environment(task, **({} if task == "opening" else {"objects": "cube"}))
+    made = MiniTouchEnv(task, **({} if task == "opening" else {"objects": "cube"}))
 
     def draw(rng, model):
         if task == "opening":

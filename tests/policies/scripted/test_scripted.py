@@ -11,7 +11,8 @@ from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.policies.scripted import CONTROLLERS, make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Outcome
-from minitouch_bench.tasks.registration import TASKS, make_environment
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.registration import TASKS
 
 TOUCH_SHARE = 0.95
 """Least share of Playing's control steps in which the scripted policy touches the cube."""
@@ -33,7 +34,7 @@ class InThisProcess:
 
 
 def episodes(actor, task, count):
-    environment = make_environment(task)
+    environment = MiniTouchEnv(task)
     specs = [spec for spec in find_suite("table4").episodes(exploration=False) if spec.task == task]
     records = [run_episode(environment, actor, spec) for spec in specs[:count]]
     environment.close()
@@ -58,7 +59,7 @@ def test_every_task_has_its_controller():
 
 @pytest.mark.parametrize("task", TASKS)
 def test_actions_are_those_a_policy_could_give(task):
-    environment = make_environment(task)
+    environment = MiniTouchEnv(task)
     environment.reset(seed=1)
     controller = make_controller(environment)
     for _ in range(8):
@@ -76,7 +77,7 @@ def test_a_few_episodes_of_each_goal_succeed(task):
 
 
 def test_a_few_episodes_of_playing_are_full_of_touch():
-    environment = make_environment("playing", max_steps=20)
+    environment = MiniTouchEnv("playing", max_steps=20)
     for seed in range(4):
         environment.reset(seed=seed)
         controller = make_controller(environment)

@@ -9,7 +9,7 @@ from minitouch_bench.simulation.scene import add_table
 from minitouch_bench.tasks.task import Task
 
 
-class Studio:
+class HumanRenderer:
     """A second world, only ever drawn, that mirrors the poses of the simulated one.
 
     It is built in the same order, so that bodies have the same ids in both.
@@ -21,11 +21,11 @@ class Studio:
         self._built_for: Task | None = None
 
     def close(self) -> None:
-        """Free the studio's world."""
+        """Free its world."""
         self._client.close()
 
     def forget(self) -> None:
-        """Build anew at the next picture, because the scene has changed."""
+        """Build the scene again at the next picture, because it has changed."""
         self._built_for = None
 
     def picture(self, task: Task, simulated: PhysicsClient) -> NDArray[np.uint8]:
