@@ -106,7 +106,7 @@ class Training:
             action, reward, observation["image"], observation["touch"], ended=terminated
         )
         self._tally.add_step(
-            reward, touched=info["contact_ticks"] > 0, ended=terminated or truncated
+            reward, touched=bool(info["contact_ticks"] > 0), ended=terminated or truncated
         )
         self._observation = observation
         self.step += 1

@@ -16,6 +16,7 @@ from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.reporting.paper import PAPER_METHODS
 from tests.leaderboard.browser import CHROMIUM, Browser
 from tests.leaderboard.synthetic import ABOUT, make_submission
+from tests.leaderboard.test_validation import as_written
 
 needs_browser = pytest.mark.skipif(
     CHROMIUM is None, reason="needs a browser: apt-get install chromium"
@@ -300,7 +301,7 @@ def test_hostile_texts_of_a_run_are_only_text(tmp_path):
     document = json.loads((run / "run.json").read_text())
     document["faults"]["pushing/0"] = hostile
     document["header"]["policy"]["name"] = hostile
-    (run / "run.json").write_text(json.dumps(document))
+    (run / "run.json").write_bytes(as_written(document))
     write_tables_again(run)
     built = build_board(tmp_path / "submissions", tmp_path / "board")
     assert built.refused == ()

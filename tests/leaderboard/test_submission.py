@@ -116,7 +116,7 @@ def test_the_board_s_json_is_as_its_schema_says(tmp_path):
     schema("leaderboard.schema.json").validate(document)
     assert [row["name"] for row in document["ranked"]] == ["hac"]
     assert [row["name"] for row in document["calibration"]] == ["zero"]
-    assert document["missing_calibration"] == ["scripted", "open-loop", "random"]
+    assert document["missing_calibration"] == ["scripted", "random", "open-loop"]
     (refused,) = document["refused"]
     assert refused == {
         "name": "broken",

@@ -258,7 +258,7 @@ def test_an_unofficial_run_that_says_it_is_official(submission):
         run["header"]["seed"] = 3
 
     edit_run(submission, change)
-    refused(submission, "it does not say seed 3")
+    refused(submission, "those found seed 3")
 
 
 def test_another_suite_in_its_place(submission):
