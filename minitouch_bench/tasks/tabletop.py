@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import Workspace
 from minitouch_bench.protocol.tasks import TabletopSpec
 from minitouch_bench.simulation.client import PhysicsClient
@@ -56,6 +57,7 @@ class TabletopTask(Task):
         """Add the object and let it come to rest."""
         placed = self._object
         self.target_body = placed.model.load(client, placed.x, placed.y, placed.yaw)
+        client.paint({(self.target_body, -1): PROTOCOL.observation.object_color})
         if placed.model.name != CUBE:
             for _ in range(self.spec.settle_ticks):
                 client.step()
