@@ -105,18 +105,21 @@ def _lock(path: Path) -> int:
                     return handle
 
 
-def write_file(path: Path, content: bytes | str) -> None:
+def write_file(path: Path, content: bytes | str, *, durable: bool = True) -> None:
     """Write a whole file, and its directory if need be; a text in UTF-8.
+
+    One that is not ``durable`` may be lost with the machine's power, and is written sooner.
 
     Raises:
         RunDirectoryError: it cannot be written.
     """
     with os_errors_as(RunDirectoryError, path, "written"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, content.encode() if isinstance(content, str) else content)
+        text = content.encode() if isinstance(content, str) else content
+        replace_file(path, text, durable=durable)
 
 
-def replace_file(path: Path, content: bytes) -> None:
+def replace_file(path: Path, content: bytes, *, durable: bool = True) -> None:
     """Write a file in one step: others see the old one or the new one, never a part.
 
     A device or a pipe cannot be replaced and is written to.
@@ -132,8 +135,9 @@ def replace_file(path: Path, content: bytes) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
         partial.replace(path)
     except BaseException:
         partial.unlink(missing_ok=True)

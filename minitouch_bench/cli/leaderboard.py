@@ -1,15 +1,13 @@
 """``minitouch-bench leaderboard``: check submissions, and draw the board."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.consoles import notes
-
-if TYPE_CHECKING:
-    from minitouch_bench.verification.problems import Problem
 
 INVALID = 1
 
@@ -67,8 +65,8 @@ def build(
     from minitouch_bench.leaderboard.build import build_board
 
     built = build_board(submissions, output, lambda name: notes.print(name, markup=False))
-    for verdict in built.refused:
-        _show_problems(verdict.directory.name, verdict.problems)
+    for refusal in built.refused:
+        _show_problems(refusal.name, refusal.reasons)
     notes.print(
         f"{built.ranked} ranked, {built.apart} of another protocol, {len(built.refused)} refused",
         markup=False,
@@ -76,7 +74,7 @@ def build(
     print(output / "index.html")
 
 
-def _show_problems(name: str, problems: "tuple[Problem, ...]") -> None:
+def _show_problems(name: str, problems: Iterable[object]) -> None:
     from minitouch_bench.rendering.escaping import printable
 
     for problem in problems:

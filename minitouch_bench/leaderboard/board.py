@@ -3,17 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from minitouch_bench.leaderboard.entries import Entry
-from minitouch_bench.leaderboard.failures import Ending, count_endings
-from minitouch_bench.leaderboard.gaps import score_gaps
 from minitouch_bench.leaderboard.ranking import Rank, rank
-from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, Figures, score
-from minitouch_bench.leaderboard.submission import MAIN_SUITE
-from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.leaderboard.scored import Refusal, ScoredSubmission
+from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
+from minitouch_bench.leaderboard.submission import MAIN_SUITE, Submission, run_place
 from minitouch_bench.metrics import ShownIn, metrics_shown_in
 from minitouch_bench.policies.loading import BUILT_IN
-from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
-from minitouch_bench.records import Estimate, Gap, Role
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.records import Estimate
 
 CEILING = "scripted"
 FLOORS = tuple(name for name in BUILT_IN if name != CEILING)
@@ -31,16 +28,23 @@ class BoardRow:
     ``twins`` are other submissions with the very same episodes, bit for bit.
     """
 
-    entry: Entry
-    figures: Figures
+    scored: ScoredSubmission
     ranks: Mapping[str, Rank]
-    gaps: Mapping[str, Gap]
-    endings: Mapping[str, Mapping[Ending, int]]
     twins: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The submission's name."""
+        return self.scored.name
+
+    @property
+    def about(self) -> Submission:
+        """What the submission tells."""
+        return self.scored.about
 
     def estimate(self, task: str, metric: str) -> Estimate | None:
         """Return an estimate, None where there is none."""
-        return self.figures.get((task, metric))
+        return self.scored.estimate(task, metric)
 
 
 @dataclass(frozen=True)
@@ -52,69 +56,65 @@ class Board:
     ranked: tuple[BoardRow, ...]
     calibration: tuple[BoardRow, ...]
     missing_calibration: tuple[str, ...]
-    apart: tuple[Verdict, ...]
-    refused: tuple[Verdict, ...]
+    refusals: tuple[Refusal, ...]
 
     @property
     def rows(self) -> tuple[BoardRow, ...]:
         """The rows of this protocol, ranked ones first."""
         return (*self.ranked, *self.calibration)
 
+    @property
+    def apart(self) -> tuple[Refusal, ...]:
+        """The submissions of another protocol."""
+        return tuple(refusal for refusal in self.refusals if refusal.is_other_protocol)
 
-def make_board(
-    entries: Sequence[Entry], apart: Sequence[Verdict] = (), refused: Sequence[Verdict] = ()
-) -> Board:
-    """Score and rank the submissions of one protocol."""
-    ordered = sorted(entries, key=lambda entry: entry.name)
-    contenders = [entry for entry in ordered if not entry.is_calibration]
-    calibration = sorted(
-        (entry for entry in ordered if entry.is_calibration),
-        key=lambda entry: CALIBRATION.index(entry.name),
+    @property
+    def refused(self) -> tuple[Refusal, ...]:
+        """The submissions that do not pass."""
+        return tuple(refusal for refusal in self.refusals if not refusal.is_other_protocol)
+
+
+def make_board(found: Sequence[ScoredSubmission | Refusal]) -> Board:
+    """Rank the submissions of one protocol."""
+    scored = sorted(
+        (one for one in found if isinstance(one, ScoredSubmission)), key=lambda one: one.name
     )
-    ranks = rank(contenders)
-    everyone = [*contenders, *calibration]
-    figures, gaps = score(everyone), score_gaps(everyone)
-    twins = _twins(everyone)
-    no_ranks: list[Mapping[str, Rank]] = [{} for _ in calibration]
-    rows = [
-        BoardRow(entry, own, places, lost, _endings(entry), twins.get(entry.name, ()))
-        for entry, own, places, lost in zip(
-            everyone, figures, [*ranks, *no_ranks], gaps, strict=True
-        )
+    contenders = [one for one in scored if not one.is_calibration]
+    calibration = {one.name: one for one in scored if one.is_calibration}
+    twins = _twins(scored)
+    ranked = [
+        BoardRow(one, ranks, twins.get(one.name, ()))
+        for one, ranks in zip(contenders, rank(contenders), strict=True)
     ]
-    ranked = sorted(rows[: len(contenders)], key=_standing)
     return Board(
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
-        ranked=tuple(ranked),
-        calibration=tuple(rows[len(contenders) :]),
-        missing_calibration=tuple(
-            name for name in CALIBRATION if name not in {entry.name for entry in calibration}
+        ranked=tuple(in_order(ranked, OVERALL, MEAN_SUCCESS)),
+        calibration=tuple(
+            BoardRow(calibration[name], {}, twins.get(name, ()))
+            for name in CALIBRATION
+            if name in calibration
         ),
-        apart=tuple(apart),
-        refused=tuple(refused),
+        missing_calibration=tuple(name for name in CALIBRATION if name not in calibration),
+        refusals=tuple(one for one in found if isinstance(one, Refusal)),
     )
 
 
-def _standing(row: BoardRow) -> tuple[int, float, str]:
-    """Order by rank, rows of one rank by mean success, then by name."""
-    score = row.figures[OVERALL, MEAN_SUCCESS].value
-    return row.ranks[OVERALL].best, -score, row.entry.name
+def in_order(rows: Sequence[BoardRow], key: str, metric: str) -> list[BoardRow]:
+    """Order rows by their rank in a task or OVERALL, rows of one rank by the metric, then name."""
+
+    def standing(row: BoardRow) -> tuple[int, float, str]:
+        return row.ranks[key].best, -row.scored.figures[key][metric].value, row.name
+
+    return sorted(rows, key=standing)
 
 
-def _endings(entry: Entry) -> dict[str, dict[Ending, int]]:
-    return {
-        task: count_endings(entry.episodes(MAIN_SUITE, Role.FINAL, task), task)
-        for task in TASK_NAMES
-    }
-
-
-def _twins(entries: Sequence[Entry]) -> dict[str, tuple[str, ...]]:
-    """Return by name the other entries whose episodes of the main suite are the same bits."""
+def _twins(scored: Sequence[ScoredSubmission]) -> dict[str, tuple[str, ...]]:
+    """Return by name the others whose episodes of the main suite are the same bits."""
     owners: dict[str, list[str]] = {}
-    for entry in entries:
-        for seed in entry.seeds:
-            owners.setdefault(seed.runs[MAIN_SUITE].digest, []).append(entry.name)
+    for one in scored:
+        for seed in one.about.seeds:
+            owners.setdefault(one.runs[run_place(seed.seed, MAIN_SUITE)], []).append(one.name)
     found: dict[str, set[str]] = {}
     for names in owners.values():
         for name in names:

@@ -1,8 +1,10 @@
 """``leaderboard.csv``: one row per value, in long form."""
 
 from minitouch_bench.leaderboard.board import Board, BoardRow
+from minitouch_bench.leaderboard.gaps import NOVEL_SHAPES
 from minitouch_bench.leaderboard.ranking import RANKED_BY
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
+from minitouch_bench.leaderboard.submission import MAIN_SUITE
 from minitouch_bench.leaderboard.views import CALIBRATION, PAPER, RANKED
 from minitouch_bench.reporting.frames import Row, csv_text, make_frame
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
@@ -44,35 +46,37 @@ def board_csv(board: Board) -> str:
 
 
 def _head(row: BoardRow) -> Row:
-    about = row.entry.submission
+    about = row.about
     return (
         about.name,
-        CALIBRATION if row.entry.is_calibration else RANKED,
+        CALIBRATION if row.scored.is_calibration else RANKED,
         about.method,
-        row.entry.level.value,
+        row.scored.level.value,
         " ".join(about.modalities),
         about.training_steps,
-        len(row.entry.seeds),
+        len(about.seeds),
     )
 
 
 def _figures(row: BoardRow) -> list[Row]:
     rows: list[Row] = []
-    for (task, metric), found in row.figures.items():
-        is_ranked = metric == (MEAN_SUCCESS if task == OVERALL else RANKED_BY[task])
-        rank = row.ranks.get(task) if is_ranked else None
-        places = (rank.best, rank.worst) if rank else (None, None)
-        interval = (found.value, found.low, found.high, found.count, found.method)
-        rows.append((*_head(row), "table4", task, metric, *interval, *places))
+    head = _head(row)
+    for task, figures in row.scored.figures.items():
+        for metric, found in figures.items():
+            is_ranked = metric == (MEAN_SUCCESS if task == OVERALL else RANKED_BY[task])
+            rank = row.ranks.get(task) if is_ranked else None
+            ranks = (rank.best, rank.worst) if rank else (None, None)
+            interval = (found.value, found.low, found.high, found.count, found.method)
+            rows.append((*head, MAIN_SUITE, task, metric, *interval, *ranks))
     return rows
 
 
 def _gaps(row: BoardRow) -> list[Row]:
     rows: list[Row] = []
-    for task, gap in row.gaps.items():
+    for task, gap in row.scored.gaps.items():
         splits = (("held-out", gap.held_out), ("train", gap.train), (GAP, gap.difference))
         for split, found in splits:
             interval = (found.value, found.low, found.high, found.count, found.method)
             metric = f"{RANKED_BY[task]}, {split}"
-            rows.append((*_head(row), "novel-shapes", task, metric, *interval, None, None))
+            rows.append((*_head(row), NOVEL_SHAPES, task, metric, *interval, None, None))
     return rows

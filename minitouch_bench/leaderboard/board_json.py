@@ -9,7 +9,7 @@ from minitouch_bench.leaderboard.board import Board, BoardRow
 from minitouch_bench.leaderboard.failures import Ending
 from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank
-from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.leaderboard.scored import Refusal
 from minitouch_bench.records import Count, Estimate, Gap, Sha256
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
@@ -134,21 +134,18 @@ def board_schema() -> dict[str, Any]:
 
 
 def _row(row: BoardRow) -> RowDocument:
-    entry = row.entry
-    figures: dict[str, dict[str, Estimate]] = {}
-    for (task, metric), estimate in row.figures.items():
-        figures.setdefault(task, {})[metric] = estimate
+    scored = row.scored
     return RowDocument(
-        **{name: getattr(entry.submission, name) for name in TOLD},
-        proof=entry.level,
-        rerun_episodes=entry.proof.rerun_episodes if entry.proof else 0,
+        **{name: getattr(row.about, name) for name in TOLD},
+        proof=scored.level,
+        rerun_episodes=scored.rerun_episodes,
         same_episodes_as=row.twins,
-        training_seeds=tuple(seed.seed.seed for seed in entry.seeds),
-        runs={run.place: run.digest for seed in entry.seeds for run in seed.runs.values()},
+        training_seeds=tuple(seed.seed for seed in row.about.seeds),
+        runs=scored.runs,
         ranks=row.ranks,
-        figures=figures,
-        novel_shapes=row.gaps,
-        endings=row.endings,
+        figures=scored.figures,
+        novel_shapes=scored.gaps,
+        endings=scored.endings,
     )
 
 
@@ -160,5 +157,5 @@ def _published(method: str) -> PublishedMethod:
     return PublishedMethod(method, tuple(values))
 
 
-def _left_out(verdict: Verdict) -> LeftOut:
-    return LeftOut(printable(verdict.directory.name), tuple(map(str, verdict.problems)))
+def _left_out(refusal: Refusal) -> LeftOut:
+    return LeftOut(printable(refusal.name), refusal.reasons)

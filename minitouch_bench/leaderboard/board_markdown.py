@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from minitouch_bench.leaderboard.board import CEILING, FLOORS, Board
-from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.leaderboard.scored import Refusal
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, views
 from minitouch_bench.rendering.markdown import escape, table_lines
 from minitouch_bench.rendering.tables import Cell, Column, Row, Table
@@ -46,26 +46,26 @@ def _about(board: Board) -> Table:
     heads = ("Method", "Proof", "Modalities", "Training steps", "Training seeds")
     rows = []
     for row in board.rows:
-        about = row.entry.submission
+        about = row.about
         cells = (
             about.method,
-            row.entry.level.value,
+            row.scored.level.value,
             ", ".join(about.modalities) or "none",
             str(about.training_steps),
-            str(len(row.entry.seeds)),
+            str(len(about.seeds)),
         )
         rows.append(Row((about.name,), tuple(map(Cell, cells))))
     columns = tuple(Column(head, is_text=not head.startswith("Training")) for head in heads)
     return Table("Submissions", ("Submission",), columns, tuple(rows))
 
 
-def _left_out(title: str, verdicts: Sequence[Verdict]) -> list[str]:
-    if not verdicts:
+def _left_out(title: str, refusals: Sequence[Refusal]) -> list[str]:
+    if not refusals:
         return []
     lines = ["", f"## {title}", ""]
-    for verdict in verdicts:
-        lines.append(f"- **{escape(verdict.directory.name)}**")
-        lines += [f"  - {escape(str(problem))}" for problem in verdict.problems[:SHOWN_REASONS]]
-        if (more := len(verdict.problems) - SHOWN_REASONS) > 0:
+    for refusal in refusals:
+        lines.append(f"- **{escape(refusal.name)}**")
+        lines += [f"  - {escape(reason)}" for reason in refusal.reasons[:SHOWN_REASONS]]
+        if (more := len(refusal.reasons) - SHOWN_REASONS) > 0:
             lines.append(f"  - and {more} more")
     return lines

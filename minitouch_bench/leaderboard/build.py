@@ -1,7 +1,7 @@
 """From a directory of submissions to the files of a board."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.errors import UsageError
@@ -11,19 +11,33 @@ from minitouch_bench.leaderboard.board_csv import board_csv
 from minitouch_bench.leaderboard.board_json import board_json
 from minitouch_bench.leaderboard.board_markdown import board_markdown
 from minitouch_bench.leaderboard.entries import Entry, make_entry
-from minitouch_bench.leaderboard.proof import PROOFS, read_proof
+from minitouch_bench.leaderboard.failures import count_endings
+from minitouch_bench.leaderboard.gaps import score_gaps
+from minitouch_bench.leaderboard.kept import KeptRows, submission_digest
+from minitouch_bench.leaderboard.page import submission_page
+from minitouch_bench.leaderboard.proof import proof_path, read_proof
+from minitouch_bench.leaderboard.ranking import RANKED_BY
+from minitouch_bench.leaderboard.scored import Refusal, ScoredSubmission
+from minitouch_bench.leaderboard.scores import Figures, score
 from minitouch_bench.leaderboard.site import write_site
-from minitouch_bench.leaderboard.validation import Depth, Verdict, validate
-from minitouch_bench.processes import run_all
+from minitouch_bench.leaderboard.submission import MAIN_SUITE
+from minitouch_bench.leaderboard.validation import Depth, validate
+from minitouch_bench.processes import MANY_JOBS, core_count, run_in_workers
+from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.records import Role
+
+TOGETHER = 16
+"""Submissions that are scored together: one set of resamples serves them all."""
 
 
 @dataclass(frozen=True)
 class Built:
-    """What became of the submissions; ``refused`` carries the reasons."""
+    """What became of the submissions. ``refused`` carries the reasons, ``new`` were not kept."""
 
     ranked: int
     apart: int
-    refused: tuple[Verdict, ...]
+    refused: tuple[Refusal, ...]
+    new: int
 
 
 def build_board(
@@ -31,30 +45,28 @@ def build_board(
 ) -> Built:
     """Check every submission, rank those of this protocol, and write the board.
 
-    One that does not pass is left out with its reasons and does not stop the others.
+    One that does not pass is left out with its reasons and does not stop the others. What an
+    earlier build found of a submission is used again as long as nothing it depends on changes.
 
     Raises:
         UsageError: there is no such directory.
-        RunDirectoryError: a file cannot be written, or a proof is damaged.
+        RunDirectoryError: a file cannot be read or written, or a proof is damaged.
     """
-    entries: list[Entry] = []
-    apart: list[Verdict] = []
-    refused: list[Verdict] = []
-    directories = find_submissions(submissions)
-    for found in run_all(_read, directories, name=str):
-        if isinstance(found, Entry):
-            entries.append(found)
-        elif found.is_other_protocol:
-            apart.append(found)
-        else:
-            refused.append(found)
-    log(f"{len(directories)} read")
-    board = make_board(entries, apart, refused)
+    digests = {path: submission_digest(path) for path in find_submissions(submissions)}
+    rows = KeptRows(output)
+    kept = {path: rows.find(digest) for path, digest in digests.items()}
+    missing = [path for path, row in kept.items() if row is None]
+    for path, row in zip(missing, _score_all(missing), strict=True):
+        kept[path] = row
+        rows.keep(digests[path], row)
+    log(f"{len(digests)} submissions, {len(missing)} new or changed")
+    board = make_board([row for row in kept.values() if row is not None])
     write_file(output / "leaderboard.md", board_markdown(board))
     write_file(output / "leaderboard.csv", board_csv(board))
     write_file(output / "leaderboard.json", board_json(board))
-    write_site(board, output)
-    return Built(len(board.ranked), len(apart), tuple(refused))
+    write_site(board, submissions, output)
+    rows.forget_others(digests.values())
+    return Built(len(board.ranked), len(board.apart), board.refused, len(missing))
 
 
 def find_submissions(directory: Path) -> list[Path]:
@@ -72,9 +84,50 @@ def find_submissions(directory: Path) -> list[Path]:
     )
 
 
-def _read(directory: Path) -> Entry | Verdict:
-    """Check one submission; one that does not pass is told by its verdict, without its runs."""
+def score_submissions(directories: Sequence[Path]) -> list[ScoredSubmission | Refusal]:
+    """Check submissions and estimate all that a board shows of them."""
+    found = [_read(directory) for directory in directories]
+    entries = [one for one in found if isinstance(one, Entry)]
+    figures = iter(score(entries))
+    return [_scored(one, next(figures)) if isinstance(one, Entry) else one for one in found]
+
+
+def _score_all(directories: Sequence[Path]) -> list[ScoredSubmission | Refusal]:
+    """Score many submissions on every core, few of them here."""
+    if len(directories) < MANY_JOBS:
+        return score_submissions(directories)
+    starts = range(0, len(directories), TOGETHER)
+    jobs = [directories[start : start + TOGETHER] for start in starts]
+    found = dict(run_in_workers(score_submissions, jobs, core_count(), name=_name))
+    return [row for index in range(len(jobs)) for row in found[index]]
+
+
+def _name(directories: Sequence[Path]) -> str:
+    return f"{directories[0].name} to {directories[-1].name}"
+
+
+def _read(directory: Path) -> Entry | Refusal:
     verdict = validate(directory, Depth.BOARD)
-    if not verdict.passed:
-        return Verdict(verdict.directory, verdict.submission, {}, verdict.problems)
-    return make_entry(verdict, read_proof(directory.parent / PROOFS / f"{directory.name}.json"))
+    if verdict.passed:
+        return make_entry(verdict, read_proof(proof_path(directory.resolve())))
+    reasons = tuple(map(str, verdict.problems))
+    return Refusal(verdict.directory.name, reasons, verdict.is_other_protocol)
+
+
+def _scored(entry: Entry, figures: Figures) -> ScoredSubmission:
+    listed = {task: entry.episodes(MAIN_SUITE, Role.FINAL, task) for task in TASK_NAMES}
+    scored = ScoredSubmission(
+        about=entry.submission,
+        level=entry.level,
+        rerun_episodes=entry.proof.rerun_episodes if entry.proof else 0,
+        runs={run.place: run.digest for seed in entry.seeds for run in seed.runs.values()},
+        figures=figures,
+        gaps=score_gaps(entry),
+        endings={task: count_endings(own, task) for task, own in listed.items()},
+        values={
+            task: tuple(tuple(one.values[RANKED_BY[task]].tolist()) for one in own)
+            for task, own in listed.items()
+        },
+        videos=entry.videos,
+    )
+    return replace(scored, page=submission_page(entry, scored))

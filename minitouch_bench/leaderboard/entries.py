@@ -1,4 +1,4 @@
-"""A checked submission in the compact form that a board of a thousand keeps in memory."""
+"""A checked submission with its episodes, a column per metric."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -12,7 +12,6 @@ from minitouch_bench.leaderboard.proof import Proof, ProofLevel, holds, level_of
 from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics import METRICS, ShownIn
-from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.records import (
     EpisodeMetrics,
     Outcome,
@@ -87,16 +86,6 @@ class Entry:
     proof: Proof | None
     seeds: tuple[SeedData, ...]
     videos: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        """The submission's name."""
-        return self.submission.name
-
-    @property
-    def is_calibration(self) -> bool:
-        """Whether it is one of the built-in policies, which are shown and never ranked."""
-        return self.name in BUILT_IN
 
     def all_have(self, suite: str, role: Role, task: str) -> bool:
         """Tell whether every training seed has these episodes."""

@@ -56,10 +56,10 @@ def efficiency_plot(board: Board) -> Plot | None:
 
     Rows without training are left out; None where that leaves none.
     """
-    trained = [row for row in board.ranked if row.entry.submission.training_steps > 0]
+    trained = [row for row in board.ranked if row.about.training_steps > 0]
     if not trained:
         return None
-    powers = [math.log10(row.entry.submission.training_steps) for row in trained]
+    powers = [math.log10(row.about.training_steps) for row in trained]
     first = math.floor(min(powers))
     last = max(math.ceil(max(powers)), first + 1)
     ticks = tuple(Tick(power, amount(10**power)) for power in range(first, last + 1))
@@ -83,8 +83,8 @@ def amount(number: int) -> str:
 
 
 def _efficiency_marks(power: float, row: BoardRow, few: bool) -> list[Mark]:
-    found = row.figures[OVERALL, MEAN_SUCCESS]
-    name, steps = row.entry.name, amount(row.entry.submission.training_steps)
+    found = row.scored.figures[OVERALL][MEAN_SUCCESS]
+    name, steps = row.name, amount(row.about.training_steps)
     dot = Dot(
         power,
         found.value,

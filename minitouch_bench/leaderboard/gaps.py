@@ -27,16 +27,13 @@ GAP_TASKS = PROTOCOL.suite(NOVEL_SHAPES).tasks
 Floats = NDArray[np.float64]
 
 
-def score_gaps(entries: Sequence[Entry]) -> list[dict[str, Gap]]:
-    """Return the gap of each task's own metric, one mapping an entry; empty without the suite."""
-    return [
-        {
-            task: _gap(entry, task)
-            for task in GAP_TASKS
-            if entry.all_have(NOVEL_SHAPES, Role.FINAL, task)
-        }
-        for entry in entries
-    ]
+def score_gaps(entry: Entry) -> dict[str, Gap]:
+    """Return the gap of each task's own metric; empty without the suite."""
+    return {
+        task: _gap(entry, task)
+        for task in GAP_TASKS
+        if entry.all_have(NOVEL_SHAPES, Role.FINAL, task)
+    }
 
 
 def _gap(entry: Entry, task: str) -> Gap:

@@ -3,12 +3,14 @@
 import json
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
+from minitouch_bench.files import VIDEOS
 from minitouch_bench.leaderboard.board import TOUCH_METRICS, BoardRow
 from minitouch_bench.leaderboard.entries import Entry, RunData
 from minitouch_bench.leaderboard.failures import ENDINGS, MEANINGS, TONES, endings
@@ -16,6 +18,7 @@ from minitouch_bench.leaderboard.figures import amount, submission_figures
 from minitouch_bench.leaderboard.proof import MEANINGS as PROOF_MEANINGS
 from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.ranking import RANKED_BY, Rank
+from minitouch_bench.leaderboard.scored import ScoredSubmission
 from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE
 from minitouch_bench.metrics.definitions import METRICS
@@ -24,77 +27,114 @@ from minitouch_bench.records import Role
 from minitouch_bench.rendering.cards import Card, make_card
 from minitouch_bench.rendering.charts import LegendItem
 from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.rendering.pages import render_page
 from minitouch_bench.rendering.svg import draw_share_bar
 from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell, metric_head
 from minitouch_bench.reporting.labels import TASKS, FaultGroup, group_faults, task_title
 from minitouch_bench.reporting.novel_shapes import gap_cells
 from minitouch_bench.reporting.page import paper_reference
+from minitouch_bench.reporting.report import Video
 from minitouch_bench.reporting.tables import TABLE4_METRICS
 
+TEMPLATES = Path(__file__).parent / "templates"
+STYLES = ("board.css",)
+TWINS = "twins"
 
-def page_context(row: BoardRow, ranked: int) -> dict[str, Any]:
-    """Return the variables of a submission's page; ``ranked`` is the number of ranked rows."""
-    entry = row.entry
-    path = f"{entry.directory.resolve().parent.name}/{entry.name}"
+
+def submission_page(entry: Entry, scored: ScoredSubmission) -> str:
+    """Write the page of a submission, with marks where its ranks and its twins stand.
+
+    Those depend on the other submissions; ``finish_page`` fills them in.
+    """
+    path = f"{entry.directory.resolve().parent.name}/{scored.name}"
     several = len(entry.seeds) > 1
-    return {
-        "entry": entry,
-        "path": path,
-        "rank": rank_text(row.ranks.get(OVERALL)),
-        "ranked": ranked,
-        "level": list(ProofLevel).index(entry.level),
-        "meaning": PROOF_MEANINGS[entry.level],
-        "twins": row.twins,
-        "modalities": ", ".join(entry.submission.modalities) or "sees nothing",
-        "training_steps": amount(entry.submission.training_steps),
-        "seeds_in_words": f"{len(entry.seeds)} training seeds" if several else "one training seed",
-        "cards": tuple(_card(row, task) for task in TASKS),
-        "legend": tuple(_legend(row)),
-        "bars": tuple((task_title(task), _ending_bar(row, task)) for task in TASKS),
-        "values": _values(row),
-        "gaps": _gaps(row) if row.gaps else None,
-        "figures": submission_figures(entry),
-        "data": Markup(_data(entry, path)),
-        "faults": _faults(entry),
-    }
-
-
-def rank_text(rank: Rank | None) -> str:
-    """Write a rank with the range that holds the true one, "" for none."""
-    if rank is None:
-        return ""
-    return f"rank {rank.best} to {rank.worst}" if rank.worst > rank.best else f"rank {rank.best}"
-
-
-def _card(row: BoardRow, task: str) -> Card:
-    own = {metric: found for (key, metric), found in row.figures.items() if key == task}
-    return make_card(
-        task,
-        task_title(task),
-        [(row.entry.name, own)],
-        paper=paper_reference(task),
-        picture=f"../pictures/{task}.png",
-        rank=rank_text(row.ranks.get(task)),
+    is_ranked = not scored.is_calibration
+    return render_page(
+        TEMPLATES / "submission.html.j2",
+        STYLES,
+        ("theme.js", "submission.js"),
+        protocol=PROTOCOL.name,
+        entry=entry,
+        about=scored.about,
+        path=path,
+        rank=_mark(OVERALL) if is_ranked else "",
+        twins=_mark(TWINS),
+        level=list(ProofLevel).index(entry.level),
+        meaning=PROOF_MEANINGS[entry.level],
+        modalities=", ".join(scored.about.modalities) or "sees nothing",
+        training_steps=amount(scored.about.training_steps),
+        seeds_in_words=f"{len(entry.seeds)} training seeds" if several else "one training seed",
+        cards=tuple(_card(scored, task, _mark(task) if is_ranked else "") for task in TASKS),
+        legend=tuple(_legend(scored)),
+        bars=tuple((task_title(task), _ending_bar(scored, task)) for task in TASKS),
+        values=_values(scored),
+        gaps=_gaps(scored) if scored.gaps else None,
+        figures=submission_figures(entry),
+        data=Markup(_data(entry, path)),
+        videos=tuple(Video(caption, address) for address, caption in video_names(scored)),
+        faults=_faults(entry),
     )
 
 
-def _legend(row: BoardRow) -> Iterator[LegendItem]:
+def finish_page(row: BoardRow, ranked: int) -> str:
+    """Return a row's page with its ranks among ``ranked`` rows, and its twins."""
+    texts = {key: _rank_text(rank) for key, rank in row.ranks.items()}
+    if texts:
+        texts[OVERALL] += f" of {ranked}"
+    others = ", ".join(row.twins)
+    texts[TWINS] = f" Its episodes are bit for bit those of {others}." if others else ""
+    page = row.scored.page
+    for key, text in texts.items():
+        page = page.replace(_mark(key), str(escape(text)))
+    return page
+
+
+def video_names(scored: ScoredSubmission) -> Iterator[tuple[str, str]]:
+    """Yield where each video lies beside the page, and its caption."""
+    for path in scored.videos:
+        # The parts were checked: seed, suite, "videos", and a plain name.
+        name = path.replace(f"/{VIDEOS}/", "-").replace("/", "-")
+        yield f"{scored.name}/{name}", Path(name).stem.replace("-", " ")
+
+
+def _mark(key: str) -> str:
+    """Return what stands in a page in place of a text; no printable text holds it."""
+    return f"\x00{key}\x00"
+
+
+def _rank_text(rank: Rank) -> str:
+    """Write a rank with the range that holds the true one."""
+    return f"rank {rank.best} to {rank.worst}" if rank.worst > rank.best else f"rank {rank.best}"
+
+
+def _card(scored: ScoredSubmission, task: str, rank: str) -> Card:
+    return make_card(
+        task,
+        task_title(task),
+        [(scored.name, scored.figures[task])],
+        paper=paper_reference(task),
+        picture=f"../pictures/{task}.png",
+        rank=rank,
+    )
+
+
+def _legend(scored: ScoredSubmission) -> Iterator[LegendItem]:
     """Name the endings that occur."""
-    there = {ending for counts in row.endings.values() for ending in counts}
+    there = {ending for counts in scored.endings.values() for ending in counts}
     for ending in ENDINGS:
         if ending in there:
             yield LegendItem(ending.value, TONES[ending], title=MEANINGS[ending])
 
 
-def _ending_bar(row: BoardRow, task: str) -> Markup:
-    counts = row.endings[task]
+def _ending_bar(scored: ScoredSubmission, task: str) -> Markup:
+    counts = scored.endings[task]
     said = ", ".join(f"{ending} {count}" for ending, count in counts.items())
     parts = [(TONES[ending], ending.value, counts.get(ending, 0)) for ending in ENDINGS]
     return draw_share_bar(parts, f"{task_title(task)}: {said}")
 
 
-def _values(row: BoardRow) -> Table:
-    variance = "Bootstrap over training seeds" if len(row.entry.seeds) > 1 else EPISODE_VARIANCE
+def _values(scored: ScoredSubmission) -> Table:
+    variance = "Bootstrap over training seeds" if len(scored.about.seeds) > 1 else EPISODE_VARIANCE
     return Table(
         title="All values",
         corner=("Metric", "Unit"),
@@ -102,7 +142,7 @@ def _values(row: BoardRow) -> Table:
         rows=tuple(
             Row(
                 (metric_head(metric), METRICS[metric].unit),
-                tuple(estimate_cell(metric, row.estimate(task, metric)) for task in TASKS),
+                tuple(estimate_cell(metric, scored.estimate(task, metric)) for task in TASKS),
             )
             for metric in (*TABLE4_METRICS, *TOUCH_METRICS)
         ),
@@ -110,7 +150,7 @@ def _values(row: BoardRow) -> Table:
     )
 
 
-def _gaps(row: BoardRow) -> Table:
+def _gaps(scored: ScoredSubmission) -> Table:
     return Table(
         title="Novel shapes",
         corner=("Task", "Metric"),
@@ -123,7 +163,7 @@ def _gaps(row: BoardRow) -> Table:
                 (task_title(task), METRICS[RANKED_BY[task]].label),
                 gap_cells(task, RANKED_BY[task], gap),
             )
-            for task, gap in row.gaps.items()
+            for task, gap in scored.gaps.items()
         ),
     )
 

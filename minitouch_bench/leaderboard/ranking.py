@@ -6,13 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.leaderboard.entries import Entry
 from minitouch_bench.leaderboard.pairs import Sample, mean_p_values, share_p_values
+from minitouch_bench.leaderboard.scored import ScoredSubmission
 from minitouch_bench.leaderboard.scores import OVERALL
-from minitouch_bench.leaderboard.submission import MAIN_SUITE
 from minitouch_bench.metrics import ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
-from minitouch_bench.records import Role
 
 ALPHA = 0.05
 """Share of rows whose range of ranks may miss the true one."""
@@ -34,12 +32,12 @@ class Rank:
         return str(self.best)
 
 
-def rank(entries: Sequence[Entry]) -> list[dict[str, Rank]]:
-    """Rank entries in each task and overall; one mapping an entry, in their order."""
-    ranks: list[dict[str, Rank]] = [{} for _ in entries]
-    if not entries:
+def rank(rows: Sequence[ScoredSubmission]) -> list[dict[str, Rank]]:
+    """Rank submissions in each task and overall; one mapping per row, in their order."""
+    ranks: list[dict[str, Rank]] = [{} for _ in rows]
+    if not rows:
         return ranks
-    samples = {task: [_sample(entry, task) for entry in entries] for task in TASK_NAMES}
+    samples = {task: [Sample(np.array(row.values[task])) for row in rows] for task in TASK_NAMES}
     for task in TASK_NAMES:
         compare = share_p_values if task in GOAL_TASKS else lambda own: mean_p_values([own])
         means = np.array([sample.values.mean() for sample in samples[task]])
@@ -79,11 +77,6 @@ def _holm(p_values: Floats) -> NDArray[np.bool_]:
     found = np.zeros((number, number), bool)
     np.put_along_axis(found, order, passed, 1)
     return found
-
-
-def _sample(entry: Entry, task: str) -> Sample:
-    listed = entry.episodes(MAIN_SUITE, Role.FINAL, task)
-    return Sample(np.array([episodes.values[RANKED_BY[task]] for episodes in listed]))
 
 
 def _keep(ranks: list[dict[str, Rank]], key: str, means: Floats, p_values: Floats) -> None:

@@ -34,13 +34,13 @@ SHARE_OVER_SEEDS = "bootstrap over training seeds, no narrower than Wilson over 
 OVER_TASKS = "Wilson intervals of the tasks, added in quadrature"
 
 Floats = NDArray[np.float64]
-Figures = dict[tuple[str, str], Estimate]
-"""A row's estimates by (task, metric)."""
+Figures = dict[str, dict[str, Estimate]]
+"""A submission's estimates by task or OVERALL, then by metric."""
 
 
 def score(entries: Sequence[Entry]) -> list[Figures]:
-    """Estimate every figure of the main suite, one mapping an entry in their order."""
-    figures: list[Figures] = [{} for _ in entries]
+    """Estimate every figure of the main suite, one mapping per entry in their order."""
+    figures: list[Figures] = [{key: {} for key in (OVERALL, *TASK_NAMES)} for _ in entries]
     for task in TASK_NAMES:
         for name in BOARD_METRICS:
             if METRICS[name].is_in(task):
@@ -67,11 +67,11 @@ def _score(entries: Sequence[Entry], figures: list[Figures], task: str, metric: 
     rows = [entries[i].episodes(MAIN_SUITE, role, task)[0].values[name] for i in single]
     for i, found in zip(single, _over_episodes(rows, task, metric), strict=True):
         if found is not None:
-            figures[i][task, name] = found
+            figures[i][task][name] = found
     means = {i: seed_means(entries[i], task, metric) for i in present if len(entries[i].seeds) > 1}
     known = {i: found for i, found in means.items() if not np.isnan(found).any()}
     for i, over_seeds in _over_seeds(known, f"{task}/{name}").items():
-        figures[i][task, name] = (
+        figures[i][task][name] = (
             _widened(over_seeds, _pooled(entries[i], task, metric))
             if metric.kind is Kind.SHARE
             else over_seeds
@@ -129,14 +129,14 @@ def _widened(found: Estimate, pooled: Estimate) -> Estimate:
 def _score_overall(entries: Sequence[Entry], figures: list[Figures]) -> None:
     """Estimate the mean success over the tasks with a goal."""
     for entry, own in zip(entries, figures, strict=True):
-        parts = [own.get((task, "success")) for task in GOAL_TASKS]
+        parts = [own[task].get("success") for task in GOAL_TASKS]
         known = [part for part in parts if part is not None]
         if len(known) < len(GOAL_TASKS):
             continue
         if len(entry.seeds) == 1:
-            own[OVERALL, MEAN_SUCCESS] = _quadrature(known)
+            own[OVERALL][MEAN_SUCCESS] = _quadrature(known)
         else:
-            own[OVERALL, MEAN_SUCCESS] = _stratified(entry)
+            own[OVERALL][MEAN_SUCCESS] = _stratified(entry)
 
 
 def _quadrature(parts: Sequence[Estimate]) -> Estimate:

@@ -1,28 +1,24 @@
 """The static site: an index and a page per submission, each complete in itself."""
 
 import shutil
-from functools import partial
 from pathlib import Path
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import os_errors_as, read_file, write_file
-from minitouch_bench.leaderboard.board import Board, BoardRow
+from minitouch_bench.leaderboard.board import Board
 from minitouch_bench.leaderboard.board_markdown import notes
 from minitouch_bench.leaderboard.figures import amount, efficiency_plot
 from minitouch_bench.leaderboard.inventory import MAX_VIDEO
-from minitouch_bench.leaderboard.page import page_context
+from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, finish_page, video_names
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
+from minitouch_bench.leaderboard.scored import ScoredSubmission
 from minitouch_bench.leaderboard.submission import MAIN_SUITE, MODALITIES
 from minitouch_bench.leaderboard.views import views
-from minitouch_bench.processes import run_all
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.rendering.cards import PICTURES
 from minitouch_bench.rendering.pages import render_page
 from minitouch_bench.reporting.labels import TASKS
-from minitouch_bench.reporting.report import Video
 
-TEMPLATES = Path(__file__).parent / "templates"
-STYLES = ("board.css",)
 WIDE, NARROW = 1124, 340
 """Widths of the plot of all submissions, on a desk and on a phone."""
 
@@ -30,7 +26,7 @@ PAGES = "submission"
 """Directory of the submissions' pages in the site."""
 
 
-def write_site(board: Board, output: Path) -> None:
+def write_site(board: Board, submissions: Path, output: Path) -> None:
     """Write the index, the pages, and the pictures and videos they show.
 
     Pages of submissions that are gone are removed.
@@ -40,9 +36,11 @@ def write_site(board: Board, output: Path) -> None:
     """
     write_file(output / "index.html", index_html(board))
     pages = output / PAGES
-    write = partial(_write_page, pages, board.protocol, len(board.ranked))
-    run_all(write, board.rows, name=lambda row: f"the page of {row.entry.name}")
-    _remove_others(pages, {row.entry.name for row in board.rows})
+    for row in board.rows:
+        page = finish_page(row, len(board.ranked))
+        write_file(pages / f"{row.name}.html", page, durable=False)
+        _copy_videos(row.scored, submissions, pages)
+    _remove_others(pages, {row.name for row in board.rows})
     for task in TASKS:
         name = f"{task}.png"
         write_file(output / "pictures" / name, (PICTURES / name).read_bytes())
@@ -69,31 +67,18 @@ def index_html(board: Board) -> str:
     )
 
 
-def _write_page(pages: Path, protocol: str, ranked: int, row: BoardRow) -> None:
-    """Write the page of one submission of ``ranked``, and its videos."""
-    text = render_page(
-        TEMPLATES / "submission.html.j2",
-        STYLES,
-        ("theme.js", "submission.js"),
-        protocol=protocol,
-        videos=_copy_videos(row, pages),
-        **page_context(row, ranked),
-    )
-    write_file(pages / f"{row.entry.name}.html", text)
-
-
-def _copy_videos(row: BoardRow, pages: Path) -> tuple[Video, ...]:
-    """Copy a submission's videos beside its page."""
-    target = pages / row.entry.name
-    shutil.rmtree(target, ignore_errors=True)
-    found = []
-    for path in row.entry.videos:
-        # The parts were checked: seed, suite, "videos", and a plain name.
-        name = path.replace("/videos/", "-").replace("/", "-")
-        with os_errors_as(RunDirectoryError, row.entry.directory / path, "copied"):
-            write_file(target / name, read_file(row.entry.directory / path, MAX_VIDEO))
-        found.append(Video(Path(name).stem.replace("-", " "), f"{row.entry.name}/{name}"))
-    return tuple(found)
+def _copy_videos(scored: ScoredSubmission, submissions: Path, pages: Path) -> None:
+    """Copy a submission's videos beside its page, and remove those it no longer has."""
+    kept = set()
+    for path, (address, _) in zip(scored.videos, video_names(scored), strict=True):
+        source, target = submissions / scored.name / path, pages / address
+        kept.add(target)
+        with os_errors_as(RunDirectoryError, source, "copied"):
+            if not target.exists() or target.stat().st_mtime_ns < source.stat().st_mtime_ns:
+                write_file(target, read_file(source, MAX_VIDEO))
+    for other in (pages / scored.name).glob("*"):
+        if other not in kept:
+            other.unlink()
 
 
 def _remove_others(pages: Path, names: set[str]) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from minitouch_bench.leaderboard.board import TOUCH_METRICS, Board, BoardRow
+from minitouch_bench.leaderboard.board import TOUCH_METRICS, Board, BoardRow, in_order
 from minitouch_bench.leaderboard.gaps import GAP_TASKS
 from minitouch_bench.leaderboard.ranking import RANKED_BY, Rank
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
@@ -138,7 +138,7 @@ def _novel(board: Board) -> View:
 
 def _gap_cells(row: BoardRow | None) -> Iterator[Cell]:
     for task in GAP_TASKS:
-        yield from gap_cells(task, RANKED_BY[task], row.gaps.get(task) if row else None)[:3]
+        yield from gap_cells(task, RANKED_BY[task], row.scored.gaps.get(task) if row else None)[:3]
 
 
 def _view(view: View, wanted: Sequence[tuple[str, str]]) -> View:
@@ -161,18 +161,10 @@ def _cell(line: Line, task: str, metric: str) -> Cell:
 def _lines(board: Board, ranked_by: str) -> Iterator[Line]:
     """Walk through the rows in the order of a ranking, without their cells."""
     metric = MEAN_SUCCESS if ranked_by == OVERALL else RANKED_BY[ranked_by]
-    ordered = sorted(
-        board.ranked,
-        key=lambda row: (
-            row.ranks[ranked_by].best,
-            -row.figures[ranked_by, metric].value,
-            row.entry.name,
-        ),
-    )
-    for row in ordered:
-        yield Line(RANKED, row.entry.name, row.entry.submission.method, row.ranks[ranked_by], row)
+    for row in in_order(board.ranked, ranked_by, metric):
+        yield Line(RANKED, row.name, row.about.method, row.ranks[ranked_by], row)
     for row in board.calibration:
-        yield Line(CALIBRATION, row.entry.name, row.entry.submission.method, None, row)
+        yield Line(CALIBRATION, row.name, row.about.method, None, row)
     for name in board.missing_calibration:
         yield Line(CALIBRATION, name, "not submitted yet", None, None)
     for method in PAPER_METHODS:

@@ -11,14 +11,13 @@ import pytest
 from minitouch_bench.leaderboard.board import CALIBRATION, make_board
 from minitouch_bench.leaderboard.board_csv import board_csv
 from minitouch_bench.leaderboard.board_markdown import board_markdown
-from minitouch_bench.leaderboard.build import build_board
-from minitouch_bench.leaderboard.entries import make_entry
+from minitouch_bench.leaderboard.build import build_board, score_submissions
 from minitouch_bench.leaderboard.failures import Ending
+from minitouch_bench.leaderboard.proof import ProofLevel, make_proof, proof_path, write_proof
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
-from minitouch_bench.leaderboard.validation import Depth, validate
+from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.metrics import ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
-from minitouch_bench.records import Role
 from minitouch_bench.reporting import read_run
 from minitouch_bench.reporting.run_document import run_json
 from tests.leaderboard.synthetic import make_submission
@@ -37,20 +36,14 @@ def submissions(tmp_path_factory):
     return root
 
 
-def entry(directory):
-    verdict = validate(directory, Depth.BOARD)
-    assert verdict.problems == ()
-    return make_entry(verdict, None)
-
-
 @pytest.fixture(scope="module")
 def board(submissions):
-    return make_board([entry(path) for path in sorted(submissions.iterdir())])
+    return make_board(score_submissions(sorted(submissions.iterdir())))
 
 
 @pytest.fixture(scope="module")
 def rows(board):
-    return {row.entry.name: row for row in board.rows}
+    return {row.name: row for row in board.rows}
 
 
 def test_figures_of_one_seed_are_those_of_its_run(submissions, rows):
@@ -72,7 +65,7 @@ def test_figures_of_one_seed_are_those_of_its_run(submissions, rows):
 def test_the_gap_of_one_seed_is_that_of_its_run(submissions, rows):
     run = read_run(submissions / "hac" / "seed-0" / "novel-shapes")
     for result in run.summary.generalization:
-        mine = rows["hac"].gaps[result.task]
+        mine = rows["hac"].scored.gaps[result.task]
         theirs = result.gaps[ranking_metric(result.task)]
         if result.task in GOAL_TASKS:
             assert mine == theirs
@@ -103,7 +96,7 @@ def test_several_seeds_are_averaged_and_resampled(submissions, rows):
 
 def test_no_share_is_ever_certain(rows):
     for row in rows.values():
-        for (_, metric), found in row.figures.items():
+        for metric, found in (pair for own in row.scored.figures.values() for pair in own.items()):
             if metric in ("success", "touched", MEAN_SUCCESS):
                 assert found.low < found.high
 
@@ -118,7 +111,7 @@ def test_the_mean_success_is_over_the_three_tasks_with_a_goal(rows):
 
 
 def test_ranks_are_shared_where_rows_cannot_be_told_apart(board, rows):
-    names = [row.entry.name for row in board.ranked]
+    names = [row.name for row in board.ranked]
     assert (names[0], {*names[1:3]}, names[3]) == ("perfect", {"hac", "near"}, "seeds")
     assert rows["hac"].ranks[OVERALL] == rows["near"].ranks[OVERALL]
     assert rows["seeds"].ranks[OVERALL].best == 4
@@ -126,18 +119,18 @@ def test_ranks_are_shared_where_rows_cannot_be_told_apart(board, rows):
 
 
 def test_calibrations_have_no_rank(board, rows):
-    assert [row.entry.name for row in board.calibration] == ["scripted"]
+    assert [row.name for row in board.calibration] == ["scripted"]
     assert rows["scripted"].ranks == {}
     assert board.missing_calibration == CALIBRATION[1:]
 
 
 def test_every_episode_has_one_ending(rows):
-    counts = rows["hac"].endings
+    counts = rows["hac"].scored.endings
     assert all(sum(own.values()) == 100 for own in counts.values())
     assert counts["pushing"][Ending.FAULT] == 4
-    won = rows["hac"].entry.episodes("table4", Role.FINAL, "pushing")[0].success.sum()
+    won = sum(rows["hac"].scored.values["pushing"][0])
     assert counts["pushing"][Ending.SUCCEEDED] == won
-    assert sum(rows["seeds"].endings["opening"].values()) == 300
+    assert sum(rows["seeds"].scored.endings["opening"].values()) == 300
     assert set(counts["playing"]) <= {Ending.TOUCHED, Ending.NEVER_TOUCHED}
 
 
@@ -147,7 +140,7 @@ def test_the_same_episodes_under_another_name_are_told(submissions, tmp_path):
     copied = make_submission(root, "copied", 0.5)
     shutil.rmtree(copied / "seed-0")
     shutil.copytree(root / "near" / "seed-0", copied / "seed-0")
-    twins = {r.entry.name: r.twins for r in make_board([entry(p) for p in root.iterdir()]).ranked}
+    twins = {row.name: row.twins for row in make_board(score_submissions([*root.iterdir()])).ranked}
     assert twins == {"near": ("copied",), "copied": ("near",)}
 
 
@@ -191,18 +184,76 @@ def test_csv_has_a_row_a_figure_and_guards_formulas(board):
     assert float(row["low"]) < float(row["value"]) < float(row["high"])
     assert {row["kind"] for row in table} == {"ranked", "calibration", "paper"}
     assert not any(row["rank"] for row in table if row["kind"] != "ranked")
-    hostile = replace(board.ranked[0], entry=with_method(board.ranked[0].entry, "=cmd()"))
-    text = board_csv(replace(board, ranked=(hostile,)))
+    text = board_csv(replace(board, ranked=(with_method(board.ranked[0], "=cmd()"),)))
     assert ",'=cmd()," in text
-    assert "<script" not in board_markdown(
-        replace(board, ranked=(replace(hostile, entry=with_method(hostile.entry, "<script>|`x`")),))
-    ).replace("\\<script", "")
+    hostile = replace(board, ranked=(with_method(board.ranked[0], "<script>|`x`"),))
+    assert "<script" not in board_markdown(hostile).replace("\\<script", "")
 
 
-def with_method(own, method):
-    return replace(own, submission=replace(own.submission, method=method))
+def with_method(row, method):
+    about = replace(row.about, method=method)
+    return replace(row, scored=replace(row.scored, about=about))
 
 
 def test_the_board_does_not_depend_on_the_order_of_submissions(submissions, board):
-    entries = [entry(path) for path in sorted(submissions.iterdir(), reverse=True)]
-    assert board_csv(make_board(entries)) == board_csv(board)
+    scored = score_submissions(sorted(submissions.iterdir(), reverse=True))
+    assert board_csv(make_board(scored)) == board_csv(board)
+
+
+def files_of(board):
+    return {
+        path.relative_to(board): path.read_bytes()
+        for path in board.rglob("*")
+        if path.is_file() and ".cache" not in path.parts
+    }
+
+
+def test_a_row_more_gives_the_board_that_all_rows_at_once_give(submissions, tmp_path):
+    root = tmp_path / "submissions"
+    shutil.copytree(submissions, root)
+    late = shutil.move(root / "near", tmp_path / "near")
+    assert build_board(root, tmp_path / "grown").new == 4
+    assert build_board(root, tmp_path / "grown").new == 0
+    shutil.move(late, root / "near")
+    assert build_board(root, tmp_path / "grown").new == 1
+    assert build_board(root, tmp_path / "whole").new == 5
+    assert files_of(tmp_path / "grown") == files_of(tmp_path / "whole")
+
+
+def test_what_changes_is_read_again_and_what_is_gone_is_forgotten(submissions, tmp_path):
+    root, board = tmp_path / "submissions", tmp_path / "board"
+    shutil.copytree(submissions / "near", root / "near")
+    shutil.copytree(submissions / "hac", root / "hac")
+    assert build_board(root, board).ranked == 2
+    table = root / "near" / "seed-0" / "table4" / "table4.csv"
+    text = table.read_text()
+    table.write_text(text.replace("0", "1", 1))
+    built = build_board(root, board)
+    assert (built.ranked, built.new, [one.name for one in built.refused]) == (1, 1, ["near"])
+    table.write_text(text)
+    shutil.rmtree(root / "hac")
+    assert build_board(root, board).ranked == 1
+    assert len(list((board / ".cache").glob("*.json"))) == 1
+    assert (board / ".cache" / ".gitignore").read_text() == "*\n"
+
+
+@pytest.mark.parametrize("content", ["", "{}", "no json", '{"scored": {}, "refusal": null}'])
+def test_a_kept_row_that_is_damaged_is_made_again(submissions, tmp_path, content):
+    root, board = tmp_path / "submissions", tmp_path / "board"
+    shutil.copytree(submissions / "near", root / "near")
+    build_board(root, board)
+    before = files_of(board)
+    (kept,) = (board / ".cache").glob("*.json")
+    kept.write_text(content)
+    assert build_board(root, board).new == 1
+    assert files_of(board) == before
+
+
+def test_a_proof_changes_its_row(submissions, tmp_path):
+    root, board = tmp_path / "submissions", tmp_path / "board"
+    shutil.copytree(submissions / "near", root / "near")
+    build_board(root, board)
+    verdict = validate(root / "near")
+    write_proof(make_proof(verdict, ProofLevel.REPLAYED), proof_path(root / "near"))
+    assert build_board(root, board).new == 1
+    assert "replay-verified" in (board / "submission" / "near.html").read_text()
