@@ -5,14 +5,14 @@
     MiniTouchError                  root; carries the exit code of the command line
     ├── UsageError                  2   a wrong option, task, suite or shape set
     ├── MissingExtraError           3   an optional package is needed and not installed
-    ├── IsolationError              3   a policy cannot be held as asked on this machine
+    ├── IsolationError              3   a policy cannot be isolated as asked on this machine
     ├── PolicyError                 3   a policy cannot be used
     │   ├── PolicyLoadError         3   the file is unreadable, unsafe or of the wrong form
     │   └── PolicyFaultError        4   the policy failed inside an episode
     │       ├── InvalidActionError      wrong length, type, NaN or infinite
     │       ├── PolicyTimeoutError      no answer before the deadline
     │       ├── PolicyExitError         its process ended
-    │       │   └── PolicyKilledError       killed from outside, perhaps for no fault of its own
+    │       │   └── PolicyKilledError       killed from outside, perhaps not through its own fault
     │       └── PolicyRaisedError       its code raised
     ├── InfrastructureError         5   a worker died, a file could not be written
     ├── InterruptedRunError       130   Ctrl-C
@@ -27,7 +27,7 @@ class MiniTouchError(Exception):
 
 
 class UsageError(MiniTouchError):
-    """An argument has no meaning here."""
+    """An argument is wrong."""
 
     exit_code = 2
 
@@ -39,7 +39,7 @@ class MissingExtraError(MiniTouchError):
 
 
 class IsolationError(MiniTouchError):
-    """A policy cannot be held as was asked on this machine."""
+    """A policy cannot be isolated as asked on this machine."""
 
     exit_code = 3
 
@@ -87,7 +87,7 @@ class InfrastructureError(MiniTouchError):
 
 
 class InterruptedRunError(MiniTouchError):
-    """The user broke off a run."""
+    """The user interrupted a run."""
 
     exit_code = 130
 

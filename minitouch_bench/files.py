@@ -39,6 +39,8 @@ LARGEST_RUN_FILE = 16 * GIB
 """No file of a run is larger; a submission's limits are far below."""
 
 LOCK_FILE = ".lock"
+PARTIAL_PATTERN = f".{'[0-9a-f]' * 16}.partial"
+"""Names of files that are being written, until they get their own."""
 
 
 def holds_run(directory: Path) -> bool:
@@ -78,8 +80,8 @@ def lock_directory(directory: Path) -> Iterator[None]:
     with os_errors_as(RunDirectoryError, directory, "written"):
         directory.mkdir(parents=True, exist_ok=True)
         handle = _lock(lock)
-        for unfinished in directory.glob(".*.partial"):
-            unfinished.unlink(missing_ok=True)
+        for partial in directory.glob(PARTIAL_PATTERN):
+            partial.unlink(missing_ok=True)
     try:
         yield
     finally:
