@@ -37,11 +37,15 @@ def check_run(
 ) -> None:
     """Check all that ``run.json`` says by itself.
 
-    Of a run that is not of its suite's episodes nothing more can be said.
+    Of a run of another suite, or of other settings or rules, nothing more can be said.
     """
     header = saved.header
     if header.suite != suite:
         problems.add(place, f"it is a run of the suite '{header.suite}', not {suite}", RUN_AGAIN)
+        return
+    if not header.official:
+        said = "; ".join(header.unofficial_because)
+        problems.add(place, f"it is unofficial: {said}", f"evaluate the whole suite {suite}")
         return
     for problem in check_against_suite(saved):
         problems.add_below(place, problem)
@@ -64,9 +68,6 @@ def _rows(saved: SavedRun) -> tuple[tuple[Role, Sequence[EpisodeMetrics]], ...]:
 
 
 def _check_header(header: RunHeader, place: str, problems: Problems) -> None:
-    if not header.official:
-        said = "; ".join(header.unofficial_because)
-        problems.add(place, f"it is unofficial: {said}", f"evaluate the whole suite {header.suite}")
     if header.isolation not in tuple(Isolation):
         problems.add(place, f"'{header.isolation}' is no level of isolation", AS_WRITTEN)
     elif header.isolation == Isolation.NONE and header.policy.kind != "scripted":

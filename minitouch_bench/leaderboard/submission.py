@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Literal
 from msgspec import Meta
 
 from minitouch_bench.leaderboard import texts
-from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.records import Role, Sha256
 
 FORMAT: Final = "minitouch-submission"
@@ -21,8 +21,8 @@ ALL_TASKS = "all"
 """The task of a checkpoint that serves every task."""
 
 MAIN_SUITE = "table4"
-SUBMITTED_SUITES = (MAIN_SUITE, "novel-shapes")
-"""The suites a submission may hold; the first one is required."""
+SUBMITTED_SUITES = tuple(suite.name for suite in PROTOCOL.suites if suite.rankable)
+"""The suites a submission may hold; MAIN_SUITE is required."""
 
 MODALITIES: Mapping[str, str] = MappingProxyType(
     {

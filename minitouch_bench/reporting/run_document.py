@@ -120,5 +120,6 @@ def _name_metrics(mapping: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
 
 
 def _described(metric: Metric) -> str:
-    units = [metric.unit, *(f"{unit} in {task}" for task, unit in metric.task_units.items())]
+    others = {task: unit for task, unit in metric.task_units.items() if unit != metric.unit}
+    units = [metric.unit, *(f"{unit} in {task}" for task, unit in others.items())]
     return f"{metric.meaning[:1].upper()}{metric.meaning[1:]}; {', '.join(units)}."
