@@ -110,7 +110,7 @@ def csv_text(frame: "pd.DataFrame") -> str:
     for name in frame.select_dtypes("bool"):
         written[name] = frame[name].map({True: "true", False: "false"})
     for name in frame.select_dtypes(exclude=["number", "bool"]):
-        written[name] = frame[name].map(_safe_text)
+        written[name] = frame[name].map(_safe_text, na_action="ignore")
     return str(written.to_csv(index=False, lineterminator="\n"))
 
 
