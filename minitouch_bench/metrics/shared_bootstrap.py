@@ -44,7 +44,6 @@ def mean_intervals(
     With ``mask`` (N, size) the mean is over the marked values alone, which a resample may draw
     more or less often; NaN where nothing is marked. Equal values give a width of 0.
     """
-    values = _on_grid(values)
     found = np.empty((len(values), 2))
     for start in range(0, len(values), COLUMNS_PER_BLOCK):
         block = slice(start, start + COLUMNS_PER_BLOCK)
@@ -63,25 +62,12 @@ def stratified_intervals(
     Source: R. Agarwal et al., "Deep reinforcement learning at the edge of the statistical
     precipice", NeurIPS 2021: training runs resampled task by task.
     """
-    strata = [_on_grid(values) for values in strata]
     found = np.empty((len(strata[0]), 2))
     for start in range(0, len(found), COLUMNS_PER_BLOCK):
         block = slice(start, start + COLUMNS_PER_BLOCK)
         means = np.mean([_means(v[block], w) for v, w in zip(strata, weights, strict=True)], axis=0)
         found[block] = _limits(means)
     return found
-
-
-def _on_grid(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Round each row (N, size) to a power of two so fine that all of its sums are exact.
-
-    A matrix product adds in an order that depends on the number of rows and of threads and on
-    the processor. Exact sums do not: a row gets the same bits alone and among a thousand.
-    """
-    largest = values.shape[1] * np.abs(values).max(axis=1, initial=0.0, keepdims=True)
-    step = np.exp2(np.ceil(np.log2(np.maximum(largest, np.finfo(float).tiny))) - MANTISSA)
-    rounded: NDArray[np.float64] = np.rint(values / step) * step
-    return rounded
 
 
 def _block(
@@ -93,7 +79,7 @@ def _block(
         if mask is None:
             means = _means(values, weights)
         else:
-            means = ((values * mask) @ weights.T) / (mask @ weights.T)
+            means = (_on_grid(values * mask) @ weights.T) / (mask @ weights.T)
     influences = (values - estimates[:, None]) * marked
     limits = _corrected_limits(means, estimates, influences)
     for row, (own, used) in enumerate(zip(values, marked, strict=True)):
@@ -162,5 +148,17 @@ def _at(ordered: NDArray[np.float64], levels: NDArray[np.float64]) -> NDArray[np
 
 def _means(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the resampled means, (N, RESAMPLES)."""
-    means: NDArray[np.float64] = values @ weights.T / values.shape[1]
+    means: NDArray[np.float64] = _on_grid(values) @ weights.T / values.shape[1]
     return means
+
+
+def _on_grid(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Round each row (N, size) to a power of two so fine that all of its sums are exact.
+
+    A matrix product adds in an order that depends on the number of rows and of threads and on
+    the processor. Exact sums do not: a row gets the same bits alone and among a thousand.
+    """
+    largest = values.shape[1] * np.abs(values).max(axis=1, initial=0.0, keepdims=True)
+    step = np.exp2(np.ceil(np.log2(np.maximum(largest, np.finfo(float).tiny))) - MANTISSA)
+    rounded: NDArray[np.float64] = np.rint(values / step) * step
+    return rounded

@@ -43,7 +43,7 @@ def test_intervals_are_those_of_the_plain_bootstrap(values):
 def test_an_interval_does_not_depend_on_the_other_rows(values):
     weights = resample_weights(100, ROOT, "a")
     alone = mean_intervals(values[77:78], weights)
-    assert mean_intervals(values, weights)[77] == pytest.approx(alone[0], rel=1e-12)
+    assert mean_intervals(values, weights)[77].tolist() == alone[0].tolist()
 
 
 def test_equal_values_have_no_width():
