@@ -50,7 +50,10 @@ START = """
 import sys
 from multiprocessing.connection import Connection
 connection = Connection(int(sys.argv[1]))
-sys.path[:] = connection.recv()
+try:
+    sys.path[:] = connection.recv()
+except (EOFError, OSError):  # the parent ended before its first message
+    sys.exit()
 from minitouch_bench.processes import serve
 serve(connection, int(sys.argv[2]))
 """

@@ -1,3 +1,4 @@
+import multiprocessing
 import os
 import platform
 import signal
@@ -10,6 +11,7 @@ import pytest
 
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.processes import (
+    START,
     ARITHMETIC,
     MANY_JOBS,
     interrupts_held,
@@ -231,3 +233,13 @@ def test_what_is_started_meanwhile_never_sees_ctrl_c():
     with interrupts_held():
         child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert child.communicate()[0] == "alive\n"
+
+
+def test_a_worker_whose_parent_ended_before_its_first_message_is_silent():
+    ours, theirs = multiprocessing.Pipe()
+    with theirs:
+        command = [sys.executable, "-P", "-c", START, str(theirs.fileno()), str(os.getpid())]
+        worker = subprocess.Popen(command, pass_fds=(theirs.fileno(),), stderr=subprocess.PIPE)
+    ours.close()
+    _, said = worker.communicate(timeout=60)
+    assert (worker.returncode, said) == (0, b"")
