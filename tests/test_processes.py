@@ -11,9 +11,9 @@ import pytest
 
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.processes import (
-    START,
     ARITHMETIC,
     MANY_JOBS,
+    START,
     interrupts_held,
     run_all,
     run_in_workers,

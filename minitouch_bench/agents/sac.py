@@ -179,10 +179,13 @@ def shift_at_random(image: Tensor, pixels: int, generator: torch.Generator) -> T
     if pixels == 0:
         return image
     count, _, height, width = image.shape
-    padded = functional.pad(image.float(), (pixels,) * 4, mode="replicate")
-    windows = padded.unfold(2, height, 1).unfold(3, width, 1)
-    x, y = torch.randint(2 * pixels + 1, (2, count), generator=generator, device=image.device)
-    return windows[torch.arange(count, device=image.device), :, y, x]
+    up, left = torch.randint(
+        -pixels, pixels + 1, (2, count, 1), generator=generator, device=image.device
+    )
+    rows = (torch.arange(height, device=image.device) + up).clamp(0, height - 1)
+    columns = (torch.arange(width, device=image.device) + left).clamp(0, width - 1)
+    pixel = rows[:, :, None] * width + columns[:, None, :]
+    return image.flatten(1).gather(1, pixel.flatten(1)).view_as(image)
 
 
 def _step(optimizer: torch.optim.Optimizer, loss: Tensor) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
@@ -32,6 +33,51 @@ LOG_STD_BOUNDS = (-20.0, 2.0)
 """Clamp on the log standard deviation; the paper names none, these are SAC's own."""
 
 
+class FirstConvolution(nn.Conv2d):
+    """A convolution of one channel and stride 4, computed on 4 x 4 pixels as channels.
+
+    The same sums; their gradients take oneDNN a quarter of the time. The kernel's size, the
+    height and the width are multiples of 4.
+    """
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Return maps of images (N, 1, H, W)."""
+        weight = _blocks(self.weight, 4).permute(0, 3, 1, 2)
+        if torch.is_autocast_enabled(image.device.type):
+            blocks = _blocks_in_half_precision(image)
+        else:
+            blocks = _blocks(image, 4)
+        return functional.conv2d(blocks.permute(0, 3, 1, 2), weight, self.bias)
+
+
+class TileConvolution(nn.Conv2d):
+    """A convolution whose stride is its kernel's size, computed as one matrix product.
+
+    The same sums; their gradients take oneDNN a quarter of the time.
+    """
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """Return maps (N, C', H / stride, W / stride) of maps (N, C, H, W)."""
+        tiles = _blocks(maps, self.stride[0])
+        weight = _blocks(self.weight, self.stride[0]).flatten(1)
+        return functional.linear(tiles, weight, self.bias).permute(0, 3, 1, 2)
+
+
+def _blocks(maps: Tensor, size: int) -> Tensor:
+    """Return maps (N, C, H, W) as (N, H / size, W / size, size * size * C)."""
+    count, channels, height, width = maps.shape
+    split = maps.reshape(count, channels, height // size, size, width // size, size)
+    return split.permute(0, 2, 4, 3, 5, 1).flatten(3)
+
+
+def _blocks_in_half_precision(image: Tensor) -> Tensor:
+    """Return ``_blocks(image, 4)`` of (N, 1, H, W), moving four pixels at a time."""
+    fours = image.bfloat16().view(torch.int64)
+    count, _, height, width = fours.shape
+    moved = fours.reshape(count, height // 4, 4, width).transpose(2, 3).contiguous()
+    return moved.view(torch.bfloat16)
+
+
 class VisualEncoder(nn.Module):
     """Map a grey image to 256 features (supplement, Table 3).
 
@@ -47,7 +93,8 @@ class VisualEncoder(nn.Module):
             ENCODER_CHANNELS, ENCODER_KERNELS, ENCODER_STRIDES, strict=True
         ):
             wide = max(1, int(width * outputs))
-            layers += [nn.Conv2d(channels, wide, kernel, stride), nn.LeakyReLU()]
+            convolution = _convolution_class(channels, kernel, stride)
+            layers += [convolution(channels, wide, kernel, stride), nn.LeakyReLU()]
             channels = wide
         self.convolutions = nn.Sequential(*layers)
         self.projection = nn.Sequential(
@@ -56,9 +103,15 @@ class VisualEncoder(nn.Module):
 
     def forward(self, image: Tensor) -> Tensor:
         """Return features float32 (N, 256) of images uint8 (N, 1, 84, 84)."""
-        maps = self.convolutions(image.float() / 255.0)
+        maps = self.convolutions(image / 255.0)
         features: Tensor = self.projection(maps.flatten(1))
         return features
+
+
+def _convolution_class(channels: int, kernel: int, stride: int) -> type[nn.Conv2d]:
+    if channels == 1 and stride == 4 and kernel % 4 == 0:
+        return FirstConvolution
+    return TileConvolution if kernel == stride else nn.Conv2d
 
 
 class TouchActor(nn.Module):

@@ -1,7 +1,13 @@
 import pytest
 import torch
 
-from minitouch_bench.policies.networks import ARCHITECTURES, TouchActor, VisualEncoder
+from minitouch_bench.policies.networks import (
+    ARCHITECTURES,
+    FirstConvolution,
+    TileConvolution,
+    TouchActor,
+    VisualEncoder,
+)
 
 IMAGE = torch.randint(0, 256, (2, 1, 84, 84), dtype=torch.uint8)
 TOUCH = torch.randn(2, 11)
@@ -17,6 +23,21 @@ def test_encoder_has_the_feature_maps_of_table_3():
             sizes.append(tuple(maps.shape[1:]))
     assert sizes == [(32, 20, 20), (64, 9, 9), (124, 4, 4), (256, 2, 2)]
     assert encoder(IMAGE).shape == (2, 256)
+
+
+@pytest.mark.parametrize("half", [False, True])
+@pytest.mark.parametrize(
+    ("layer", "size"), [(FirstConvolution(1, 32, 8, 4), 84), (TileConvolution(124, 256, 2, 2), 4)]
+)
+def test_rearranged_convolutions_give_the_sums_of_plain_ones(layer, size, half):
+    maps = torch.randn(3, layer.in_channels, size, size, requires_grad=True)
+    weights = [maps, layer.weight, layer.bias]
+    with torch.autocast("cpu", torch.bfloat16, enabled=half):
+        ours, plain = layer(maps), torch.nn.Conv2d.forward(layer, maps)
+    ours = [ours, *torch.autograd.grad(ours.square().sum(), weights)]
+    plain = [plain, *torch.autograd.grad(plain.square().sum(), weights)]
+    for one, other in zip(ours, plain, strict=True):
+        assert (one - other).abs().max() < (0.02 if half else 1e-5) * other.abs().max()
 
 
 @pytest.mark.parametrize("architecture", ARCHITECTURES)

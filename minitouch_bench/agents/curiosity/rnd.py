@@ -6,7 +6,7 @@ from torch import Tensor, nn
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.curiosity.curiosity import Curiosity
 from minitouch_bench.agents.replay import Batch
-from minitouch_bench.policies.networks import TOUCH_SIZE
+from minitouch_bench.policies.networks import TOUCH_SIZE, FirstConvolution
 
 OUTPUTS = 512
 """Numbers that the target network gives (Burda et al. 2019)."""
@@ -78,7 +78,7 @@ class RandomDistillation(Curiosity):
 
 def _convolutions() -> nn.Sequential:
     return nn.Sequential(
-        nn.Conv2d(1, 32, 8, 4), nn.LeakyReLU(),
+        FirstConvolution(1, 32, 8, 4), nn.LeakyReLU(),
         nn.Conv2d(32, 64, 4, 2), nn.LeakyReLU(),
         nn.Conv2d(64, 64, 3, 1), nn.LeakyReLU(),
         nn.Flatten(),
