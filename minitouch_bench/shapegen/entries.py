@@ -9,10 +9,9 @@ from typing import Any
 
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.files import os_errors_as, replace_file
-from minitouch_bench.shapegen.body_files import body_files
 from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA
 from minitouch_bench.shapegen.poses import RestPose
-from minitouch_bench.shapegen.record import Body, digest, encode
+from minitouch_bench.shapegen.record import Body, body_files, digest, encode
 from minitouch_bench.shapegen.soundness import Measures
 from minitouch_bench.shapegen.splits import splits_of
 

@@ -9,9 +9,8 @@ import trimesh
 
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.files import os_errors_as, replace_file
-from minitouch_bench.shapegen.body_files import FRICTION, obj_text, urdf_text
 from minitouch_bench.shapegen.manifest import ShapeSet
-from minitouch_bench.shapegen.record import Body
+from minitouch_bench.shapegen.record import FRICTION, Body, obj_text, urdf_text
 
 Writer = Callable[[str, Body], dict[str, bytes]]
 """From a name and a body to file names and their bytes."""

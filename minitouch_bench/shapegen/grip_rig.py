@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.shapegen.body_files import body_files
 from minitouch_bench.shapegen.grasps import plan_grasp
 from minitouch_bench.shapegen.mesh import Points
 from minitouch_bench.shapegen.poses import Quaternion, RestPose, product, rotation_matrix, yaw
-from minitouch_bench.shapegen.record import Body
+from minitouch_bench.shapegen.record import Body, body_files
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.installed import data_directory
 from minitouch_bench.simulation.values import INVISIBLE

@@ -14,9 +14,8 @@ from typing import Any
 from minitouch_bench.cache import cache_directory, cache_errors
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, MIB, read_file, replace_file
-from minitouch_bench.shapegen.body_files import body_files, file_names
 from minitouch_bench.shapegen.poses import RestPose
-from minitouch_bench.shapegen.record import Body, decode, digest
+from minitouch_bench.shapegen.record import Body, body_files, decode, digest, file_names
 
 MANIFEST = "manifest.json"
 PACK = "shapes.bin"

@@ -8,10 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from minitouch_bench.cli.shapes import app
-from minitouch_bench.shapegen.body_files import body_files
 from minitouch_bench.shapegen.check import check_set
 from minitouch_bench.shapegen.manifest import load_shape_set
-from minitouch_bench.shapegen.record import digest
+from minitouch_bench.shapegen.record import body_files, digest
 from minitouch_bench.shapegen.splits import splits_of
 
 Change = Callable[[dict[str, Any]], None]

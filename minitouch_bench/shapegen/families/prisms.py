@@ -1,9 +1,70 @@
-"""Plane outlines that the extruded and the twisted family share."""
+"""Families on random plane outlines: thick cut-outs, and columns that twist, taper or bend."""
 
 import manifold3d
 import numpy as np
 
-from minitouch_bench.shapegen.families.primitives import outline, rounded
+from minitouch_bench.shapegen.mesh import Points
+from minitouch_bench.shapegen.solids import Solid, outline, rounded
+
+
+def extruded(rng: np.random.Generator) -> Solid:
+    """Return a thick cut-out with none to two holes."""
+    region = random_outline(rng)
+    height = float(rng.uniform(0.75, 1.5))
+    kind = rng.random()
+    if kind < 0.25:  # a second, smaller layer on the first
+        step = height * float(rng.uniform(0.35, 0.65))
+        upper = region.offset(-float(rng.uniform(0.12, 0.25)), manifold3d.JoinType.Miter)
+        solid = Solid.extrude(region, step) + Solid.extrude(upper, height)
+    elif kind < 0.5:  # tapered sides
+        top = float(rng.uniform(0.6, 0.9))
+        solid = Solid.extrude(region, height, 0, 0.0, (top, top))
+    else:
+        solid = Solid.extrude(region, height)
+    for _ in range(int(rng.choice([0, 1, 1, 2]))):
+        solid = _pierced(rng, solid, region, height)
+    return solid
+
+
+def _pierced(
+    rng: np.random.Generator, solid: Solid, region: manifold3d.CrossSection, height: float
+) -> Solid:
+    """Return the solid with one hole that leaves a wall all round, where it finds a place."""
+    for _ in range(12):
+        radius = float(rng.uniform(0.14, 0.34))
+        place = rng.uniform(-0.65, 0.65, size=2)
+        sides = int(rng.choice([4, 6, 24]))
+        guard = manifold3d.CrossSection.circle(radius + 0.17, 24).translate(place.tolist())
+        if (guard - region).area() < 1e-6:
+            drill = Solid.cylinder(4.0, radius, -1.0, sides, True)
+            depth = height * float(rng.choice([-1.0, rng.uniform(0.3, 0.6)]))
+            lift = 0.0 if depth < 0 else 2.0 + depth
+            return solid - drill.translate([*place.tolist(), lift])
+    return solid
+
+
+def twisted(rng: np.random.Generator) -> Solid:
+    """Return a column that turns, narrows, leans or swells from its foot to its head."""
+    height = float(rng.uniform(1.8, 3.6))
+    twist = float(rng.uniform(15.0, 95.0) * rng.choice([-1, 1]))
+    top = float(rng.uniform(0.45, 1.0))
+    column = Solid.extrude(random_outline(rng), height, 24, twist, (top, top))
+    bulge = float(rng.uniform(-0.25, 0.4))
+    bend = float(rng.choice([0.0, rng.uniform(0.15, 0.6)])) / height
+
+    def deform(points: Points) -> Points:
+        share = points[:, 2] / height
+        swell = 1.0 + bulge * np.sin(np.pi * share)
+        x, y = points[:, 0] * swell, points[:, 1] * swell
+        if bend > 0.0:
+            radius = 1.0 / bend
+            angle = points[:, 2] * bend
+            return np.stack(
+                [radius - (radius - x) * np.cos(angle), y, (radius - x) * np.sin(angle)], axis=1
+            )
+        return np.stack([x, y, points[:, 2]], axis=1)
+
+    return column.warp_batch(deform)
 
 
 def random_outline(rng: np.random.Generator) -> manifold3d.CrossSection:
