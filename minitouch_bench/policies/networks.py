@@ -34,32 +34,35 @@ LOG_STD_BOUNDS = (-20.0, 2.0)
 
 
 class FirstConvolution(nn.Conv2d):
-    """A convolution of one channel and stride 4, computed on 4 x 4 pixels as channels.
+    """A convolution of one channel and stride 4; in half precision on 4 x 4 pixels as channels.
 
-    The same sums; their gradients take oneDNN a quarter of the time. The kernel's size, the
+    The same sums, whose gradients take oneDNN a quarter of the time. The kernel's size, the
     height and the width are multiples of 4. Half-precision pictures get no gradient.
     """
 
     def forward(self, image: Tensor) -> Tensor:
         """Return maps of images (N, 1, H, W)."""
-        weight = _blocks(self.weight, 4).permute(0, 3, 1, 2)
-        if torch.is_autocast_enabled(image.device.type):
-            blocks = _blocks_in_half_precision(image)
-        else:
-            blocks = _blocks(image, 4)
-        return functional.conv2d(blocks.permute(0, 3, 1, 2), weight, self.bias)
+        if not torch.is_autocast_enabled(image.device.type):
+            return super().forward(image)
+        fours = image.bfloat16().view(torch.int64)  # moves four pixels at a time
+        count, _, height, width = fours.shape
+        moved = fours.reshape(count, height // 4, 4, width).transpose(2, 3).contiguous()
+        blocks = moved.view(torch.bfloat16).permute(0, 3, 1, 2)
+        return functional.conv2d(blocks, _blocks(self.weight, 4).permute(0, 3, 1, 2), self.bias)
 
 
 class TileConvolution(nn.Conv2d):
-    """A convolution whose stride is its kernel's size, computed as one matrix product.
+    """A convolution whose stride is its kernel's size; in half precision one matrix product.
 
-    The same sums; their gradients take oneDNN a quarter of the time.
+    The same sums, whose gradients take oneDNN a quarter of the time.
     """
 
     def forward(self, maps: Tensor) -> Tensor:
         """Return maps (N, C', H / stride, W / stride) of maps (N, C, H, W)."""
-        tiles = _blocks(maps, self.stride[0])
+        if not torch.is_autocast_enabled(maps.device.type):
+            return super().forward(maps)
         weight = _blocks(self.weight, self.stride[0]).flatten(1)
+        tiles = _blocks(maps, self.stride[0])
         return functional.linear(tiles, weight, self.bias).permute(0, 3, 1, 2)
 
 
@@ -68,14 +71,6 @@ def _blocks(maps: Tensor, size: int) -> Tensor:
     count, channels, height, width = maps.shape
     split = maps.reshape(count, channels, height // size, size, width // size, size)
     return split.permute(0, 2, 4, 3, 5, 1).flatten(3)
-
-
-def _blocks_in_half_precision(image: Tensor) -> Tensor:
-    """Return ``_blocks(image, 4)`` of (N, 1, H, W), moving four pixels at a time."""
-    fours = image.bfloat16().view(torch.int64)
-    count, _, height, width = fours.shape
-    moved = fours.reshape(count, height // 4, 4, width).transpose(2, 3).contiguous()
-    return moved.view(torch.bfloat16)
 
 
 class VisualEncoder(nn.Module):
@@ -103,7 +98,7 @@ class VisualEncoder(nn.Module):
 
     def forward(self, image: Tensor) -> Tensor:
         """Return features float32 (N, 256) of images uint8 (N, 1, 84, 84)."""
-        maps = self.convolutions(image / 255.0)
+        maps = self.convolutions(image.float() / 255.0)
         features: Tensor = self.projection(maps.flatten(1))
         return features
 
