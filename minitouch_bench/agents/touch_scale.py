@@ -8,7 +8,7 @@ from torch import Tensor
 
 from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
 from minitouch_bench.protocol.spec import Workspace
-from minitouch_bench.sensing.touch import FORCES, OPENINGS, POSITION
+from minitouch_bench.sensing.observation import FORCES, OPENINGS, POSITION
 
 
 @dataclass(frozen=True)

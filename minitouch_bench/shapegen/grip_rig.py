@@ -13,7 +13,7 @@ from minitouch_bench.shapegen.mesh import Points
 from minitouch_bench.shapegen.poses import Quaternion, RestPose, product, rotation_matrix, yaw
 from minitouch_bench.shapegen.record import Body, body_files
 from minitouch_bench.simulation.client import PhysicsClient
-from minitouch_bench.simulation.installed import data_directory
+from minitouch_bench.simulation.panda_model import stock_panda
 from minitouch_bench.simulation.values import INVISIBLE
 
 SLAB_HALF_EXTENTS, SLAB_CENTER = (0.5, 0.5, 0.05), (0.0, 0.0, -0.05)
@@ -82,7 +82,7 @@ class GripRig:
             (folder / name).write_bytes(content)
         self._urdf = folder / files.urdf_name
         self._gripper = folder / "gripper.urdf"
-        mesh = data_directory() / "franka_panda/meshes/collision/finger.obj"
+        mesh = stock_panda().parent / "meshes/collision/finger.obj"
         fingers = "".join(
             _FINGER.format(name=name, turn=turn, side=side, mesh=mesh)
             for name, turn, side in (("left", 0.0, 1), ("right", np.pi, -1))

@@ -1,4 +1,4 @@
-"""Bodies of our own making, as URDF text: the cube and the cabinet with its hinged door."""
+"""Bodies of our own making: the cube and the cabinet with its hinged door, as URDF; the table."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -8,6 +8,7 @@ from minitouch_bench.cache import cache_file
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import Rgba
 from minitouch_bench.protocol.tasks import CabinetSpec, CubeSpec
+from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_model import rgba_text
 
 Box = tuple[Sequence[float], Sequence[float]]
@@ -114,3 +115,16 @@ def _inertia(xx: float, yy: float, zz: float) -> str:
 
 def _text(values: Sequence[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
+
+
+def add_table(client: PhysicsClient) -> int:
+    """Add the table and return its id."""
+    physics = PROTOCOL.physics
+    half = physics.table_half_extents
+    return client.add_box(
+        half,
+        (*physics.table_center, physics.table_top - half[2]),
+        PROTOCOL.observation.table_color,
+        mass=0.0,
+        friction=physics.table_friction,
+    )

@@ -10,10 +10,11 @@ import xml.etree.ElementTree as ET
 from functools import cache
 from pathlib import Path
 
+import pybullet_data
+
 from minitouch_bench.cache import cache_file
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import Rgba
-from minitouch_bench.simulation.installed import data_directory
 
 MESHES = Path(__file__).parent / "panda"
 LINK_COLORS = {"panda_hand": PROTOCOL.observation.hand_color}
@@ -21,7 +22,7 @@ LINK_COLORS = {"panda_hand": PROTOCOL.observation.hand_color}
 
 def stock_panda() -> Path:
     """Return the URDF of the full Panda in ``pybullet_data``."""
-    return data_directory() / "franka_panda" / "panda.urdf"
+    return Path(pybullet_data.getDataPath()) / "franka_panda/panda.urdf"
 
 
 @cache

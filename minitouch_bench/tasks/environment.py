@@ -13,17 +13,20 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Outcome
 from minitouch_bench.sensing.camera import GreyCamera, Shadow
-from minitouch_bench.sensing.observation import Observation, observation_space
-from minitouch_bench.sensing.touch import read_touch
-from minitouch_bench.simulation.client import PhysicsClient
-from minitouch_bench.simulation.panda_arm import PandaArm
-from minitouch_bench.simulation.panda_kinematics import PandaKinematics
-from minitouch_bench.simulation.scene import add_table
+from minitouch_bench.sensing.observation import (
+    ContactWatch,
+    Observation,
+    observation_space,
+    read_touch,
+)
+from minitouch_bench.simulation.bodies import add_table
+from minitouch_bench.simulation.client import PhysicsClient, View
+from minitouch_bench.simulation.panda_arm import PandaArm, PandaKinematics
+from minitouch_bench.simulation.panda_model import stock_panda
 from minitouch_bench.tasks.action import fit_action
-from minitouch_bench.tasks.contact_watch import ContactWatch
-from minitouch_bench.tasks.human_renderer import HumanRenderer
 from minitouch_bench.tasks.objects import ObjectModel
 from minitouch_bench.tasks.registration import Objects, make_task, object_pool
+from minitouch_bench.tasks.task import Task
 
 Info = dict[str, Any]
 
@@ -238,3 +241,40 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             "action": action,
             "clipped": np.array(clipped),
         }
+
+
+class HumanRenderer:
+    """A second world, only ever drawn, that mirrors the poses of the simulated one.
+
+    It is built in the same order, so that bodies have the same ids in both.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self._client = PhysicsClient()
+        self._size = (width, height)
+        self._built_for: Task | None = None
+
+    def close(self) -> None:
+        """Free its world."""
+        self._client.close()
+
+    def forget(self) -> None:
+        """Build the scene again at the next picture, because it has changed."""
+        self._built_for = None
+
+    def picture(self, task: Task, simulated: PhysicsClient) -> NDArray[np.uint8]:
+        """Return a picture of the simulated world as it is, uint8 (height, width, 3)."""
+        if self._built_for is not task:
+            self._build(task)
+        self._client.mirror(simulated)
+        width, height = self._size
+        view = View.of(task.spec.portrait, aspect=width / height)
+        return self._client.render(view, width, height, shadow=True).rgb.copy()
+
+    def _build(self, task: Task) -> None:
+        self._client.reset_world()
+        add_table(self._client)
+        task.add_scenery(self._client)
+        task.add_object(self._client)
+        self._client.load_urdf(stock_panda(), fixed=True)
+        self._built_for = task

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.tasks import TabletopSpec
 from minitouch_bench.shapegen.manifest import ShapeSet
-from minitouch_bench.tasks.objects import CUBE, ObjectPool
+from minitouch_bench.tasks.objects import CUBE, ObjectPool, shape_model, shape_names
 from minitouch_bench.tasks.opening import Opening
 from minitouch_bench.tasks.pick_up import PickUp
 from minitouch_bench.tasks.playing import Playing
 from minitouch_bench.tasks.pushing import Pushing
-from minitouch_bench.tasks.shapes import shape_model, shape_names
 from minitouch_bench.tasks.task import Task
 
 Objects = str | Sequence[str] | ShapeSet

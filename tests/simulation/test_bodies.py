@@ -9,11 +9,11 @@ from minitouch_bench.simulation.bodies import (
     DOOR_JOINT,
     DOOR_LINK,
     HANDLE_LINK,
+    add_table,
     cabinet_urdf,
     cube_urdf,
 )
 from minitouch_bench.simulation.client import PhysicsClient
-from minitouch_bench.simulation.scene import add_table
 
 TABLE_TOP_M = PROTOCOL.physics.table_top
 

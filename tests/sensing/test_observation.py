@@ -3,8 +3,13 @@ import pytest
 
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.sensing.observation import observation_space
-from minitouch_bench.sensing.touch import FORCES, OPENINGS, POSITION, read_touch
+from minitouch_bench.sensing.observation import (
+    FORCES,
+    OPENINGS,
+    POSITION,
+    observation_space,
+    read_touch,
+)
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
