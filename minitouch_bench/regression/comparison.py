@@ -147,6 +147,7 @@ def replay_command(path: str, episode: str) -> str:
 
 def differences_of_making(first: SavedRun, second: SavedRun) -> tuple[str, ...]:
     """Say in what two runs differ that is not the policy, and may matter."""
+    left_out = first.header.rules_differ(second.header)
     packages = (first.environment.packages, second.environment.packages)
     machines = (run.environment.machine.get("processor", "unknown") for run in (first, second))
     found = [
@@ -156,7 +157,11 @@ def differences_of_making(first: SavedRun, second: SavedRun) -> tuple[str, ...]:
         ),
         ("processor", *machines),
     ]
-    return differences_of_isolation(first.header, second.header) + _in_words(found)
+    return (
+        *(f"{task} is left out: its rules differ" for task in map(printable, left_out)),
+        *differences_of_isolation(first.header, second.header),
+        *_in_words(found),
+    )
 
 
 def differences_of_isolation(first: RunHeader, second: RunHeader) -> tuple[str, ...]:

@@ -77,8 +77,9 @@ class GateResult:
     """What the gate found, and the command to type next.
 
     ``identical``: every episode of both runs has the same bits. ``unjudged``: metrics of which
-    more is neither better nor worse. ``episodes_used`` is None where both runs were there
-    already; ``unfinished``: the candidate's run was stopped.
+    more is neither better nor worse. ``left_out``: tasks whose rules are others now.
+    ``episodes_used`` is None where both runs were there already; ``unfinished``: the
+    candidate's run was stopped.
     """
 
     baseline: ComparedRun
@@ -91,6 +92,7 @@ class GateResult:
     changes: tuple[OutcomeChange, ...]
     notes: tuple[str, ...]
     next_command: str
+    left_out: tuple[str, ...] = ()
     episodes_used: EpisodesUsed | None = None
     unfinished: bool = False
 
@@ -141,6 +143,7 @@ def judge_runs(
         changes=changes,
         notes=differences_of_making(baseline, candidate),
         next_command=_next_command(judged, changes, (baseline.header, candidate.header), paths),
+        left_out=baseline.header.rules_differ(candidate.header),
     )
 
 

@@ -81,11 +81,14 @@ def episode_key(role: Role, episode: EpisodeMetrics) -> str:
 def pair_runs(first: SavedRun, second: SavedRun) -> tuple[EpisodePair, ...]:
     """Pair the episodes of two runs, in the first one's order.
 
-    Errors: UsageError where protocol, suite or seed differ, or where the episodes are not
-    the same ones; the text says which.
+    Tasks that were not played by the same rules (``RunHeader.rules_differ``) are left out.
+
+    Errors: UsageError where suite or seed differ or no task is left, or where the episodes are
+    not the same ones; the text says which.
     """
-    refuse_other_rules(first.header, second.header, (first.name, second.name))
-    ones, others = _by_key(first), _by_key(second)
+    _refuse_other_runs(first, second)
+    left_out = first.header.rules_differ(second.header)
+    ones, others = _by_key(first, left_out), _by_key(second, left_out)
     _refuse_missing(first.name, second.name, [key for key in ones if key not in others])
     _refuse_missing(second.name, first.name, [key for key in others if key not in ones])
     pairs = []
@@ -96,22 +99,19 @@ def pair_runs(first: SavedRun, second: SavedRun) -> tuple[EpisodePair, ...]:
     return tuple(pairs)
 
 
-def refuse_other_rules(first: RunHeader, second: RunHeader, names: tuple[str, str]) -> None:
-    """Refuse two runs whose episodes were not made by the same rules.
-
-    Errors: UsageError with the difference.
-    """
-    one, other = (_short(name) for name in names)
-    tasks = first.rules_differ(second)
-    rules = [_rules(header, tasks) for header in (first, second)]
+def _refuse_other_runs(first: SavedRun, second: SavedRun) -> None:
+    """Refuse two runs of another suite or seed, or with other rules in every task."""
+    headers = (first.header, second.header)
+    differing = first.header.rules_differ(second.header)
+    is_other = {*differing} == {*first.header.tasks} & {*second.header.tasks}
     for what, left, right in (
-        ("protocols", *rules),
-        ("suites", first.suite, second.suite),
-        ("seeds", str(first.seed), str(second.seed)),
+        ("protocols", *(_rules(header, differing if is_other else ()) for header in headers)),
+        ("suites", *(header.suite for header in headers)),
+        ("seeds", *(str(header.seed) for header in headers)),
     ):
         if left != right:
             raise UsageError(
-                f"'{one}' and '{other}' cannot be compared: "
+                f"'{_short(first.name)}' and '{_short(second.name)}' cannot be compared: "
                 f"their {what} differ ({_short(left)}; {_short(right)})"
             )
 
@@ -150,7 +150,8 @@ def collect_values(pairs: Sequence[EpisodePair], tasks: Sequence[str]) -> tuple[
         for metric in COMPARED_METRICS
         if METRICS[metric].is_in(task)
     ]
-    goals = tuple(task for task in tasks if task in GOAL_TASKS)
+    present = {pair.first.task for pair in pairs}
+    goals = tuple(task for task in tasks if task in GOAL_TASKS and task in present)
     if len(goals) > 1:
         found.append(PairedValues(MEAN_TASK, MEAN_METRIC, goals))
     filled = (values.with_pairs(pairs) for values in found)
@@ -162,8 +163,8 @@ def _bits_of(episode: EpisodeMetrics) -> tuple[object, ...]:
     return episode.digest, episode.outcome, *values
 
 
-def _by_key(run: SavedRun) -> dict[str, tuple[Role, EpisodeMetrics]]:
-    """Return a run's episodes by key."""
+def _by_key(run: SavedRun, left_out: Sequence[str]) -> dict[str, tuple[Role, EpisodeMetrics]]:
+    """Return a run's episodes by key, without the tasks that are left out."""
     found: dict[str, tuple[Role, EpisodeMetrics]] = {}
     for role, episodes in (
         (Role.FINAL, run.episodes),
@@ -173,7 +174,8 @@ def _by_key(run: SavedRun) -> dict[str, tuple[Role, EpisodeMetrics]]:
             key = episode_key(role, episode)
             if key in found:
                 raise UsageError(f"'{_short(run.name)}' holds the episode {key} twice")
-            found[key] = (role, episode)
+            if episode.task not in left_out:
+                found[key] = (role, episode)
     if not found:
         raise UsageError(f"'{_short(run.name)}' holds no episodes")
     return found

@@ -54,6 +54,8 @@ def result_line(result: GateResult) -> str:
         reason = f"inconclusive in {_named(result, Decision.INCONCLUSIVE)}"
     else:
         reason = f"inconclusive, {result.episodes_needed:,} episodes per task would settle it"
+    if result.left_out:
+        reason += f"; {_listed(result.left_out)} left out, make the baseline again"
     return f"{word}: {reason}"
 
 

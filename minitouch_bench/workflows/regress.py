@@ -19,6 +19,7 @@ from minitouch_bench.evaluation.suites import choose_tasks, find_suite
 from minitouch_bench.files import append_text, lock_directory, write_file
 from minitouch_bench.metrics import measure
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import (
     EpisodeRecord,
     EpisodeSpec,
@@ -32,7 +33,7 @@ from minitouch_bench.regression.comparison import ComparedRun
 from minitouch_bench.regression.documents import gate_junit
 from minitouch_bench.regression.gate import GateResult, judge_runs
 from minitouch_bench.regression.markdown import gate_markdown
-from minitouch_bench.regression.pairing import episode_key, refuse_other_rules
+from minitouch_bench.regression.pairing import episode_key
 from minitouch_bench.regression.sequential import (
     SequentialGate,
     early_result,
@@ -115,28 +116,51 @@ def _play_gate(
 ) -> GateResult:
     """Play the baseline's episodes until the answer is certain, or all."""
     engine = open_engine(options.engine, callbacks.note)
+    baseline, left_out = _playable(baseline, callbacks)
     request = _request_like(baseline, policy, options.isolation, callbacks)
-    if baseline.exploration_episodes:
-        callbacks.note("the baseline's exploration episodes are left out: POLICY has none")
-        baseline = replace(baseline, exploration_episodes=())
-    path = str(options.baseline)
-    directory = options.output.directory or REPORTS / f"{run_name(request)}-regress"
+    path, output = str(options.baseline), options.output
+    directory = output.directory or REPORTS / f"{run_name(request)}-regress"
     root = (baseline.header.seed,)
     order = play_order(baseline.episodes, root)
     gate = SequentialGate(order, options.settings, root)
     with engine as handle, lock_directory(directory):
-        output = options.output
         opened = open_run(request, directory, resume=output.resume, fresh=output.fresh)
         turns = [episode_key(Role.FINAL, episode) for episode in order]
         ordered = replace(handle, engine=_InOrder(handle.engine, turns))
         run = _play(request, opened, ordered, gate, callbacks)
         saved = None if run is None else save_run(run, directory).saved
     if saved is not None and not gate.is_certain:
-        return final_result(baseline, saved, (path, str(directory)), options.settings)
-    header = request.header()
-    name, labels = printable(header.policy.name), _labels(header.policy, gate)
-    candidate = ComparedRun("candidate", name, str(directory), labels)
-    return early_result(gate, baseline, path, candidate, header)
+        result = final_result(baseline, saved, (path, str(directory)), options.settings)
+    else:
+        header = request.header()
+        name, labels = printable(header.policy.name), _labels(header.policy, gate)
+        candidate = ComparedRun("candidate", name, str(directory), labels)
+        result = early_result(gate, baseline, path, candidate, header)
+    return replace(result, left_out=left_out)
+
+
+def _playable(baseline: SavedRun, callbacks: Callbacks) -> tuple[SavedRun, tuple[str, ...]]:
+    """Return what a policy can be held to, and the tasks whose rules are others now."""
+    header = baseline.header
+    suite_tasks = choose_tasks(header.tasks, find_suite(header.suite))
+    tasks = tuple(
+        task for task in suite_tasks if PROTOCOL.task_digest(task) == header.task_digests.get(task)
+    )
+    left_out = tuple(task for task in suite_tasks if task not in tasks)
+    if not tasks:
+        raise UsageError(
+            f"the rules of {', '.join(left_out)} are others than when '{printable(baseline.name)}' "
+            "was made: make the baseline again"
+        )
+    if baseline.exploration_episodes:
+        callbacks.note("the baseline's exploration episodes are left out: POLICY has none")
+    kept = replace(
+        baseline,
+        header=replace(header, tasks=tasks),
+        episodes=tuple(one for one in baseline.episodes if one.task in tasks),
+        exploration_episodes=(),
+    )
+    return kept, left_out
 
 
 def _request_like(
@@ -145,16 +169,13 @@ def _request_like(
     """Return the request that plays a policy on the baseline's episodes.
 
     Raises:
-        UsageError: this version has no such suite, or another protocol, or the baseline does
-            not hold the episodes that its header says.
+        UsageError: the baseline does not hold the episodes that its header says.
         PolicyError: the policy cannot be used.
     """
     header = baseline.header
+    setup = prepare_policies(policy, header.tasks, isolation, callbacks)
     suite = find_suite(header.suite)
-    tasks = choose_tasks(header.tasks, suite)
-    setup = prepare_policies(policy, tasks, isolation, callbacks)
-    request = RunRequest(suite, tasks, header.episodes, header.seed, setup)
-    refuse_other_rules(header, request.header(), (baseline.name, setup.policy.name))
+    request = RunRequest(suite, header.tasks, header.episodes, header.seed, setup)
     found = {episode_key(Role.FINAL, one): (one.seed, one.shape) for one in baseline.episodes}
     expected = {spec.key: (spec.seed, spec.shape) for spec in request.specs()}
     if found != expected or len(baseline.episodes) != len(expected):

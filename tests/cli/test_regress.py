@@ -93,8 +93,7 @@ REFUSED = [
     (("--baseline", "gone", "--candidate", "good"), 6, "gone is no run"),
     (("--baseline", "good", "--candidate", "bad", "--alpha", "1"), 2, "alpha"),
     (("--baseline", "good", "--candidate", "bad", "--tolerance", "x=1"), 2, "no metric 'x'"),
-    (("zero", "--baseline", "good"), 2, "protocols differ"),
-    (("gone.pt", "--baseline", "good"), 3, "gone.pt"),
+    (("zero", "--baseline", "good"), 2, "make the baseline again"),
     (("--baseline", "good", "--candidate", "bad", "--resume"), 2, "are for a POLICY"),
 ]
 
@@ -113,6 +112,10 @@ def baseline(tmp_path_factory):
     done = run("evaluate", "scripted", *SIXTEEN, "--output", "base", directory=directory)
     assert done.code == 0, done.err
     return directory
+
+
+def test_a_policy_that_is_not_there_is_refused(baseline):
+    run("regress", "gone.pt", "--baseline", "base", directory=baseline).refused(3, "gone.pt")
 
 
 def test_a_policy_that_is_clearly_worse_is_stopped_early(baseline):

@@ -94,6 +94,16 @@ def test_what_has_no_direction_is_shown_and_never_judged():
         judged(base, GateSettings(metrics=("touch_interaction",)), base)
 
 
+def test_a_task_with_other_rules_is_left_out_and_named():
+    header = replace(BASELINE.header, task_digests={"opening": "as before", "pushing": "before"})
+    changed = replace(header, task_digests={"opening": "as before", "pushing": "now"})
+    other = candidate(20)
+    result = judged(replace(other, header=changed), baseline=replace(BASELINE, header=header))
+    assert by_task(result) == {"opening": Decision.PASSED}
+    assert result.left_out == ("pushing",)
+    assert result_line(result).endswith("excluded; pushing left out, make the baseline again")
+
+
 @pytest.mark.parametrize(
     ("pushing", "settings", "line", "command"),
     [

@@ -5,6 +5,7 @@ import pytest
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.records import Role
+from minitouch_bench.regression.comparison import differences_of_making
 from minitouch_bench.regression.pairing import collect_values, pair_runs
 from tests.regression.pairs import flags, make_saved, values
 from tests.reporting.synthetic import make_run, save
@@ -64,8 +65,17 @@ def test_exploration_episodes_are_paired_by_their_role():
         pair_runs(one, replace(other, exploration_episodes=()))
 
 
+def test_a_task_with_other_rules_is_left_out():
+    other = with_header(OTHER, task_digests={**OTHER.header.task_digests, "pushing": "ff" * 32})
+    assert {pair.first.task for pair in pair_runs(ONE, other)} == {"playing"}
+    assert differences_of_making(ONE, other)[0] == "pushing is left out: its rules differ"
+
+
 REFUSALS = [
-    (with_header(OTHER, task_digests={"pushing": "ff" * 32}), "protocols differ .*ffffffffffff"),
+    (
+        with_header(OTHER, task_digests=dict.fromkeys(OTHER.header.tasks, "ff" * 32)),
+        "protocols differ .*ffffffffffff",
+    ),
     (with_header(OTHER, suite="smoke"), "suites differ .table4; smoke"),
     (with_header(OTHER, seed=7), "seeds differ .0; 7"),
     (
