@@ -22,8 +22,8 @@ from minitouch_bench.regression.comparison import Comparison, compare_runs
 from minitouch_bench.reporting import read_run
 from minitouch_bench.reporting.frames import episodes_frame
 from minitouch_bench.shapegen.manifest import ShapeSet
+from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows import evaluate as workflow
-from minitouch_bench.workflows.callbacks import SILENT, Callbacks
 
 StrPath = str | PathLike[str]
 DEFAULT_LIMITS = PolicyLimits()

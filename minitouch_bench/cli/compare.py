@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.files import write_file
 
 
 def compare(
@@ -21,11 +22,16 @@ def compare(
     ] = False,
 ) -> None:
     """Compare runs episode by episode: differences, intervals, verdicts, changed outcomes."""
+    from minitouch_bench.regression.comparison import compare_runs
     from minitouch_bench.regression.documents import comparison_json
+    from minitouch_bench.regression.markdown import comparison_markdown
     from minitouch_bench.regression.terminal import show_comparison
-    from minitouch_bench.workflows import compare as workflow
+    from minitouch_bench.reporting import read_run
 
-    comparison = workflow.compare(workflow.CompareOptions(tuple(runs), output))
+    comparison = compare_runs([read_run(run) for run in runs], list(map(str, runs)))
+    if output is not None:
+        write_file(output / "comparison.json", comparison_json(comparison))
+        write_file(output / "comparison.md", comparison_markdown(comparison))
     if as_json:
         print(comparison_json(comparison), end="")
     else:

@@ -79,7 +79,7 @@ def evaluate(
     from minitouch_bench.cli.progress import EpisodeProgress
     from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.reporting import show_report
-    from minitouch_bench.reporting.run_document import run_json
+    from minitouch_bench.reporting.run_directory import run_json
     from minitouch_bench.workflows import evaluate as workflow
 
     asked = workflow.EvaluateOptions(

@@ -15,7 +15,7 @@ from rich.progress import (
 
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import EpisodeRecord, Outcome, Role
-from minitouch_bench.workflows.callbacks import Callbacks
+from minitouch_bench.workflows import Callbacks
 
 
 class EpisodeProgress:

@@ -13,7 +13,7 @@ from minitouch_bench.leaderboard.scored import Refusal
 from minitouch_bench.records import Count, Estimate, Gap, Sha256
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
-from minitouch_bench.reporting.run_document import with_task_names
+from minitouch_bench.reporting.run_directory import with_task_names
 
 FORMAT: Final = "minitouch-leaderboard"
 VERSION: Final = 2

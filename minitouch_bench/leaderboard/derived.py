@@ -14,9 +14,8 @@ from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.metrics import summarize_episodes
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, SavedRun, TaskSummary
 from minitouch_bench.reporting import derived_files
-from minitouch_bench.verification.differences import ROUNDING, compare_values
-from minitouch_bench.verification.problems import Problem, Problems
-from minitouch_bench.verification.suite_check import AS_WRITTEN, NAMED
+from minitouch_bench.verification.problems import ROUNDING, Problem, Problems, compare_values
+from minitouch_bench.verification.recorded_run import AS_WRITTEN, NAMED
 
 CURVE_TOLERANCE = 1e-6
 """Relative rounding of a sum over a touch curve's means."""

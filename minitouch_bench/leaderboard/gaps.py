@@ -15,9 +15,9 @@ from minitouch_bench.metrics import (
     newcombe,
     wilson,
 )
+from minitouch_bench.metrics.intervals import stream
 from minitouch_bench.metrics.metric import Kind
 from minitouch_bench.metrics.shared_bootstrap import resample_weights, stratified_intervals
-from minitouch_bench.metrics.streams import stream
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Estimate, Gap, Role
 

@@ -24,10 +24,9 @@ from minitouch_bench.leaderboard.views import EPISODE_VARIANCE
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Role
-from minitouch_bench.rendering.cards import Card, make_card
 from minitouch_bench.rendering.charts import LegendItem
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.pages import render_page
+from minitouch_bench.rendering.pages import Card, make_card, render_page
 from minitouch_bench.rendering.svg import draw_share_bar
 from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell, metric_head
 from minitouch_bench.reporting.labels import TASKS, FaultGroup, group_faults, task_title

@@ -17,8 +17,7 @@ from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_sour
 from minitouch_bench.records import EpisodeRecord, PolicyIdentity, Role
 from minitouch_bench.verification.problems import Problems
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
-from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun
-from minitouch_bench.verification.verify import verify_run
+from minitouch_bench.verification.verify import check_identity, draw_episodes, rerun, verify_run
 
 NOT_REPLAYED = "the recorded actions do not give these figures"
 NOT_REPEATED = "the checkpoint does not act as recorded"

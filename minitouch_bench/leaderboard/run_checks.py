@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 from minitouch_bench.leaderboard.plausibility import contradictions
 from minitouch_bench.leaderboard.submission import ALL_TASKS, CheckpointFile, TrainingSeed
-from minitouch_bench.metrics.digest import run_digest
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.loading import BUILT_IN, FORMATS
 from minitouch_bench.policies.sources import DIRECTORY, NOTES
@@ -18,8 +17,9 @@ from minitouch_bench.records import (
     RunHeader,
     SavedRun,
 )
+from minitouch_bench.reporting.run_directory import run_digest
 from minitouch_bench.verification.problems import Problems
-from minitouch_bench.verification.suite_check import (
+from minitouch_bench.verification.recorded_run import (
     AS_WRITTEN,
     NAMED,
     RUN_AGAIN,

@@ -15,8 +15,7 @@ from minitouch_bench.leaderboard.scored import ScoredSubmission
 from minitouch_bench.leaderboard.submission import MAIN_SUITE, MODALITIES
 from minitouch_bench.leaderboard.views import views
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.rendering.cards import PICTURES
-from minitouch_bench.rendering.pages import render_page
+from minitouch_bench.rendering.pages import PICTURES, render_page
 from minitouch_bench.reporting.labels import TASKS
 
 WIDE, NARROW = 1124, 340

@@ -21,9 +21,9 @@ from minitouch_bench.leaderboard.submission import SUBMISSION_FILE, Submission
 from minitouch_bench.leaderboard.submission_document import read_submission
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.records import SavedRun
-from minitouch_bench.reporting.run_document import parse_run, run_json
+from minitouch_bench.reporting.run_directory import parse_run, run_json
 from minitouch_bench.verification.problems import Problem, Problems
-from minitouch_bench.verification.suite_check import AS_WRITTEN
+from minitouch_bench.verification.recorded_run import AS_WRITTEN
 
 RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
     "random": (),

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in, ranking_metric
-from minitouch_bench.metrics.intervals import bootstrap_difference, newcombe
+from minitouch_bench.metrics.intervals import Root, bootstrap_difference, newcombe, stream
 from minitouch_bench.metrics.metric import Kind, Metric, ShownIn
-from minitouch_bench.metrics.streams import Root, stream
 from minitouch_bench.records import EpisodeMetrics, Estimate, FamilyResult, Gap, Generalization
 
 HELD_OUT, TRAIN = "held-out", "train"

@@ -1,5 +1,6 @@
-"""95 % intervals of a share and of a mean, and of the difference between two of them."""
+"""95 % intervals of shares, means and their differences, and the random streams they draw from."""
 
+import hashlib
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -131,3 +132,14 @@ def _around(value: float, found: Any, count: int) -> Estimate:
     """Return an estimate whose interval holds its value, which few episodes do not ensure."""
     low, high = map(float, found.confidence_interval)
     return Estimate(value, min(low, value), max(high, value), count, BOOTSTRAP)
+
+
+Root = tuple[int, ...]
+"""The words of a root seed."""
+
+
+def stream(root: Root, *names: str) -> np.random.Generator:
+    """Return the random stream of a name, such as a task and a metric, under a root seed."""
+    digest = hashlib.sha256("/".join(names).encode()).digest()
+    words = np.frombuffer(digest, dtype="<u4").tolist()
+    return np.random.default_rng(np.random.SeedSequence([*root, *words]))

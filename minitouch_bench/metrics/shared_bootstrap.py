@@ -11,8 +11,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.metrics.intervals import NORMAL_QUANTILE, RESAMPLES
-from minitouch_bench.metrics.streams import Root, stream
+from minitouch_bench.metrics.intervals import NORMAL_QUANTILE, RESAMPLES, Root, stream
 
 PERCENTILES = (0.025, 0.975)
 MANTISSA = 52

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.intervals import Root, stream
 from minitouch_bench.metrics.metric import DOWN, UP, Kind
-from minitouch_bench.metrics.streams import Root, stream
 from minitouch_bench.records import Estimate
 from minitouch_bench.regression.means import ALPHA, paired_mean
 from minitouch_bench.regression.pairing import PairedValues

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.metrics.streams import Root, stream
+from minitouch_bench.metrics.intervals import Root, stream
 from minitouch_bench.records import Estimate
 from minitouch_bench.regression.effects import (
     WORSE_SIGNS,

@@ -16,7 +16,7 @@ import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from minitouch_bench.metrics.streams import Root, stream
+from minitouch_bench.metrics.intervals import Root, stream
 from minitouch_bench.records import EpisodeMetrics, Role, RunHeader, SavedRun
 from minitouch_bench.regression.comparison import (
     ComparedRun,

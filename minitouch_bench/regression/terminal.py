@@ -17,7 +17,7 @@ from minitouch_bench.regression.sentences import (
     run_line,
 )
 from minitouch_bench.regression.tables import changes_table, comparison_tables, gate_tables
-from minitouch_bench.rendering.terminal import draw_table
+from minitouch_bench.reporting.terminal import draw_table
 
 SHOWN_CHANGES = 20
 """Changed episodes on a screen; the files have all of them."""

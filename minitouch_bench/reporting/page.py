@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from minitouch_bench.metrics.definitions import ranking_metric
-from minitouch_bench.rendering.cards import Card, Reference, make_card, picture_uri
-from minitouch_bench.rendering.pages import render_page
+from minitouch_bench.rendering.pages import Card, Reference, make_card, picture_uri, render_page
 from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.reporting.figures import report_figures, split_figures
 from minitouch_bench.reporting.labels import task_title

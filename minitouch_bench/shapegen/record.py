@@ -21,6 +21,12 @@ MAGIC = b"MTS1"
 _HEAD = struct.Struct("<4s4d3H")
 _HULL = struct.Struct("<2H")
 
+FRICTION = 1.0
+"""Lateral friction in the URDF: PyBullet multiplies it by the other body's."""
+COLOR = "0.62 0.66 0.70 1"
+FORMAT = "v1"
+"""Version of these texts: part of the file names, since PyBullet caches meshes by name."""
+
 
 @dataclass(frozen=True)
 class Body:
@@ -108,13 +114,6 @@ def _read_mesh(record: bytes, at: int, sizes: tuple[int, int], index_type: str) 
         raise ValueError("a face names a vertex that is not there")
     mesh = Mesh(steps.astype(np.float64) / 500_000.0, faces.astype(np.int32))
     return mesh, at + faces.nbytes
-
-
-FRICTION = 1.0
-"""Lateral friction in the URDF: PyBullet multiplies it by the other body's."""
-COLOR = "0.62 0.66 0.70 1"
-FORMAT = "v1"
-"""Version of these texts: part of the file names, since PyBullet caches meshes by name."""
 
 
 @dataclass(frozen=True)

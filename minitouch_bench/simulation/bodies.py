@@ -16,6 +16,10 @@ Box = tuple[Sequence[float], Sequence[float]]
 
 COLORS = PROTOCOL.observation
 
+DOOR_LINK = 0
+HANDLE_LINK = 1
+DOOR_JOINT = 0
+
 
 @cache
 def cube_urdf(cube: CubeSpec) -> Path:
@@ -32,11 +36,6 @@ def cube_urdf(cube: CubeSpec) -> Path:
 </link></robot>
 """.encode(),
     )
-
-
-DOOR_LINK = 0
-HANDLE_LINK = 1
-DOOR_JOINT = 0
 
 
 @cache

@@ -1,1 +1,26 @@
-"""The program's jobs as functions: options in, a result out."""
+"""The work behind each command as functions: options in, a result out, callbacks on the way."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from minitouch_bench.records import EpisodeRecord
+
+
+def ignore(*_: object) -> None:
+    """Do nothing."""
+
+
+@dataclass(frozen=True)
+class Callbacks:
+    """Functions that a workflow calls while it runs; each does nothing by default.
+
+    ``note`` takes one line for the user. ``phase`` takes what begins now, in a word or two, and
+    its number of episodes; ``episode`` takes each episode of the phase as it ends.
+    """
+
+    note: Callable[[str], None] = ignore
+    phase: Callable[[str, int], None] = ignore
+    episode: Callable[[EpisodeRecord], None] = ignore
+
+
+SILENT = Callbacks()

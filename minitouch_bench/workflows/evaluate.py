@@ -20,8 +20,8 @@ from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptio
 from minitouch_bench.records import EvaluationRun, SavedRun
 from minitouch_bench.reporting import Report, write_report, write_run
 from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.run_document import save
-from minitouch_bench.workflows.callbacks import SILENT, Callbacks
+from minitouch_bench.reporting.run_directory import save
+from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.policies import prepare_policies
 
 REPORTS = Path("reports")

@@ -10,7 +10,7 @@ from minitouch_bench.policies.isolate import effective_level, try_policy
 from minitouch_bench.policies.isolation.options import SANDBOXED, Isolation, IsolationOptions
 from minitouch_bench.policies.sources import PolicySource, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.workflows.callbacks import SILENT, Callbacks
+from minitouch_bench.workflows import SILENT, Callbacks
 
 
 def prepare_policies(

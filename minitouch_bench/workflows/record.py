@@ -14,7 +14,7 @@ from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptio
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import EpisodeRecord, Outcome
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.workflows.callbacks import SILENT, Callbacks
+from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.policies import prepare_policies
 
 RECORDING_SUITE = "recording"

@@ -43,7 +43,7 @@ from minitouch_bench.regression.sequential import (
 from minitouch_bench.regression.settings import STANDARD, GateSettings
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting import read_run
-from minitouch_bench.workflows.callbacks import SILENT, Callbacks
+from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.evaluate import REPORTS, OutputOptions, play, run_name, save_run
 from minitouch_bench.workflows.policies import prepare_policies
 

@@ -39,7 +39,7 @@ from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_sour
 from minitouch_bench.records import PolicyIdentity, Role, SavedRun
 from minitouch_bench.reporting import read_run, write_run
 from minitouch_bench.verification.problems import Problem
-from minitouch_bench.workflows.callbacks import SILENT, Callbacks
+from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.evaluate import play
 from minitouch_bench.workflows.policies import prepare_policies
 

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageEr
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.suites import StandardSuite
 from minitouch_bench.files import lock_directory, write_file
+from minitouch_bench.optional import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import Observation
@@ -23,12 +24,13 @@ from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import EpisodeSpec, Outcome
 from minitouch_bench.reporting.training_page import training_page
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.workflows.training_events import EventWriter
 
 TRAININGS = Path("reports") / "training"
 REPORT_FILE = "report.html"
 EVALUATION_SUITE = "training"
 """Seeds the episodes of a training's evaluations; no suite has this name."""
+
+EVENTS_DIRECTORY = "events"
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,30 @@ def _write_report(directory: Path) -> None:
     """Draw the curves so far, if there is a row to draw."""
     if (directory / PROGRESS_FILE).exists():
         write_file(directory / REPORT_FILE, training_page(directory))
+
+
+class EventWriter:
+    """Write every number of a row as a scalar at its control step."""
+
+    def __init__(self, directory: Path) -> None:
+        """Open a new file of events.
+
+        Raises:
+            MissingExtraError: tensorboardX is not installed.
+        """
+        tensorboard = require("tensorboardX", "train")
+        self._writer = tensorboard.SummaryWriter(str(directory / EVENTS_DIRECTORY))
+
+    def add(self, row: ProgressRow) -> None:
+        """Write a row."""
+        for name, value in asdict(row).items():
+            if name != "step" and isinstance(value, float | int):
+                self._writer.add_scalar(f"{row.phase}/{name}", value, row.step)
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._writer.close()
 
 
 def _open_events(request: TrainingRequest) -> EventWriter | None:

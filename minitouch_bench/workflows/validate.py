@@ -15,7 +15,7 @@ from minitouch_bench.leaderboard.proof import (
 )
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.verification.problems import Problem
-from minitouch_bench.workflows.callbacks import SILENT, Callbacks
+from minitouch_bench.workflows import SILENT, Callbacks
 
 
 @dataclass(frozen=True)

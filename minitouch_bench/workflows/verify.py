@@ -14,9 +14,14 @@ from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.reporting import read_run
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
-from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun
-from minitouch_bench.verification.verify import Verification, replay_run
-from minitouch_bench.workflows.callbacks import SILENT, Callbacks
+from minitouch_bench.verification.verify import (
+    Verification,
+    check_identity,
+    draw_episodes,
+    replay_run,
+    rerun,
+)
+from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.policies import prepare_policies
 
 

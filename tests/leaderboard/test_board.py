@@ -19,7 +19,7 @@ from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.metrics import ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.reporting import read_run
-from minitouch_bench.reporting.run_document import run_json
+from minitouch_bench.reporting.run_directory import run_json
 from tests.leaderboard.synthetic import make_submission
 
 BOTH = ("table4", "novel-shapes")

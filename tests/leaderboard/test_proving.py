@@ -20,7 +20,7 @@ from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics import summarize
 from minitouch_bench.reporting import write_run
-from minitouch_bench.reporting.run_document import run_json
+from minitouch_bench.reporting.run_directory import run_json
 from tests.evaluation.runs import request, run
 
 PLACE = "seed-0/table4"

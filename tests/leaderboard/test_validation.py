@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.leaderboard.validation import Depth, validate
-from minitouch_bench.metrics.digest import run_digest
-from minitouch_bench.reporting.run_document import parse_run
+from minitouch_bench.reporting.run_directory import parse_run, run_digest
 from tests.leaderboard.synthetic import make_submission
 
 RUN = "seed-0/table4"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.metrics import METRICS
-from minitouch_bench.metrics.episode import measure
+from minitouch_bench.metrics.summary import measure
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
 
 SPEC = EpisodeSpec(Role.FINAL, "pushing", 3, 42, "mug-017")

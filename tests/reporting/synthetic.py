@@ -18,8 +18,8 @@ from minitouch_bench.records import (
     RunHeader,
     SavedRun,
 )
-from minitouch_bench.reporting.run_document import parse_run, run_json
-from minitouch_bench.reporting.run_document import save as saved_form
+from minitouch_bench.reporting.run_directory import parse_run, run_json
+from minitouch_bench.reporting.run_directory import save as saved_form
 
 FAMILIES = ("carved", "extruded", "harmonic", "lathed")
 SHAPE_TASKS = ("playing", "pushing", "pick-up")

@@ -23,9 +23,15 @@ from minitouch_bench.reporting.markdown import to_markdown
 from minitouch_bench.reporting.novel_shapes import novel_shapes, verdict
 from minitouch_bench.reporting.page import to_html
 from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.run_directory import read_run, write_report, write_run
-from minitouch_bench.reporting.run_document import parse_run, run_json, run_schema
-from minitouch_bench.reporting.run_document import save as saved_form
+from minitouch_bench.reporting.run_directory import (
+    parse_run,
+    read_run,
+    run_json,
+    run_schema,
+    write_report,
+    write_run,
+)
+from minitouch_bench.reporting.run_directory import save as saved_form
 from minitouch_bench.reporting.tables import table4
 from minitouch_bench.reporting.terminal import show_report
 from tests.reporting.conftest import HOSTILE

@@ -11,7 +11,7 @@ import pytest
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.metrics.summary import measure_run, summarize
 from minitouch_bench.records import Role
-from minitouch_bench.reporting.run_document import parse_run, run_json, run_schema, save
+from minitouch_bench.reporting.run_directory import parse_run, run_json, run_schema, save
 from tests.reporting.synthetic import make_run
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "run.schema.json"

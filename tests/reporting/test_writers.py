@@ -5,8 +5,8 @@ import re
 import pytest
 from rich.console import Console
 
-from minitouch_bench.rendering.cards import picture_uri
 from minitouch_bench.rendering.charts import Bar
+from minitouch_bench.rendering.pages import picture_uri
 from minitouch_bench.reporting.figures import report_figures
 from minitouch_bench.reporting.markdown import to_markdown
 from minitouch_bench.reporting.page import report_cards

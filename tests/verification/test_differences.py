@@ -1,6 +1,6 @@
 import pytest
 
-from minitouch_bench.verification.differences import compare_values
+from minitouch_bench.verification.problems import compare_values
 
 
 def found(recorded, again):

@@ -4,7 +4,7 @@ import pytest
 from minitouch_bench.errors import UsageError
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.verification.recorded_run import open_run
-from minitouch_bench.verification.rerun import check_identity, draw_episodes, rerun
+from minitouch_bench.verification.verify import check_identity, draw_episodes, rerun
 from tests.evaluation.runs import request
 from tests.verification.conftest import WANTED, Here
 
