@@ -9,11 +9,12 @@ from typing import NoReturn
 import numpy as np
 import numpy.random  # loaded lazily otherwise, so in every child anew
 
-from minitouch_bench.errors import MissingExtraError, PolicyLoadError, PolicyRaisedError
+from minitouch_bench.errors import MiniTouchError, PolicyRaisedError
 from minitouch_bench.policies.isolation.sandbox import Sandbox
 from minitouch_bench.policies.loading import load_policy
-from minitouch_bench.policies.policy import Checkpoint, Policy
+from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.policies.wire import (
+    MAX_PAYLOAD,
     Frame,
     WireError,
     describe,
@@ -36,15 +37,15 @@ class Episode:
 
 
 def run_episode(episode: Episode, requests: int, answers: int) -> NoReturn:
-    """Load the policy, reset it, answer its acts until ``requests`` closes, then exit.
+    """Confine this process, answer requests until they close, then exit.
 
     A policy with a method ``close`` is told of the end: a server wants to know.
     """
     code = 1
     try:
-        policy = _load(episode, requests, answers)
-        if policy is not None and _reset(policy, episode, answers):
-            _serve(policy, requests, answers)
+        seed_everything(episode.seed)
+        if _confine(episode, requests, answers):
+            _serve(episode, requests, answers)
         code = 0
     except SystemExit as stop:  # sys.exit() in a policy ends its process, as it would anywhere
         code = _exit_code(stop)
@@ -64,66 +65,51 @@ def seed_everything(seed: int) -> None:
         sys.modules["onnxruntime"].set_seed(seed % 2**63)
 
 
-def _load(episode: Episode, requests: int, answers: int) -> Policy | None:
-    seed_everything(episode.seed)
-    if episode.sandbox is not None:
-        try:
+def _confine(episode: Episode, requests: int, answers: int) -> bool:
+    """Enter the sandbox, if there is one: all before is ours, all after may be a stranger's."""
+    try:
+        if episode.sandbox is not None:
             episode.sandbox.enter((requests, answers))
-        except OSError as error:
-            write_frame(answers, Frame.UNCONFINED, describe(error).encode())
-            return None
-    # Everything above is ours, everything below may be a stranger's.
-    try:
-        policy = load_policy(episode.kind, episode.checkpoint)
-    except PolicyLoadError as error:
-        write_frame(answers, Frame.REFUSED, str(error).encode())
-        return None
-    except MissingExtraError as error:
-        write_frame(answers, Frame.MISSING_EXTRA, str(error).encode())
-        return None
-    write_frame(answers, Frame.LOADED)
-    return policy
-
-
-def _reset(policy: Policy, episode: Episode, answers: int) -> bool:
-    try:
-        seed_everything(episode.seed)  # loading may have drawn numbers
-        policy.reset(episode.seed, episode.task)
-    except SystemExit:
-        raise
-    except BaseException as error:
-        write_frame(answers, Frame.RAISED, _tell(error))
+    except OSError as error:
+        write_frame(answers, Frame.UNCONFINED, describe(error).encode())
         return False
-    write_frame(answers, Frame.READY)
+    write_frame(answers, Frame.CONFINED)
     return True
 
 
-def _serve(policy: Policy, requests: int, answers: int) -> None:
+def _serve(episode: Episode, requests: int, answers: int) -> None:
+    """Answer each request, one frame to one, until they end."""
+    policy = None
     while True:
         try:
-            kind, payload = read_frame(requests)
+            request, payload = read_frame(requests)
         except EOFError:
             break
-        if kind is not Frame.ACT:
-            raise WireError(f"a request of kind {kind}")
-        observation = unpack_observation(payload)
         try:
-            answer = pack_action(policy.act(observation))
+            if request is Frame.LOAD:
+                policy = load_policy(episode.kind, episode.checkpoint)
+                kind, answer = Frame.LOADED, b""
+            elif policy is None:
+                raise WireError(f"a request of kind {request} before LOAD")
+            elif request is Frame.RESET:
+                seed_everything(episode.seed)  # loading may have drawn numbers
+                policy.reset(episode.seed, episode.task)
+                kind, answer = Frame.READY, b""
+            else:
+                action = policy.act(unpack_observation(payload))
+                kind, answer = Frame.ACTION, pack_action(action)
         except SystemExit:
             raise
         except BaseException as error:
-            write_frame(answers, Frame.RAISED, _tell(error))
-        else:
-            write_frame(answers, Frame.ACTION, answer)
+            refused = request is Frame.LOAD and isinstance(error, MiniTouchError)
+            # A loader's own words need no type before them.
+            plain = refused or isinstance(error, PolicyRaisedError)
+            kind = Frame.REFUSED if refused else Frame.RAISED
+            answer = (str(error) if plain else describe(error)).encode(errors="replace")
+        write_frame(answers, kind, answer[:MAX_PAYLOAD])
     close = getattr(policy, "close", None)
     if callable(close):
         close()
-
-
-def _tell(error: BaseException) -> bytes:
-    """Return what is said of an exception; a loader's own words need no type before them."""
-    text = str(error) if isinstance(error, PolicyRaisedError) else describe(error)
-    return text.encode()
 
 
 def _exit_code(stop: SystemExit) -> int:

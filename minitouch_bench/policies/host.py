@@ -4,13 +4,13 @@ Started by ``host_connection`` as ``python -m minitouch_bench.policies.host FD P
 socket on which every packet is one JSON object::
 
     {"do": "start", kind, target, digest, deterministic, trust, seed, task, isolation,
-     memory_bytes, cpu_s} + two descriptors
+     memory_bytes, cpu_s} + three descriptors
         -> {"pid": 123}  or  {"error": "...", "class": "PolicyLoadError"}
     {"do": "stop", "grace_s": 0.2}
         -> {"status": -9, "killed": true}   status as in Popen.returncode, null without a child
 
-The descriptors are the child's own pipe ends, for requests and for answers, so that nothing of
-one episode can be left in the pipes of the next.
+The descriptors are the child's own pipe ends, for requests, for answers and for what it prints,
+so that nothing of one episode can be left in the pipes of the next.
 """
 
 import contextlib
@@ -54,7 +54,7 @@ class Host:
         """Obey until the other side closes."""
         while True:
             packet, descriptors, _, _ = socket.recv_fds(
-                self._control, MAX_PAYLOAD, 2, socket.MSG_CMSG_CLOEXEC
+                self._control, MAX_PAYLOAD, 3, socket.MSG_CMSG_CLOEXEC
             )
             if not packet:
                 break
@@ -105,7 +105,7 @@ class Host:
             self._sandboxes[kind] = prepare(allowed, own, threads=order["trust"])
         return self._sandboxes[kind]
 
-    def _fork(self, episode: Episode, requests: int, answers: int) -> int:
+    def _fork(self, episode: Episode, requests: int, answers: int, output: int) -> int:
         host = os.getpid()
         child = os.fork()
         if child == 0:
@@ -113,6 +113,7 @@ class Host:
                 os.setpgid(0, 0)
                 die_with(host)
                 self._control.close()  # orders to the host are not the policy's to give
+                _take_streams(output)
                 run_episode(episode, requests, answers)
             finally:
                 os._exit(1)
@@ -141,6 +142,15 @@ class Host:
         _, status = os.waitpid(self._child, 0)
         self._child = 0
         return os.waitstatus_to_exitcode(status), not exited
+
+
+def _take_streams(output: int) -> None:
+    """Give this process standard streams of its own: flags of the host's would be remembered."""
+    null = os.open(os.devnull, os.O_RDONLY)
+    for standard, own in enumerate((null, output, output)):
+        os.dup2(own, standard)
+    os.close(null)
+    os.close(output)
 
 
 def _has_exited(child: int) -> bool:

@@ -1,12 +1,11 @@
 """A policy in a process of its own: the trusted side, which never imports torch."""
 
 import contextlib
-import os
 import signal
 import time
 from collections.abc import Mapping
 from types import TracebackType
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,6 @@ from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.policies.wire import (
     Frame,
     WireError,
-    pack_frame,
     pack_observation,
     plain_line,
     unpack_action,
@@ -53,6 +51,14 @@ REFUSALS: Mapping[str, type[MiniTouchError]] = {
     error.__name__: error for error in (IsolationError, MissingExtraError, PolicyLoadError)
 }
 """What a host may answer to the order to start an episode."""
+
+
+class _Ending(NamedTuple):
+    """How a child ended: its exit status, whether it had to be killed, what it printed last."""
+
+    status: int
+    killed: bool
+    last_line: str
 
 
 class PolicyProcess:
@@ -119,16 +125,14 @@ class PolicyProcess:
             "memory_bytes": self._limits.memory_mb * 2**20,
             "cpu_s": self._limits.cpu_s,
         }
-        limit_s = self._limits.load_timeout_s
-        deadline = time.monotonic() + limit_s
+        deadline = time.monotonic() + self._limits.load_timeout_s
         self._end_episode()
         self._size = action_size(task)
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
-        self._pipes = self._start(order)
-        self._await_loaded(deadline, part.target)
-        kind, payload = self._ask(deadline, f"reset did not return within {limit_s:g} s")
-        if kind is not Frame.READY:
-            self._fail(kind, payload)
+        self._start(order, deadline)
+        self._load(deadline, part.target)
+        late = f"reset did not return within {self._limits.load_timeout_s:g} s"
+        self._ask(Frame.RESET, b"", Frame.READY, deadline, late)
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the policy's action, float32 of the task's size, finite, not clipped.
@@ -143,11 +147,10 @@ class PolicyProcess:
         """
         if self._pipes is None:
             raise RuntimeError("no episode has begun")
-        deadline = time.monotonic() + self._limits.act_timeout_s
-        self._pipes.send(pack_frame(Frame.ACT, pack_observation(observation)))
-        kind, payload = self._ask(deadline, f"no action within {self._limits.act_timeout_s:g} s")
-        if kind is not Frame.ACTION:
-            self._fail(kind, payload)
+        limit_s = self._limits.act_timeout_s
+        deadline, late = time.monotonic() + limit_s, f"no action within {limit_s:g} s"
+        question = pack_observation(observation)
+        payload = self._ask(Frame.ACT, question, Frame.ACTION, deadline, late)
         try:
             raw = unpack_action(payload)
         except WireError as error:
@@ -160,60 +163,68 @@ class PolicyProcess:
         self._drop_host()
 
     def _drop_host(self) -> None:
-        if self._pipes is not None:
-            self._pipes.close()
-            self._pipes = None
+        self._close_pipes()
         if self._host is not None:
             self._host.close()
             self._host = None
 
-    def _start(self, order: dict[str, Any]) -> EpisodePipes:
-        """Have a child forked; a host that has ended is replaced, once."""
+    def _close_pipes(self) -> None:
+        if self._pipes is not None:
+            self._pipes.close()
+            self._pipes = None
+
+    def _start(self, order: dict[str, Any], deadline: float) -> None:
+        """Have a child forked and confined; a host that has ended is replaced, once."""
         for _ in range(2):
             if self._host is None:
                 self._host = HostConnection(self._options.level)
-            requests, ours = os.pipe()
-            answers, theirs = os.pipe()
-            pipes = EpisodePipes(self._host, ours, answers)
+            self._pipes = EpisodePipes()
             try:
-                answer = self._host.order(order, self._limits.load_timeout_s, (requests, theirs))
+                limit_s = self._limits.load_timeout_s
+                answer = self._host.order(order, limit_s, self._pipes.theirs)
                 break
             except HostGoneError as error:
                 problem = f"{error}: {self._host.last_line()}"
-                pipes.close()
                 self._drop_host()
             finally:
-                os.close(requests)
-                os.close(theirs)
+                if self._pipes is not None:
+                    self._pipes.hand_over()
         else:
             raise InfrastructureError(f"the policy's host process cannot work ({problem})")
         if "error" in answer:
-            pipes.close()
+            self._close_pipes()
             raise REFUSALS.get(answer["class"], PolicyLoadError)(answer["error"])
-        pipes.watch(answer["pid"])
-        return pipes
+        self._pipes.watch(answer["pid"])
+        self._await_confined(deadline)
 
-    def _await_loaded(self, deadline: float, target: str) -> None:
+    def _await_confined(self, deadline: float) -> None:
+        """Wait for the child's first word, which it says before it looks at the checkpoint."""
+        assert self._pipes is not None
+        text = "no answer"
+        with contextlib.suppress(TimeoutError, EOFError, WireError):
+            kind, payload = self._pipes.receive(deadline)
+            if kind is Frame.CONFINED:
+                return
+            text = plain_line(payload.decode(errors="replace"))
+        self._stop(0.0)
+        raise InfrastructureError(f"the policy's process could not enter its sandbox: {text}")
+
+    def _load(self, deadline: float, target: str) -> None:
+        late = f"it was not loaded within {self._limits.load_timeout_s:g} s"
         try:
-            late = f"it was not loaded within {self._limits.load_timeout_s:g} s"
-            kind, payload = self._ask(deadline, late)
+            self._ask(Frame.LOAD, b"", Frame.LOADED, deadline, late)
         except PolicyKilledError:
             raise
-        except PolicyFaultError as fault:  # before its first answer a policy is not loaded
+        except PolicyFaultError as fault:
             raise PolicyLoadError(f"{target} cannot be loaded: {fault}") from fault
-        if kind is Frame.LOADED:
-            return
-        self._stop(0.0)
-        text = plain_line(payload.decode(errors="replace"))
-        if kind is Frame.UNCONFINED:
-            raise InfrastructureError(f"the policy's process could not enter its sandbox: {text}")
-        raise (MissingExtraError if kind is Frame.MISSING_EXTRA else PolicyLoadError)(text)
 
-    def _ask(self, deadline: float, late: str) -> tuple[Frame, bytes]:
-        """Return the child's next frame, or end the child and raise what went wrong."""
+    def _ask(
+        self, request: Frame, question: bytes, wanted: Frame, deadline: float, late: str
+    ) -> bytes:
+        """Return what the child answers, or end the child and raise what went wrong."""
         assert self._pipes is not None
         try:
-            return self._pipes.receive(deadline)
+            kind, payload = self._pipes.ask(request, question, deadline)
         except TimeoutError:
             self._stop(0.0)
             raise PolicyTimeoutError(late) from None
@@ -221,12 +232,19 @@ class PolicyProcess:
             raise self._exit_error() from None
         except WireError as error:
             self._break_off(error)
+        if kind is not wanted:
+            self._refuse_answer(request, kind, payload)
+        return payload
 
-    def _fail(self, kind: Frame, payload: bytes) -> NoReturn:
-        self._stop(0.0)
+    def _refuse_answer(self, request: Frame, kind: Frame, payload: bytes) -> NoReturn:
+        text = plain_line(payload.decode(errors="replace"))
+        if kind is Frame.REFUSED and request is Frame.LOAD:
+            self._stop(0.0)
+            raise PolicyLoadError(text)
         if kind is Frame.RAISED:
-            raise PolicyRaisedError(plain_line(payload.decode(errors="replace")))
-        raise PolicyExitError("the policy's process broke the protocol")
+            self._stop(0.0)
+            raise PolicyRaisedError(text)
+        self._break_off(WireError(f"{kind.name} is no answer to {request.name}"))
 
     def _break_off(self, error: WireError) -> NoReturn:
         self._stop(0.0)
@@ -234,35 +252,38 @@ class PolicyProcess:
 
     def _exit_error(self) -> PolicyExitError:
         """Say how a child ended that closed its pipe, and what it printed last."""
-        status, killed = self._stop(EXIT_GRACE_S)
-        if killed:
+        ending = self._stop(EXIT_GRACE_S)
+        if ending.killed:
             text = "the policy's process closed its connection"
-        elif status < 0:
-            text = f"the policy's process was killed by {_signal_name(-status)}"
+        elif ending.status < 0:
+            text = f"the policy's process was killed by {_signal_name(-ending.status)}"
         else:
-            text = f"the policy's process exited with code {status}"
-        line = self._host.last_line() if self._host is not None else ""
-        from_outside = not killed and status == -signal.SIGKILL
+            text = f"the policy's process exited with code {ending.status}"
+        from_outside = not ending.killed and ending.status == -signal.SIGKILL
         kind = PolicyKilledError if from_outside else PolicyExitError
-        return kind(f"{text}: {line}" if line else text)
+        return kind(f"{text}: {ending.last_line}" if ending.last_line else text)
 
-    def _stop(self, grace_s: float) -> tuple[int, bool]:
-        """End the child; return its status and whether it had to be killed.
+    def _stop(self, grace_s: float) -> _Ending:
+        """End the child.
 
         Raises:
             InfrastructureError: the host itself has ended.
 
         """
         assert self._host is not None
-        if self._pipes is not None:
-            self._pipes.close()
-            self._pipes = None
+        pipes, self._pipes = self._pipes, None
         try:
+            if pipes is not None:
+                pipes.hang_up()
             answer = self._host.order({"do": "stop", "grace_s": grace_s}, STOP_TIMEOUT_S)
+            last_line = "" if pipes is None else pipes.output.last_line()
+            return _Ending(answer["status"] or 0, answer["killed"], last_line)
         except HostGoneError as error:
             self._drop_host()
             raise InfrastructureError(f"the policy's host process ended ({error})") from error
-        return answer["status"] or 0, answer["killed"]
+        finally:
+            if pipes is not None:
+                pipes.close()
 
     def _end_episode(self) -> None:
         """End the last episode's child; if the host is gone, so is the child."""
@@ -270,7 +291,6 @@ class PolicyProcess:
             return
         with contextlib.suppress(InfrastructureError):
             self._stop(self._end_grace_s if self._pipes is not None else 0.0)
-            self._host.forget_output()
 
 
 def _signal_name(number: int) -> str:

@@ -32,21 +32,34 @@ OBSERVATION_BYTES = IMAGE_BYTES + 4 * TOUCH_SHAPE[0]
 HEADER = struct.Struct("<IB")
 ARRAY_HEADER = struct.Struct("<8sB")
 MAX_AXES = 8
+NO_NUMBERS = "|O"
+"""Type of an action that is no array of plain numbers."""
+
+ACTION_TYPES = {np.dtype(code).str: np.dtype(code) for code in "?bhilqBHILQefdgFDG"}
+"""The types of number that an action may name, by name; numpy's own reading of a name is a
+parser, which no policy may feed."""
 
 ANSI_SEQUENCE = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|\][^\x07\x1b]*(\x07|\x1b\\)?|.)")
 
 
 class Frame(IntEnum):
-    """Kinds of frame."""
+    """Kinds of frame: three requests, and the answers."""
 
-    ACT = 1
-    LOADED = 2
-    READY = 3
-    ACTION = 4
-    RAISED = 5
-    REFUSED = 6
-    MISSING_EXTRA = 7
-    UNCONFINED = 8
+    LOAD = 1
+    RESET = 2
+    ACT = 3
+
+    CONFINED = 4
+    """To the order to start, before a byte of the checkpoint is looked at; or UNCONFINED."""
+    UNCONFINED = 5
+    LOADED = 6
+    """To LOAD; or REFUSED."""
+    REFUSED = 7
+    READY = 8
+    """To RESET; or RAISED."""
+    ACTION = 9
+    """To ACT; or RAISED."""
+    RAISED = 10
 
 
 class WireError(Exception):
@@ -160,7 +173,7 @@ def pack_action(raw: object) -> bytes:
     if array.ndim > MAX_AXES:
         array = array.reshape(-1)
     plain = array.dtype.kind in "biufc" and array.nbytes <= MAX_ARRAY
-    type_name = array.dtype.str if array.dtype.kind in "biufc" else "|O"
+    type_name = array.dtype.str if array.dtype.kind in "biufc" else NO_NUMBERS
     head = ARRAY_HEADER.pack(type_name.encode(), array.ndim)
     shape = struct.pack(f"<{array.ndim}Q", *array.shape)
     return head + shape + (array.tobytes() if plain else b"")
@@ -175,14 +188,15 @@ def unpack_action(payload: bytes) -> NDArray[Any]:
     """
     try:
         name, axes = ARRAY_HEADER.unpack_from(payload)
-        shape = struct.unpack_from(f"<{min(axes, MAX_AXES)}Q", payload, ARRAY_HEADER.size)
-        dtype = np.dtype(name.rstrip(b"\0").decode("ascii"))
-        if dtype.kind not in "biufc":
+        type_name = name.rstrip(b"\0").decode("ascii")
+        if type_name == NO_NUMBERS:
             return np.array(None)
+        dtype = ACTION_TYPES[type_name]
+        shape = struct.unpack_from(f"<{min(axes, MAX_AXES)}Q", payload, ARRAY_HEADER.size)
         body = payload[ARRAY_HEADER.size + 8 * len(shape) :]
         size = math.prod(shape) * dtype.itemsize
         if size > MAX_ARRAY and not body:
             return np.broadcast_to(np.zeros((), dtype), shape)
         return np.frombuffer(body, dtype).reshape(shape)
-    except (struct.error, TypeError, ValueError) as error:
+    except Exception as error:  # whatever these bytes cause, they are the policy's
         raise WireError("an action whose type, shape and numbers do not fit") from error

@@ -7,6 +7,8 @@ import time
 
 import numpy as np
 
+from minitouch_bench.policies.wire import Frame, pack_action, pack_frame
+
 calls = 0
 """Acts so far in this process; a later episode must not see those of an earlier one."""
 
@@ -44,13 +46,23 @@ def close_pipes():
     time.sleep(1000)
 
 
-def speak_nonsense():
+def say(words):
+    """Write to the evaluation past the code that answers for this policy."""
     for descriptor in range(3, 64):
         try:
-            os.write(descriptor, b"\xff" * 100)
+            os.write(descriptor, words)
         except OSError:
             continue
+
+
+def say_only(words):
+    say(words)
     time.sleep(1000)
+
+
+def answer_ahead():
+    say(pack_frame(Frame.ACTION, pack_action(np.ones(4, np.float32))) * 3)
+    return np.ones(4, np.float32)
 
 
 def leave_child_behind():
@@ -73,7 +85,11 @@ ACTS = {
     "kill": lambda: os.kill(os.getpid(), signal.SIGKILL),
     "abort": os.abort,
     "close_pipes": close_pipes,
-    "speak_nonsense": speak_nonsense,
+    "speak_nonsense": lambda: say_only(b"\xff" * 100),
+    "name_no_type": lambda: say_only(pack_frame(Frame.ACTION, b",\0\0\0\0\0\0\0\0")),
+    "claim_refusal": lambda: say_only(pack_frame(Frame.REFUSED, b"refused")),
+    "claim_no_sandbox": lambda: say_only(pack_frame(Frame.UNCONFINED, b"no sandbox")),
+    "answer_ahead": answer_ahead,
     "leave_child_behind": leave_child_behind,
     "kill_host": lambda: (os.kill(os.getppid(), signal.SIGKILL), time.sleep(1000)),
     "nan": lambda: np.full(4, np.nan),
@@ -113,6 +129,25 @@ def exiting_factory():
 
 def sleeping_factory():
     sleep()
+
+
+def claiming_factory():
+    say_only(pack_frame(Frame.UNCONFINED, b"no sandbox"))
+
+
+def ready_at_once():
+    say(pack_frame(Frame.LOADED) + pack_frame(Frame.READY))
+    return Misbehaving()
+
+
+class NamesNoType:
+    """Sends an action whose type only a parser of Python would read, at the first look."""
+
+    def reset(self, seed, task):
+        pass
+
+    def act(self, observation):
+        ACTS["name_no_type"]()
 
 
 def told_factory(deterministic):

@@ -17,11 +17,13 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
+from minitouch_bench.policies.episode_pipes import EpisodePipes
 from minitouch_bench.policies.isolate import try_policy
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import PolicySource, parse_source
+from minitouch_bench.policies.wire import MAX_PAYLOAD, Frame
 from tests.policies.conftest import load
 from tests.policies.misbehaving import RESET_EXITS, RESET_RAISES, RESET_SLEEPS, SEEDS
 
@@ -81,6 +83,9 @@ def gone(pid):
         ("leave_child_behind", PolicyExitError, "exited with code 4$"),
         ("close_pipes", PolicyExitError, "closed its connection$"),
         ("speak_nonsense", PolicyExitError, "broke the protocol"),
+        ("name_no_type", PolicyExitError, "broke the protocol: an action whose type"),
+        ("claim_refusal", PolicyExitError, "REFUSED is no answer to ACT"),
+        ("claim_no_sandbox", PolicyExitError, "UNCONFINED is no answer to ACT"),
         ("nan", InvalidActionError, "NaN"),
         ("short", InvalidActionError, "3 numbers"),
         ("integers", InvalidActionError, "int64"),
@@ -98,6 +103,30 @@ def test_a_fault_is_named_at_once_and_the_next_episode_is_fine(bad, how, error, 
     assert len(str(caught.value)) < 400
     bad.reset(SEEDS["fine"], "pushing")
     assert bad.act(OBSERVATION).tolist() == [0.25] * 4
+
+
+def test_an_answer_before_the_question_is_a_fault(bad):
+    bad.reset(SEEDS["answer_ahead"], "pushing")
+    assert bad.act(OBSERVATION).tolist() == [1.0] * 4
+    with pytest.raises(PolicyExitError, match="answered before it was asked"):
+        bad.act(OBSERVATION)
+
+
+def test_a_policy_cannot_say_for_its_loader_that_it_is_ready(bad, monkeypatch):
+    monkeypatch.setattr(bad, "_source", factory("ready_at_once"))
+    with pytest.raises(PolicyExitError, match="answered before it was asked"):
+        bad.reset(0, "pushing")
+
+
+def test_a_policy_that_never_reads_hangs_nobody():
+    pipes = EpisodePipes()
+    pipes.watch(os.getpid())
+    began = time.monotonic()
+    with pytest.raises(TimeoutError):
+        pipes.ask(Frame.ACT, bytes(MAX_PAYLOAD), began + 0.2)  # more than the pipe takes
+    assert time.monotonic() - began < 2.0
+    pipes.hand_over()
+    pipes.close()
 
 
 @pytest.mark.parametrize("how", ["sleep", "flood"])
@@ -176,6 +205,7 @@ def test_loading_and_reset_have_a_deadline(bad, monkeypatch, seed, error, text):
         ("raising_factory", "RuntimeError: no weights here"),
         ("exiting_factory", "exited with code 7: cannot start"),
         ("not_a_policy", "has no reset"),
+        ("claiming_factory", "UNCONFINED is no answer to LOAD"),
         ("missing", "cannot be imported"),
     ],
 )
@@ -237,6 +267,10 @@ def test_probe_refuses_a_bad_file_but_leaves_faults_to_episodes(tmp_path, light)
 
 def test_a_policy_that_fails_at_probing_may_still_be_loadable():
     try_policy(factory("Misbehaving"), ["pushing"], IsolationOptions(trust=True, limits=LIMITS))
+
+
+def test_nothing_a_policy_sends_at_the_first_look_is_our_failure():
+    try_policy(factory("NamesNoType"), ["pushing"], IsolationOptions(Isolation.PROCESS, trust=True))
 
 
 def test_the_scripted_policy_has_no_process():

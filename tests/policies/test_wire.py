@@ -76,11 +76,27 @@ def test_what_is_no_array_becomes_an_object(raw):
         b"nonsense\1" + b"\4" + b"\0" * 23,
         b"<f8\0\0\0\0\0\2" + b"\xff" * 16 + b"12345678",
         b"<f8\0\0\0\0\0\2" + b"\xff" * 16,
+        b"<f8\0\0\0\0\0\2" + b"\xff" * 8 + b"\0" * 8,
+        b",\0\0\0\0\0\0\0\0",
+        b"<M8[s]\0\0\0",
     ],
 )
 def test_hostile_actions_are_refused(payload):
     with pytest.raises(WireError):
         unpack_action(payload)
+
+
+def test_random_bytes_are_an_action_or_refused_and_nothing_else():
+    generator = np.random.default_rng(0)
+    real = pack_action(np.ones(4, np.float32))
+    for _ in range(2000):
+        payload = bytearray(real)
+        for at in generator.integers(0, len(real), generator.integers(1, 8)):
+            payload[at] = generator.integers(0, 256)
+        try:
+            assert isinstance(unpack_action(bytes(payload)), np.ndarray)
+        except WireError:
+            continue
 
 
 def test_hostile_headers_are_refused():
