@@ -12,9 +12,6 @@ MAX_DESCRIPTORS = 64
 MAX_TASKS = 4096
 """Processes and threads of the user, all in all; does not bind root."""
 
-HARD_CPU_S = 5
-"""From SIGXCPU to SIGKILL, in s of processor time."""
-
 CAPSET = {"x86_64": 126, "aarch64": 91}
 CAPABILITY_VERSION_3 = 0x20080522
 PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -58,7 +55,9 @@ def set_limits(limits: Limits) -> None:
         (resource.RLIMIT_MSGQUEUE, 0),
     ):
         _lower(kind, most, most)
-    _lower(resource.RLIMIT_CPU, limits.cpu_s, limits.cpu_s + HARD_CPU_S)
+    # No hard limit: its SIGKILL would look like somebody else's. Who ignores SIGXCPU meets the
+    # limits of wall time.
+    _lower(resource.RLIMIT_CPU, limits.cpu_s, resource.RLIM_INFINITY)
 
 
 def be_first_to_go() -> None:
@@ -93,5 +92,5 @@ def _lower(kind: int, soft: int, hard: int) -> None:
     """Set a limit, no higher than it is."""
     _, most = resource.getrlimit(kind)
     if most != resource.RLIM_INFINITY:
-        soft, hard = min(soft, most), min(hard, most)
+        soft, hard = min(soft, most), most if hard == resource.RLIM_INFINITY else min(hard, most)
     resource.setrlimit(kind, (soft, hard))

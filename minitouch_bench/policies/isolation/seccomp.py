@@ -42,6 +42,12 @@ HARMLESS_IOCTL = (0x5401, 0x5413, 0x541B, 0x5421, 0x5450, 0x5451)
 HARMLESS_FCNTL = (0, 1, 2, 3, 4, 1030, 1032)
 """Duplicates and flags. F_SETOWN and F_SETSIG would have the kernel send signals to others."""
 
+HARMLESS_MADVISE = (0, 1, 2, 4, 8, 14, 15, 16, 17, 102, 103)
+"""About its own memory: order of use, no longer needed, huge pages, dumps, guards. Not what
+reads a file ahead, puts pages out of memory, or merges them with those of others."""
+NOT_TO_ITSELF = (9, 19)
+"""SIGKILL and SIGSTOP, which would look like the doing of somebody else."""
+
 Instruction = tuple[int, int, int, int]
 """Code, jump if true, jump if false, constant."""
 
@@ -94,21 +100,28 @@ def install(program: Iterable[Instruction]) -> None:
 def _judgements(pid: int, *, threads: bool) -> Mapping[str, list[Instruction]]:
     """Return what decides on each call that is judged by its arguments."""
     denied = _answer(ERRNO | errno.EPERM)
-    to_itself = [*_low(0), *_allow_if(IF_EQUAL, (pid,)), *denied]
     thread = [*_low(0), *_allow_if(IF_ANY_BIT, (CLONE_THREAD,))] if threads else []
     options = (*NAME_CALLS, *READING_PRCTL, PR_SET_VMA)
     return {
         "clone": thread + denied,
         # Its flags are in memory, which a filter cannot read: as if the kernel had none.
         "clone3": _answer(ERRNO | errno.ENOSYS),
-        "kill": to_itself,
-        "tkill": to_itself,
-        "tgkill": to_itself,
+        "kill": _signal_to_itself(pid, 1),
+        "tkill": _signal_to_itself(pid, 1),
+        "tgkill": _signal_to_itself(pid, 2),
+        "madvise": [*_low(2), *_allow_if(IF_EQUAL, HARMLESS_MADVISE), *denied],
         "prctl": [*_low(0), *_allow_if(IF_EQUAL, options), *denied],
         "ioctl": [*_low(1), *_allow_if(IF_EQUAL, HARMLESS_IOCTL), *_answer(ERRNO | errno.ENOTTY)],
         "fcntl": [*_low(1), *_allow_if(IF_EQUAL, HARMLESS_FCNTL), *denied],
         "prlimit64": _reading_prlimit(pid),
     }
+
+
+def _signal_to_itself(pid: int, argument: int) -> list[Instruction]:
+    """Allow a process to signal itself; the argument is the signal's."""
+    denied = _answer(ERRNO | errno.EPERM)
+    forbidden = [part for one in NOT_TO_ITSELF for part in ((IF_EQUAL, 0, 1, one), *denied)]
+    return [*_low(argument), *forbidden, *_low(0), *_allow_if(IF_EQUAL, (pid,)), *denied]
 
 
 def _reading_prlimit(pid: int) -> list[Instruction]:

@@ -83,6 +83,24 @@ def find_secrets():
         raise OSError(2, "nothing here")
 
 
+def find_fatal_limit():
+    """Look for a limit at which the kernel kills, as if from outside."""
+    if resource.getrlimit(resource.RLIMIT_CPU)[1] == resource.RLIM_INFINITY:
+        raise OSError(2, "nothing here")
+
+
+def leave_flags():
+    for stream in range(3):
+        flags = fcntl.fcntl(stream, fcntl.F_GETFL)
+        fcntl.fcntl(stream, fcntl.F_SETFL, flags | os.O_APPEND | os.O_NONBLOCK)
+
+
+def find_flags():
+    flags = [fcntl.fcntl(stream, fcntl.F_GETFL) for stream in range(3)]
+    if not any(value & (os.O_APPEND | os.O_NONBLOCK) for value in flags):
+        raise OSError(2, "nothing here")
+
+
 def x32_call():
     call(0x40000000 + 39)
 
@@ -98,6 +116,12 @@ DEEDS = {
     "kill its parent": lambda: os.kill(os.getppid(), signal.SIGKILL),
     "kill everything": lambda: os.kill(-1, signal.SIGKILL),
     "kill by thread": lambda: call(234, os.getppid(), os.getppid(), 9),
+    "kill itself": lambda: os.kill(os.getpid(), signal.SIGKILL),
+    "kill its own thread": lambda: signal.raise_signal(signal.SIGKILL),
+    "stop itself": lambda: os.kill(os.getpid(), signal.SIGSTOP),
+    "find a limit that kills": find_fatal_limit,
+    "see what is in memory of a file": lambda: call(27, 0, 4096, b"x"),
+    "have a file forgotten": lambda: os.posix_fadvise(0, 0, 0, os.POSIX_FADV_DONTNEED),
     "have its parent signalled": lambda: be_signalled_for(os.getppid()),
     "signal by descriptor": lambda: signal.pidfd_send_signal(0, 9),
     "trace its parent": lambda: call(101, 16, os.getppid(), 0, 0),
@@ -145,7 +169,8 @@ HARMLESS = {
     "throw away output": lambda: Path(os.devnull).write_text("x"),
     "start a thread": lambda: threading.Thread(target=int).start(),
 }
-ALL = {**DEEDS, **FATAL, **HARMLESS}
+MEMORY = {"leave flags": leave_flags, "find flags": find_flags}
+ALL = {**DEEDS, **FATAL, **HARMLESS, **MEMORY}
 
 
 class Hostile:

@@ -28,6 +28,7 @@ OTHER_ERRORS = {
     "find open descriptors": errno.EMFILE,
     "find the simulator": errno.ENOENT,
     "find secrets": errno.ENOENT,
+    "find a limit that kills": errno.ENOENT,
     "allocate 10 GB": errno.ENOMEM,
     "use clone3": errno.ENOSYS,
     "use a call of the future": errno.ENOSYS,
@@ -75,6 +76,19 @@ def test_a_factory_cannot(factory, home, deed):
 @pytest.mark.parametrize("deed", hostile_factory.HARMLESS)
 def test_a_factory_can(factory, deed):
     assert factory.act(doing(deed))[0] == 0
+
+
+def test_flags_of_the_standard_streams_are_not_remembered(factory):
+    factory.reset(0, "pushing")
+    assert factory.act(doing("leave flags"))[0] == 0
+    assert factory.act(doing("find flags"))[0] == 0
+    factory.reset(0, "pushing")
+    assert factory.act(doing("find flags"))[0] == errno.ENOENT
+
+
+def test_episodes_share_no_memory_that_they_can_write(factory):
+    maps = Path(f"/proc/{factory._host.pid}/maps").read_text().splitlines()
+    assert not [line for line in maps if "w" in line.split()[1] and "s" in line.split()[1]]
 
 
 def test_a_host_in_the_sandbox_never_had_the_users_secrets(factory):

@@ -24,6 +24,7 @@ FORBIDDEN = {
     "fchmod": (91, 52), "fchown": (93, 55), "ftruncate": (77, 46), "fallocate": (285, 47),
     "unlinkat": (263, 35), "mkdirat": (258, 34), "setxattr": (188, 5), "utimensat": (280, 88),
     "seccomp": (317, 277), "setuid": (105, 146), "init_module": (175, 105), "flock": (73, 32),
+    "mincore": (27, 232), "fadvise64": (221, 223), "rt_tgsigqueueinfo": (297, 240),
 }  # fmt: skip
 
 
@@ -85,10 +86,22 @@ def test_threads_only_where_they_are_asked_for_and_processes_never(judge):
 
 @pytest.mark.parametrize("name", ["kill", "tkill", "tgkill"])
 def test_signals_go_to_oneself_only(judge, name):
-    assert judge(name, PID, 6) == seccomp.ALLOW
-    assert judge(name, PID + 2**32, 6) == seccomp.ALLOW  # the kernel takes 32 bits, and so ours
+    assert judge(name, PID, 6, 6) == seccomp.ALLOW
+    assert judge(name, PID + 2**32, 6, 6) == seccomp.ALLOW  # the kernel takes 32 bits, and so ours
     for other in (0, 1, -1, -PID, PID + 1):
-        assert judge(name, other, 9) == DENIED
+        assert judge(name, other, 6, 6) == DENIED
+
+
+@pytest.mark.parametrize("name", ["kill", "tkill", "tgkill"])
+def test_a_policy_cannot_seem_killed_or_stopped(judge, name):
+    for number in (9, 19, 9 + 2**32):
+        arguments = (PID, number) if name == "tgkill" else (number,)
+        assert judge(name, PID, *arguments) == DENIED
+
+
+def test_advice_is_about_its_own_memory_only(judge):
+    assert {judge("madvise", 0, 4096, advice) for advice in (4, 8, 14)} == {seccomp.ALLOW}
+    assert {judge("madvise", 0, 4096, advice) for advice in (3, 9, 12, 20, 21)} == {DENIED}
 
 
 def test_limits_are_read_and_never_set(judge):
