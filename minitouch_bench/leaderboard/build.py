@@ -20,10 +20,9 @@ from minitouch_bench.leaderboard.ranking import RANKED_BY
 from minitouch_bench.leaderboard.scored import Refusal, ScoredSubmission
 from minitouch_bench.leaderboard.scores import Figures, score
 from minitouch_bench.leaderboard.site import write_site
-from minitouch_bench.leaderboard.submission import MAIN_SUITE
+from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE
 from minitouch_bench.leaderboard.validation import Depth, validate
 from minitouch_bench.processes import MANY_JOBS, core_count, run_in_workers
-from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import Role
 
 TOGETHER = 16
@@ -115,7 +114,7 @@ def _read(directory: Path) -> Entry | Refusal:
 
 
 def _scored(entry: Entry, figures: Figures) -> ScoredSubmission:
-    listed = {task: entry.episodes(MAIN_SUITE, Role.FINAL, task) for task in TASK_NAMES}
+    listed = {task: entry.episodes(MAIN_SUITE, Role.FINAL, task) for task in BOARD_TASKS}
     scored = ScoredSubmission(
         about=entry.submission,
         level=entry.level,

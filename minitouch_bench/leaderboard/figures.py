@@ -9,8 +9,8 @@ from minitouch_bench.leaderboard.board import Board, BoardRow
 from minitouch_bench.leaderboard.entries import Entry
 from minitouch_bench.leaderboard.failures import ENDINGS, TONES, endings
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
-from minitouch_bench.leaderboard.submission import MAIN_SUITE
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
+from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS, MAIN_SUITE
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Role
 from minitouch_bench.rendering.charts import (
     Axis,
@@ -25,7 +25,7 @@ from minitouch_bench.rendering.charts import (
     step_histograms,
     touch_chart,
 )
-from minitouch_bench.reporting.labels import TASKS, task_title
+from minitouch_bench.reporting.labels import task_title
 
 FEW_POINTS = 60
 """Submissions up to which names and intervals are drawn; more would be a wall of lines."""
@@ -39,14 +39,14 @@ def submission_figures(entry: Entry) -> tuple[Figure, ...]:
             "episode-steps",
             "How long episodes last",
             "Share of the episodes by number of control steps, and by how they ended.",
-            tuple(_steps_plot(entry, task) for task in TASKS if task in GOAL_TASKS),
+            tuple(_steps_plot(entry, task) for task in BOARD_GOALS),
         ),
         Figure(
             "touch-over-time",
             "Touch over time",
             "Mean ticks in contact at each control step, over the episodes that reached "
             f"it{several}.",
-            tuple(_touch_plot(entry, task) for task in TASKS),
+            tuple(_touch_plot(entry, task) for task in BOARD_TASKS),
         ),
     )
 

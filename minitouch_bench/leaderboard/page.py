@@ -20,6 +20,7 @@ from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.ranking import RANKED_BY, Rank
 from minitouch_bench.leaderboard.scored import ScoredSubmission
 from minitouch_bench.leaderboard.scores import OVERALL
+from minitouch_bench.leaderboard.submission import BOARD_TASKS
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import PROTOCOL
@@ -29,7 +30,7 @@ from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.pages import Card, make_card, render_page
 from minitouch_bench.rendering.svg import draw_share_bar
 from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell, metric_head
-from minitouch_bench.reporting.labels import TASKS, FaultGroup, group_faults, task_title
+from minitouch_bench.reporting.labels import FaultGroup, group_faults, task_title
 from minitouch_bench.reporting.novel_shapes import gap_cells
 from minitouch_bench.reporting.page import paper_reference
 from minitouch_bench.reporting.report import Video
@@ -63,9 +64,9 @@ def submission_page(entry: Entry, scored: ScoredSubmission) -> str:
         modalities=", ".join(scored.about.modalities) or "sees nothing",
         training_steps=amount(scored.about.training_steps),
         seeds_in_words=f"{len(entry.seeds)} training seeds" if several else "one training seed",
-        cards=tuple(_card(scored, task, _mark(task) if is_ranked else "") for task in TASKS),
+        cards=tuple(_card(scored, task, _mark(task) if is_ranked else "") for task in BOARD_TASKS),
         legend=tuple(_legend(scored)),
-        bars=tuple((task_title(task), _ending_bar(scored, task)) for task in TASKS),
+        bars=tuple((task_title(task), _ending_bar(scored, task)) for task in BOARD_TASKS),
         values=_values(scored),
         gaps=_gaps(scored) if scored.gaps else None,
         figures=submission_figures(entry),
@@ -137,11 +138,11 @@ def _values(scored: ScoredSubmission) -> Table:
     return Table(
         title="All values",
         corner=("Metric", "Unit"),
-        columns=tuple(Column(task_title(task)) for task in TASKS),
+        columns=tuple(Column(task_title(task)) for task in BOARD_TASKS),
         rows=tuple(
             Row(
                 (metric_head(metric), METRICS[metric].unit),
-                tuple(estimate_cell(metric, scored.estimate(task, metric)) for task in TASKS),
+                tuple(estimate_cell(metric, scored.estimate(task, metric)) for task in BOARD_TASKS),
             )
             for metric in (*TABLE4_METRICS, *TOUCH_METRICS)
         ),

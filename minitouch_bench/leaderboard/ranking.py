@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from minitouch_bench.leaderboard.pairs import Sample, mean_p_values, share_p_values
 from minitouch_bench.leaderboard.scored import ScoredSubmission
 from minitouch_bench.leaderboard.scores import OVERALL
+from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics import ranking_metric
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 
 ALPHA = 0.05
 """Share of rows whose range of ranks may miss the true one."""
 
-RANKED_BY: Mapping[str, str] = {task: ranking_metric(task) for task in TASK_NAMES}
+RANKED_BY: Mapping[str, str] = {task: ranking_metric(task) for task in BOARD_TASKS}
 """What a task is ranked by; overall it is the mean success over the tasks with a goal."""
 
 Floats = NDArray[np.float64]
@@ -37,12 +37,12 @@ def rank(rows: Sequence[ScoredSubmission]) -> list[dict[str, Rank]]:
     ranks: list[dict[str, Rank]] = [{} for _ in rows]
     if not rows:
         return ranks
-    samples = {task: [Sample(np.array(row.values[task])) for row in rows] for task in TASK_NAMES}
-    for task in TASK_NAMES:
-        compare = share_p_values if task in GOAL_TASKS else lambda own: mean_p_values([own])
+    samples = {task: [Sample(np.array(row.values[task])) for row in rows] for task in BOARD_TASKS}
+    for task in BOARD_TASKS:
+        compare = share_p_values if task in BOARD_GOALS else lambda own: mean_p_values([own])
         means = np.array([sample.values.mean() for sample in samples[task]])
         _keep(ranks, task, means, compare(samples[task]))
-    strata = [samples[task] for task in GOAL_TASKS]
+    strata = [samples[task] for task in BOARD_GOALS]
     overall = np.mean([[sample.values.mean() for sample in own] for own in strata], axis=0)
     _keep(ranks, OVERALL, overall, mean_p_values(strata))
     return ranks

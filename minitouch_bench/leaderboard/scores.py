@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.leaderboard.entries import BOARD_METRICS, Entry
-from minitouch_bench.leaderboard.submission import MAIN_SUITE
+from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS, MAIN_SUITE
 from minitouch_bench.metrics import METRICS, Metric, wilson
 from minitouch_bench.metrics.intervals import BOOTSTRAP
 from minitouch_bench.metrics.metric import Kind
@@ -19,7 +19,6 @@ from minitouch_bench.metrics.shared_bootstrap import (
     resample_weights,
     stratified_intervals,
 )
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.records import Estimate
 
 ROOT = (0,)
@@ -40,8 +39,8 @@ Figures = dict[str, dict[str, Estimate]]
 
 def score(entries: Sequence[Entry]) -> list[Figures]:
     """Estimate every figure of the main suite, one mapping per entry in their order."""
-    figures: list[Figures] = [{key: {} for key in (OVERALL, *TASK_NAMES)} for _ in entries]
-    for task in TASK_NAMES:
+    figures: list[Figures] = [{key: {} for key in (OVERALL, *BOARD_TASKS)} for _ in entries]
+    for task in BOARD_TASKS:
         for name in BOARD_METRICS:
             if METRICS[name].is_in(task):
                 _score(entries, figures, task, METRICS[name])
@@ -129,9 +128,9 @@ def _widened(found: Estimate, pooled: Estimate) -> Estimate:
 def _score_overall(entries: Sequence[Entry], figures: list[Figures]) -> None:
     """Estimate the mean success over the tasks with a goal."""
     for entry, own in zip(entries, figures, strict=True):
-        parts = [own[task].get("success") for task in GOAL_TASKS]
+        parts = [own[task].get("success") for task in BOARD_GOALS]
         known = [part for part in parts if part is not None]
-        if len(known) < len(GOAL_TASKS):
+        if len(known) < len(BOARD_GOALS):
             continue
         if len(entry.seeds) == 1:
             own[OVERALL][MEAN_SUCCESS] = _quadrature(known)
@@ -155,10 +154,10 @@ def _quadrature(parts: Sequence[Estimate]) -> Estimate:
 
 def _stratified(entry: Entry) -> Estimate:
     success = METRICS["success"]
-    strata = [seed_means(entry, task, success)[None] for task in GOAL_TASKS]
+    strata = [seed_means(entry, task, success)[None] for task in BOARD_GOALS]
     size = len(entry.seeds)
-    weights = [resample_weights(size, ROOT, f"seeds/{task}/success") for task in GOAL_TASKS]
+    weights = [resample_weights(size, ROOT, f"seeds/{task}/success") for task in BOARD_GOALS]
     low, high = stratified_intervals(strata, weights)[0]
-    pooled = _quadrature([_pooled(entry, task, success) for task in GOAL_TASKS])
+    pooled = _quadrature([_pooled(entry, task, success) for task in BOARD_GOALS])
     found = Estimate(pooled.value, float(low), float(high), size, OVER_SEEDS)
     return _widened(found, pooled)

@@ -12,11 +12,10 @@ from minitouch_bench.leaderboard.inventory import MAX_VIDEO
 from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, finish_page, video_names
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
 from minitouch_bench.leaderboard.scored import ScoredSubmission
-from minitouch_bench.leaderboard.submission import MAIN_SUITE, MODALITIES
+from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE, MODALITIES
 from minitouch_bench.leaderboard.views import views
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.rendering.pages import PICTURES, render_page
-from minitouch_bench.reporting.labels import TASKS
 
 WIDE, NARROW = 1124, 340
 """Widths of the plot of all submissions, on a desk and on a phone."""
@@ -40,7 +39,7 @@ def write_site(board: Board, submissions: Path, output: Path) -> None:
         write_file(pages / f"{row.name}.html", page, durable=False)
         _copy_videos(row.scored, submissions, pages)
     _remove_others(pages, {row.name for row in board.rows})
-    for task in TASKS:
+    for task in BOARD_TASKS:
         name = f"{task}.png"
         write_file(output / "pictures" / name, (PICTURES / name).read_bytes())
 

@@ -9,8 +9,9 @@ from typing import Annotated, Any, Final, Literal
 from msgspec import Meta
 
 from minitouch_bench.leaderboard import texts
-from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
 from minitouch_bench.records import Role, Sha256
+from minitouch_bench.reporting.labels import TASKS
 
 FORMAT: Final = "minitouch-submission"
 VERSION: Final = 1
@@ -21,6 +22,9 @@ ALL_TASKS = "all"
 """The task of a checkpoint that serves every task."""
 
 MAIN_SUITE = "table4"
+BOARD_TASKS = tuple(task for task in TASKS if task in PROTOCOL.suite(MAIN_SUITE).tasks)
+"""The tasks that the board shows and ranks: those of its main suite."""
+BOARD_GOALS = tuple(task for task in BOARD_TASKS if task in GOAL_TASKS)
 SUBMITTED_SUITES = tuple(suite.name for suite in PROTOCOL.suites if suite.rankable)
 """The suites a submission may hold; MAIN_SUITE is required."""
 

@@ -7,8 +7,8 @@ from minitouch_bench.leaderboard.board import TOUCH_METRICS, Board, BoardRow, in
 from minitouch_bench.leaderboard.gaps import GAP_TASKS
 from minitouch_bench.leaderboard.ranking import RANKED_BY, Rank
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
+from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics import METRICS, ShownIn, direction_of, metrics_shown_in
-from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.rendering.tables import (
     ABSENT,
     Cell,
@@ -18,7 +18,7 @@ from minitouch_bench.rendering.tables import (
     column_groups,
     estimate_cell,
 )
-from minitouch_bench.reporting.labels import TASKS, listed, task_title
+from minitouch_bench.reporting.labels import listed, task_title
 from minitouch_bench.reporting.novel_shapes import gap_cells
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_cell
 
@@ -72,23 +72,23 @@ def views(board: Board) -> tuple[View, ...]:
     """Return every table of a board."""
     return (
         _overall(board),
-        *(_task(board, task) for task in TASKS),
+        *(_task(board, task) for task in BOARD_TASKS),
         _novel(board),
         _touch(board),
     )
 
 
 def _overall(board: Board) -> View:
-    goals = [task_title(task) for task in TASKS if task in GOAL_TASKS]
+    goals = [task_title(task) for task in BOARD_GOALS]
     columns = (
         Column("Mean success", unit=f"{len(goals)} tasks ↑"),
-        *(Column(task_title(task), unit=f"{_label(task)} ↑") for task in TASKS),
+        *(Column(task_title(task), unit=f"{_label(task)} ↑") for task in BOARD_TASKS),
     )
     lead = (
         f"Ranked by the mean success over {listed(goals)}. Rows that cannot be told "
         "apart on the same episodes share a rank."
     )
-    wanted = ((OVERALL, MEAN_SUCCESS), *((task, RANKED_BY[task]) for task in TASKS))
+    wanted = ((OVERALL, MEAN_SUCCESS), *((task, RANKED_BY[task]) for task in BOARD_TASKS))
     return _view(View(OVERALL, "Overall", lead, columns, tuple(_lines(board, OVERALL))), wanted)
 
 
@@ -106,7 +106,7 @@ def _task(board: Board, task: str) -> View:
 
 
 def _touch(board: Board) -> View:
-    wanted = [(task, metric) for task in TASKS for metric in TOUCH_METRICS]
+    wanted = [(task, metric) for task in BOARD_TASKS for metric in TOUCH_METRICS]
     columns = tuple(
         Column(METRICS[metric].label, task_title(task), METRICS[metric].unit)
         for task, metric in wanted

@@ -12,9 +12,8 @@ from minitouch_bench.protocol.spec import (
     ObservationSpec,
     PhysicsSpec,
     ProtocolSpec,
-    SuiteSpec,
 )
-from minitouch_bench.protocol.tasks import OPENING, PICK_UP, PLAYING, PUSHING
+from minitouch_bench.protocol.tasks import SUITES, TASKS
 
 PROTOCOL = ProtocolSpec(
     name="minitouch-v1",
@@ -69,14 +68,8 @@ PROTOCOL = ProtocolSpec(
         max_draws=50,  # D
     ),
     shapes="2083181d29df0c08f8f9d42604212b9774ee4150d89f2622388b446ff083635f",
-    tasks=(PLAYING, PUSHING, OPENING, PICK_UP),
-    suites=(
-        SuiteSpec("table4", ("playing", "pushing", "opening", "pick-up"), 100, rankable=True),
-        SuiteSpec(
-            "novel-shapes", ("playing", "pushing", "pick-up"), 400, rankable=True, novel_shapes=True
-        ),
-        SuiteSpec("smoke", ("playing", "pushing", "opening", "pick-up"), 5, rankable=False),
-    ),
+    tasks=TASKS,
+    suites=SUITES,
 )
 """The protocol, whose tasks every list of tasks anywhere follows."""
 

@@ -1,4 +1,4 @@
-"""The four tasks as values. Letters: T text of the paper, R the released package, D ours.
+"""The tasks and the suites as values. Letters: T text of the paper, R the released package, D ours.
 
 ``docs/protocol.md`` gives the reason of every D.
 """
@@ -6,7 +6,7 @@
 import math
 from dataclasses import dataclass
 
-from minitouch_bench.protocol.spec import ArmSpec, CameraSpec, TaskSpec, Workspace
+from minitouch_bench.protocol.spec import ArmSpec, CameraSpec, SuiteSpec, TaskSpec, Workspace
 
 POINTING_DOWN = ArmSpec(
     start_joints=(-0.028, 0.853, -0.016, -1.547, 0.017, 2.4, 2.305, 0.0, 0.0),  # R
@@ -192,3 +192,15 @@ PICK_UP = PickUpSpec(
     cube=CubeSpec(side=0.045, mass=0.2),  # D
     lift=0.05,  # T
 )
+
+TASKS: tuple[TaskSpec, ...] = (PLAYING, PUSHING, OPENING, PICK_UP)
+"""Every task, in the order of every table."""
+
+SUITES = (
+    SuiteSpec("table4", ("playing", "pushing", "opening", "pick-up"), 100, rankable=True),
+    SuiteSpec(
+        "novel-shapes", ("playing", "pushing", "pick-up"), 400, rankable=True, novel_shapes=True
+    ),
+    SuiteSpec("smoke", ("playing", "pushing", "opening", "pick-up"), 5, rankable=False),
+)
+"""Every suite; the first is the default."""

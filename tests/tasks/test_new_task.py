@@ -1,0 +1,131 @@
+"""Proof by doing: a task is its facts, its rules and its line in the table, and a controller.
+
+The files in ``tests/tasks/peg`` are put into a copy of the package, which then evaluates the
+fifth task, reports it, packs it as a submission and ranks it on the board.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import minitouch_bench
+
+PACKAGE = Path(minitouch_bench.__file__).parent
+ROOT = Path(__file__).parents[2]
+PEG = Path(__file__).parent / "peg"
+
+
+def edit(file: Path, *replacements: tuple[str, str]) -> None:
+    content = file.read_text()
+    for before, after in replacements:
+        assert content.count(before) == 1, before
+        content = content.replace(before, after)
+    file.write_text(content)
+
+
+def add_the_task(package: Path) -> None:
+    """Write the fifth task: three files, a controller and the controller's line."""
+    table = "\nTASKS: tuple[TaskSpec, ...] = (PLAYING, PUSHING, OPENING, PICK_UP)\n"
+    suite = '"table4", ("playing", "pushing", "opening", "pick-up"), 100, rankable=True'
+    edit(
+        package / "protocol" / "tasks.py",
+        (table, (PEG / "facts.py").read_text()),
+        (suite, '"table4", ("playing", "pushing", "opening", "pick-up", "peg"), 2, rankable=True'),
+    )
+    shutil.copy(PEG / "task.py", package / "tasks" / "peg.py")
+    edit(
+        package / "tasks" / "registration.py",
+        (
+            "from minitouch_bench.tasks.pick_up",
+            "from minitouch_bench.tasks.peg import Peg\nfrom minitouch_bench.tasks.pick_up",
+        ),
+        ("(Playing, Pushing, Opening, PickUp)", "(Playing, Pushing, Opening, PickUp, Peg)"),
+    )
+    scripted = package / "policies" / "scripted"
+    shutil.copy(PEG / "controller.py", scripted / "peg.py")
+    edit(
+        scripted / "__init__.py",
+        (
+            "from minitouch_bench.policies.scripted.pick_up",
+            "from minitouch_bench.policies.scripted.peg import PegController\n"
+            "from minitouch_bench.policies.scripted.pick_up",
+        ),
+        ('"pick-up": PickUpController,', '"pick-up": PickUpController, "peg": PegController,'),
+    )
+
+
+TAKE_PICTURE = """
+import sys
+from PIL import Image
+import minitouch_bench as mt
+environment = mt.make("peg", render_mode="rgb_array")
+environment.reset(seed=0)
+Image.fromarray(environment.render()).save(sys.argv[1])
+"""
+
+
+@pytest.fixture(scope="module")
+def command(tmp_path_factory):
+    """The command line of a package with five tasks, in a directory of its own."""
+    root = tmp_path_factory.mktemp("task")
+    package = root / "copy" / "minitouch_bench"
+    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
+    (package.parent / "shapes").symlink_to(ROOT / "shapes")
+    add_the_task(package)
+
+    def python(*arguments: str) -> str:
+        done = subprocess.run(
+            [sys.executable, *arguments],
+            cwd=root,
+            env={**os.environ, "PYTHONPATH": str(package.parent)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def run(*arguments: str) -> str:
+        return python("-m", "minitouch_bench.cli.entry", *arguments)
+
+    python("-c", TAKE_PICTURE, str(package / "rendering" / "pictures" / "peg.png"))
+    run.root = root
+    return run
+
+
+@pytest.fixture(scope="module")
+def submission(command) -> Path:
+    command("submit", "scripted", "--name", "scripted", "--workers", "1")
+    return command.root / "submissions" / "scripted"
+
+
+def test_it_is_listed(command):
+    assert "MiniTouch/Peg-v1" in command("tasks")
+    assert "peg on the plate" in command("tasks")
+
+
+def test_its_episodes_are_evaluated(command, submission):
+    run = json.loads((submission / "seed-0" / "table4" / "run.json").read_text())
+    outcomes = [one["outcome"] for one in run["episodes"] if one["task"] == "peg"]
+    assert outcomes == ["success", "success"]
+    command("verify", str(submission / "seed-0" / "table4"))
+
+
+def test_it_is_in_the_report(command, submission):
+    command("report", str(submission / "seed-0" / "table4"), "--output", "report")
+    text = "".join(file.read_text() for file in (command.root / "report").glob("*.md"))
+    assert "Peg" in text
+
+
+def test_it_is_on_the_board(command, submission):
+    command("leaderboard", "validate", str(submission))
+    command("leaderboard", "build")
+    (board,) = command.root.rglob("leaderboard.json")
+    (row,) = json.loads(board.read_text())["calibration"]
+    assert row["figures"]["peg"]["success"]["value"] == 1.0
+    assert "Peg" in (board.parent / "index.html").read_text()
