@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from minitouch_bench.simulation.quiet_pybullet import pybullet
+from minitouch_bench.simulation.bullet import pybullet
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registration import TASKS
 

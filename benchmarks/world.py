@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
-from minitouch_bench.simulation.quiet_pybullet import pybullet
+from minitouch_bench.simulation.bullet import pybullet
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 FIRST_SEED = 6_000_000

@@ -33,7 +33,7 @@ LAYERS = (
 REPORT_LAYERS = {"protocol", "metrics", "rendering", "reporting", "regression"}
 """They read files of a run, and draw without a simulator or torch."""
 
-SIMULATOR_FILES = {"simulation/client.py", "simulation/quiet_pybullet.py"}
+SIMULATOR_FILES = {"simulation/client.py", "simulation/bullet.py"}
 
 
 def modules():
@@ -105,7 +105,7 @@ def test_only_the_simulation_knows_pybullet():
         names = imported_names(path)
         if "pybullet" in {name.split(".")[0] for name in names}:
             assert relative in SIMULATOR_FILES, relative
-        if any("quiet_pybullet" in name for name in names):
+        if any(name.endswith("simulation.bullet.pybullet") for name in names):
             assert relative in SIMULATOR_FILES, relative
 
 
@@ -144,3 +144,8 @@ def test_a_worker_has_the_simulator_and_no_torch():
     loaded = loaded_by("minitouch_bench.evaluation.local_engine")
     assert "pybullet" in loaded
     assert not loaded & {"torch", "stable_baselines3", "onnx", "matplotlib"}
+
+
+def test_the_command_line_loads_what_a_command_needs_when_it_runs():
+    heavy = {"torch", "pybullet", "matplotlib", "pandas", "scipy", "trimesh", "coacd", "jinja2"}
+    assert not loaded_by("minitouch_bench.cli.app") & heavy

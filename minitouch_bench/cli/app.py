@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli.compare import compare
-from minitouch_bench.cli.consoles import notes
+from minitouch_bench.cli.console import notes
 from minitouch_bench.cli.doctor import doctor
 from minitouch_bench.cli.evaluate import evaluate
 from minitouch_bench.cli.leaderboard import app as leaderboard

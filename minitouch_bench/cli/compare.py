@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.cli.console import data_console, notes
 from minitouch_bench.files import write_file
 
 

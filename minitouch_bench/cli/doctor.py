@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.cli.console import data_console, notes
 from minitouch_bench.errors import InterruptedRunError
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.cli.console import EpisodeProgress, data_console, notes
 from minitouch_bench.policies.isolation.options import Isolation
 
 FINISHED_WITH_FAULTS = 4
@@ -76,7 +76,6 @@ def evaluate(
     act_timeout: options.ActTimeout = options.ACT_TIMEOUT_S,
 ) -> None:
     """Run a policy through a suite and write its Table-4 report."""
-    from minitouch_bench.cli.progress import EpisodeProgress
     from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.reporting import show_report
     from minitouch_bench.reporting.run_directory import run_json

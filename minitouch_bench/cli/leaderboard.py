@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.consoles import notes
+from minitouch_bench.cli.console import EpisodeProgress, notes
 
 INVALID = 1
 
@@ -32,7 +32,6 @@ def validate(
 
     With --replay a proof is written beside them, which the board shows.
     """
-    from minitouch_bench.cli.progress import EpisodeProgress
     from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.rendering.escaping import printable
     from minitouch_bench.workflows.validate import ValidateOptions, validate_submission

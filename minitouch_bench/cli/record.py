@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.consoles import notes
+from minitouch_bench.cli.console import EpisodeProgress, notes
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 
@@ -22,7 +22,6 @@ def record(
     trust: options.Trust = False,
 ) -> None:
     """Record a policy's episodes in Minari's format, for train --from-log and other libraries."""
-    from minitouch_bench.cli.progress import EpisodeProgress
     from minitouch_bench.workflows import record as workflow
 
     held = options.isolation_options(isolation, trust)

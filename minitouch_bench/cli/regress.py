@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.cli.console import EpisodeProgress, data_console, notes
 from minitouch_bench.errors import UsageError
 from minitouch_bench.policies.isolation.options import Isolation
 
@@ -76,7 +76,6 @@ def regress(
         raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
     if candidate is not None and (output is not None or resume or fresh or trust):
         raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
-    from minitouch_bench.cli.progress import EpisodeProgress
     from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.regression.documents import gate_json
     from minitouch_bench.regression.settings import with_flags

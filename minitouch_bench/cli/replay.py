@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.cli.console import data_console, notes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -5,10 +5,8 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.cli.console import data_console, notes
 from minitouch_bench.files import VIDEOS
-from minitouch_bench.reporting import read_run, show_report, table4_latex, write_report
-from minitouch_bench.reporting.figures import report_figures, split_figures
 
 
 def report(
@@ -28,6 +26,8 @@ def report(
     ] = None,
 ) -> None:
     """Show finished runs in one Table-4 report, and write it as pages, LaTeX and figures."""
+    from minitouch_bench.reporting import read_run, show_report, table4_latex, write_report
+
     saved = [read_run(run) for run in runs]
     directory = output or (runs[0] if len(runs) == 1 else Path("reports/comparison"))
     videos = sorted((runs[0] / VIDEOS).glob("*.mp4")) if len(runs) == 1 else []
@@ -36,6 +36,7 @@ def report(
     if figures is not None:
         # matplotlib takes half a second to load, and only files need it.
         from minitouch_bench.rendering.figure_files import write_figures
+        from minitouch_bench.reporting.figures import report_figures, split_figures
 
         files = write_figures((*report_figures(built), *split_figures(built)), figures)
         notes.print(f"figures: {len(files)} files in {figures}", markup=False)

@@ -9,12 +9,6 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from minitouch_bench.shapegen import check as checking
-from minitouch_bench.shapegen import exporting, importing, stats
-from minitouch_bench.shapegen import generate as generating
-from minitouch_bench.shapegen import preview as previewing
-from minitouch_bench.shapegen.manifest import load_shape_set
-
 app = typer.Typer(help="Make, prove, view and exchange sets of shapes.", no_args_is_help=True)
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a shape set.", show_default=False)]
@@ -39,8 +33,10 @@ def generate(
     workers: Workers = 1,
 ) -> None:
     """Make a set; run again after an interruption, it goes on where it stopped."""
+    from minitouch_bench.shapegen import generate as workflow
+
     with progress_bar("shapes") as progress:
-        result = generating.generate(output, count, seed, workers, progress)
+        result = workflow.generate(output, count, seed, workers, progress)
     typer.echo(f"{result.count} shapes in {result.folder}, digest {result.digest}")
     for reason, number in sorted(result.refused.items()):
         typer.echo(f"  refused on the way: {reason} {number}")
@@ -53,8 +49,10 @@ def check(
     quick: Annotated[bool, typer.Option(help="Leave out the proofs in the simulator.")] = False,
 ) -> None:
     """Prove a set against its manifest; exit 1 with the reasons if it does not hold."""
+    from minitouch_bench.shapegen.check import check_set
+
     with progress_bar("proofs") as progress:
-        report = checking.check_set(folder, workers, quick, progress)
+        report = check_set(folder, workers, quick, progress)
     for problem in report.problems:
         typer.echo(problem)
     if report.problems:
@@ -67,14 +65,20 @@ def check(
 @app.command("stats")
 def show_stats(folder: Folder) -> None:
     """Print the distribution of a set and the test of its split."""
-    typer.echo(stats.stats_text(stats.set_stats(load_shape_set(folder))))
+    from minitouch_bench.shapegen.manifest import load_shape_set
+    from minitouch_bench.shapegen.stats import set_stats, stats_text
+
+    typer.echo(stats_text(set_stats(load_shape_set(folder))))
 
 
 @app.command()
 def preview(folder: Folder, output: Output) -> None:
     """Draw contact sheets by family and split, and a page to browse the set offline."""
+    from minitouch_bench.shapegen import preview as workflow
+    from minitouch_bench.shapegen.manifest import load_shape_set
+
     with progress_bar("pictures") as progress:
-        files = previewing.preview(load_shape_set(folder), output, progress)
+        files = workflow.preview(load_shape_set(folder), output, progress)
     for path in (*files.sheets, files.page):
         typer.echo(path)
 
@@ -89,6 +93,8 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
     workers: Workers = 1,
 ) -> None:
     """Make a set of given objects; each refusal is printed with its reason."""
+    from minitouch_bench.shapegen import importing
+
     config = importing.ImportConfig(scale, fit, density)
     with progress_bar("objects") as progress:
         result = importing.import_objects(source, output, config, workers, progress)
@@ -110,6 +116,9 @@ def export(
     split: Annotated[str | None, typer.Option(help="train or held-out; both if absent.")] = None,
 ) -> None:
     """Write the shapes as files for other programs."""
+    from minitouch_bench.shapegen import exporting
+    from minitouch_bench.shapegen.manifest import load_shape_set
+
     count = exporting.export(load_shape_set(folder), output, form, split)
     typer.echo(f"{count} files in {output}")
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.consoles import notes
+from minitouch_bench.cli.console import EpisodeProgress, notes
 from minitouch_bench.errors import UsageError
 
 INVALID = 1
@@ -76,7 +76,6 @@ def submit(
     trust: options.Trust = False,
 ) -> None:
     """Evaluate a policy on the official suites and pack a submission for the leaderboard."""
-    from minitouch_bench.cli.progress import EpisodeProgress
     from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.workflows import submit as workflow
 

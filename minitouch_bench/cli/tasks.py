@@ -1,6 +1,6 @@
 """``minitouch-bench tasks``: what the tasks are."""
 
-from minitouch_bench.cli.consoles import data_console
+from minitouch_bench.cli.console import data_console
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
 HEADINGS = (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.consoles import data_console, notes
+from minitouch_bench.cli.console import EpisodeProgress, data_console, notes
 from minitouch_bench.policies.isolation.options import Isolation
 
 if TYPE_CHECKING:
@@ -59,7 +59,6 @@ def verify(
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Replay a run's recorded actions and recompute every figure; exit 1 if any differs."""
-    from minitouch_bench.cli.progress import EpisodeProgress
     from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.workflows import verify as workflow
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec
-from minitouch_bench.simulation.client import PhysicsClient, View
-from minitouch_bench.simulation.values import INVISIBLE, Image, Part
+from minitouch_bench.simulation.bullet import INVISIBLE, Image, Part, View
+from minitouch_bench.simulation.client import PhysicsClient
 
 OBSERVATION = PROTOCOL.observation
 SIZE = OBSERVATION.image_size

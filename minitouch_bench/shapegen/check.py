@@ -12,17 +12,16 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.files import read_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import BuildConfig
-from minitouch_bench.shapegen.entries import entry_of
+from minitouch_bench.shapegen.generate import entry_of
 from minitouch_bench.shapegen.likeness import (
     SMALLEST_P,
     descriptor,
     near_duplicates,
     split_p_value,
 )
-from minitouch_bench.shapegen.manifest import Shape, ShapeSet, load_shape_set
+from minitouch_bench.shapegen.manifest import HELD_OUT, Shape, ShapeSet, load_shape_set, splits_of
 from minitouch_bench.shapegen.record import Body, body_files, decode, digest
 from minitouch_bench.shapegen.soundness import UnsoundError, examine
-from minitouch_bench.shapegen.splits import HELD_OUT, splits_of
 
 Progress = Callable[[int, int], None]
 

@@ -1,8 +1,10 @@
-"""Generate a set: any number of workers, resumable after kill -9, always the same bytes."""
+"""Generate a set, resumable after kill -9, always the same bytes; and how any set is written."""
 
 import json
-from collections.abc import Callable
+import platform
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +12,16 @@ from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.files import lock_directory, os_errors_as, read_file, replace_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import GENERATOR_VERSION, BuildConfig, make_shape
-from minitouch_bench.shapegen.entries import entry_of, shape_name, versions, write_set
-from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
-from minitouch_bench.shapegen.record import digest, encode
+from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, content_digest, splits_of
+from minitouch_bench.shapegen.poses import RestPose
+from minitouch_bench.shapegen.record import Body, body_files, digest, encode
+from minitouch_bench.shapegen.soundness import Measures
 
 PARTIAL, PLAN = ".partial", "plan.json"
 Progress = Callable[[int, int], None]
 """Called with (done, total)."""
+
+LIBRARIES = ("numpy", "coacd", "manifold3d", "fast-simplification", "pybullet")
 
 
 @dataclass(frozen=True)
@@ -141,3 +146,85 @@ def remove_partial(partial: Path) -> None:
     for path in partial.iterdir():
         path.unlink()
     partial.rmdir()
+
+
+def shape_name(index: int) -> str:
+    """Return the name of shape number ``index``."""
+    return f"shape-{index:04d}"
+
+
+def entry_of(body: Body, measures: Measures, density: float, extra: Mapping[str, Any]) -> Any:
+    """Return the manifest's entry of a body, without name, split and place in the pack.
+
+    SI units; measures are rounded, mass and poses are not, since simulations start from them.
+    """
+    x, y, z = body.visual.extents.tolist()
+    return {
+        **extra,
+        "mass_kg": body.mass,
+        "density": round(density, 3),
+        "extents_m": [round(side, 6) for side in (x, y, z)],
+        "volume_m3": round(measures.volume, 12),
+        "convexity": round(measures.convexity, 5),
+        "genus": measures.genus,
+        "wall_m": round(measures.wall, 5),
+        "faces": len(body.visual.faces),
+        "hulls": len(body.hulls),
+        "hull_vertices": sum(len(hull.vertices) for hull in body.hulls),
+        "misfit": round(measures.misfit, 5),
+        "outside_m": round(measures.outside, 5),
+        "lifted": round(measures.lifted, 4),
+        "poses": [_pose(pose) for pose in measures.poses],
+        "sha256": digest(encode(body)),
+        "files_sha256": body_files(body).sha256,
+    }
+
+
+def _pose(pose: RestPose) -> dict[str, Any]:
+    return {
+        "quaternion": list(pose.quaternion),
+        "height_m": pose.height,
+        "probability": round(pose.probability, 5),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of everything a shape's bytes depend on."""
+    return {"python": platform.python_version(), **{name: version(name) for name in LIBRARIES}}
+
+
+def write_set(
+    folder: Path, header: Mapping[str, Any], made: Sequence[tuple[Mapping[str, Any], bytes]]
+) -> dict[str, Any]:
+    """Write pack and manifest from entries and records in order; return the manifest.
+
+    Raises:
+        InfrastructureError: the folder cannot be written.
+    """
+    families = [entry["family"] for entry, _ in made]
+    splits = splits_of(header.get("seed"), families, [digest(record) for _, record in made])
+    shapes, offset = [], 0
+    for (entry, record), split in zip(made, splits, strict=True):
+        shapes.append({**entry, "split": split, "offset": offset, "length": len(record)})
+        offset += len(record)
+    pack = b"".join(record for _, record in made)
+    document = {
+        "schema": SCHEMA,
+        **header,
+        "versions": versions(),
+        "count": len(shapes),
+        "pack_sha256": digest(pack),
+        "shapes": shapes,
+    }
+    with os_errors_as(InfrastructureError, folder, "written"):
+        replace_file(folder / PACK, pack)
+        replace_file(folder / MANIFEST, manifest_text(document).encode())
+    return document
+
+
+def manifest_text(document: Mapping[str, Any]) -> str:
+    """Return a manifest with one line per shape, so that a difference can be read."""
+    head = {key: value for key, value in document.items() if key != "shapes"}
+    top = json.dumps(head, indent=1, allow_nan=False)[:-2]
+    rows = ",\n".join(json.dumps(entry, allow_nan=False) for entry in document["shapes"])
+    return f'{top},\n "shapes": [\n{rows}\n ]\n}}\n'

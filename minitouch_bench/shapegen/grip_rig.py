@@ -12,9 +12,9 @@ from minitouch_bench.shapegen.grasps import plan_grasp
 from minitouch_bench.shapegen.mesh import Points
 from minitouch_bench.shapegen.poses import Quaternion, RestPose, product, rotation_matrix, yaw
 from minitouch_bench.shapegen.record import Body, body_files
+from minitouch_bench.simulation.bullet import INVISIBLE
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_model import stock_panda
-from minitouch_bench.simulation.values import INVISIBLE
 
 SLAB_HALF_EXTENTS, SLAB_CENTER = (0.5, 0.5, 0.05), (0.0, 0.0, -0.05)
 SLAB_FRICTION = 0.5

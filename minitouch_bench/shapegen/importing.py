@@ -14,7 +14,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.files import lock_directory
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import BuildConfig, weighed
-from minitouch_bench.shapegen.entries import entry_of, write_set
+from minitouch_bench.shapegen.generate import entry_of, write_set
 from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
 from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments, widest_across
 from minitouch_bench.shapegen.reading import UnreadableError, find_objects, read_object

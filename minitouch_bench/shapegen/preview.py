@@ -15,10 +15,10 @@ from PIL import Image, ImageDraw
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.files import os_errors_as, replace_file
 from minitouch_bench.protocol.spec import CameraSpec
-from minitouch_bench.shapegen.manifest import Shape, ShapeSet
+from minitouch_bench.shapegen.manifest import HELD_OUT, Shape, ShapeSet
 from minitouch_bench.shapegen.poses import product, yaw
-from minitouch_bench.shapegen.splits import HELD_OUT
-from minitouch_bench.simulation.client import PhysicsClient, View
+from minitouch_bench.simulation.bullet import View
+from minitouch_bench.simulation.client import PhysicsClient
 
 Picture = NDArray[np.uint8]
 Progress = Callable[[int, int], None]

@@ -11,9 +11,8 @@ from minitouch_bench.shapegen.likeness import (
     histogram_gaps,
     split_p_value,
 )
-from minitouch_bench.shapegen.manifest import Shape, ShapeSet
+from minitouch_bench.shapegen.manifest import HELD_OUT, TRAIN, Shape, ShapeSet
 from minitouch_bench.shapegen.mesh import Points
-from minitouch_bench.shapegen.splits import HELD_OUT, TRAIN
 
 QUANTITIES: Mapping[str, Callable[[Shape], float]] = {
     "mass, g": lambda shape: shape.mass * 1000.0,

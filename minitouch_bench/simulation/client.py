@@ -1,37 +1,16 @@
 """The one place that calls PyBullet's module functions."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.protocol.spec import CameraSpec, Rgba
-from minitouch_bench.simulation.quiet_pybullet import pybullet
-from minitouch_bench.simulation.values import Contact, Image, Part, Pose, Vector
+from minitouch_bench.protocol.spec import Rgba
+from minitouch_bench.simulation.bullet import Contact, Image, Part, Pose, Vector, View, pybullet
 
 ANY_LINK = -2
 """PyBullet's wildcard for a link."""
-
-
-@dataclass(frozen=True)
-class View:
-    """A camera: PyBullet's view and projection matrices (16 numbers each)."""
-
-    view: tuple[float, ...]
-    projection: tuple[float, ...]
-
-    @classmethod
-    def of(cls, camera: CameraSpec, aspect: float = 1.0) -> "View":
-        """Return the matrices of a camera; z is up."""
-        view = pybullet.computeViewMatrixFromYawPitchRoll(
-            camera.target, camera.distance, camera.yaw, camera.pitch, 0.0, 2
-        )
-        projection = pybullet.computeProjectionMatrixFOV(
-            camera.field_of_view, aspect, camera.near, camera.far
-        )
-        return cls(tuple(view), tuple(projection))
 
 
 class PhysicsClient:

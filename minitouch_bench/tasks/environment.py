@@ -20,7 +20,8 @@ from minitouch_bench.sensing.observation import (
     read_touch,
 )
 from minitouch_bench.simulation.bodies import add_table
-from minitouch_bench.simulation.client import PhysicsClient, View
+from minitouch_bench.simulation.bullet import View
+from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import PandaArm, PandaKinematics
 from minitouch_bench.simulation.panda_model import stock_panda
 from minitouch_bench.tasks.action import fit_action

@@ -9,8 +9,8 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.tasks import OPENING, OpeningSpec
 from minitouch_bench.records import Outcome
 from minitouch_bench.simulation.bodies import DOOR_JOINT, DOOR_LINK, HANDLE_LINK, cabinet_urdf
+from minitouch_bench.simulation.bullet import Part
 from minitouch_bench.simulation.client import PhysicsClient
-from minitouch_bench.simulation.values import Part
 from minitouch_bench.tasks.objects import ObjectModel
 from minitouch_bench.tasks.task import Task
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from minitouch_bench.shapegen.entries import write_set
+from minitouch_bench.shapegen.generate import write_set
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 
 

@@ -9,9 +9,8 @@ from typer.testing import CliRunner
 
 from minitouch_bench.cli.shapes import app
 from minitouch_bench.shapegen.check import check_set
-from minitouch_bench.shapegen.manifest import load_shape_set
+from minitouch_bench.shapegen.manifest import load_shape_set, splits_of
 from minitouch_bench.shapegen.record import body_files, digest
-from minitouch_bench.shapegen.splits import splits_of
 
 Change = Callable[[dict[str, Any]], None]
 

@@ -8,7 +8,7 @@ from minitouch_bench.protocol.tasks import PICK_UP
 from minitouch_bench.records import Outcome
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 from minitouch_bench.tasks.pick_up import PickUp
-from minitouch_bench.tasks.tabletop import START_XY
+from minitouch_bench.tasks.task import START_XY
 
 TABLE_TOP_M, WORKSPACE = PROTOCOL.physics.table_top, PICK_UP.workspace
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.tasks.playing import Playing
-from minitouch_bench.tasks.tabletop import START_XY
+from minitouch_bench.tasks.task import START_XY
 
 
 @pytest.fixture

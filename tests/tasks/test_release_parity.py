@@ -12,7 +12,7 @@ import pytest
 
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registration import TASKS
-from minitouch_bench.tasks.tabletop import Placement
+from minitouch_bench.tasks.task import Placement
 
 TRACES = np.load(Path(__file__).parents[1] / "data" / "release_traces.npz")
 COLUMNS = list(TRACES["columns"])

@@ -1,5 +1,7 @@
+import pytest
+
 from minitouch_bench.errors import UsageError
-from minitouch_bench.verification.problems import Problem, Problems
+from minitouch_bench.verification.problems import Problem, Problems, compare_values
 
 
 def test_a_problem_says_where_what_and_what_to_do():
@@ -25,3 +27,40 @@ def test_a_check_goes_on_and_equal_problems_count_once():
         "b: two lines",
         "c, d: also wrong",
     ]
+
+
+def found(recorded, again):
+    return [str(difference) for difference in compare_values("run", recorded, again)]
+
+
+@pytest.mark.parametrize("value", [1, 1.5, "x", None, True, [1, [2]], {"a": {"b": (1, 2)}}])
+def test_equal_values_do_not_differ(value):
+    assert found(value, value) == []
+
+
+@pytest.mark.parametrize(
+    ("recorded", "again", "difference"),
+    [
+        (1, 2, "run: 1 recorded, 2 found"),
+        (1, True, "run: 1 recorded, True found"),
+        (0.1, 0.1 + 2**-56, "run: 0.1 recorded, 0.10000000000000002 found"),
+        ({"a": 1}, {}, "run.a: should not be there"),
+        ({}, {"a": 1}, "run.a: missing"),
+        ({"a": [1, 2]}, {"a": [1, 3]}, "run.a[1]: 2 recorded, 3 found"),
+        ([1], [1, 2], "run: 1 entries recorded, 2 found"),
+        ("x" * 99, 1, f"run: '{'x' * 59}… recorded, 1 found"),
+    ],
+)
+def test_each_difference_is_placed_and_told(recorded, again, difference):
+    assert found(recorded, again) == [difference]
+
+
+def test_floats_alone_may_differ_by_the_tolerance():
+    assert not list(compare_values("run", {"low": 20.0}, {"low": 20.0 * (1 + 1e-10)}, 1e-9))
+    assert list(compare_values("run", {"low": 20.0}, {"low": 20.0 * (1 + 1e-8)}, 1e-9))
+    assert list(compare_values("run", 2**63, 2**63 + 1, 1e-9))
+
+
+def test_a_difference_that_is_0_but_for_rounding_is_0():
+    assert not list(compare_values("run", {"low": 0.0}, {"low": 1e-17}, 1e-9))
+    assert list(compare_values("run", {"low": 0.0}, {"low": 1e-17}))

@@ -1,4 +1,4 @@
-"""The progress display of episodes, on stderr."""
+"""Where the command line prints: data on stdout, progress and notes on stderr."""
 
 from types import TracebackType
 
@@ -16,6 +16,17 @@ from rich.progress import (
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import EpisodeRecord, Outcome, Role
 from minitouch_bench.workflows import Callbacks
+
+PIPED_WIDTH = 120
+"""Columns of a table that goes into a file or another program."""
+
+notes = Console(stderr=True, soft_wrap=True, highlight=False)
+
+
+def data_console() -> Console:
+    """Return the console of stdout, as wide as the screen, or as a page where there is none."""
+    console = Console()
+    return console if console.is_terminal else Console(width=PIPED_WIDTH)
 
 
 class EpisodeProgress:

@@ -1,7 +1,7 @@
 import numpy as np
 
 from minitouch_bench.protocol.spec import Workspace
-from minitouch_bench.tasks.tabletop import draw_position
+from minitouch_bench.tasks.task import draw_position
 
 SPACE = Workspace((0.5, -0.2, 0.0), (0.7, 0.2, 0.1))
 
