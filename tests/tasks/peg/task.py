@@ -8,10 +8,10 @@ import numpy as np
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.tasks import PEG, PegSpec
 from minitouch_bench.records import Outcome
+from minitouch_bench.simulation.bullet import Part
 from minitouch_bench.simulation.client import PhysicsClient
-from minitouch_bench.simulation.values import Part
 from minitouch_bench.tasks.objects import ObjectModel
-from minitouch_bench.tasks.tabletop import TabletopTask, draw_position
+from minitouch_bench.tasks.task import TabletopTask, draw_position
 
 
 class Peg(TabletopTask):
