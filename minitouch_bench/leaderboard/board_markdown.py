@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from minitouch_bench.leaderboard.board import CEILING, FLOORS, Board
 from minitouch_bench.leaderboard.scored import Refusal
-from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, views
+from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, View
 from minitouch_bench.rendering.markdown import escape, table_lines
 from minitouch_bench.rendering.tables import Cell, Column, Row, Table
 from minitouch_bench.reporting.labels import listed
@@ -13,14 +13,14 @@ from minitouch_bench.reporting.paper import PAPER_NOTE
 SHOWN_REASONS = 3
 
 
-def board_markdown(board: Board) -> str:
-    """Write a board as Markdown."""
+def board_markdown(board: Board, tables: Sequence[View]) -> str:
+    """Write a board and its tables as Markdown."""
     parts = [
         "# MiniTouch leaderboard",
         "",
         f"Protocol {escape(board.protocol)}, `{board.protocol_digest}`.",
     ]
-    for view in views(board):
+    for view in tables:
         parts += ["", f"## {view.title}", "", escape(view.lead), "", *table_lines(view.table())]
     parts += ["", "## Submissions", "", *table_lines(_about(board))]
     parts += _left_out("Other protocols, not ranked", board.apart)

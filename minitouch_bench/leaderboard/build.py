@@ -22,6 +22,7 @@ from minitouch_bench.leaderboard.scores import Figures, score
 from minitouch_bench.leaderboard.site import write_site
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE
 from minitouch_bench.leaderboard.validation import Depth, validate
+from minitouch_bench.leaderboard.views import views
 from minitouch_bench.processes import MANY_JOBS, core_count, run_in_workers
 from minitouch_bench.records import Role
 
@@ -60,10 +61,11 @@ def build_board(
         rows.keep(digests[path], row)
     log(f"{len(digests)} submissions, {len(missing)} new or changed")
     board = make_board([row for row in kept.values() if row is not None])
-    write_file(output / "leaderboard.md", board_markdown(board))
+    tables = views(board)
+    write_file(output / "leaderboard.md", board_markdown(board, tables))
     write_file(output / "leaderboard.csv", board_csv(board))
     write_file(output / "leaderboard.json", board_json(board))
-    write_site(board, submissions, output)
+    write_site(board, tables, submissions, output)
     rows.forget_others(digests.values())
     return Built(len(board.ranked), len(board.apart), board.refused, len(missing))
 

@@ -1,6 +1,7 @@
 """The static site: an index and a page per submission, each complete in itself."""
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 from minitouch_bench.errors import RunDirectoryError
@@ -13,7 +14,7 @@ from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, finish_page, vid
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
 from minitouch_bench.leaderboard.scored import ScoredSubmission
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE, MODALITIES
-from minitouch_bench.leaderboard.views import views
+from minitouch_bench.leaderboard.views import View
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.rendering.pages import PICTURES, render_page
 
@@ -24,15 +25,15 @@ PAGES = "submission"
 """Directory of the submissions' pages in the site."""
 
 
-def write_site(board: Board, submissions: Path, output: Path) -> None:
-    """Write the index, the pages, and the pictures and videos they show.
+def write_site(board: Board, tables: Sequence[View], submissions: Path, output: Path) -> None:
+    """Write the index with its tables, the pages, and the pictures and videos they show.
 
     Pages of submissions that are gone are removed.
 
     Raises:
         RunDirectoryError: a file cannot be written.
     """
-    write_file(output / "index.html", index_html(board))
+    write_file(output / "index.html", index_html(board, tables))
     pages = output / PAGES
     for row in board.rows:
         page = finish_page(row, len(board.ranked))
@@ -44,7 +45,7 @@ def write_site(board: Board, submissions: Path, output: Path) -> None:
         write_file(output / "pictures" / name, (PICTURES / name).read_bytes())
 
 
-def index_html(board: Board) -> str:
+def index_html(board: Board, tables: Sequence[View]) -> str:
     """Write the index."""
     suite = PROTOCOL.suite(MAIN_SUITE)
     return render_page(
@@ -52,7 +53,7 @@ def index_html(board: Board) -> str:
         STYLES,
         ("theme.js", "board.js"),
         board=board,
-        views=views(board),
+        views=tables,
         levels=list(ProofLevel),
         meanings=MEANINGS,
         modalities=MODALITIES,

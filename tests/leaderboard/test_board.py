@@ -16,6 +16,7 @@ from minitouch_bench.leaderboard.failures import Ending
 from minitouch_bench.leaderboard.proof import ProofLevel, make_proof, proof_path, write_proof
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.validation import validate
+from minitouch_bench.leaderboard.views import views
 from minitouch_bench.metrics import ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.reporting import read_run
@@ -187,7 +188,7 @@ def test_csv_has_a_row_a_figure_and_guards_formulas(board):
     text = board_csv(replace(board, ranked=(with_method(board.ranked[0], "=cmd()"),)))
     assert ",'=cmd()," in text
     hostile = replace(board, ranked=(with_method(board.ranked[0], "<script>|`x`"),))
-    assert "<script" not in board_markdown(hostile).replace("\\<script", "")
+    assert "<script" not in board_markdown(hostile, views(hostile)).replace("\\<script", "")
 
 
 def with_method(row, method):
