@@ -28,6 +28,8 @@ GENERALIZATION_FILE = "generalization.csv"
 REPORT_FILE = "report.md"
 REPORT_PAGE = "report.html"
 VIDEOS = "videos"
+ATTEMPTS = "attempts"
+"""Folder of what is known of episodes that have no record yet; a finished run has none."""
 
 RUN_FILES = (
     JOURNAL_FILE, ACTIONS_FILE, RUN_FILE, EPISODES_FILE, EXPLORATION_FILE, TABLE4_FILE,
@@ -49,10 +51,11 @@ def holds_run(directory: Path) -> bool:
 
 
 def clear_run(directory: Path) -> None:
-    """Remove a run's files and videos, and nothing else."""
+    """Remove a run's files and folders, and nothing else."""
     for name in RUN_FILES:
         (directory / name).unlink(missing_ok=True)
-    shutil.rmtree(directory / VIDEOS, ignore_errors=True)
+    for name in (VIDEOS, ATTEMPTS):
+        shutil.rmtree(directory / name, ignore_errors=True)
 
 
 @contextmanager

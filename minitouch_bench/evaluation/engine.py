@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 from minitouch_bench.errors import UsageError
@@ -14,8 +15,13 @@ from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 class Engine(Protocol):
     """Runs episodes somewhere; their results depend on nothing but the episodes."""
 
-    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+    def run(
+        self, source: ActorSource, specs: Sequence[EpisodeSpec], attempts: Path | None = None
+    ) -> Iterator[EpisodeRecord]:
         """Yield one record per episode, in the order in which they end.
+
+        ``attempts`` is a folder that keeps what attempts gave until their record is kept: see
+        ``GivenActions``. Without one it is forgotten at the end.
 
         Raises:
             InfrastructureError: an episode failed three times for no fault of the policy.

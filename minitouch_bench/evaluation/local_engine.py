@@ -3,6 +3,8 @@
 import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.evaluation.engine import EngineHandle, EngineOptions, Note
@@ -28,21 +30,24 @@ class LocalEngine:
     def __init__(self, workers: int) -> None:
         self._workers = workers
 
-    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+    def run(
+        self, source: ActorSource, specs: Sequence[EpisodeSpec], attempts: Path | None = None
+    ) -> Iterator[EpisodeRecord]:
         """Yield records as episodes end; a worker that dies is replaced, its episode retried.
 
         Raises:
             InfrastructureError: an episode failed three times for no fault of the policy.
         """
-        records = run_in_workers(
-            _RunEpisode(EpisodeRunner(source)),
-            specs,
-            self._workers,
-            name=lambda spec: f"episode {spec.key}",
-            attempts=MAX_ATTEMPTS,
-        )
-        for _, record in records:
-            yield record
+        with TemporaryDirectory(prefix="minitouch-") as folder:
+            records = run_in_workers(
+                _RunEpisode(EpisodeRunner(source, attempts or Path(folder))),
+                specs,
+                self._workers,
+                name=lambda spec: f"episode {spec.key}",
+                attempts=MAX_ATTEMPTS,
+            )
+            for _, record in records:
+                yield record
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.evaluation.run import package_versions
-from minitouch_bench.evaluation.worker_payload import unpack
+from minitouch_bench.evaluation.worker_payload import attempts_here, unpack
 from minitouch_bench.optional import require
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
@@ -69,8 +69,9 @@ class EpisodeWorker:
         problem = _difference(here, asked)
         if not problem:
             try:
-                source, self._old_names = unpack(ray.get(payload[0]))
-                self._runner = EpisodeRunner(source)
+                content = ray.get(payload[0])
+                source, self._old_names = unpack(content)
+                self._runner = EpisodeRunner(source, attempts_here(content))
             except Exception as error:
                 problem = f"{type(error).__name__}: {error}"
         address = f"{ray.util.get_node_ip_address()} ({socket.gethostname()})"

@@ -1,20 +1,19 @@
 """One episode: the only place where a policy and a simulated world meet."""
 
-from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyFaultError, PolicyKilledError, PolicyLoadError
+from minitouch_bench.evaluation.given_actions import GivenActions, given_path
 from minitouch_bench.policies.policy import Observation
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 
 MAX_ATTEMPTS = 3
 """An episode that meets an infrastructure fault is tried again with its seed, twice."""
-
-NOT_REPEATED = "its process was killed, and tried again it did not repeat its actions"
 
 
 class Actor(Protocol):
@@ -46,10 +45,14 @@ class ActorSource(Protocol):
 
 
 class EpisodeRunner:
-    """Runs episodes one after the other in this process, keeping environments and policies."""
+    """Runs episodes one after the other in this process, keeping environments and policies.
 
-    def __init__(self, source: ActorSource) -> None:
+    ``attempts`` is the folder of the actions that earlier attempts gave, which must be repeated.
+    """
+
+    def __init__(self, source: ActorSource, attempts: Path | None = None) -> None:
         self._source = source
+        self._attempts = attempts
         self._environments: dict[str, MiniTouchEnv] = {}
         self._actors: dict[Role, Actor] = {}
 
@@ -59,7 +62,10 @@ class EpisodeRunner:
             self._environments[spec.task] = MiniTouchEnv(spec.task)
         if spec.role not in self._actors:
             self._actors[spec.role] = self._source.make_actor(spec.role)
-        return run_episode(self._environments[spec.task], self._actors[spec.role], spec)
+        environment, actor = self._environments[spec.task], self._actors[spec.role]
+        path = self._attempts and given_path(self._attempts, spec.key)
+        with GivenActions(environment.task.spec.action_size, path) as given:
+            return run_episode(environment, actor, spec, given)
 
     def close(self) -> None:
         """End the policies and the worlds."""
@@ -69,7 +75,9 @@ class EpisodeRunner:
             environment.close()
 
 
-def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> EpisodeRecord:
+def run_episode(
+    environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec, given: GivenActions | None = None
+) -> EpisodeRecord:
     """Run one episode from its seed to its end.
 
     A fault of the policy ends the episode, as a failed one. Any other exception is an
@@ -77,18 +85,14 @@ def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> E
 
     Where the policy's process was killed from outside, perhaps by a machine out of memory,
     the episode is tried again, ``MAX_ATTEMPTS`` times in all. A policy could have itself
-    killed to get another chance: it must repeat the actions it had given.
+    killed to get another chance: it must repeat the actions ``given`` in any earlier attempt.
     """
-    attempt = _attempt(environment, actor, spec)
+    given = given or GivenActions(environment.task.spec.action_size)
+    attempt = _attempt(environment, actor, spec, given)
     for _ in range(MAX_ATTEMPTS - 1):
         if not attempt.killed:
             break
-        given = attempt.record.trace.actions
-        attempt = _attempt(environment, actor, spec)
-        again = attempt.record.trace.actions
-        common = min(len(given), len(again))
-        if given[:common].tobytes() != again[:common].tobytes():
-            return replace(attempt.record, outcome=Outcome.POLICY_FAULT, fault=NOT_REPEATED)
+        attempt = _attempt(environment, actor, spec, given)
     return attempt.record
 
 
@@ -97,15 +101,19 @@ class _Attempt(NamedTuple):
     killed: bool
 
 
-def _attempt(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> _Attempt:
+def _attempt(
+    environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec, given: GivenActions
+) -> _Attempt:
     options = {"object": spec.shape} if spec.shape else None
     observation, info = environment.reset(seed=spec.seed, options=options)
     recorder = _Recorder(environment.task.spec.action_size, observation, info)
     outcome = None
+    given.begin_attempt()
     try:
         actor.reset(environment, spec)
         while outcome is None:
             action = actor.act(observation)
+            given.add(action)
             observation, reward, _, _, info = environment.step(action)
             recorder.add(observation, reward, info)
             outcome = OUTCOMES[info["outcome"]]

@@ -1,9 +1,11 @@
 """A run: what was asked for, its directory, and the episodes that are missing from it."""
 
+import errno
 import platform
+import shutil
 import time
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -12,9 +14,10 @@ from pathlib import Path
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import EngineHandle
+from minitouch_bench.evaluation.given_actions import given_path
 from minitouch_bench.evaluation.journal import Journal, read_journal
 from minitouch_bench.evaluation.suites import Suite, why_unofficial
-from minitouch_bench.files import clear_run, holds_run
+from minitouch_bench.files import ATTEMPTS, clear_run, holds_run, os_errors_as
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import (
@@ -125,10 +128,11 @@ def run_episodes(
     records = {record.spec: record for record in opened.records}
     missing = [spec for spec in specs if spec not in records]
     started, clock = datetime.now(UTC), time.monotonic()
-    with nullcontext() if opened.directory is None else Journal(opened.directory) as journal:
-        for record in handle.engine.run(request.setup, missing):
-            if journal is not None:
+    with _kept(opened) as (journal, attempts):
+        for record in handle.engine.run(request.setup, missing, attempts):
+            if journal is not None and attempts is not None:
                 journal.write_record(record)
+                given_path(attempts, record.spec.key).unlink(missing_ok=True)
             records[record.spec] = record
             on_record(record)
     environment = RunEnvironment(
@@ -139,6 +143,22 @@ def run_episodes(
         wall_s=round(time.monotonic() - clock, 3),
     )
     return EvaluationRun(opened.header, environment, tuple(records[spec] for spec in specs))
+
+
+@contextmanager
+def _kept(opened: OpenRun) -> Iterator[tuple[Journal | None, Path | None]]:
+    """Open the journal of a run and its folder of attempts, which a finished run needs no more."""
+    if opened.directory is None:
+        yield None, None
+        return
+    attempts = opened.directory / ATTEMPTS
+    with os_errors_as(RunDirectoryError, attempts, "written"):
+        attempts.mkdir(exist_ok=True)
+        if attempts.is_symlink():
+            raise OSError(errno.ELOOP, "it is a symbolic link")
+    with Journal(opened.directory) as journal:
+        yield journal, attempts
+    shutil.rmtree(attempts, ignore_errors=True)
 
 
 def _check_same(wanted: RunHeader, found: RunHeader, directory: Path) -> None:

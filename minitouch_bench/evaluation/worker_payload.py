@@ -1,6 +1,7 @@
 """What goes to another machine to run episodes there: the policies, and the files they name."""
 
 import hashlib
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,13 +18,17 @@ STEM = "policy"
 
 @dataclass(frozen=True)
 class WorkerPayload:
-    """A source of actors as it is where the run began, and its checkpoints' bytes by SHA-256."""
+    """A source of actors as it is where the run began, and its checkpoints' bytes by SHA-256.
+
+    ``attempts`` is the run's folder of attempts, for machines that have it too.
+    """
 
     source: ActorSource
     files: Mapping[str, bytes]
+    attempts: Path | None = None
 
 
-def pack(source: ActorSource) -> WorkerPayload:
+def pack(source: ActorSource, attempts: Path | None = None) -> WorkerPayload:
     """Read the checkpoints of a run's policies; a recording has none.
 
     Raises:
@@ -35,7 +40,7 @@ def pack(source: ActorSource) -> WorkerPayload:
         if hashlib.sha256(content).hexdigest() != policy.digest:
             raise PolicyLoadError(f"{policy.target} was changed since this evaluation began")
         files[policy.digest] = content
-    return WorkerPayload(source, files)
+    return WorkerPayload(source, files, attempts and attempts.resolve())
 
 
 def unpack(payload: WorkerPayload) -> tuple[ActorSource, dict[str, str]]:
@@ -61,6 +66,12 @@ def unpack(payload: WorkerPayload) -> tuple[ActorSource, dict[str, str]]:
         exploration=source.exploration and _moved(source.exploration, paths),
     )
     return here, {new: old for old, new in paths.items()}
+
+
+def attempts_here(payload: WorkerPayload) -> Path | None:
+    """Return the run's folder of attempts if this machine can write to it."""
+    folder = payload.attempts
+    return folder if folder is not None and os.access(folder, os.W_OK | os.X_OK) else None
 
 
 def _files_of(source: ActorSource) -> Iterator[PolicySource]:

@@ -105,10 +105,12 @@ class _InOrder:
         self._engine = engine
         self._turns = {key: turn for turn, key in enumerate(order)}
 
-    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+    def run(
+        self, source: ActorSource, specs: Sequence[EpisodeSpec], attempts: Path | None = None
+    ) -> Iterator[EpisodeRecord]:
         """Yield what the engine yields; closing this closes that."""
         ordered = sorted(specs, key=lambda spec: self._turns[spec.key])
-        yield from self._engine.run(source, ordered)
+        yield from self._engine.run(source, ordered, attempts)
 
 
 def _play_gate(

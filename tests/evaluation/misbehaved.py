@@ -60,3 +60,34 @@ class TriesItsLuck(IsKilled):
 
     def act(self, observation):
         return super().act(observation) + np.float32(int(Path(os.environ["DEATHS"]).read_text()))
+
+
+class KillsItsWorker(Still):
+    """Kills the worker at its third step, so many times as a file says, and then acts otherwise."""
+
+    steps = 0
+
+    def act(self, observation):
+        self.steps += 1
+        file = Path(os.environ["DEATHS"])
+        left = int(file.read_text())
+        if left and self.steps == 3:
+            file.write_text(str(left - 1))
+            host = os.getppid()
+            worker = int(Path(f"/proc/{host}/stat").read_text().rpartition(")")[2].split()[1])
+            os.kill(worker, signal.SIGKILL)
+            signal.pause()
+        return super().act(observation) + np.float32(0 if left else 0.1)
+
+
+class ForgetsInBetween(IsKilled):
+    """Gives three actions and is killed, gives none and is killed, and then acts otherwise."""
+
+    def act(self, observation):
+        file = Path(os.environ["DEATHS"])
+        left = int(file.read_text())
+        self.steps += 1
+        if left == 1 or (left == 2 and self.steps == 3):
+            file.write_text(str(left - 1))
+            os.kill(os.getpid(), signal.SIGKILL)
+        return np.full(5, left / 10, np.float32)

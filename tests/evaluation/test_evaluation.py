@@ -1,6 +1,6 @@
 import pytest
 
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.errors import InfrastructureError, RunDirectoryError, UsageError
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.records import Outcome, Role
@@ -144,7 +144,12 @@ def test_a_policy_killed_from_outside_is_tried_again_with_the_same_result(
 
 @pytest.mark.parametrize(
     ("policy", "deaths", "fault"),
-    [("IsKilled", 3, "was killed by SIGKILL"), ("TriesItsLuck", 1, "did not repeat its actions")],
+    [
+        ("IsKilled", 3, "was killed by SIGKILL"),
+        ("TriesItsLuck", 1, "did not repeat its actions"),
+        ("ForgetsInBetween", 2, "did not repeat its actions"),
+        ("KillsItsWorker", 1, "did not repeat its actions"),
+    ],
 )
 def test_a_policy_gains_nothing_by_being_killed(deaths_file, importable, policy, deaths, fault):
     deaths_file.write_text(str(deaths))
@@ -152,3 +157,15 @@ def test_a_policy_gains_nothing_by_being_killed(deaths_file, importable, policy,
     (record,) = run(wanted, deaths_file.parent / "run").records
     assert record.outcome is Outcome.POLICY_FAULT
     assert fault in record.fault
+
+
+def test_a_resumed_run_holds_a_policy_to_the_actions_of_before(deaths_file, importable):
+    place = deaths_file.parent / "run"
+    deaths_file.write_text("3")
+    wanted = request("misbehaved:KillsItsWorker", ("opening",), 1, isolation=Isolation.PROCESS)
+    with pytest.raises(InfrastructureError):
+        run(wanted, place)
+    assert [path.name for path in (place / "attempts").iterdir()] == ["opening-0"]
+    (record,) = run(wanted, place, resume=True).records
+    assert "did not repeat its actions" in record.fault
+    assert not (place / "attempts").exists()
