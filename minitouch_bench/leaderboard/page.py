@@ -31,10 +31,9 @@ from minitouch_bench.rendering.pages import Card, make_card, render_page
 from minitouch_bench.rendering.svg import draw_share_bar
 from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell, metric_head
 from minitouch_bench.reporting.labels import FaultGroup, group_faults, task_title
-from minitouch_bench.reporting.novel_shapes import gap_cells
 from minitouch_bench.reporting.page import paper_reference
 from minitouch_bench.reporting.report import Video
-from minitouch_bench.reporting.tables import TABLE4_METRICS
+from minitouch_bench.reporting.tables import TABLE4_METRICS, gap_cells
 
 TEMPLATES = Path(__file__).parent / "templates"
 STYLES = ("board.css",)

@@ -19,8 +19,8 @@ from minitouch_bench.rendering.tables import (
     estimate_cell,
 )
 from minitouch_bench.reporting.labels import listed, task_title
-from minitouch_bench.reporting.novel_shapes import gap_cells
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_cell
+from minitouch_bench.reporting.tables import gap_cells
 
 RANKED, CALIBRATION, PAPER = "ranked", "calibration", "paper"
 """Kinds of rows; only the first has ranks."""

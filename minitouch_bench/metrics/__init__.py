@@ -7,7 +7,6 @@ from minitouch_bench.metrics.definitions import (
     ranking_metric,
     unit_of,
 )
-from minitouch_bench.metrics.generalization import generalize
 from minitouch_bench.metrics.intervals import (
     bootstrap_difference,
     bootstrap_mean,
@@ -15,7 +14,13 @@ from minitouch_bench.metrics.intervals import (
     wilson,
 )
 from minitouch_bench.metrics.metric import Metric, ShownIn
-from minitouch_bench.metrics.summary import measure, measure_run, summarize, summarize_episodes
+from minitouch_bench.metrics.summary import (
+    generalize,
+    measure,
+    measure_run,
+    summarize,
+    summarize_episodes,
+)
 
 __all__ = [
     "METRICS",

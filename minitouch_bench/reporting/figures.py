@@ -28,10 +28,14 @@ from minitouch_bench.rendering.charts import (
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.reporting.labels import RunSection, task_title
-from minitouch_bench.reporting.novel_shapes import find_generalization
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_value
 from minitouch_bench.reporting.report import Report
-from minitouch_bench.reporting.tables import OUTCOME_TITLES, find_estimate, task_summary
+from minitouch_bench.reporting.tables import (
+    OUTCOME_TITLES,
+    find_estimate,
+    find_generalization,
+    task_summary,
+)
 
 ROW = 23.0
 """Height of a row of dots, drawing units."""

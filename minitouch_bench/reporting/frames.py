@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.generalization import HELD_OUT, TRAIN
+from minitouch_bench.metrics.summary import HELD_OUT, TRAIN
 from minitouch_bench.records import EpisodeMetrics, Estimate, Generalization, SavedRun
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order

@@ -12,8 +12,7 @@ from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.latex import table_source
 from minitouch_bench.rendering.tables import Table
 from minitouch_bench.reporting.labels import RunSection, describe_runs, tasks_in_order
-from minitouch_bench.reporting.novel_shapes import novel_shapes
-from minitouch_bench.reporting.tables import diagnostics, table4
+from minitouch_bench.reporting.tables import diagnostics, novel_shapes, table4
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minitouch_bench.metrics.generalization import MIN_EPISODES, generalize, has_both_splits
-from minitouch_bench.metrics.summary import measure_run, summarize
+from minitouch_bench.metrics.summary import (
+    MIN_EPISODES,
+    generalize,
+    has_both_splits,
+    measure_run,
+    summarize,
+)
 from minitouch_bench.records import Role
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, with_shapes, without_success
 

@@ -20,7 +20,6 @@ from minitouch_bench.reporting.figures import split_figures
 from minitouch_bench.reporting.frames import DIFFERENCE, csv_text, generalization_frame
 from minitouch_bench.reporting.labels import describe_runs
 from minitouch_bench.reporting.markdown import to_markdown
-from minitouch_bench.reporting.novel_shapes import novel_shapes, verdict
 from minitouch_bench.reporting.page import to_html
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.run_directory import (
@@ -32,7 +31,7 @@ from minitouch_bench.reporting.run_directory import (
     write_run,
 )
 from minitouch_bench.reporting.run_directory import save as saved_form
-from minitouch_bench.reporting.tables import table4
+from minitouch_bench.reporting.tables import novel_shapes, table4, verdict
 from minitouch_bench.reporting.terminal import show_report
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes, without_success
