@@ -128,7 +128,8 @@ def _toml_value(value: Any) -> str:
 def schema_of(kind: type, title: str) -> dict[str, Any]:
     """Return the JSON schema of what ``write_json`` writes of a record.
 
-    Every record has all its keys and no other one; its description is its docstring.
+    Every record has all its keys, but those that are unset, and no other one; its description is
+    its docstring.
     """
     (root,), parts = msgspec.json.schema_components([kind], ref_template="#/$defs/{name}")
     for part in parts.values():
@@ -136,9 +137,14 @@ def schema_of(kind: type, title: str) -> dict[str, Any]:
             lines = part["description"].replace("``", "'").split()
             part["description"] = " ".join(lines)
         if "properties" in part:
-            part["required"] = list(part["properties"])
+            properties, without_default = part["properties"], part.get("required", ())
+            part["required"] = [
+                name
+                for name, entry in properties.items()
+                if name in without_default or "default" in entry
+            ]
             part["additionalProperties"] = False
-            for entry in part["properties"].values():
+            for entry in properties.values():
                 entry.pop("default", None)
     own = parts.pop(root["$ref"].rpartition("/")[2])
     own.pop("title")

@@ -15,6 +15,7 @@
     │       │   └── PolicyKilledError       killed from outside, perhaps not through its own fault
     │       └── PolicyRaisedError       its code raised
     ├── InfrastructureError         5   a worker died, a file could not be written
+    ├── HopelessRunError            5   its first episodes are all policy faults
     ├── InterruptedRunError       130   Ctrl-C
     └── RunDirectoryError           6   locked, corrupt, or of another run
 """
@@ -82,6 +83,12 @@ class PolicyRaisedError(PolicyFaultError):
 
 class InfrastructureError(MiniTouchError):
     """Something of ours or of the machine failed; never the policy's fault."""
+
+    exit_code = 5
+
+
+class HopelessRunError(MiniTouchError):
+    """The first episodes of a run are all policy faults; it can be resumed all the same."""
 
     exit_code = 5
 

@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import Annotated, Literal
 
 import numpy as np
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 from numpy.typing import NDArray
 
 Count = Annotated[int, Meta(ge=0)]
@@ -228,7 +228,7 @@ class RunHeader:
     """Everything that fixes the numbers of a run, known before its first episode.
 
     ``task_digests``: the protocol's digest for each task; results of a task are comparable where
-    its digests are equal.
+    its digests are equal. ``episode_timeout_s`` is left out where it is that of the protocol.
     """
 
     protocol: str
@@ -244,6 +244,7 @@ class RunHeader:
     exploration: PolicyIdentity | None
     act_timeout_s: float
     isolation: str
+    episode_timeout_s: float | UnsetType = UNSET
 
     def rules_differ(self, other: "RunHeader") -> tuple[str, ...]:
         """Return the tasks of both runs that were not played by the same rules."""

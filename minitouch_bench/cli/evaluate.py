@@ -74,6 +74,7 @@ def evaluate(
     isolation: options.IsolationLevel = Isolation.SANDBOX,
     trust: options.Trust = False,
     act_timeout: options.ActTimeout = options.ACT_TIMEOUT_S,
+    episode_timeout: options.EpisodeTimeout = options.EPISODE_TIMEOUT_S,
 ) -> None:
     """Run a policy through a suite and write its Table-4 report."""
     from minitouch_bench.evaluation.engine import EngineOptions
@@ -90,7 +91,7 @@ def evaluate(
         exploration=exploration,
         name=name,
         engine=EngineOptions(engine, options.worker_count(workers), address),
-        isolation=options.isolation_options(isolation, trust, act_timeout),
+        isolation=options.isolation_options(isolation, trust, act_timeout, episode_timeout),
         output=workflow.OutputOptions(output, resume=resume, fresh=fresh, video=video),
     )
     with EpisodeProgress(notes) as progress:

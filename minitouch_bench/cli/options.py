@@ -72,6 +72,15 @@ ActTimeout = Annotated[
         rich_help_panel=ISOLATION,
     ),
 ]
+EpisodeTimeout = Annotated[
+    float,
+    typer.Option(
+        min=0.01,
+        max=MAX_ACT_TIMEOUT_S,
+        help="Seconds a policy may take in an episode; another number is unofficial.",
+        rich_help_panel=ISOLATION,
+    ),
+]
 Resume = Annotated[
     bool, typer.Option("--resume", help="Continue the run there.", rich_help_panel=OUTPUT)
 ]
@@ -81,6 +90,7 @@ Fresh = Annotated[
 RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="Directory of a finished run.")]
 
 ACT_TIMEOUT_S = PolicyLimits().act_timeout_s
+EPISODE_TIMEOUT_S = PolicyLimits().episode_timeout_s
 
 
 def worker_count(text: str) -> int | None:
@@ -97,10 +107,14 @@ def worker_count(text: str) -> int | None:
 
 
 def isolation_options(
-    level: Isolation, trust: bool, act_timeout_s: float = ACT_TIMEOUT_S
+    level: Isolation,
+    trust: bool,
+    act_timeout_s: float = ACT_TIMEOUT_S,
+    episode_timeout_s: float = EPISODE_TIMEOUT_S,
 ) -> IsolationOptions:
     """Return how to isolate a policy."""
-    return IsolationOptions(level, trust, PolicyLimits(act_timeout_s=act_timeout_s))
+    limits = PolicyLimits(act_timeout_s=act_timeout_s, episode_timeout_s=episode_timeout_s)
+    return IsolationOptions(level, trust, limits)
 
 
 def comma_separated(text: str) -> tuple[str, ...]:

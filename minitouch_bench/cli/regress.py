@@ -62,6 +62,7 @@ def regress(
     isolation: options.IsolationLevel = Isolation.SANDBOX,
     trust: options.Trust = False,
     act_timeout: options.ActTimeout = options.ACT_TIMEOUT_S,
+    episode_timeout: options.EpisodeTimeout = options.EPISODE_TIMEOUT_S,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML there.")] = None,
     summary: Annotated[
         Path | None,
@@ -92,7 +93,7 @@ def regress(
             _file_settings(config), tolerance or (), alpha=alpha, strict=strict, metrics=metrics
         ),
         EngineOptions(engine, options.worker_count(workers), address),
-        options.isolation_options(isolation, trust, act_timeout),
+        options.isolation_options(isolation, trust, act_timeout, episode_timeout),
         OutputOptions(output, resume=resume, fresh=fresh),
         junit,
         page if page.name else None,

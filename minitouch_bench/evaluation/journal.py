@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
-from msgspec import convert
+from msgspec import convert, to_builtins
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.files import JOURNAL_FILE, os_errors_as, read_file
@@ -55,7 +55,7 @@ class Journal:
 
     def write_header(self, header: RunHeader) -> None:
         """Write the first line."""
-        self._append({"format": "minitouch-journal", "version": 1, "header": asdict(header)})
+        self._append({"format": "minitouch-journal", "version": 1, "header": to_builtins(header)})
 
     def write_record(self, record: EpisodeRecord) -> None:
         """Write one episode; it survives whatever happens after this returns.

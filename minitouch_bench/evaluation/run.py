@@ -4,32 +4,39 @@ import errno
 import platform
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from msgspec import UNSET
+
+from minitouch_bench.errors import HopelessRunError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import EngineHandle
 from minitouch_bench.evaluation.given_actions import given_path
 from minitouch_bench.evaluation.journal import Journal, read_journal
 from minitouch_bench.evaluation.suites import Suite, why_unofficial
 from minitouch_bench.files import ATTEMPTS, clear_run, holds_run, os_errors_as
+from minitouch_bench.policies.isolation.options import PolicyLimits
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import (
     EpisodeRecord,
     EpisodeSpec,
     EvaluationRun,
+    Outcome,
     PolicyIdentity,
     RunEnvironment,
     RunHeader,
 )
 
 PACKAGES = ("minitouch-bench", "pybullet", "gymnasium", "numpy", "torch")
+
+HOPELESS_AFTER = 10
+"""A run whose first episodes, this many, are all policy faults ends there."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +52,8 @@ class RunRequest:
     def header(self) -> RunHeader:
         """Return what fixes the run's numbers."""
         exploration = self.setup.exploration
+        limits = self.setup.isolation.limits
+        is_usual = limits.episode_timeout_s == PolicyLimits().episode_timeout_s
         header = RunHeader(
             protocol=PROTOCOL.name,
             protocol_digest=PROTOCOL.digest(),
@@ -57,7 +66,8 @@ class RunRequest:
             seed=self.seed,
             policy=identify(self.setup.policy),
             exploration=None if exploration is None else identify(exploration),
-            act_timeout_s=self.setup.isolation.limits.act_timeout_s,
+            act_timeout_s=limits.act_timeout_s,
+            episode_timeout_s=UNSET if is_usual else limits.episode_timeout_s,
             isolation=self.setup.isolation_level(),
         )
         reasons = why_unofficial(header, self.suite)
@@ -123,6 +133,8 @@ def run_episodes(
 
     Raises:
         InfrastructureError: the run is incomplete; what is done is kept in the journal.
+        HopelessRunError: so does it where its first episodes are all policy faults; a run that
+            is resumed after them goes on.
     """
     specs = request.specs()
     records = {record.spec: record for record in opened.records}
@@ -135,6 +147,8 @@ def run_episodes(
                 given_path(attempts, record.spec.key).unlink(missing_ok=True)
             records[record.spec] = record
             on_record(record)
+            if len(opened.records) < len(records) == HOPELESS_AFTER < len(specs):
+                _refuse_hopeless(records.values())
     environment = RunEnvironment(
         packages=package_versions(),
         machine={"system": platform.platform(), "processor": _processor()},
@@ -143,6 +157,15 @@ def run_episodes(
         wall_s=round(time.monotonic() - clock, 3),
     )
     return EvaluationRun(opened.header, environment, tuple(records[spec] for spec in specs))
+
+
+def _refuse_hopeless(records: Iterable[EpisodeRecord]) -> None:
+    """Give a run up whose episodes so far are all policy faults."""
+    faults = [record.fault for record in records if record.outcome is Outcome.POLICY_FAULT]
+    if len(faults) == HOPELESS_AFTER:
+        raise HopelessRunError(
+            f"the first {HOPELESS_AFTER} episodes are all policy faults: {faults[0]}"
+        )
 
 
 @contextmanager
@@ -177,6 +200,8 @@ def _check_same(wanted: RunHeader, found: RunHeader, directory: Path) -> None:
 def _in_words(value: object) -> str:
     if isinstance(value, PolicyIdentity):
         return f"{value.name} {value.digest[:12]}".rstrip()
+    if value is UNSET:
+        return "the usual"
     if isinstance(value, tuple):
         return ", ".join(map(str, value)) or "none"
     return "none" if value is None else str(value)

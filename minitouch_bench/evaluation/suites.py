@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from msgspec import UNSET
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.policies.sources import IN_MEMORY
@@ -124,6 +125,8 @@ def why_unofficial(header: RunHeader, suite: Suite) -> tuple[str, ...]:
         found.append(f"{header.episodes} of {suite.episodes_per_task} episodes per task")
     if header.seed != suite.seed:
         found.append(f"seed {header.seed}")
+    if header.episode_timeout_s is not UNSET:
+        found.append(f"{header.episode_timeout_s:g} s per episode")
     policies = [policy for policy in (header.policy, header.exploration) if policy is not None]
     if any(policy.kind == IN_MEMORY for policy in policies):
         found.append("policy in memory, beside the simulator")

@@ -11,7 +11,7 @@ from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.leaderboard.submission import CHECKPOINTS, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
-from minitouch_bench.policies.isolation.options import IsolationOptions, PolicyLimits
+from minitouch_bench.policies.isolation.options import IsolationOptions, limits_of
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.records import EpisodeRecord, PolicyIdentity, Role
@@ -81,7 +81,7 @@ def _setup(directory: Path, seed: TrainingSeed, run: RecordedRun) -> PolicySetup
     return PolicySetup(
         _source(directory, seed, Role.FINAL, header.policy),
         None if exploration is None else _source(directory, seed, Role.EXPLORATION, exploration),
-        IsolationOptions(limits=PolicyLimits(act_timeout_s=header.act_timeout_s)),
+        IsolationOptions(limits=limits_of(header)),
     )
 
 

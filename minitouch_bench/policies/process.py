@@ -85,6 +85,7 @@ class PolicyProcess:
         self._pipes: EpisodePipes | None = None
         self._size = 0
         self._end_grace_s = 0.0
+        self._left_s = 0.0
 
     def __enter__(self) -> "PolicyProcess":
         return self
@@ -128,6 +129,7 @@ class PolicyProcess:
         deadline = time.monotonic() + self._limits.load_timeout_s
         self._end_episode()
         self._size = action_size(task)
+        self._left_s = self._limits.episode_timeout_s
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
         self._start(order, deadline)
         self._load(deadline, part.target)
@@ -223,6 +225,10 @@ class PolicyProcess:
     ) -> bytes:
         """Return what the child answers, or end the child and raise what went wrong."""
         assert self._pipes is not None
+        began = time.monotonic()
+        if began + self._left_s < deadline:
+            deadline = began + self._left_s
+            late = f"its episode took more than {self._limits.episode_timeout_s:g} s"
         try:
             kind, payload = self._pipes.ask(request, question, deadline)
         except TimeoutError:
@@ -232,6 +238,7 @@ class PolicyProcess:
             raise self._exit_error() from None
         except WireError as error:
             self._break_off(error)
+        self._left_s -= time.monotonic() - began
         if kind is not wanted:
             self._refuse_answer(request, kind, payload)
         return payload

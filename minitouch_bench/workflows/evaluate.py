@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.errors import InfrastructureError, InterruptedRunError
+from minitouch_bench.errors import HopelessRunError, InfrastructureError, InterruptedRunError
 from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions, open_engine
 from minitouch_bench.evaluation.filming import film, film_name
@@ -81,7 +81,8 @@ def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Evaluat
         UsageError: an option has no meaning.
         PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
         RunDirectoryError: the directory is in use, or holds another run.
-        InfrastructureError, InterruptedRunError: the run is incomplete and can be resumed.
+        InfrastructureError, HopelessRunError, InterruptedRunError: the run is incomplete and can
+            be resumed.
     """
     engine = open_engine(options.engine, callbacks.note)
     request = make_request(options, callbacks)
@@ -148,8 +149,8 @@ def resumable(directory: Path | None) -> Iterator[None]:
     )
     try:
         yield
-    except InfrastructureError as error:
-        raise InfrastructureError(f"{error}\n{advice}") from error
+    except (InfrastructureError, HopelessRunError) as error:
+        raise type(error)(f"{error}\n{advice}") from error
     except KeyboardInterrupt as error:
         raise InterruptedRunError(f"interrupted\n{advice}") from error
 

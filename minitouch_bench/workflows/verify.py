@@ -9,7 +9,7 @@ import numpy as np
 from minitouch_bench.errors import InterruptedRunError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
-from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions, PolicyLimits
+from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions, limits_of
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.reporting import read_run
 from minitouch_bench.verification.problems import Problem
@@ -83,8 +83,7 @@ def _find_checkpoints(options: VerifyOptions, callbacks: Callbacks) -> PolicySet
     if header.exploration is not None:
         exploration = options.exploration or header.exploration.source
         check_identity(header.exploration, parse_source(exploration, trust=trust))
-    limits = PolicyLimits(act_timeout_s=header.act_timeout_s)
-    isolation = replace(options.isolation, limits=limits)
+    isolation = replace(options.isolation, limits=limits_of(header))
     return prepare_policies(policy, header.tasks, isolation, callbacks, exploration=exploration)
 
 

@@ -94,7 +94,9 @@ def test_mistakes_are_told_before_anything_is_run(tmp_path, options, words):
 
 @pytest.mark.slow
 def test_three_commands_lead_from_a_policy_to_a_row(tmp_path):
-    done = run(*HOPELESS, "--method", "Hopeless", directory=tmp_path)
+    given_up = run(*HOPELESS, "--method", "Hopeless", directory=tmp_path)
+    given_up.refused(5, "the first 10 episodes are all policy faults", "--resume continues")
+    done = run(*HOPELESS, "--method", "Hopeless", "--resume", directory=tmp_path)
     assert done.code == 0, done.err
     assert "400 faults" in done.err
     place = tmp_path / "submissions" / "hopeless" / "seed-0" / "table4"
@@ -117,7 +119,8 @@ def test_three_commands_lead_from_a_policy_to_a_row(tmp_path):
 
 @pytest.mark.slow
 def test_a_submission_that_was_broken_off_is_resumed(tmp_path):
-    process = start(*HOPELESS, directory=tmp_path)
+    assert run(*HOPELESS, directory=tmp_path).code == 5
+    process = start(*HOPELESS, "--resume", directory=tmp_path)
     journal = tmp_path / "submissions" / "hopeless" / "seed-0" / "table4" / "journal.jsonl"
     deadline = time.monotonic() + 60
     while not journal.exists() or journal.read_bytes().count(b"\n") < 20:

@@ -25,6 +25,14 @@ class FaultInPushing(Still):
         return np.full(5, np.nan if self.task == "pushing" and self.steps == 3 else 0.1, np.float32)
 
 
+class Hopeless(Still):
+    """Fails at once, except in the episode whose seed is named."""
+
+    def reset(self, seed, task):
+        if str(seed) != os.environ.get("FINE"):
+            raise ValueError("nothing learned")
+
+
 class KillsItsWorkerOnce(Still):
     """Kills the worker process, which is the parent of its host; how often, a file says."""
 

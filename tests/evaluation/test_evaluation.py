@@ -1,8 +1,15 @@
 import pytest
 
-from minitouch_bench.errors import InfrastructureError, RunDirectoryError, UsageError
+from minitouch_bench.errors import (
+    HopelessRunError,
+    InfrastructureError,
+    RunDirectoryError,
+    UsageError,
+)
+from minitouch_bench.evaluation.journal import read_journal
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
-from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.isolation.options import Isolation, limits_of
+from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import Outcome, Role
 from tests.evaluation.runs import digests, request, run
 
@@ -106,6 +113,38 @@ def test_faults_stay_in_the_denominator_and_the_rest_goes_on(tmp_path, importabl
     assert len(pushing.trace.actions) == 2
     assert opening.outcome is Outcome.STEP_LIMIT
     assert opening.fault == ""
+
+
+def test_a_run_that_begins_with_ten_faults_ends_and_can_be_resumed(tmp_path, importable):
+    wanted = request("misbehaved:Hopeless", ("opening",), 12)
+    with pytest.raises(HopelessRunError, match="10 episodes are all policy faults: ValueError"):
+        run(wanted, tmp_path)
+    assert len(read_journal(tmp_path).records) == 10
+    done = run(wanted, tmp_path, resume=True)
+    assert [record.outcome for record in done.records] == [Outcome.POLICY_FAULT] * 12
+
+
+def test_ten_faults_are_a_whole_run_and_nine_are_no_reason(tmp_path, importable, monkeypatch):
+    wanted = request("misbehaved:Hopeless", ("opening",), 10)
+    assert len(run(wanted, tmp_path / "whole").records) == 10
+    wanted = request("misbehaved:Hopeless", ("opening",), 11, isolation=Isolation.PROCESS)
+    monkeypatch.setenv("FINE", str(policy_seed(wanted.specs()[3].seed)))
+    monkeypatch.setattr("minitouch_bench.evaluation.run.HOPELESS_AFTER", 4)
+    assert len(run(wanted, tmp_path / "fine").records) == 11
+
+
+def test_another_episode_timeout_is_unofficial_and_another_run(tmp_path):
+    usual, other = (
+        request("zero", ("opening",), 1),
+        request("zero", ("opening",), 1, episode_timeout_s=600.0),
+    )
+    assert "600 s per episode" in other.header().unofficial_because
+    assert not any("per episode" in reason for reason in usual.header().unofficial_because[1:])
+    run(other, tmp_path)
+    assert read_journal(tmp_path).header == other.header()
+    assert limits_of(other.header()).episode_timeout_s == 600.0
+    with pytest.raises(RunDirectoryError, match=r"600\.0 there, the usual asked for"):
+        run(usual, tmp_path, resume=True)
 
 
 def test_exploration_is_run_beside_the_final_policy(tmp_path):

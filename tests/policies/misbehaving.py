@@ -76,6 +76,7 @@ ACTS = {
     "count": lambda: np.array([calls, os.getpid(), os.getppid(), 0.0]),
     "sleep": sleep,
     "flood": flood,
+    "be_slow": lambda: (time.sleep(0.3), np.zeros(4))[1],
     "print_much": print_much,
     "raise": raise_error,
     "interrupt": interrupt,

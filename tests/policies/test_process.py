@@ -142,6 +142,14 @@ def test_no_answer_in_time_is_a_timeout(bad, how):
     assert bad.act(OBSERVATION).tolist() == [0.25] * 4
 
 
+def test_an_episode_has_a_limit_of_time_too(bad, monkeypatch):
+    monkeypatch.setattr(bad, "_limits", PolicyLimits(act_timeout_s=1.0, episode_timeout_s=2.0))
+    bad.reset(SEEDS["be_slow"], "pushing")
+    assert bad.act(OBSERVATION).tolist() == [0.0] * 4
+    with pytest.raises(PolicyTimeoutError, match=r"its episode took more than 2 s$"):
+        all(bad.act(OBSERVATION) is not None for _ in range(10))
+
+
 def test_printing_harms_nobody(bad):
     bad.reset(SEEDS["print_much"], "pushing")
     for _ in range(3):
