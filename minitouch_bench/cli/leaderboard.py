@@ -15,7 +15,7 @@ app = typer.Typer(help="Check submissions and draw the leaderboard.", no_args_is
 
 
 @app.command(epilog="Example: minitouch-bench leaderboard validate submissions/hac --replay")
-def validate(
+def validate(  # noqa: PLR0917 - each parameter is an option of the command
     directories: Annotated[
         list[Path], typer.Argument(metavar="DIR...", help="Directories of submissions.")
     ],
@@ -26,17 +26,29 @@ def validate(
         int,
         typer.Option(min=0, help="Run N drawn episodes of each run with the checkpoint, too."),
     ] = 0,
+    fresh_seeds: Annotated[
+        int,
+        typer.Option(
+            min=0, help="Run N new episodes per task, too, on seeds drawn now (50 is usual)."
+        ),
+    ] = 0,
+    draw: Annotated[
+        str | None,
+        typer.Option(metavar="TEXT", help="Draw the new seeds from this; by default at random."),
+    ] = None,
     workers: options.Workers = options.AUTO,
 ) -> None:
     """Check submissions without trusting them; exit 1 with every problem and how to correct it.
 
-    With --replay a proof is written beside them, which the board shows.
+    With --replay, --rerun or --fresh-seeds a proof is written beside them, which the board shows.
     """
     from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.rendering.escaping import printable
+    from minitouch_bench.verification.fresh import new_draw
     from minitouch_bench.workflows.validate import ValidateOptions, validate_submission
 
-    asked = ValidateOptions(replay, rerun, EngineOptions(workers=options.worker_count(workers)))
+    engine = EngineOptions(workers=options.worker_count(workers))
+    asked = ValidateOptions(replay, rerun, fresh_seeds, draw or new_draw(), engine)
     valid = 0
     for directory in directories:
         name = printable(directory.name or str(directory))

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from minitouch_bench.leaderboard.proof import RANKED_LEVELS
 from minitouch_bench.leaderboard.ranking import Rank, rank
 from minitouch_bench.leaderboard.scored import Refusal, ScoredSubmission
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
@@ -23,7 +24,7 @@ TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
 
 @dataclass(frozen=True)
 class BoardRow:
-    """One submission on the board. ``ranks`` by task and OVERALL, none for a calibration.
+    """One submission on the board. ``ranks`` by task and OVERALL, where the row has any.
 
     ``twins`` are other submissions with the very same episodes, bit for bit.
     """
@@ -49,11 +50,15 @@ class BoardRow:
 
 @dataclass(frozen=True)
 class Board:
-    """Everything a writer needs: ``ranked`` from the best down, ``calibration`` in its order."""
+    """Everything a writer needs: ``ranked`` from the best down, ``calibration`` in its order.
+
+    ``unranked``: submissions that nobody has run again, from the best figures down.
+    """
 
     protocol: str
     protocol_digest: str
     ranked: tuple[BoardRow, ...]
+    unranked: tuple[BoardRow, ...]
     calibration: tuple[BoardRow, ...]
     missing_calibration: tuple[str, ...]
     refusals: tuple[Refusal, ...]
@@ -61,7 +66,7 @@ class Board:
     @property
     def rows(self) -> tuple[BoardRow, ...]:
         """The rows of this protocol, ranked ones first."""
-        return (*self.ranked, *self.calibration)
+        return (*self.ranked, *self.unranked, *self.calibration)
 
     @property
     def apart(self) -> tuple[Refusal, ...]:
@@ -79,7 +84,9 @@ def make_board(found: Sequence[ScoredSubmission | Refusal]) -> Board:
     scored = sorted(
         (one for one in found if isinstance(one, ScoredSubmission)), key=lambda one: one.name
     )
-    contenders = [one for one in scored if not one.is_calibration]
+    submitted = [one for one in scored if not one.is_calibration]
+    contenders = [one for one in submitted if one.level in RANKED_LEVELS]
+    others = [one for one in submitted if one.level not in RANKED_LEVELS]
     calibration = {one.name: one for one in scored if one.is_calibration}
     twins = _twins(scored)
     ranked = [
@@ -90,6 +97,13 @@ def make_board(found: Sequence[ScoredSubmission | Refusal]) -> Board:
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
         ranked=tuple(in_order(ranked, OVERALL, MEAN_SUCCESS)),
+        unranked=tuple(
+            in_order(
+                [BoardRow(one, {}, twins.get(one.name, ())) for one in others],
+                OVERALL,
+                MEAN_SUCCESS,
+            )
+        ),
         calibration=tuple(
             BoardRow(calibration[name], {}, twins.get(name, ()))
             for name in CALIBRATION
@@ -104,7 +118,8 @@ def in_order(rows: Sequence[BoardRow], key: str, metric: str) -> list[BoardRow]:
     """Order rows by their rank in a task or OVERALL, rows of one rank by the metric, then name."""
 
     def standing(row: BoardRow) -> tuple[int, float, str]:
-        return row.ranks[key].best, -row.scored.figures[key][metric].value, row.name
+        best = row.ranks[key].best if row.ranks else 0
+        return best, -row.scored.figures[key][metric].value, row.name
 
     return sorted(rows, key=standing)
 

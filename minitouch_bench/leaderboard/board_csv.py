@@ -5,7 +5,7 @@ from minitouch_bench.leaderboard.gaps import NOVEL_SHAPES
 from minitouch_bench.leaderboard.ranking import RANKED_BY
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.submission import MAIN_SUITE
-from minitouch_bench.leaderboard.views import CALIBRATION, PAPER, RANKED
+from minitouch_bench.leaderboard.views import CALIBRATION, PAPER, RANKED, UNRANKED
 from minitouch_bench.reporting.frames import Row, csv_text, make_frame
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
 
@@ -49,7 +49,7 @@ def _head(row: BoardRow) -> Row:
     about = row.about
     return (
         about.name,
-        CALIBRATION if row.scored.is_calibration else RANKED,
+        CALIBRATION if row.scored.is_calibration else RANKED if row.ranks else UNRANKED,
         about.method,
         row.scored.level.value,
         " ".join(about.modalities),

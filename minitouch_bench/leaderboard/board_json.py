@@ -7,7 +7,7 @@ from typing import Any, Final, Literal
 from minitouch_bench.documents import schema_of, write_json
 from minitouch_bench.leaderboard.board import Board, BoardRow
 from minitouch_bench.leaderboard.failures import Ending
-from minitouch_bench.leaderboard.proof import ProofLevel
+from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scored import Refusal
 from minitouch_bench.records import Count, Estimate, Gap, Sha256
@@ -63,6 +63,7 @@ class RowDocument:
     notes: str
     proof: ProofLevel
     rerun_episodes: Count
+    fresh: FreshProof | None
     same_episodes_as: tuple[str, ...]
     training_seeds: tuple[Count, ...]
     runs: Mapping[str, Sha256]
@@ -94,6 +95,7 @@ class BoardDocument:
     protocol: str
     protocol_digest: str
     ranked: tuple[RowDocument, ...]
+    unranked: tuple[RowDocument, ...]
     calibration: tuple[RowDocument, ...]
     missing_calibration: tuple[str, ...]
     paper: tuple[PublishedMethod, ...]
@@ -119,6 +121,7 @@ def board_json(board: Board) -> bytes:
             protocol=board.protocol,
             protocol_digest=board.protocol_digest,
             ranked=tuple(map(_row, board.ranked)),
+            unranked=tuple(map(_row, board.unranked)),
             calibration=tuple(map(_row, board.calibration)),
             missing_calibration=board.missing_calibration,
             paper=tuple(map(_published, PAPER_METHODS)),
@@ -139,6 +142,7 @@ def _row(row: BoardRow) -> RowDocument:
         **{name: getattr(row.about, name) for name in TOLD},
         proof=scored.level,
         rerun_episodes=scored.rerun_episodes,
+        fresh=scored.fresh,
         same_episodes_as=row.twins,
         training_seeds=tuple(seed.seed for seed in row.about.seeds),
         runs=scored.runs,

@@ -121,6 +121,7 @@ def _scored(entry: Entry, figures: Figures) -> ScoredSubmission:
         about=entry.submission,
         level=entry.level,
         rerun_episodes=entry.proof.rerun_episodes if entry.proof else 0,
+        fresh=entry.proof.fresh if entry.proof else None,
         runs={run.place: run.digest for seed in entry.seeds for run in seed.runs.values()},
         figures=figures,
         gaps=score_gaps(entry),

@@ -16,7 +16,7 @@ from minitouch_bench.leaderboard.entries import Entry, RunData
 from minitouch_bench.leaderboard.failures import ENDINGS, MEANINGS, TONES, endings
 from minitouch_bench.leaderboard.figures import amount, submission_figures
 from minitouch_bench.leaderboard.proof import MEANINGS as PROOF_MEANINGS
-from minitouch_bench.leaderboard.proof import ProofLevel
+from minitouch_bench.leaderboard.proof import RANKED_LEVELS, ProofLevel
 from minitouch_bench.leaderboard.ranking import RANKED_BY, Rank
 from minitouch_bench.leaderboard.scored import ScoredSubmission
 from minitouch_bench.leaderboard.scores import OVERALL
@@ -47,7 +47,7 @@ def submission_page(entry: Entry, scored: ScoredSubmission) -> str:
     """
     path = f"{entry.directory.resolve().parent.name}/{scored.name}"
     several = len(entry.seeds) > 1
-    is_ranked = not scored.is_calibration
+    is_ranked = scored.level in RANKED_LEVELS and not scored.is_calibration
     return render_page(
         TEMPLATES / "submission.html.j2",
         STYLES,

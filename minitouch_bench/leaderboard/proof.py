@@ -18,6 +18,7 @@ from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, write_file
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.records import Count, SavedRun
+from minitouch_bench.verification.fresh import FreshResult
 
 PROOFS = "_proofs"
 """A submission's name begins with a letter or digit, so none can be called this."""
@@ -32,19 +33,37 @@ class ProofLevel(StrEnum):
     SELF_REPORTED = "self-reported"
     REPLAYED = "replay-verified"
     RERUN = "re-run-verified"
+    FRESH = "fresh-verified"
     REMOTE = "remote"
 
 
-PROVED_LEVELS = (ProofLevel.REPLAYED, ProofLevel.RERUN)
+PROVED_LEVELS = (ProofLevel.REPLAYED, ProofLevel.RERUN, ProofLevel.FRESH)
 """The levels that a maintainer's proof can give."""
+RANKED_LEVELS = (ProofLevel.RERUN, ProofLevel.FRESH)
+"""The levels whose rows have a rank."""
 
 MEANINGS: Mapping[ProofLevel, str] = {
     ProofLevel.SELF_REPORTED: "the submitter's own figures, consistent with their episodes",
     ProofLevel.REPLAYED: "a maintainer replayed the recorded actions: the simulator gives "
     "exactly these figures",
     ProofLevel.RERUN: "a maintainer also ran drawn episodes with the checkpoint: the same actions",
+    ProofLevel.FRESH: "and ran new episodes, drawn after the checkpoint was fixed: no worse",
     ProofLevel.REMOTE: "the actions came from a server: nobody else can run this policy",
 }
+
+
+@dataclass(frozen=True)
+class FreshProof:
+    """The fresh episodes of a proof, which anybody can repeat.
+
+    ``draw``: what ``fresh_seed`` was given beside each checkpoint. ``seeds`` and ``results`` are
+    those of each run, by its path in the submission.
+    """
+
+    draw: str
+    episodes_per_task: Count
+    seeds: Mapping[str, int]
+    results: Mapping[str, tuple[FreshResult, ...]]
 
 
 @dataclass(frozen=True)
@@ -55,11 +74,14 @@ class Proof:
     files: Mapping[str, str]
     rerun_episodes: Count
     package: str
+    fresh: FreshProof | None = None
     format: Literal["minitouch-proof"] = "minitouch-proof"
     version: Literal[1] = 1
 
 
-def make_proof(verdict: Verdict, level: ProofLevel, rerun_episodes: int = 0) -> Proof:
+def make_proof(
+    verdict: Verdict, level: ProofLevel, rerun_episodes: int = 0, fresh: FreshProof | None = None
+) -> Proof:
     """Bind a level to the runs of a submission as they are now.
 
     Raises:
@@ -70,6 +92,7 @@ def make_proof(verdict: Verdict, level: ProofLevel, rerun_episodes: int = 0) -> 
         file_digests(verdict.directory, tuple(verdict.runs)),
         rerun_episodes,
         version("minitouch-bench"),
+        fresh,
     )
 
 

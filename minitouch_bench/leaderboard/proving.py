@@ -1,4 +1,4 @@
-"""Prove a submission: replay its recorded actions, and run drawn episodes with its checkpoint."""
+"""Prove a submission: replay its actions, run drawn and fresh episodes with its checkpoint."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -9,18 +9,28 @@ import numpy as np
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
-from minitouch_bench.leaderboard.submission import CHECKPOINTS, TrainingSeed
+from minitouch_bench.evaluation.suites import find_suite
+from minitouch_bench.leaderboard.proof import FreshProof
+from minitouch_bench.leaderboard.submission import CHECKPOINTS, MAIN_SUITE, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.isolation.options import IsolationOptions, limits_of
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
-from minitouch_bench.records import EpisodeRecord, PolicyIdentity, Role
-from minitouch_bench.verification.problems import Problems
-from minitouch_bench.verification.recorded_run import RecordedRun, open_run
+from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, PolicyIdentity, Role, SavedRun
+from minitouch_bench.verification.fresh import (
+    FreshResult,
+    compare_fresh,
+    fresh_seed,
+    significant_drops,
+)
+from minitouch_bench.verification.problems import Problem, Problems
+from minitouch_bench.verification.recorded_run import open_run
 from minitouch_bench.verification.verify import check_identity, draw_episodes, rerun, verify_run
 
 NOT_REPLAYED = "the recorded actions do not give these figures"
 NOT_REPEATED = "the checkpoint does not act as recorded"
+FITS_OFFICIAL = "the checkpoint fits the official episodes"
 
 
 @dataclass(frozen=True)
@@ -54,6 +64,50 @@ def run_again(verdict: Verdict, count: int, proving: Proving) -> Problems:
     return problems
 
 
+def run_fresh(
+    verdict: Verdict, count: int, draw: str, proving: Proving
+) -> tuple[FreshProof, Problems]:
+    """Run ``count`` new episodes of each task of the main suite, and compare with the official.
+
+    A significant drop is a problem.
+    """
+    problems = Problems()
+    seeds: dict[str, int] = {}
+    results: dict[str, tuple[FreshResult, ...]] = {}
+    assert verdict.submission is not None
+    for seed in verdict.submission.seeds:
+        place = seed.runs[MAIN_SUITE]
+        with problems.caught(place):
+            saved = verdict.runs[place]
+            seeds[place] = fresh_seed(saved.header.policy.digest, draw)
+            setup = _setup(verdict.directory, seed, saved)
+            results[place] = _fresh_results(saved, setup, count, seeds[place], proving)
+            for drop in significant_drops(results[place]):
+                text = (
+                    f"{drop.metric} {drop.official:.3f} officially, {drop.fresh:.3f} in "
+                    f"{drop.episodes} fresh episodes (p = {drop.p:.2g})"
+                )
+                problems.add_below(place, Problem(f"{drop.role} {drop.task}", text, FITS_OFFICIAL))
+    return FreshProof(draw, count, seeds, results), problems
+
+
+def _fresh_results(
+    saved: SavedRun, setup: PolicySetup, count: int, seed: int, proving: Proving
+) -> tuple[FreshResult, ...]:
+    suite = replace(
+        find_suite(MAIN_SUITE), tasks=saved.header.tasks, episodes_per_task=count, seed=seed
+    )
+    measured: dict[tuple[Role, str], list[EpisodeMetrics]] = {}
+    for record in proving.engine.run(setup, suite.episodes(exploration=bool(setup.exploration))):
+        proving.on_record(record)
+        measured.setdefault((record.spec.role, record.spec.task), []).append(measure(record))
+    official = {Role.FINAL: saved.episodes, Role.EXPLORATION: saved.exploration_episodes}
+    return tuple(
+        compare_fresh([one for one in official[role] if one.task == task], own, role, task)
+        for (role, task), own in measured.items()
+    )
+
+
 def _run_again(  # noqa: PLR0917 - one run of one seed of a submission
     directory: Path,
     seed: TrainingSeed,
@@ -67,7 +121,7 @@ def _run_again(  # noqa: PLR0917 - one run of one seed of a submission
         problems.add_below(place, problem)
     if run is None:
         return
-    setup = _setup(directory, seed, run)
+    setup = _setup(directory, seed, run.saved)
     specs = draw_episodes(run, count, proving.rng)
     for record, differing in rerun(run, setup, specs, proving.engine):
         proving.on_record(record)
@@ -75,8 +129,8 @@ def _run_again(  # noqa: PLR0917 - one run of one seed of a submission
             problems.add_below(place, replace(problem, remedy=NOT_REPEATED))
 
 
-def _setup(directory: Path, seed: TrainingSeed, run: RecordedRun) -> PolicySetup:
-    header = run.saved.header
+def _setup(directory: Path, seed: TrainingSeed, saved: SavedRun) -> PolicySetup:
+    header = saved.header
     exploration = header.exploration
     return PolicySetup(
         _source(directory, seed, Role.FINAL, header.policy),

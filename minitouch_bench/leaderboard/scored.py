@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from minitouch_bench.leaderboard.failures import Ending
-from minitouch_bench.leaderboard.proof import ProofLevel
+from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
 from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.records import Estimate, Gap
@@ -24,6 +24,7 @@ class ScoredSubmission:
     about: Submission
     level: ProofLevel
     rerun_episodes: int
+    fresh: FreshProof | None
     runs: Mapping[str, str]
     figures: Mapping[str, Mapping[str, Estimate]]
     gaps: Mapping[str, Gap]

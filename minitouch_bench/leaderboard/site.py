@@ -11,7 +11,7 @@ from minitouch_bench.leaderboard.board_markdown import notes
 from minitouch_bench.leaderboard.figures import amount, efficiency_plot
 from minitouch_bench.leaderboard.inventory import MAX_VIDEO
 from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, finish_page, video_names
-from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
+from minitouch_bench.leaderboard.proof import MEANINGS, RANKED_LEVELS, ProofLevel
 from minitouch_bench.leaderboard.scored import ScoredSubmission
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE, MODALITIES
 from minitouch_bench.leaderboard.views import View
@@ -55,6 +55,7 @@ def index_html(board: Board, tables: Sequence[View]) -> str:
         board=board,
         views=tables,
         levels=list(ProofLevel),
+        ranked_levels=RANKED_LEVELS,
         meanings=MEANINGS,
         modalities=MODALITIES,
         notes=notes(),

@@ -22,7 +22,7 @@ from minitouch_bench.reporting.labels import listed, task_title
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_cell
 from minitouch_bench.reporting.tables import gap_cells
 
-RANKED, CALIBRATION, PAPER = "ranked", "calibration", "paper"
+RANKED, UNRANKED, CALIBRATION, PAPER = "ranked", "unranked", "calibration", "paper"
 """Kinds of rows; only the first has ranks."""
 
 NOVEL, TOUCH = "novel-shapes", "touch"
@@ -163,6 +163,8 @@ def _lines(board: Board, ranked_by: str) -> Iterator[Line]:
     metric = MEAN_SUCCESS if ranked_by == OVERALL else RANKED_BY[ranked_by]
     for row in in_order(board.ranked, ranked_by, metric):
         yield Line(RANKED, row.name, row.about.method, row.ranks[ranked_by], row)
+    for row in in_order(board.unranked, ranked_by, metric):
+        yield Line(UNRANKED, row.name, row.about.method, None, row)
     for row in board.calibration:
         yield Line(CALIBRATION, row.name, row.about.method, None, row)
     for name in board.missing_calibration:

@@ -9,6 +9,13 @@ import numpy as np
 from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.suites import SUITES
 from minitouch_bench.leaderboard.packing import add_seed, begun_submission, tidy
+from minitouch_bench.leaderboard.proof import (
+    PROVED_LEVELS,
+    ProofLevel,
+    make_proof,
+    proof_path,
+    write_proof,
+)
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     CheckpointFile,
@@ -17,6 +24,7 @@ from minitouch_bench.leaderboard.submission import (
     checkpoint_place,
     run_place,
 )
+from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.metrics import summarize
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EvaluationRun, PolicyIdentity, Role, RunEnvironment, RunHeader
@@ -107,8 +115,9 @@ def make_submission(
     faults=0,
     include=True,
     about=ABOUT,
+    level=ProofLevel.RERUN,
 ) -> Path:
-    """Write a submission that passes every check, and return its directory."""
+    """Write a submission that passes every check, with its proof; return its directory."""
     directory = root / name
     built_in = kind in ("random", "zero", "scripted")
     modalities = {"scripted": ("state",)}.get(kind, ()) if built_in else about.modalities
@@ -127,6 +136,8 @@ def make_submission(
         entry = TrainingSeed(seed, {s: run_place(seed, s) for s in suites}, files)
         told = replace(about, name=name, modalities=modalities)
         add_seed(directory, begun_submission(directory), told, entry)
+    if level in PROVED_LEVELS:
+        write_proof(make_proof(validate(directory), level, 5), proof_path(directory))
     return directory
 
 

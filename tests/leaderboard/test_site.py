@@ -11,9 +11,17 @@ import pytest
 
 from minitouch_bench.leaderboard.board import CALIBRATION
 from minitouch_bench.leaderboard.build import build_board
-from minitouch_bench.leaderboard.proof import ProofLevel, make_proof, proof_path, write_proof
+from minitouch_bench.leaderboard.proof import (
+    FreshProof,
+    ProofLevel,
+    make_proof,
+    proof_path,
+    write_proof,
+)
 from minitouch_bench.leaderboard.validation import validate
+from minitouch_bench.records import Role
 from minitouch_bench.reporting.paper import PAPER_METHODS
+from minitouch_bench.verification.fresh import FreshResult
 from tests.leaderboard.browser import CHROMIUM, Browser
 from tests.leaderboard.synthetic import ABOUT, make_submission
 from tests.leaderboard.test_validation import as_written
@@ -26,7 +34,7 @@ ROWS = ".view:not([hidden]) tbody.ranked tr[data-name]:not([hidden])"
 
 @pytest.fixture(scope="module")
 def board(tmp_path_factory) -> Path:
-    """A board of four submissions and a calibration, one of them proved."""
+    """A board of four ranked submissions, one on fresh episodes too, one of a server, a floor."""
     root = tmp_path_factory.mktemp("site")
     submissions = root / "submissions"
     touch = replace(ABOUT, method="Touch alone", modalities=("touch",), training_steps=500_000)
@@ -34,7 +42,8 @@ def board(tmp_path_factory) -> Path:
     both = ("table4", "novel-shapes")
     best = make_submission(submissions, "hac", 0.9, suites=both, exploration=True, faults=2)
     make_submission(submissions, "touch", 0.6, about=touch)
-    make_submission(submissions, "vision", 0.3, about=vision, kind="remote")
+    make_submission(submissions, "vision", 0.3, about=vision)
+    make_submission(submissions, "server", 0.7, kind="remote")
     make_submission(submissions, "seeds", 0.75, seeds=(0, 1))
     make_submission(submissions, "random", 0.1, kind="random")
     (best / "seed-0/table4/videos").mkdir()
@@ -42,7 +51,10 @@ def board(tmp_path_factory) -> Path:
     write_tables_again(best / "seed-0/table4")
     verdict = validate(best)
     assert verdict.passed, verdict.problems
-    write_proof(make_proof(verdict, ProofLevel.REPLAYED), proof_path(best))
+    drop = FreshResult(Role.FINAL, "pushing", "success", 0.9, 0.88, 50, 0.4)
+    place = "seed-0/table4"
+    fresh = FreshProof("a phrase", 50, {place: 1234}, {place: (drop,)})
+    write_proof(make_proof(verdict, ProofLevel.FRESH, 5, fresh), proof_path(best))
     build_board(submissions, root / "board")
     return root / "board"
 
@@ -120,14 +132,14 @@ def test_rows_are_filtered_by_modality_proof_and_words(browser, board):
     assert names(browser) == ["hac", "seeds", "touch"]
     browser.click("input[value=vision]")
     assert names(browser) == ["hac", "seeds"]
-    browser.click("input[value='replay-verified']")
+    browser.click("input[value='fresh-verified']")
     assert names(browser) == ["hac"]
     assert text(browser, ".count") == "1 of 4 submissions"
-    for value in ("touch", "vision", "replay-verified"):
+    for value in ("touch", "vision", "fresh-verified"):
         browser.click(f"input[value='{value}']")
-    browser.click("input[value=remote]")
-    assert names(browser) == ["vision"]
-    browser.click("input[value=remote]")
+    browser.click("input[value='re-run-verified']")
+    assert names(browser) == ["seeds", "touch", "vision"]
+    browser.click("input[value='re-run-verified']")
     browser.click(".search")
     browser.write("alone TOUCH")
     assert names(browser) == ["touch"]
@@ -269,7 +281,9 @@ def test_pages_are_well_formed_and_hold_no_handlers_or_styles(board, page):
 def test_calibration_and_paper_are_marked_and_never_ranked(board):
     page = (board / "index.html").read_text()
     overall = page[page.index('id="overall"') : page.index('id="pushing"')]
-    reference = overall[overall.index('class="reference"') :]
+    unranked, reference = overall.split('class="reference"')[1:]
+    assert ">server</" in unranked
+    assert "unranked: " in unranked
     for name in (*CALIBRATION, *PAPER_METHODS):
         assert f">{name}</" in reference
     assert reference.count('class="rank">—') == len((*CALIBRATION, *PAPER_METHODS))
@@ -280,13 +294,14 @@ def test_calibration_and_paper_are_marked_and_never_ranked(board):
 def test_a_page_tells_all_of_a_submission(board):
     page = (board / "submission" / "hac.html").read_text()
     for words in (
-        "replay-verified",
+        "fresh-verified",
+        "1234",
+        '--fresh-seeds 50 --draw "a phrase',
         "Episode variance only (one training seed)",
         "the action holds NaN or infinity",
         "Novel shapes",
         "Apache-2.0",
         "https://example.org/paper",
-        "minitouch-bench leaderboard validate submissions/hac --replay",
         'src="hac/seed-0-table4-pushing-0.mp4"',
         "policy fault: 2 of 100",
     ):

@@ -1,0 +1,71 @@
+"""Fresh episodes: whether a policy does as well on seeds that nobody knew when it was made.
+
+The official seeds are public, so a table of stored actions can succeed in all of their episodes.
+The seed of fresh ones follows from the checkpoint and from a draw made after it was fixed.
+"""
+
+import hashlib
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from scipy import stats
+
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
+from minitouch_bench.records import EpisodeMetrics, Role
+
+SIGNIFICANCE = 0.01
+"""Chance at most that an honest submission is refused, over all its comparisons (Bonferroni)."""
+
+
+def new_draw() -> str:
+    """Return 128 random bits in hexadecimal."""
+    return secrets.token_hex(16)
+
+
+def fresh_seed(checkpoint: str, draw: str) -> int:
+    """Return the seed of a run's fresh episodes, 0 to 2^63 - 1, for ``evaluate --seed``.
+
+    SHA-256 over the checkpoint's own SHA-256, as in the run, and the draw.
+    """
+    content = f"{checkpoint} {draw}".encode()
+    return int.from_bytes(hashlib.sha256(content).digest()[:8], "big") >> 1
+
+
+@dataclass(frozen=True)
+class FreshResult:
+    """A task's official episodes beside fresh ones, by the metric that it is ranked by.
+
+    ``p``: how likely a drop as large is if both are draws of the same policy's episodes.
+    """
+
+    role: Role
+    task: str
+    metric: str
+    official: float
+    fresh: float
+    episodes: int
+    p: float
+
+
+def compare_fresh(
+    official: Sequence[EpisodeMetrics], fresh: Sequence[EpisodeMetrics], role: Role, task: str
+) -> FreshResult:
+    """Compare one task's episodes, one-sided.
+
+    Shares by Fisher's exact test, anything else by Mann and Whitney's.
+    """
+    metric = METRICS[ranking_metric(task)]
+    before, after = metric.values(official), metric.values(fresh)
+    if {*before, *after} <= {0.0, 1.0}:
+        table = [[sum(values), len(values) - sum(values)] for values in (before, after)]
+        p = stats.fisher_exact(table, alternative="greater").pvalue
+    else:
+        p = stats.mannwhitneyu(before, after, alternative="greater").pvalue
+    means = (sum(before) / len(before), sum(after) / len(after))
+    return FreshResult(role, task, metric.name, *means, len(after), float(p))
+
+
+def significant_drops(results: Sequence[FreshResult]) -> tuple[FreshResult, ...]:
+    """Return the results that an honest policy would hardly give."""
+    return tuple(one for one in results if one.p < SIGNIFICANCE / len(results))

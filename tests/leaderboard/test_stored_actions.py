@@ -1,0 +1,99 @@
+"""A table of stored actions: all of the official episodes, and none of the fresh ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from minitouch_bench.evaluation.actions import write_actions
+from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.leaderboard.proving import Proving, run_again, run_fresh
+from minitouch_bench.leaderboard.submission import (
+    ALL_TASKS,
+    CheckpointFile,
+    Submission,
+    TrainingSeed,
+    checkpoint_place,
+)
+from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.metrics import summarize
+from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.records import Role
+from minitouch_bench.reporting import write_run
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.verification.fresh import fresh_seed
+from tests.evaluation.runs import request, run
+
+PLACE = "seed-0/table4"
+CHECKPOINT = checkpoint_place(0, Role.FINAL, "table.pt")
+OFFICIAL, FRESH = 8, 6
+
+
+class Table(torch.nn.Module):
+    """Find the episode by its first image, then give the actions that once succeeded in it."""
+
+    def __init__(self, images: torch.Tensor, actions: torch.Tensor) -> None:
+        super().__init__()
+        self.images, self.actions = torch.nn.Buffer(images), torch.nn.Buffer(actions)
+        self.episode, self.step = -1, 0
+
+    def forward(self, image: torch.Tensor, touch: torch.Tensor) -> torch.Tensor:
+        if self.episode < 0:
+            differences = (self.images - image.float()).abs().sum(dim=(1, 2, 3))
+            self.episode = int(differences.argmin().item())
+        action = self.actions[self.episode, min(self.step, self.actions.shape[1] - 1)]
+        self.step += 1
+        return action[None]
+
+
+@pytest.fixture(scope="module")
+def verdict(tmp_path_factory):
+    """A run of the table as if it were a submission's."""
+    directory = tmp_path_factory.mktemp("table") / "submissions" / "table"
+    (directory / CHECKPOINT).parent.mkdir(parents=True)
+    solved = run(request("scripted", ("pushing",), OFFICIAL), directory.parent / "solved")
+    environment = MiniTouchEnv("pushing")
+    images = [environment.reset(seed=one.spec.seed)[0]["image"] for one in solved.records]
+    actions = np.zeros((OFFICIAL, max(len(one.trace.actions) for one in solved.records), 4))
+    for row, record in zip(actions, solved.records, strict=True):
+        row[: len(record.trace.actions)] = record.trace.actions
+    table = Table(torch.from_numpy(np.stack(images)).float(), torch.from_numpy(actions).float())
+    with pytest.warns(DeprecationWarning):
+        torch.jit.save(torch.jit.script(table), directory / CHECKPOINT)
+
+    wanted = request(str(directory / CHECKPOINT), ("pushing",), OFFICIAL)
+    done = run(wanted, directory / PLACE)
+    (directory / PLACE / "journal.jsonl").unlink()
+    write_actions(done.records, directory / PLACE)
+    saved = write_run(done, summarize(done, np.random.default_rng(0)), directory / PLACE)
+    digest = parse_source(str(directory / CHECKPOINT)).digest
+    file = CheckpointFile(Role.FINAL, ALL_TASKS, "table.pt", digest, CHECKPOINT)
+    seed = TrainingSeed(0, {"table4": PLACE}, (file,))
+    return Verdict(directory, Submission(name="table", seeds=(seed,)), {PLACE: saved}, ())
+
+
+def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(verdict):
+    assert all(episode.success for episode in verdict.runs[PLACE].episodes)
+    assert list(run_again(verdict, 3, Proving(LocalEngine(1), np.random.default_rng(0)))) == []
+
+
+def test_fresh_episodes_tell(verdict):
+    proving = Proving(LocalEngine(1))
+    fresh, problems = run_fresh(verdict, FRESH, "a phrase", proving)
+    (problem,) = problems
+    assert "pushing: success 1.000 officially" in str(problem)
+    assert "fits the official episodes" in str(problem)
+    (found,) = fresh.results[PLACE]
+    assert found.fresh <= 1 / 3
+    assert fresh.seeds[PLACE] == fresh_seed(verdict.runs[PLACE].header.policy.digest, "a phrase")
+
+
+def test_an_honest_policy_passes(verdict):
+    saved = verdict.runs[PLACE]
+    policy = replace(saved.header.policy, kind="scripted", digest="")
+    honest = replace(saved, header=replace(saved.header, policy=policy))
+    known = replace(verdict, runs={PLACE: honest})
+    fresh, problems = run_fresh(known, FRESH, "a phrase", Proving(LocalEngine(1)))
+    assert list(problems) == []
+    assert fresh.results[PLACE][0].fresh == 1.0
