@@ -59,7 +59,7 @@ def verdict(tmp_path_factory):
     for row, record in zip(actions, solved.records, strict=True):
         row[: len(record.trace.actions)] = record.trace.actions
     table = Table(torch.from_numpy(np.stack(images)).float(), torch.from_numpy(actions).float())
-    with pytest.warns(DeprecationWarning):
+    with pytest.warns(DeprecationWarning, match="torch.jit"):
         torch.jit.save(torch.jit.script(table), directory / CHECKPOINT)
 
     wanted = request(str(directory / CHECKPOINT), ("pushing",), OFFICIAL)
