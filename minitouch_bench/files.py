@@ -37,6 +37,9 @@ RUN_FILES = (
 )  # fmt: skip
 """What a run writes, beside ``videos/``."""
 
+RUN_ENTRIES = frozenset({*RUN_FILES, VIDEOS, ATTEMPTS})
+"""All that a run has in its directory."""
+
 LARGEST_RUN_FILE = 16 * GIB
 """No file of a run is larger; a submission's limits are far below."""
 

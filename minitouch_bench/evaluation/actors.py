@@ -1,6 +1,7 @@
 """The policies of a run, and the actors that play its episodes with them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +74,10 @@ class PolicySetup:
             return self.policy
         assert self.exploration is not None
         return self.exploration
+
+    def keep_out_of(self, directory: Path) -> "PolicySetup":
+        """Return the same policies, which cannot read a directory from their sandbox."""
+        return replace(self, isolation=replace(self.isolation, private=str(directory.resolve())))
 
     def isolation_level(self) -> Isolation:
         """Return the weakest level at which a policy of the run is isolated."""

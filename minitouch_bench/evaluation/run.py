@@ -140,8 +140,11 @@ def run_episodes(
     records = {record.spec: record for record in opened.records}
     missing = [spec for spec in specs if spec not in records]
     started, clock = datetime.now(UTC), time.monotonic()
+    setup = request.setup
+    if opened.directory is not None:
+        setup = setup.keep_out_of(opened.directory)
     with _kept(opened) as (journal, attempts):
-        for record in handle.engine.run(request.setup, missing, attempts):
+        for record in handle.engine.run(setup, missing, attempts):
             if journal is not None and attempts is not None:
                 journal.write_record(record)
                 given_path(attempts, record.spec.key).unlink(missing_ok=True)

@@ -4,7 +4,7 @@ Started by ``host_connection`` as ``python -m minitouch_bench.policies.host FD P
 socket on which every packet is one JSON object::
 
     {"do": "start", kind, target, digest, deterministic, trust, seed, task, isolation,
-     memory_bytes, cpu_s} + three descriptors
+     private, memory_bytes, cpu_s} + three descriptors
         -> {"pid": 123}  or  {"error": "...", "class": "PolicyLoadError"}
     {"do": "stop", "grace_s": 0.2}
         -> {"status": -9, "killed": true}   status as in Popen.returncode, null without a child
@@ -29,7 +29,7 @@ from minitouch_bench.errors import MiniTouchError, PolicyLoadError
 from minitouch_bench.policies.episode_child import Episode, run_episode
 from minitouch_bench.policies.isolation.limits import Limits
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.policies.isolation.readable import factory_paths
+from minitouch_bench.policies.isolation.readable import NOTHING, factory_paths
 from minitouch_bench.policies.isolation.sandbox import Sandbox, prepare
 from minitouch_bench.policies.loading import FORMATS, check_permitted, find_loader
 from minitouch_bench.policies.policy import Checkpoint
@@ -99,7 +99,9 @@ class Host:
             return None
         kind = order["kind"]
         if kind not in self._sandboxes:
-            own = factory_paths(order["target"]) if kind == "factory" else ()
+            own = NOTHING
+            if kind == "factory":
+                own = factory_paths(order["target"], order["private"])
             allowed = Limits(order["memory_bytes"], order["cpu_s"])
             # The formats compute on one thread; what else a file starts is not counted by time.
             self._sandboxes[kind] = prepare(allowed, own, threads=order["trust"])

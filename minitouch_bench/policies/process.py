@@ -123,6 +123,7 @@ class PolicyProcess:
             "task": task,
             "seed": seed,
             "isolation": self._options.level,
+            "private": self._options.private,
             "memory_bytes": self._limits.memory_mb * 2**20,
             "cpu_s": self._limits.cpu_s,
         }

@@ -33,6 +33,14 @@ class Hopeless(Still):
             raise ValueError("nothing learned")
 
 
+class ReadsItsRun(Still):
+    """Reads what the run knows of earlier episodes; it lies in the working directory."""
+
+    def act(self, observation):
+        Path("run/journal.jsonl").read_bytes()
+        return super().act(observation)
+
+
 class KillsItsWorkerOnce(Still):
     """Kills the worker process, which is the parent of its host; how often, a file says."""
 

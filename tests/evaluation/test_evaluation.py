@@ -147,6 +147,12 @@ def test_another_episode_timeout_is_unofficial_and_another_run(tmp_path):
         run(usual, tmp_path, resume=True)
 
 
+def test_a_factory_cannot_read_the_journal_of_its_run(tmp_path, importable, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (record,) = run(request("misbehaved:ReadsItsRun", ("opening",), 1), tmp_path / "run").records
+    assert record.fault.startswith("PermissionError")
+
+
 def test_exploration_is_run_beside_the_final_policy(tmp_path):
     wanted = request("scripted", ("playing", "opening"), 1, exploration="zero")
     done = run(wanted, tmp_path)

@@ -53,7 +53,12 @@ def supported_abi() -> int:
         raise
 
 
-def make_ruleset(abi: int, readable: Iterable[str], writable: Iterable[str] = ()) -> int:
+def make_ruleset(
+    abi: int,
+    readable: Iterable[str],
+    writable: Iterable[str] = (),
+    listable: Iterable[str] = (),
+) -> int:
     """Return the descriptor of a ruleset that denies all this kernel can deny, save paths.
 
     Raises:
@@ -70,6 +75,8 @@ def make_ruleset(abi: int, readable: Iterable[str], writable: Iterable[str] = ()
     ruleset = system_call(CREATE_RULESET, ctypes.byref(attributes), size, 0)
     for path in readable:
         _allow(ruleset, path, READ_FILE | READ_DIR)
+    for path in listable:
+        _allow(ruleset, path, READ_DIR)
     for path in writable:
         _allow(ruleset, path, READ_FILE | WRITE_FILE)
     return ruleset

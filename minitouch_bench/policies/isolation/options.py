@@ -60,11 +60,15 @@ def limits_of(header: RunHeader) -> PolicyLimits:
 
 @dataclass(frozen=True)
 class IsolationOptions:
-    """How to isolate a policy. ``trust`` permits Python code that comes with it."""
+    """How to isolate a policy. ``trust`` permits Python code that comes with it.
+
+    ``private`` is the run's directory, which a policy must not read: "" where there is none.
+    """
 
     level: Isolation = Isolation.SANDBOX
     trust: bool = False
     limits: PolicyLimits = PolicyLimits()
+    private: str = ""
 
 
 SANDBOXED = IsolationOptions()

@@ -5,9 +5,13 @@ import os
 import site
 import sys
 import sysconfig
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import minitouch_bench
+from minitouch_bench.files import RUN_ENTRIES
 
 SYSTEM = (
     "/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/usr/local/lib64",
@@ -36,17 +40,56 @@ def readable_paths() -> tuple[str, ...]:
     return tuple(dict.fromkeys((*SYSTEM, library, *packages, own)))
 
 
-def factory_paths(target: str) -> tuple[str, ...]:
+class FactoryPaths(NamedTuple):
+    """What a factory may read beside, and the folders whose entries' names it may list."""
+
+    readable: tuple[str, ...]
+    listable: tuple[str, ...]
+
+
+NOTHING = FactoryPaths((), ())
+
+
+def factory_paths(target: str, private: str = "") -> FactoryPaths:
     """Return what ``package.module:attribute`` may read beside: its code and its data.
 
-    That is the working directory, every folder of ``sys.path``, and where its package lies if
-    an editable installation put it elsewhere.
+    That is what lies in the working directory, in every folder of ``sys.path``, and where its
+    package lies if an editable installation put it elsewhere. Hidden entries are left out, and
+    the run's directory ``private``. What is made later cannot be read.
     """
-    paths = [os.getcwd(), *(os.path.abspath(path) for path in sys.path if path)]
+    folders = [os.getcwd(), *(path for path in sys.path if path)]
     try:
         spec = importlib.util.find_spec(target.partition(":")[0].partition(".")[0])
     except (ImportError, ValueError):
         spec = None
     if spec is not None:
-        paths += spec.submodule_search_locations or [spec.origin or os.getcwd()]
-    return tuple(dict.fromkeys(paths))
+        folders += spec.submodule_search_locations or [spec.origin or os.getcwd()]
+    known = [Path(path).resolve() for path in readable_paths()]
+    others = [
+        path
+        for path in dict.fromkeys(Path(folder).resolve() for folder in folders)
+        if not any(path.is_relative_to(one) for one in known)
+    ]
+    run = Path(private).resolve() if private else None
+    readable = [str(part) for path in others for part in _parts(path, run)]
+    return FactoryPaths(tuple(readable), tuple(str(path) for path in others if path.is_dir()))
+
+
+def _parts(path: Path, run: Path | None) -> Iterator[Path]:
+    """Yield what may be read of a folder, or the path itself if it is none.
+
+    A rule of Landlock holds for all that is below, so that a folder around what is left out
+    cannot be named itself. A link opens nothing: what it points to is named or not.
+    """
+    if not path.is_dir():
+        yield path
+        return
+    with suppress(PermissionError):
+        for entry in sorted(path.iterdir()):
+            is_of_run = entry == run or (path == run and entry.name in RUN_ENTRIES)
+            if is_of_run or entry.name.startswith(".") or entry.is_symlink():
+                continue
+            if run is not None and run.is_relative_to(entry):
+                yield from _parts(entry, run)
+            else:
+                yield entry

@@ -10,7 +10,12 @@ from dataclasses import dataclass
 
 from minitouch_bench.errors import IsolationError
 from minitouch_bench.policies.isolation import kernel, landlock, limits, seccomp
-from minitouch_bench.policies.isolation.readable import WRITABLE, readable_paths
+from minitouch_bench.policies.isolation.readable import (
+    NOTHING,
+    WRITABLE,
+    FactoryPaths,
+    readable_paths,
+)
 from minitouch_bench.policies.isolation.syscalls import ARCHITECTURES
 from minitouch_bench.processes import die_with
 
@@ -52,9 +57,9 @@ class Sandbox:
 
 
 def prepare(
-    allowed: limits.Limits, readable: tuple[str, ...] = (), *, threads: bool = False
+    allowed: limits.Limits, own: FactoryPaths = NOTHING, *, threads: bool = False
 ) -> Sandbox:
-    """Return a sandbox in which ``readable`` may be read beside what Python needs.
+    """Return a sandbox in which a factory's own paths may be read beside what Python needs.
 
     The calling process becomes one that the kernel ends first where memory runs out.
 
@@ -72,7 +77,8 @@ def prepare(
             "it; see /sys/kernel/security/lsm)"
         )
     try:
-        ruleset = landlock.make_ruleset(abi, (*readable_paths(), *readable), WRITABLE)
+        readable = (*readable_paths(), *own.readable)
+        ruleset = landlock.make_ruleset(abi, readable, WRITABLE, own.listable)
     except OSError as error:
         raise _unavailable(f"Landlock refused its rules: {error.strerror}") from error
     sandbox = Sandbox(machine, abi, ruleset, allowed, threads)

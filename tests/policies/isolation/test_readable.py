@@ -1,0 +1,70 @@
+"""What a factory may read of the folders that its code lies in."""
+
+import pytest
+
+from minitouch_bench.policies.isolation.options import IsolationOptions
+from minitouch_bench.policies.isolation.readable import factory_paths
+from minitouch_bench.policies.policy import zero_observation
+from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.sources import parse_source
+
+READER = """
+import os
+import data.deep
+import numpy as np
+NAMES = {names}
+class Reader:
+    def reset(self, seed, task):
+        assert "reports" in os.listdir(".")
+    def act(self, observation):
+        found = []
+        for name in NAMES:
+            try:
+                found.append(float(len(open(name).read())))
+            except PermissionError:
+                found.append(0.0)
+        return np.array(found, np.float32)
+"""
+OPEN = ("data/numbers.txt", "reports/other/notes.txt")
+CLOSED = (".env", "reports/run/journal.jsonl")
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """A working directory with a factory, its data, a secret and a run."""
+    for name in (*OPEN, *CLOSED, "reports/run/attempts/opening-0"):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("x")
+    (tmp_path / "data" / "deep.py").write_text("")
+    (tmp_path / "reader.py").write_text(READER.format(names=(*OPEN, *CLOSED)))
+    (tmp_path / "link").symlink_to(tmp_path / "reports" / "run")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_factory_reads_its_data_but_neither_its_run_nor_hidden_files(home):
+    source = parse_source("reader:Reader", trust=True)
+    options = IsolationOptions(trust=True, private=str(home / "reports" / "run"))
+    with PolicyProcess(source, options) as policy:
+        policy.reset(0, "pushing")
+        assert policy.act(zero_observation()).tolist() == [1.0, 1.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("run", ["reports/run", "reports", ".", ""])
+def test_no_part_that_is_named_holds_the_run(home, run):
+    private = str(home / run) if run else ""
+    readable, listable = factory_paths("reader:Reader", private)
+    assert str(home) in listable
+    assert str(home) not in readable
+    assert str(home / "link") not in readable
+    assert str(home / ".env") not in readable
+    assert str(home / "data") in readable
+    assert (str(home / "reports") in readable) == (run in {".", ""})
+
+
+def test_a_run_in_the_working_directory_itself_is_left_out(home):
+    (home / "journal.jsonl").write_text("x")
+    readable, _ = factory_paths("reader:Reader", str(home))
+    assert str(home / "journal.jsonl") not in readable
+    assert str(home / "reader.py") in readable
