@@ -95,7 +95,9 @@ def test_mistakes_are_told_before_anything_is_run(tmp_path, options, words):
 @pytest.mark.slow
 def test_three_commands_lead_from_a_policy_to_a_row(tmp_path):
     given_up = run(*HOPELESS, "--method", "Hopeless", directory=tmp_path)
-    given_up.refused(5, "the first 10 episodes are all policy faults", "--resume continues")
+    assert given_up.code == 5
+    assert "the first 10 episodes are all policy faults" in given_up.err
+    assert "--resume continues" in given_up.err
     done = run(*HOPELESS, "--method", "Hopeless", "--resume", directory=tmp_path)
     assert done.code == 0, done.err
     assert "400 faults" in done.err
@@ -122,7 +124,7 @@ def test_a_submission_that_was_broken_off_is_resumed(tmp_path):
     assert run(*HOPELESS, directory=tmp_path).code == 5
     process = start(*HOPELESS, "--resume", directory=tmp_path)
     journal = tmp_path / "submissions" / "hopeless" / "seed-0" / "table4" / "journal.jsonl"
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 300
     while not journal.exists() or journal.read_bytes().count(b"\n") < 20:
         assert time.monotonic() < deadline
         assert process.poll() is None
