@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
@@ -273,6 +273,11 @@ class EvaluationRun:
     header: RunHeader
     environment: RunEnvironment
     records: tuple[EpisodeRecord, ...]
+
+
+RUN_FORMAT: Final = "minitouch-run"
+RUN_VERSION: Final = 2
+"""Raised whenever a field of ``run.json`` is added or means something else, here and below."""
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,18 @@ from typing import Any, get_type_hints
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
-METHODS = ("sac", "hac", "icm", "icm-touch", "disagreement", "rnd", "rnd-touch")
-"""``sac`` has no intrinsic reward; the others each name their curiosity."""
+METHODS: Mapping[str, str] = MappingProxyType(
+    {
+        "sac": "",
+        "hac": "hac:HapticCuriosity",
+        "icm": "icm:InverseDynamics",
+        "icm-touch": "icm:TouchInverseDynamics",
+        "disagreement": "disagreement:Disagreement",
+        "rnd": "rnd:RandomDistillation",
+        "rnd-touch": "rnd:TouchDistillation",
+    }
+)
+"""Every method with its class in ``agents.curiosity``, as ``module:name``; ``sac`` has none."""
 
 HAPTICS = ("forces", "compressed", "magnitude")
 """What of the finger forces ``hac`` predicts: see ``agents.curiosity.hac``."""
@@ -114,7 +124,7 @@ class TrainingConfig:
     curiosity: CuriosityConfig = CuriosityConfig()
 
     def __post_init__(self) -> None:
-        _check("method", self.method, METHODS)
+        _check("method", self.method, tuple(METHODS))
         _check("haptics", self.curiosity.haptics, HAPTICS)
         for part in self.carry:
             _check("part to carry", part, PARTS)

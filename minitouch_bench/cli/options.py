@@ -6,7 +6,9 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.engine import ENGINES
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
+from minitouch_bench.policies.loading import BUILT_IN, KIND_BY_SUFFIX
 
 MAX_WORKERS = 1024
 MAX_ACT_TIMEOUT_S = 86400.0
@@ -19,8 +21,8 @@ ISOLATION = "Isolation"
 """Groups of options in a command's help."""
 
 POLICIES = (
-    "random, zero, open-loop, scripted, a checkpoint (.safetensors .pt .ts .onnx .zip), a "
-    "directory with one file per task, package.module:attribute, or http://..."
+    f"{', '.join(BUILT_IN)}, a checkpoint ({' '.join(KIND_BY_SUFFIX)}), a directory with one "
+    "file per task, package.module:attribute, or http://..."
 )
 
 Exploration = Annotated[
@@ -38,7 +40,7 @@ Workers = Annotated[
 EngineName = Annotated[
     str,
     typer.Option(
-        metavar="local|ray",
+        metavar="|".join(ENGINES),
         help="ray runs episodes on a cluster: see docs/cluster.md.",
         rich_help_panel=ENGINE,
     ),

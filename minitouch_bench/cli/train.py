@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from minitouch_bench.agents.config import METHODS
 from minitouch_bench.cli.console import notes
 from minitouch_bench.errors import InterruptedRunError
 from minitouch_bench.protocol.minitouch import TASK_NAMES
@@ -22,7 +23,7 @@ def train(
     *,
     method: Annotated[
         str | None,
-        typer.Option(help="hac (default), sac, icm, icm-touch, disagreement, rnd or rnd-touch."),
+        typer.Option(help=f"{', '.join(METHODS)}; by default hac."),
     ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Fixes every random draw; by default 0.")

@@ -4,19 +4,21 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.rollout import ActorSource
 from minitouch_bench.optional import look_up
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
+
+if TYPE_CHECKING:
+    from minitouch_bench.evaluation.rollout import ActorSource
 
 
 class Engine(Protocol):
     """Runs episodes somewhere; their results depend on nothing but the episodes."""
 
     def run(
-        self, source: ActorSource, specs: Sequence[EpisodeSpec], attempts: Path | None = None
+        self, source: "ActorSource", specs: Sequence[EpisodeSpec], attempts: Path | None = None
     ) -> Iterator[EpisodeRecord]:
         """Yield one record per episode, in the order in which they end.
 

@@ -62,7 +62,8 @@ TRAINING_SETTINGS = {"optimizer_class", "optimizer_kwargs", "ortho_init"}
 ACTIVATION = re.compile(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>")
 EXTRACTOR = "<class 'stable_baselines3.common.torch_layers.CombinedExtractor'>"
 OBSERVATION_TEXT = re.compile(
-    r"'image': Box\(0, 255, \(1, 84, 84\), uint8\).*'touch': Box\([^()]*, \(11,\), float32\)"
+    rf"'image': Box\(0, 255, {re.escape(str(IMAGE_SHAPE))}, uint8\)"
+    rf".*'touch': Box\([^()]*, {re.escape(str(TOUCH_SHAPE))}, float32\)"
 )
 
 
@@ -188,7 +189,7 @@ def _check_observation(settings: Any) -> None:
     if len(re.findall(r"Box\(", text)) != 2 or not OBSERVATION_TEXT.search(text):
         raise PolicyLoadError(
             f"it was trained on another observation ({text[:120] or 'unnamed'}); here it is "
-            "Dict(image=uint8 (1, 84, 84), touch=float32 (11,))"
+            f"Dict(image=uint8 {IMAGE_SHAPE}, touch=float32 {TOUCH_SHAPE})"
         )
 
 

@@ -56,7 +56,7 @@ class PolicySource:
                 return part
         raise PolicyLoadError(
             f"{self.target} has no policy for the task '{task}': "
-            f"add {task}.onnx, {task}.pt, {task}.safetensors or {task}.zip"
+            f"add {task}{f', {task}'.join(KIND_BY_SUFFIX)}"
         )
 
 

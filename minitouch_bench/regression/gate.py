@@ -14,7 +14,7 @@ from minitouch_bench.regression.comparison import (
     differences_of_making,
     find_changes,
 )
-from minitouch_bench.regression.effects import (
+from minitouch_bench.regression.paired_tests import (
     Effect,
     direction_of,
     holm,

@@ -8,13 +8,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.metrics.intervals import Root, stream
 from minitouch_bench.records import Estimate
-from minitouch_bench.regression.effects import (
-    WORSE_SIGNS,
-    direction_of,
-    is_binary,
-    measure_effect,
-)
-from minitouch_bench.regression.evidence import (
+from minitouch_bench.regression.e_process import (
     evidence_of_loss,
     evidence_of_no_loss,
     evidence_of_worsening,
@@ -22,6 +16,12 @@ from minitouch_bench.regression.evidence import (
 )
 from minitouch_bench.regression.gate import Decision, JudgedMetric
 from minitouch_bench.regression.means import ALPHA, paired_mean
+from minitouch_bench.regression.paired_tests import (
+    WORSE_SIGNS,
+    direction_of,
+    is_binary,
+    measure_effect,
+)
 from minitouch_bench.regression.pairing import EpisodePair, PairedValues
 from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.regression.settings import GateSettings

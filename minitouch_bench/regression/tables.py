@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.regression.comparison import OutcomeChange, RunPair, verdict
-from minitouch_bench.regression.effects import Effect
 from minitouch_bench.regression.gate import Decision, GateResult, JudgedMetric
+from minitouch_bench.regression.paired_tests import Effect
 from minitouch_bench.regression.pairing import COMPARED_METRICS
 from minitouch_bench.rendering.tables import (
     Cell,

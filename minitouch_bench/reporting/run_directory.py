@@ -8,7 +8,7 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from minitouch_bench.documents import read_json, schema_of, write_json
 from minitouch_bench.errors import RunDirectoryError
@@ -29,6 +29,8 @@ from minitouch_bench.metrics.metric import Metric, ShownIn
 from minitouch_bench.metrics.summary import measure_run
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import (
+    RUN_FORMAT,
+    RUN_VERSION,
     EpisodeMetrics,
     EvaluationRun,
     Role,
@@ -47,9 +49,6 @@ from minitouch_bench.reporting.markdown import to_markdown
 from minitouch_bench.reporting.page import to_html
 from minitouch_bench.reporting.report import Report, build_report, find_videos
 
-FORMAT: Final = "minitouch-run"
-VERSION: Final = 2
-
 
 @dataclass(frozen=True)
 class _Mark:
@@ -63,8 +62,8 @@ def save(run: EvaluationRun, summary: Summary, name: str) -> SavedRun:
     """Return a finished run in the form in which it is saved and read back."""
     episodes, exploration = measure_run(run), measure_run(run, Role.EXPLORATION)
     return SavedRun(
-        format=FORMAT,
-        version=VERSION,
+        format=RUN_FORMAT,
+        version=RUN_VERSION,
         digest=run_digest(run.header, episodes, exploration),
         header=run.header,
         environment=run.environment,
@@ -97,11 +96,11 @@ def parse_run(content: bytes, name: str) -> SavedRun:
         RunDirectoryError: it is no run, or of another version.
     """
     mark = read_json(content, _Mark, RUN_FILE)
-    if mark.format != FORMAT:
-        raise RunDirectoryError(f"{RUN_FILE}: its format is not '{FORMAT}'")
-    if mark.version != VERSION:
+    if mark.format != RUN_FORMAT:
+        raise RunDirectoryError(f"{RUN_FILE}: its format is not '{RUN_FORMAT}'")
+    if mark.version != RUN_VERSION:
         raise RunDirectoryError(
-            f"{RUN_FILE} has version {mark.version}, this program reads version {VERSION}; "
+            f"{RUN_FILE} has version {mark.version}, this program reads version {RUN_VERSION}; "
             "use the minitouch-bench that wrote it"
         )
     document = read_json(content, RunDocument, RUN_FILE)

@@ -22,9 +22,6 @@ from minitouch_bench.shapegen.soundness import (
     statically_sound,
 )
 
-GENERATOR_VERSION = 1
-"""Raised whenever the same seed would give another shape."""
-
 
 @dataclass(frozen=True)
 class DecompositionConfig:

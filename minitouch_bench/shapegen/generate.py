@@ -11,7 +11,8 @@ from typing import Any
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.files import lock_directory, os_errors_as, read_file, replace_file
 from minitouch_bench.processes import run_in_workers
-from minitouch_bench.shapegen.build import GENERATOR_VERSION, BuildConfig, make_shape
+from minitouch_bench.shapegen.build import BuildConfig, make_shape
+from minitouch_bench.shapegen.families import GENERATOR_VERSION
 from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, content_digest, splits_of
 from minitouch_bench.shapegen.poses import RestPose
 from minitouch_bench.shapegen.record import Body, body_files, digest, encode

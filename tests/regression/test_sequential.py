@@ -8,7 +8,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.records import Outcome
 from minitouch_bench.regression.comparison import ComparedRun
 from minitouch_bench.regression.gate import Decision, judge_runs
-from minitouch_bench.regression.sentences import episodes_line
+from minitouch_bench.regression.notes import episodes_line
 from minitouch_bench.regression.sequential import (
     SequentialGate,
     early_result,

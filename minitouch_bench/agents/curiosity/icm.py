@@ -15,14 +15,13 @@ class InverseDynamics(Curiosity):
 
     r = mean_k (g(phi(x), a)_k - phi(x')_k)^2; phi learns through the inverse model
     a ~ h(phi(x), phi(x')) alone (Pathak et al. 2017, Burda et al. 2019: large-scale-curiosity).
-    With ``touch`` the state is (phi(x), touch) and the next touch is predicted as well: the
-    supplement's "touch in future prediction".
     """
 
-    def __init__(self, config: CuriosityConfig, action_size: int, *, touch: bool) -> None:
+    uses_touch = False
+
+    def __init__(self, config: CuriosityConfig, action_size: int) -> None:
         super().__init__(config)
-        self.touch = touch
-        state = FEATURES + (TOUCH_SIZE if touch else 0)
+        state = FEATURES + (TOUCH_SIZE if self.uses_touch else 0)
         self.encoder = own_encoder(config)
         self.inverse = two_layers(2 * FEATURES, action_size)
         self.forward_model = two_layers(state + action_size, state)
@@ -41,9 +40,18 @@ class InverseDynamics(Curiosity):
         return self._errors(batch, now, self.encode(self.encoder, batch.next_image))
 
     def _errors(self, batch: Batch, now: Tensor, then: Tensor) -> Tensor:
-        if self.touch:
+        if self.uses_touch:
             now = torch.cat((now, batch.touch), dim=1)
             then = torch.cat((then, batch.next_touch), dim=1)
         predicted = self.forward_model(torch.cat((now, batch.action), dim=1))
         errors: Tensor = (predicted - then).square().mean(dim=1)
         return errors
+
+
+class TouchInverseDynamics(InverseDynamics):
+    """The same with (phi(x), touch) as the state, so that the next touch is predicted as well.
+
+    Source: the supplement's "touch in future prediction".
+    """
+
+    uses_touch = True

@@ -7,11 +7,10 @@ from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.curiosity.curiosity import Curiosity
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import TOUCH_SIZE, FirstConvolution
+from minitouch_bench.policies.policy import IMAGE_SHAPE
 
 OUTPUTS = 512
 """Numbers that the target network gives (Burda et al. 2019)."""
-FLAT = 64 * 7 * 7
-"""Numbers in the last feature map of an 84 x 84 picture."""
 WHITENED_LIMIT = 5.0
 """Whitened pixels are clipped to this (Burda et al. 2019)."""
 
@@ -20,15 +19,16 @@ class RandomDistillation(Curiosity):
     """Predict what a fixed random network says of the reached state.
 
     r = mean_k (f(o')_k - t(o')_k)^2, t random and fixed, o' the whitened picture (Burda et
-    al. 2019). With ``touch`` the picture's features and the touch are concatenated before
-    the last layers of both networks (supplement, 7.5). Convolutions of 32, 64 and 64
-    channels as theirs; the predictor is two layers deeper.
+    al. 2019). Convolutions of 32, 64 and 64 channels as theirs; the predictor is two layers
+    deeper. It does not depend on actions.
     """
 
-    def __init__(self, config: CuriosityConfig, *, touch: bool) -> None:
+    uses_touch = False
+
+    def __init__(self, config: CuriosityConfig, _action_size: int) -> None:
         super().__init__(config)
-        self.touch = touch
-        inputs = FLAT + (TOUCH_SIZE if touch else 0)
+        flat = _convolutions()(torch.zeros(1, *IMAGE_SHAPE)).shape[1]
+        inputs = flat + (TOUCH_SIZE if self.uses_touch else 0)
         self.target_maps = _convolutions().requires_grad_(False)
         self.target_head = nn.Linear(inputs, OUTPUTS).requires_grad_(False)
         self.maps = _convolutions()
@@ -41,8 +41,8 @@ class RandomDistillation(Curiosity):
         self.pixel_mean: Tensor
         self.pixel_square: Tensor
         self.register_buffer("pictures", torch.zeros(()))
-        self.register_buffer("pixel_mean", torch.zeros(1, 84, 84))
-        self.register_buffer("pixel_square", torch.zeros(1, 84, 84))
+        self.register_buffer("pixel_mean", torch.zeros(IMAGE_SHAPE))
+        self.register_buffer("pixel_square", torch.zeros(IMAGE_SHAPE))
 
     def loss(self, batch: Batch) -> Tensor:
         """Learn the pixels' statistics, and return the predictor's mean squared error."""
@@ -58,7 +58,7 @@ class RandomDistillation(Curiosity):
 
     def _output(self, maps: nn.Module, head: nn.Module, image: Tensor, touch: Tensor) -> Tensor:
         features = self.encode(maps, image)
-        seen = torch.cat((features, touch), dim=1) if self.touch else features
+        seen = torch.cat((features, touch), dim=1) if self.uses_touch else features
         output: Tensor = head(seen)
         return output
 
@@ -74,6 +74,15 @@ class RandomDistillation(Curiosity):
         variance = (self.pixel_square - self.pixel_mean.square()).clamp_min(1.0)
         whitened = (images - self.pixel_mean) / variance.sqrt()
         return whitened.clamp(-WHITENED_LIMIT, WHITENED_LIMIT)
+
+
+class TouchDistillation(RandomDistillation):
+    """The same on picture and touch, concatenated before the last layers of both networks.
+
+    Source: supplement, 7.5.
+    """
+
+    uses_touch = True
 
 
 def _convolutions() -> nn.Sequential:

@@ -28,4 +28,10 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
         "stacked": stacked,
     }
 )
-"""Every family by name; shape i belongs to family i modulo their number."""
+"""Every family by name; shape i belongs to family i modulo their number.
+
+So another entry makes other sets: raise GENERATOR_VERSION, and generate ``shapes/`` again.
+"""
+
+GENERATOR_VERSION = 1
+"""Raised whenever the same seed would give another shape."""

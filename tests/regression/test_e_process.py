@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from minitouch_bench.regression.evidence import (
+from minitouch_bench.regression.e_process import (
     evidence_of_loss,
     evidence_of_no_loss,
     evidence_of_worsening,

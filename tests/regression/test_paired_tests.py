@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.regression.effects import holm, measure_effect
+from minitouch_bench.regression.paired_tests import holm, measure_effect
 from minitouch_bench.regression.pairing import PairedValues
 
 
