@@ -20,7 +20,7 @@ from minitouch_bench.evaluation.given_actions import given_path
 from minitouch_bench.evaluation.journal import Journal, read_journal
 from minitouch_bench.evaluation.suites import Suite, why_unofficial
 from minitouch_bench.files import ATTEMPTS, clear_run, holds_run, os_errors_as
-from minitouch_bench.policies.isolation.options import PolicyLimits
+from minitouch_bench.policies.isolation.limits import USUAL_LIMITS
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import (
@@ -53,7 +53,7 @@ class RunRequest:
         """Return what fixes the run's numbers."""
         exploration = self.setup.exploration
         limits = self.setup.isolation.limits
-        is_usual = limits.episode_timeout_s == PolicyLimits().episode_timeout_s
+        is_usual = limits.episode_timeout_s == USUAL_LIMITS.episode_timeout_s
         header = RunHeader(
             protocol=PROTOCOL.name,
             protocol_digest=PROTOCOL.digest(),

@@ -14,7 +14,8 @@ from minitouch_bench.leaderboard.proof import FreshProof
 from minitouch_bench.leaderboard.submission import CHECKPOINTS, MAIN_SUITE, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics.summary import measure
-from minitouch_bench.policies.isolation.options import IsolationOptions, limits_of
+from minitouch_bench.policies.isolation.limits import limits_of
+from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, PolicyIdentity, Role, SavedRun

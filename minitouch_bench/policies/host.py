@@ -27,7 +27,7 @@ from typing import Any
 
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError
 from minitouch_bench.policies.episode_child import Episode, run_episode
-from minitouch_bench.policies.isolation.limits import Limits
+from minitouch_bench.policies.isolation.confinement import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.isolation.readable import NOTHING, factory_paths
 from minitouch_bench.policies.isolation.sandbox import Sandbox, prepare
@@ -102,7 +102,7 @@ class Host:
             own = NOTHING
             if kind == "factory":
                 own = factory_paths(order["target"], order["private"])
-            allowed = Limits(order["memory_bytes"], order["cpu_s"])
+            allowed = ProcessLimits(order["memory_bytes"], order["cpu_s"])
             # The formats compute on one thread; what else a file starts is not counted by time.
             self._sandboxes[kind] = prepare(allowed, own, threads=order["trust"])
         return self._sandboxes[kind]

@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from minitouch_bench.policies.isolation.limits import HOST_VARIABLES
+from minitouch_bench.policies.isolation.confinement import HOST_VARIABLES
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.output_pipe import OutputPipe, wait_for
 from minitouch_bench.policies.wire import MAX_PAYLOAD

@@ -1,96 +1,42 @@
-"""What a confined process may use: memory, processor time, descriptors, and its environment."""
+"""How long a policy may take, and how much memory."""
 
-import ctypes
-import os
-import resource
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
-from minitouch_bench.policies.isolation.kernel import system_call
-from minitouch_bench.processes import ARITHMETIC
+from msgspec import UNSET
 
-MAX_DESCRIPTORS = 64
-MAX_TASKS = 4096
-"""Processes and threads of the user, all in all; does not bind root."""
+from minitouch_bench.records import RunHeader
 
-CAPSET = {"x86_64": 126, "aarch64": 91}
-CAPABILITY_VERSION_3 = 0x20080522
-PAGE = os.sysconf("SC_PAGE_SIZE")
-
-KEPT_VARIABLES = frozenset(
-    {
-        *ARITHMETIC, "ORT_DISABLE_TELEMETRY", "PYTHONHASHSEED", "LANG", "LC_ALL", "LC_CTYPE", "TZ",
-    }
-)  # fmt: skip
-"""What a policy's process keeps of its environment."""
-
-HOST_VARIABLES = KEPT_VARIABLES | {
-    "PATH", "HOME", "LD_LIBRARY_PATH", "PYTHONPATH", "PYTHONHOME", "PYTHONPLATLIBDIR",
-    "PYTHONWARNINGS", "VIRTUAL_ENV", "TMPDIR",
-}  # fmt: skip
-"""What the process it is forked from needs beside them, to start Python and import packages.
-
-Keys and tokens of the user must not even be in its memory, which a policy inherits.
-"""
+MAX_ACTS = 256
+"""More than the 200 of an episode, for the limit of processor time."""
 
 
 @dataclass(frozen=True)
-class Limits:
-    """Most memory beyond what is mapped at the start, in bytes, and processor time, in s."""
+class PolicyLimits:
+    """How long a policy may take, in s: to load and reset, for one action, for a whole episode.
 
-    memory_bytes: int
-    cpu_s: int
+    The time of an episode is all that is spent on waiting for the policy, and not the world's.
+    In the sandbox its memory is limited too, in MiB beyond what the format's packages take.
+    """
 
+    load_timeout_s: float = 60.0
+    act_timeout_s: float = 5.0
+    episode_timeout_s: float = 300.0
+    memory_mb: int = 8192
 
-def set_limits(limits: Limits) -> None:
-    """Limit this process for good; a file it may write has 0 bytes."""
-    with open("/proc/self/statm", encoding="ascii") as file:
-        mapped = int(file.read().split()[0]) * PAGE
-    for kind, most in (
-        (resource.RLIMIT_AS, mapped + limits.memory_bytes),
-        (resource.RLIMIT_FSIZE, 0),
-        (resource.RLIMIT_CORE, 0),
-        (resource.RLIMIT_NOFILE, MAX_DESCRIPTORS),
-        (resource.RLIMIT_NPROC, MAX_TASKS),
-        (resource.RLIMIT_MEMLOCK, 0),
-        (resource.RLIMIT_MSGQUEUE, 0),
-    ):
-        _lower(kind, most, most)
-    # No hard limit: its SIGKILL would look like somebody else's. Who ignores SIGXCPU meets the
-    # limits of wall time.
-    _lower(resource.RLIMIT_CPU, limits.cpu_s, resource.RLIM_INFINITY)
+    @property
+    def cpu_s(self) -> int:
+        """Return the processor time that one thread could use within the timeouts."""
+        return math.ceil(self.load_timeout_s + MAX_ACTS * self.act_timeout_s)
 
 
-def be_first_to_go() -> None:
-    """Have the kernel take this process and its children first where memory runs out."""
-    with open("/proc/self/oom_score_adj", "w", encoding="ascii") as file:
-        file.write("1000")
+def limits_of(header: RunHeader) -> PolicyLimits:
+    """Return the limits of time that a run had."""
+    limits = PolicyLimits(act_timeout_s=header.act_timeout_s)
+    if header.episode_timeout_s is UNSET:
+        return limits
+    return replace(limits, episode_timeout_s=header.episode_timeout_s)
 
 
-def drop_capabilities(machine: str) -> None:
-    """Give up what root can do beyond its own files; nothing to others."""
-    header = (ctypes.c_uint32 * 2)(CAPABILITY_VERSION_3, 0)
-    none = (ctypes.c_uint32 * 6)()
-    system_call(CAPSET[machine], ctypes.byref(header), ctypes.byref(none))
-
-
-def close_others(kept: tuple[int, ...]) -> None:
-    """Close every descriptor but the standard streams and those kept."""
-    first = 3
-    for descriptor in sorted(kept):
-        os.closerange(first, descriptor)
-        first = descriptor + 1
-    os.closerange(first, 2**31 - 1)
-
-
-def forget_environment() -> None:
-    """Leave nothing in the environment but what numbers depend on."""
-    for name in set(os.environ) - KEPT_VARIABLES:
-        del os.environ[name]
-
-
-def _lower(kind: int, soft: int, hard: int) -> None:
-    """Set a limit, no higher than it is."""
-    _, most = resource.getrlimit(kind)
-    if most != resource.RLIM_INFINITY:
-        soft, hard = min(soft, most), most if hard == resource.RLIM_INFINITY else min(hard, most)
-    resource.setrlimit(kind, (soft, hard))
+USUAL_LIMITS = PolicyLimits()
+"""The default."""

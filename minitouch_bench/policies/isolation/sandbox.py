@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from minitouch_bench.errors import IsolationError
-from minitouch_bench.policies.isolation import kernel, landlock, limits, seccomp
+from minitouch_bench.policies.isolation import confinement, kernel, landlock, seccomp
 from minitouch_bench.policies.isolation.readable import (
     NOTHING,
     WRITABLE,
@@ -34,7 +34,7 @@ class Sandbox:
     machine: str
     abi: int
     ruleset: int
-    limits: limits.Limits
+    limits: confinement.ProcessLimits
     threads: bool
 
     def enter(self, kept: tuple[int, ...]) -> None:
@@ -46,18 +46,18 @@ class Sandbox:
             OSError: the kernel refused a part of it; the process must end then.
 
         """
-        limits.set_limits(self.limits)
-        limits.forget_environment()
-        limits.close_others((*kept, self.ruleset))
+        confinement.set_limits(self.limits)
+        confinement.forget_environment()
+        confinement.close_others((*kept, self.ruleset))
         kernel.prctl(kernel.PR_SET_NO_NEW_PRIVS, 1)
-        limits.drop_capabilities(self.machine)
+        confinement.drop_capabilities(self.machine)
         landlock.restrict_self(self.ruleset, self.abi)
         os.close(self.ruleset)
         seccomp.install(seccomp.make_filter(self.machine, os.getpid(), threads=self.threads))
 
 
 def prepare(
-    allowed: limits.Limits, own: FactoryPaths = NOTHING, *, threads: bool = False
+    allowed: confinement.ProcessLimits, own: FactoryPaths = NOTHING, *, threads: bool = False
 ) -> Sandbox:
     """Return a sandbox in which a factory's own paths may be read beside what Python needs.
 
@@ -82,7 +82,7 @@ def prepare(
     except OSError as error:
         raise _unavailable(f"Landlock refused its rules: {error.strerror}") from error
     sandbox = Sandbox(machine, abi, ruleset, allowed, threads)
-    limits.be_first_to_go()  # children inherit it
+    confinement.be_first_to_go()  # children inherit it
     check_holds(sandbox)
     return sandbox
 

@@ -11,12 +11,12 @@ from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.policies.in_process import InProcessPolicy
 from minitouch_bench.policies.isolate import effective_level, isolate, try_policy
 from minitouch_bench.policies.isolation import landlock, sandbox
-from minitouch_bench.policies.isolation.limits import Limits
+from minitouch_bench.policies.isolation.confinement import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, weakest
 from minitouch_bench.policies.isolation.readable import readable_paths
 from minitouch_bench.policies.sources import parse_source
 
-ROOMY = Limits(memory_bytes=2**33, cpu_s=60)
+ROOMY = ProcessLimits(memory_bytes=2**33, cpu_s=60)
 
 WITHOUT = """
 import errno, os, struct, sys
