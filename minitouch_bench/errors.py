@@ -15,9 +15,11 @@
     │       │   └── PolicyKilledError       killed from outside, perhaps not through its own fault
     │       └── PolicyRaisedError       its code raised
     ├── InfrastructureError         5   a worker died, a file could not be written
+    ├── IncompleteCheckError        5   a check could not be made: its checkpoint is missing
     ├── HopelessRunError            5   its first episodes are all policy faults
     ├── InterruptedRunError       130   Ctrl-C
     └── RunDirectoryError           6   locked, corrupt, or of another run
+        └── UnreadableFileError         a file of it cannot be read as one
 """
 
 
@@ -87,6 +89,12 @@ class InfrastructureError(MiniTouchError):
     exit_code = 5
 
 
+class IncompleteCheckError(MiniTouchError):
+    """A check could not be made, for want of what it needs; it has neither passed nor failed."""
+
+    exit_code = 5
+
+
 class HopelessRunError(MiniTouchError):
     """The first episodes of a run are all policy faults; it can be resumed all the same."""
 
@@ -103,3 +111,7 @@ class RunDirectoryError(MiniTouchError):
     """The run's directory is locked, corrupt or of another run."""
 
     exit_code = 6
+
+
+class UnreadableFileError(RunDirectoryError):
+    """A file cannot be read: no permission, a link, a pipe, a device, or larger than allowed."""

@@ -1,7 +1,8 @@
 """Files: what a run's are called, how large they may be, and the one way to lock, write and read.
 
 A writer never leaves a part of a file, and never writes through a link. A reader opens plain
-files only, follows no link unless told to, and looks at the size before it reads.
+files only, follows no link unless told to, and looks at the size before it reads. So a run that a
+stranger made can be read and written to as one's own.
 """
 
 import errno
@@ -14,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from minitouch_bench.errors import MiniTouchError, RunDirectoryError
+from minitouch_bench.errors import MiniTouchError, RunDirectoryError, UnreadableFileError
 
 KIB, MIB, GIB = 2**10, 2**20, 2**30
 
@@ -40,8 +41,11 @@ RUN_FILES = (
 RUN_ENTRIES = frozenset({*RUN_FILES, VIDEOS, ATTEMPTS})
 """All that a run has in its directory."""
 
-LARGEST_RUN_FILE = 16 * GIB
-"""No file of a run is larger; a submission's limits are far below."""
+LARGEST_FILE = 64 * MIB
+"""The most that is read of a file at once, where no other limit is given."""
+
+LARGEST_ACTIONS = 256 * MIB
+"""The most bytes of ``actions.npz``."""
 
 LOCK_FILE = ".lock"
 PARTIAL_PATTERN = f".{'[0-9a-f]' * 16}.partial"
@@ -98,7 +102,7 @@ def lock_directory(directory: Path) -> Iterator[None]:
 def _lock(path: Path) -> int:
     """Return the descriptor of a lock file that is held and still has its name."""
     while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+        handle = open_plain(path, os.O_RDWR | os.O_CREAT)
         with ExitStack() as stack:
             stack.callback(os.close, handle)
             try:
@@ -130,14 +134,19 @@ def write_file(path: Path, content: bytes | str, *, durable: bool = True) -> Non
 def replace_file(path: Path, content: bytes, *, durable: bool = True) -> None:
     """Write a file in one step: others see the old one or the new one, never a part.
 
-    A device or a pipe cannot be replaced and is written to.
+    A link is replaced, its target is not touched. What lies below ``/dev`` is written to: only
+    the user can have meant it.
 
     Raises:
-        OSError: there is no room, or no permission.
+        OSError: there is no room, no permission, or something that is no file in its place.
     """
-    if path.parent == Path("/dev") or (path.exists() and not path.is_file()):
+    if Path("/dev") in path.parents:
         path.write_bytes(content)
         return
+    with suppress(FileNotFoundError):
+        mode = os.lstat(path).st_mode
+        if not stat.S_ISLNK(mode):
+            _check_plain(mode)
     partial = path.with_name(f".{secrets.token_hex(8)}.partial")
     handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666)
     try:
@@ -164,23 +173,85 @@ def append_text(path: Path, text: str) -> None:
             file.write(text)
 
 
-def read_file(path: Path, limit: int = LARGEST_RUN_FILE, *, follow: bool = False) -> bytes:
+def make_folder(path: Path) -> Path:
+    """Create a folder if need be, and return it; one that is a link is refused.
+
+    A run's own folders are made so: what is written into them stays in the run's directory.
+
+    Raises:
+        RunDirectoryError: it cannot be made, or is no directory.
+    """
+    with os_errors_as(RunDirectoryError, path, "written"):
+        with suppress(FileExistsError):
+            path.mkdir(parents=True)
+        if not is_folder(path):
+            raise OSError(errno.ENOTDIR, "it is no directory")
+    return path
+
+
+def is_folder(path: Path) -> bool:
+    """Tell whether this is a directory itself, not a link to one."""
+    try:
+        return stat.S_ISDIR(os.lstat(path).st_mode)
+    except OSError:
+        return False
+
+
+def list_videos(directory: Path) -> list[Path]:
+    """Return the films of a run, plain files in its own folder, by name."""
+    folder = directory / VIDEOS
+    if not is_folder(folder):
+        return []
+    with os_errors_as(UnreadableFileError, folder, "read"), os.scandir(folder) as entries:
+        return sorted(
+            folder / entry.name
+            for entry in entries
+            if entry.name.endswith(".mp4") and entry.is_file(follow_symlinks=False)
+        )
+
+
+def open_plain(path: Path, flags: int, *, follow: bool = False) -> int:
+    """Open a plain file and return its descriptor; ``follow`` allows a link to it.
+
+    A pipe does not make the caller wait. A file that has another name elsewhere is not opened to
+    be written.
+
+    Raises:
+        OSError: it is missing, cannot be opened, or is no plain file.
+    """
+    flags |= os.O_NONBLOCK | os.O_CLOEXEC | (0 if follow else os.O_NOFOLLOW)
+    try:
+        handle = os.open(path, flags, 0o666)
+    except OSError as error:
+        if error.errno == errno.ELOOP and path.is_symlink():
+            raise OSError(errno.ELOOP, "it is a symbolic link") from error
+        raise
+    with ExitStack() as stack:
+        stack.callback(os.close, handle)
+        found = os.fstat(handle)
+        _check_plain(found.st_mode)
+        if flags & os.O_ACCMODE != os.O_RDONLY and found.st_nlink > 1:
+            raise OSError(errno.EMLINK, "it has another name elsewhere")
+        stack.pop_all()
+    return handle
+
+
+def _check_plain(mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "it is no plain file")
+
+
+def read_file(path: Path, limit: int = LARGEST_FILE, *, follow: bool = False) -> bytes:
     """Return the bytes of a plain file of at most ``limit`` bytes; ``follow`` allows a link.
 
     Raises:
         OSError: it is missing, cannot be read, is larger, or is no plain file.
     """
-    flags = os.O_RDONLY | os.O_NONBLOCK | (0 if follow else os.O_NOFOLLOW)
-    try:
-        with open(path, "rb", opener=lambda name, _: os.open(name, flags)) as file:
-            found = os.fstat(file.fileno())
-            if not stat.S_ISREG(found.st_mode):
-                raise OSError(errno.EINVAL, "it is no plain file")
-            content = file.read(min(found.st_size, limit) + 1)
-    except OSError as error:
-        if error.errno == errno.ELOOP and path.is_symlink():
-            raise OSError(errno.ELOOP, "it is a symbolic link") from error
-        raise
+    with os.fdopen(open_plain(path, os.O_RDONLY, follow=follow), "rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        content = file.read(min(size, limit) + 1)
     if len(content) > limit:
         raise OSError(errno.EFBIG, f"it is larger than {_amount(limit)}")
     return content

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -15,7 +16,10 @@ from minitouch_bench.files import (
     append_text,
     clear_run,
     holds_run,
+    list_videos,
     lock_directory,
+    make_folder,
+    open_plain,
     read_file,
     replace_file,
     write_file,
@@ -196,13 +200,44 @@ def test_a_directory_in_the_place_of_a_file_is_said(tmp_path):
         write_file(tmp_path, "text")
 
 
-def test_a_pipe_is_written_to_and_not_replaced(tmp_path):
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    with subprocess.Popen(["cat", pipe], stdout=subprocess.PIPE) as reader:
-        write_file(pipe, "through")
-        assert reader.communicate(timeout=30)[0] == b"through"
-    assert pipe.is_fifo()
+def test_what_the_user_names_below_dev_is_written_to():
+    reader, writer = os.pipe()
+    write_file(Path(f"/dev/fd/{writer}"), "through")
+    assert os.read(reader, 100) == b"through"
+    os.close(reader)
+    os.close(writer)
+
+
+def test_a_pipe_in_the_place_of_a_file_is_neither_written_to_nor_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")  # a writer that opened it would wait for ever
+    with pytest.raises(RunDirectoryError, match="it is no plain file"):
+        write_file(tmp_path / "pipe", "text")
+    (tmp_path / "link").symlink_to(tmp_path / "pipe")
+    write_file(tmp_path / "link", "text")
+    assert (tmp_path / "link").read_text() == "text"
+    assert (tmp_path / "pipe").is_fifo()
+
+
+def test_a_folder_is_made_and_one_that_is_a_link_is_refused(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "videos").symlink_to(tmp_path / "mine")
+    (tmp_path / "mine" / "a.mp4").write_text("film")
+    with pytest.raises(RunDirectoryError, match="it is no directory"):
+        make_folder(tmp_path / "run" / "videos")
+    assert list_videos(tmp_path / "run") == []
+    assert make_folder(make_folder(tmp_path / "new" / "videos")).is_dir()
+
+
+@pytest.mark.parametrize("flags", [os.O_WRONLY | os.O_APPEND, os.O_RDWR])
+def test_a_file_that_is_written_on_has_no_other_name(tmp_path, flags):
+    (tmp_path / "mine").write_text("kept")
+    os.link(tmp_path / "mine", tmp_path / "journal")
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError, match="another name"):
+        open_plain(tmp_path / "journal", flags)
+    with pytest.raises(OSError, match=r"no plain file|No such device"):
+        open_plain(tmp_path / "pipe", flags)
 
 
 def test_text_is_added_to_the_end(tmp_path):

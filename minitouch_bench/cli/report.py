@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli.console import data_console, notes
-from minitouch_bench.files import VIDEOS
+from minitouch_bench.files import list_videos
 
 
 def report(
@@ -30,7 +30,7 @@ def report(
 
     saved = [read_run(run) for run in runs]
     directory = output or (runs[0] if len(runs) == 1 else Path("reports/comparison"))
-    videos = sorted((runs[0] / VIDEOS).glob("*.mp4")) if len(runs) == 1 else []
+    videos = list_videos(runs[0]) if len(runs) == 1 else []
     told = None if names is None else [name.strip() for name in names.split(",")]
     built = write_report(saved, directory, videos, told)
     if figures is not None:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import ACTIONS_FILE, os_errors_as, read_file, write_file
+from minitouch_bench.errors import RunDirectoryError, UnreadableFileError
+from minitouch_bench.files import ACTIONS_FILE, LARGEST_ACTIONS, os_errors_as, read_file, write_file
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
@@ -32,8 +32,8 @@ def read_actions(directory: Path, specs: Sequence[EpisodeSpec]) -> dict[str, Act
     """
     path = directory / ACTIONS_FILE
     tasks = {spec.key: spec.task for spec in specs}
-    with os_errors_as(RunDirectoryError, path, "read"):
-        content = read_file(path)
+    with os_errors_as(UnreadableFileError, path, "read"):
+        content = read_file(path, LARGEST_ACTIONS)
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             actions: dict[str, Actions] = {}

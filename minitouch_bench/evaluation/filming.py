@@ -32,7 +32,7 @@ def film(spec: EpisodeSpec, actions: NDArray[np.float32], path: Path) -> Path:
     if path.suffix not in writers:
         raise UsageError(f"a film is an .mp4 or a .gif, not '{path.name}'")
     with os_errors_as(RunDirectoryError, path, "written"), TemporaryDirectory() as folder:
-        unfinished = Path(folder) / path.name
+        unfinished = Path(folder) / f"film{path.suffix}"
         writers[path.suffix](_frames(spec, actions), unfinished)
         write_file(path, unfinished.read_bytes())
     return path

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyFaultError
-from minitouch_bench.files import MIB, read_file
+from minitouch_bench.files import MIB, open_plain, read_file
 
 NOT_REPEATED = "tried again, it did not repeat its actions"
 
@@ -30,8 +30,7 @@ class GivenActions:
         self._file = -1
         if path is None:
             return
-        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK
-        self._file = os.open(path, flags, 0o644)
+        self._file = open_plain(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         row = size * np.dtype(np.float32).itemsize
         content = read_file(path, MIB)
         whole = len(content) - len(content) % row  # a full disk can cut the last one short

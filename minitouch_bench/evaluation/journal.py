@@ -2,45 +2,98 @@
 
 Each line is ``{"crc32": "01234567", "body": {...}}``, the checksum taken over the body's
 text. The first body is the run's header. A torn last line is what a crash leaves; it is cut.
-A bad line before the last is damage, and refused.
+A bad line before the last is damage, and refused. It is read line by line, and what a line
+declares is looked at before it is unpacked: no journal takes more memory than its episodes.
 """
 
 import base64
 import json
+import math
 import os
 import zlib
-from collections.abc import Iterator
-from dataclasses import asdict, fields
+from collections.abc import Callable, Collection
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
-from msgspec import convert, to_builtins
+from msgspec import to_builtins
+from numpy.typing import NDArray
 
-from minitouch_bench.errors import InfrastructureError, RunDirectoryError
-from minitouch_bench.files import JOURNAL_FILE, os_errors_as, read_file
+from minitouch_bench.documents import read_json
+from minitouch_bench.errors import InfrastructureError, RunDirectoryError, UnreadableFileError
+from minitouch_bench.files import JOURNAL_FILE, KIB, MIB, open_plain, os_errors_as
 from minitouch_bench.records import (
     EpisodeRecord,
     EpisodeSpec,
     EpisodeTrace,
     Outcome,
-    Role,
     RunHeader,
 )
 
 _PREFIX, _MIDDLE, _SUFFIX = b'{"crc32":"', b'","body":', b"}\n"
 _BODY_START = len(_PREFIX) + 8 + len(_MIDDLE)
 
+MAX_LINE = MIB
+"""An episode of 200 steps takes some 20 KiB."""
+MAX_ARRAY = 256 * KIB
+SpecsOf = Callable[[RunHeader], Collection[EpisodeSpec]]
+DTYPES = ("<f4", "<f8", "<i2", "|b1")
+
+
+class _StoredArray(NamedTuple):
+    """An array of a trace: its numbers compressed, in base64."""
+
+    dtype: str
+    shape: tuple[int, ...]
+    data: str
+
+
+@dataclass(frozen=True)
+class _StoredTrace:
+    """The arrays of an ``EpisodeTrace`` as they are stored."""
+
+    actions: _StoredArray
+    clipped: _StoredArray
+    rewards: _StoredArray
+    ticks: _StoredArray
+    contact_ticks: _StoredArray
+    onsets: _StoredArray
+    touch: _StoredArray
+    object_state: _StoredArray
+    first_touch_tick: int
+
+
+@dataclass(frozen=True)
+class _StoredRecord:
+    """The body of an episode's line."""
+
+    spec: EpisodeSpec
+    outcome: Outcome
+    fault: str
+    digest: str
+    trace: _StoredTrace
+
+
+@dataclass(frozen=True)
+class _StoredHeader:
+    """The body of the first line."""
+
+    header: RunHeader
+
 
 class Journal:
-    """The writer of a run's journal; there is one at a time, see ``files.lock_directory``."""
+    """The writer of a run's journal; there is one at a time, see ``files.lock_directory``.
+
+    Raises:
+        RunDirectoryError: the file cannot be opened, or is no plain one.
+    """
 
     def __init__(self, directory: Path) -> None:
         self._path = directory / JOURNAL_FILE
-        self._file = os.open(
-            self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o644
-        )
+        with os_errors_as(RunDirectoryError, self._path, "written"):
+            self._file = open_plain(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
 
     def __enter__(self) -> "Journal":
         return self
@@ -73,12 +126,12 @@ class Journal:
             written = os.write(self._file, line)
             os.fsync(self._file)
         except OSError as error:
-            os.truncate(self._path, end)
+            os.ftruncate(self._file, end)
             raise InfrastructureError(
                 f"{self._path} cannot be written: {error.strerror}"
             ) from error
         if written < len(line):  # a disk that fills up first writes short
-            os.truncate(self._path, end)
+            os.ftruncate(self._file, end)
             raise InfrastructureError(f"{self._path} cannot be written: no space left on device")
 
 
@@ -90,45 +143,61 @@ class JournalContent(NamedTuple):
     torn: bool
 
 
-def read_journal(directory: Path, *, repair: bool = True) -> JournalContent:
+def read_journal(
+    directory: Path, specs_of: SpecsOf | None = None, *, repair: bool = True
+) -> JournalContent:
     """Read a journal; ``repair`` cuts off a last line that is torn.
 
+    ``specs_of`` takes the header, which it may refuse, and returns the episodes that may follow,
+    each once at most; without it any may.
+
     Raises:
-        RunDirectoryError: there is no journal, or it is damaged before its end.
+        UnreadableFileError: there is no journal, or it is no plain file.
+        RunDirectoryError: it is damaged before its end, or of another run.
     """
     path = directory / JOURNAL_FILE
-    with os_errors_as(RunDirectoryError, path, "read"):
-        content = read_file(path)
-    bodies: list[dict[str, Any]] = []
-    good_until = 0
-    for number, end, line in _lines(content):
-        body = _checked(line)
-        if body is None:
-            if end < len(content):
+    with os_errors_as(UnreadableFileError, path, "read"):
+        handle = open_plain(path, os.O_RDWR if repair else os.O_RDONLY)
+        with os.fdopen(handle, "r+b" if repair else "rb") as file:
+            return _read_journal(file, path, specs_of, repair)
+
+
+def _read_journal(
+    file: BinaryIO, path: Path, specs_of: SpecsOf | None, repair: bool
+) -> JournalContent:
+    wanted: set[EpisodeSpec] = set()
+    size = os.fstat(file.fileno()).st_size
+    header: RunHeader | None = None
+    records: list[EpisodeRecord] = []
+    good_until = number = 0
+    while line := file.readline(MAX_LINE):
+        number += 1
+        text = _checked(line)
+        if text is None:
+            if good_until + len(line) < size:
                 raise RunDirectoryError(
                     f"{path}: line {number} is damaged.\nStart again with --fresh"
                 )
             break
-        bodies.append(body)
-        good_until = end
-    torn = good_until < len(content)
-    if torn and repair:
-        os.truncate(path, good_until)
-    if not bodies:
+        name = f"{path}: line {number}"
+        if header is None:
+            header = read_json(text, _StoredHeader, name).header
+            if specs_of is not None:
+                wanted = set(specs_of(header))
+        else:
+            record = _decode_record(read_json(text, _StoredRecord, name), name)
+            if specs_of is not None:
+                if record.spec not in wanted:
+                    raise RunDirectoryError(f"{name} is an episode twice or of another run")
+                wanted.remove(record.spec)
+            records.append(record)
+        good_until += len(line)
+    if header is None:
         raise RunDirectoryError(f"{path} holds nothing that can be resumed; start with --fresh")
-    try:
-        records = [_decode_record(body) for body in bodies[1:]]
-        return JournalContent(convert(bodies[0]["header"], RunHeader), records, torn)
-    except (KeyError, TypeError, ValueError, zlib.error) as error:
-        raise RunDirectoryError(f"{path} is of another version: {error!r}") from error
-
-
-def _lines(content: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """Yield each line's number, the offset of its end, and its text with the line break."""
-    end = 0
-    for number, line in enumerate(content.splitlines(keepends=True), start=1):
-        end += len(line)
-        yield number, end, line
+    torn = good_until < size
+    if torn and repair:
+        os.ftruncate(file.fileno(), good_until)
+    return JournalContent(header, records, torn)
 
 
 def _framed(text: bytes) -> bytes:
@@ -136,15 +205,10 @@ def _framed(text: bytes) -> bytes:
     return b"%b%08x%b%b%b" % (_PREFIX, zlib.crc32(text), _MIDDLE, text, _SUFFIX)
 
 
-def _checked(line: bytes) -> dict[str, Any] | None:
+def _checked(line: bytes) -> bytes | None:
+    """Return the text of a line's body, None where the line is not whole."""
     text = line[_BODY_START : -len(_SUFFIX)]
-    if line != _framed(text):
-        return None
-    try:
-        body = json.loads(text)
-    except ValueError:
-        return None
-    return body if isinstance(body, dict) else None
+    return text if line == _framed(text) else None
 
 
 def _encode_record(record: EpisodeRecord) -> dict[str, Any]:
@@ -165,17 +229,42 @@ def _encode_record(record: EpisodeRecord) -> dict[str, Any]:
     }
 
 
-def _decode_record(body: dict[str, Any]) -> EpisodeRecord:
-    values: dict[str, Any] = {}
-    for name, value in body["trace"].items():
-        if isinstance(value, list):
-            dtype, shape, data = value
-            raw = zlib.decompress(base64.b64decode(data, validate=True))
-            values[name] = np.frombuffer(raw, dtype).reshape(shape).copy()
-        else:
-            values[name] = value
-    spec = EpisodeSpec(**{**body["spec"], "role": Role(body["spec"]["role"])})
-    trace = EpisodeTrace(**values)
-    if trace.digest() != body["digest"]:
-        raise ValueError(f"the trace of {spec.key} does not have its digest")
-    return EpisodeRecord(spec, Outcome(body["outcome"]), trace, body["fault"])
+def _decode_record(stored: _StoredRecord, name: str) -> EpisodeRecord:
+    """Unpack a record; ``name`` begins the text of an error.
+
+    Raises:
+        RunDirectoryError: its arrays are not those of its digest.
+    """
+    values = {field.name: getattr(stored.trace, field.name) for field in fields(EpisodeTrace)}
+    try:
+        arrays: dict[str, Any] = {
+            key: _unpack(value) if isinstance(value, _StoredArray) else value
+            for key, value in values.items()
+        }
+    except (ValueError, zlib.error) as error:
+        raise RunDirectoryError(f"{name} is damaged: {error}") from error
+    trace = EpisodeTrace(**arrays)
+    if trace.digest() != stored.digest:
+        raise RunDirectoryError(f"{name} does not have its digest")
+    return EpisodeRecord(stored.spec, stored.outcome, trace, stored.fault)
+
+
+def _unpack(stored: _StoredArray) -> NDArray[Any]:
+    """Unpack an array of the size that it declares.
+
+    Raises:
+        ValueError: it is larger than any of an episode, or does not have that size.
+        zlib.error: it is not compressed.
+    """
+    if stored.dtype not in DTYPES or min(stored.shape, default=-1) < 0:
+        raise ValueError("it has an array of another kind")
+    dtype = np.dtype(stored.dtype)
+    size = math.prod(stored.shape) * dtype.itemsize
+    if size > MAX_ARRAY:
+        raise ValueError(f"it declares an array of {size} bytes")
+    content = zlib.decompressobj().decompress(
+        base64.b64decode(stored.data, validate=True), size + 1
+    )
+    if len(content) != size:
+        raise ValueError("an array does not have the size that it declares")
+    return np.frombuffer(content, dtype).reshape(stored.shape).copy()

@@ -1,6 +1,5 @@
 """A run: what was asked for, its directory, and the episodes that are missing from it."""
 
-import errno
 import platform
 import shutil
 import time
@@ -19,7 +18,7 @@ from minitouch_bench.evaluation.engine import EngineHandle
 from minitouch_bench.evaluation.given_actions import given_path
 from minitouch_bench.evaluation.journal import Journal, read_journal
 from minitouch_bench.evaluation.suites import Suite, why_unofficial
-from minitouch_bench.files import ATTEMPTS, clear_run, holds_run, os_errors_as
+from minitouch_bench.files import ATTEMPTS, clear_run, holds_run, make_folder
 from minitouch_bench.policies.isolation.limits import USUAL_LIMITS
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.protocol.minitouch import PROTOCOL
@@ -116,8 +115,12 @@ def open_run(request: RunRequest, directory: Path, *, resume: bool, fresh: bool)
             f"{directory} holds a run already.\n"
             "Add --resume to continue it, --fresh to replace it, or --output for another directory"
         )
-    found, records, torn = read_journal(directory)
-    _check_same(header, found, directory)
+
+    def specs_of(found: RunHeader) -> tuple[EpisodeSpec, ...]:
+        _check_same(header, found, directory)
+        return request.specs()
+
+    _, records, torn = read_journal(directory, specs_of)
     return OpenRun(header, directory, tuple(records), torn)
 
 
@@ -178,10 +181,7 @@ def _kept(opened: OpenRun) -> Iterator[tuple[Journal | None, Path | None]]:
         yield None, None
         return
     attempts = opened.directory / ATTEMPTS
-    with os_errors_as(RunDirectoryError, attempts, "written"):
-        attempts.mkdir(exist_ok=True)
-        if attempts.is_symlink():
-            raise OSError(errno.ELOOP, "it is a symbolic link")
+    make_folder(attempts)
     with Journal(opened.directory) as journal:
         yield journal, attempts
     shutil.rmtree(attempts, ignore_errors=True)

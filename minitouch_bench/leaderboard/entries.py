@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.files import VIDEOS
+from minitouch_bench.files import list_videos
 from minitouch_bench.leaderboard.proof import Proof, ProofLevel, holds, level_of
 from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
@@ -112,7 +112,7 @@ def make_entry(verdict: Verdict, proof: Proof | None) -> Entry:
     videos = tuple(
         path.relative_to(verdict.directory).as_posix()
         for place in places
-        for path in sorted((verdict.directory / place / VIDEOS).glob("*.mp4"))
+        for path in list_videos(verdict.directory / place)
     )
     kept = proof if proof is not None and holds(proof, verdict) else None
     level = level_of(verdict, kept)

@@ -6,7 +6,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import UnreadableFileError
 from minitouch_bench.files import (
     ACTIONS_FILE,
     EPISODES_FILE,
@@ -113,9 +113,9 @@ def read_plain(directory: Path, place: str, limit: int) -> bytes:
     """Return the bytes of a submission's file, with an error that does not repeat its name.
 
     Raises:
-        RunDirectoryError: it cannot be read, or is larger than ``limit``.
+        UnreadableFileError: it cannot be read, or is larger than ``limit``.
     """
     try:
         return read_file(directory / place, limit)
     except OSError as error:
-        raise RunDirectoryError(f"it cannot be read: {error.strerror}") from error
+        raise UnreadableFileError(f"it cannot be read: {error.strerror}") from error

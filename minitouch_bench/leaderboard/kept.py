@@ -49,7 +49,7 @@ class KeptRows:
     def find(self, digest: str) -> ScoredSubmission | Refusal | None:
         """Return the row that is kept under a digest, None if there is none to be read."""
         try:
-            content = (self._directory / f"{digest}.json").read_bytes()
+            content = read_file(self._directory / f"{digest}.json")
             kept = read_json(content, KeptRow, digest)
         except (OSError, RunDirectoryError):
             return None

@@ -11,6 +11,7 @@ from minitouch_bench.files import (
     REPORT_PAGE,
     RUN_FILE,
     VIDEOS,
+    list_videos,
     os_errors_as,
     read_file,
     write_file,
@@ -115,7 +116,7 @@ def copy_run(run: Path, place: Path) -> None:
     read_run(run)
     for name in (ACTIONS_FILE, RUN_FILE):
         _copy(run / name, place / name, RUN_LIMITS[name])
-    for video in sorted((run / VIDEOS).glob("*.mp4")):
+    for video in list_videos(run):
         _copy(video, place / VIDEOS / video.name, MAX_VIDEO)
     tidy(place)
 
@@ -140,7 +141,7 @@ def name_files(
         file = CheckpointFile(role, task, name, part.digest)
         if include:
             file = replace(file, path=checkpoint_place(seed, role, name))
-            _copy(Path(part.target), directory / file.path, MAX_CHECKPOINT)
+            _copy(Path(part.target), directory / file.path, MAX_CHECKPOINT, follow=True)
         files.append(file)
     if not include:
         stale = directory / CHECKPOINTS / f"seed-{seed}" / role.value
@@ -148,6 +149,7 @@ def name_files(
     return tuple(files)
 
 
-def _copy(file: Path, place: Path, limit: int) -> None:
+def _copy(file: Path, place: Path, limit: int, *, follow: bool = False) -> None:
+    """Copy a plain file; the user's own may be a link, one of a run may not."""
     with os_errors_as(RunDirectoryError, file, "copied"):
-        write_file(place, read_file(file, limit, follow=True))
+        write_file(place, read_file(file, limit, follow=follow))

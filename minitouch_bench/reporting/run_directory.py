@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from minitouch_bench.documents import read_json, schema_of, write_json
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import RunDirectoryError, UnreadableFileError
 from minitouch_bench.files import (
     EPISODES_FILE,
     EXPLORATION_FILE,
@@ -20,7 +20,7 @@ from minitouch_bench.files import (
     REPORT_PAGE,
     RUN_FILE,
     TABLE4_FILE,
-    VIDEOS,
+    list_videos,
     read_file,
     write_file,
 )
@@ -197,7 +197,7 @@ def derived_files(run: SavedRun, directory: Path) -> dict[str, str]:
 
     The report links the videos that lie in the directory.
     """
-    report = build_report([run], find_videos(_videos(directory), directory))
+    report = build_report([run], find_videos(list_videos(directory), directory))
     return {**_tables(run), REPORT_FILE: to_markdown(report)}
 
 
@@ -212,7 +212,7 @@ def read_run(directory: Path) -> SavedRun:
     except FileNotFoundError as error:
         raise RunDirectoryError(f"{file.parent} is no run: it has no {RUN_FILE}") from error
     except OSError as error:
-        raise RunDirectoryError(f"{file} cannot be read: {error.strerror}") from error
+        raise UnreadableFileError(f"{file} cannot be read: {error.strerror}") from error
     try:
         return parse_run(content, file.resolve().parent.name)
     except RunDirectoryError as error:
@@ -245,7 +245,3 @@ def _tables(run: SavedRun) -> dict[str, str]:
     if run.summary.generalization:
         tables[GENERALIZATION_FILE] = csv_text(generalization_frame([run]))
     return tables
-
-
-def _videos(directory: Path) -> list[Path]:
-    return sorted((directory / VIDEOS).glob("*.mp4"))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.files import read_file
+from minitouch_bench.files import GIB, read_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import BuildConfig
 from minitouch_bench.shapegen.generate import entry_of
@@ -75,7 +75,7 @@ def _pack_problems(shapes: ShapeSet) -> Iterator[str]:
     if starts != [0, *ends[:-1].tolist()]:
         yield "the manifest's offsets do not follow one another"
     try:
-        pack = read_file(shapes.shapes[0].pack, follow=True)
+        pack = read_file(shapes.shapes[0].pack, GIB, follow=True)
     except (OSError, IndexError) as error:
         yield f"the pack cannot be read: {error}"
         return

@@ -1,5 +1,6 @@
 """A run checked without trust: its actions replayed, and drawn episodes run again."""
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.documents import plain
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError
 from minitouch_bench.evaluation.actions import Actions
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
@@ -98,7 +99,7 @@ def compare_with_replay(run: RecordedRun, records: list[EpisodeRecord]) -> Itera
     summary = summarize(evaluation, np.random.default_rng(run.saved.header.seed))
     yield from _documents(run, save(evaluation, summary, run.saved.name))
     yield from _files(run)
-    if (run.directory / JOURNAL_FILE).exists():
+    if os.path.lexists(run.directory / JOURNAL_FILE):
         yield from _journal(run, replayed)
 
 
@@ -137,7 +138,9 @@ def _files(run: RecordedRun) -> Iterator[Problem]:
         except FileNotFoundError:
             continue
         except OSError as error:
-            raise RunDirectoryError(f"{name} cannot be read: {error.strerror}") from error
+            raise UnreadableFileError(
+                f"{run.directory / name} cannot be read: {error.strerror}"
+            ) from error
         if content != text.encode():
             yield Problem(name, _first_line(content, text))
 
@@ -153,7 +156,9 @@ def _first_line(content: bytes, text: str) -> str:
 def _journal(run: RecordedRun, records: tuple[EpisodeRecord, ...]) -> Iterator[Problem]:
     """Compare the journal, whose records are whole, with the replayed episodes."""
     try:
-        header, written, _ = read_journal(run.directory, repair=False)
+        header, written, _ = read_journal(run.directory, lambda _: run.specs, repair=False)
+    except UnreadableFileError:
+        raise
     except RunDirectoryError as error:
         yield Problem(JOURNAL_FILE, str(error).partition("\n")[0])
         return

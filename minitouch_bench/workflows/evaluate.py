@@ -14,7 +14,7 @@ from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions
 from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_episodes
 from minitouch_bench.evaluation.suites import choose_tasks, find_suite
-from minitouch_bench.files import VIDEOS, lock_directory
+from minitouch_bench.files import VIDEOS, lock_directory, make_folder
 from minitouch_bench.metrics import summarize
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.records import EvaluationRun, SavedRun
@@ -160,7 +160,11 @@ def save_run(run: EvaluationRun, directory: Path, video: int = 0) -> EvaluationR
     summary = summarize(run, np.random.default_rng(run.header.seed))
     write_actions(run.records, directory)
     videos = [
-        film(record.spec, record.trace.actions, directory / VIDEOS / film_name(record.spec.key))
+        film(
+            record.spec,
+            record.trace.actions,
+            make_folder(directory / VIDEOS) / film_name(record.spec.key),
+        )
         for record in run.records
         if record.spec.index < video
     ]

@@ -8,8 +8,12 @@ from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.replay import Recording
 from minitouch_bench.evaluation.rollout import EpisodeRunner
+from minitouch_bench.files import make_folder
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord
 from minitouch_bench.verification.recorded_run import open_run
+
+REPLAYS = "replays"
+"""Folder of the films that were made of a finished run."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +60,8 @@ def film_replay(replayed: ReplayedEpisode, path: Path | None = None) -> Path:
     """
     spec, actions = replayed.record.spec, replayed.record.trace.actions
     try:
-        return film(
-            spec, actions, path or replayed.run / "replays" / film_name(spec.key, _suffix())
-        )
+        file = path or make_folder(replayed.run / REPLAYS) / film_name(spec.key, _suffix())
+        return film(spec, actions, file)
     except KeyboardInterrupt as error:
         raise InterruptedRunError("interrupted") from error
 

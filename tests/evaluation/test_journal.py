@@ -1,17 +1,28 @@
+import base64
+import json
 import os
 import shutil
 import subprocess
 import sys
+import tracemalloc
+import zlib
 from pathlib import Path
 
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.evaluation.journal import Journal, read_journal
-from minitouch_bench.files import JOURNAL_FILE
+from minitouch_bench.evaluation.journal import Journal, _framed, read_journal
+from minitouch_bench.files import JOURNAL_FILE, MIB
 from tests.evaluation.runs import digests
 
 ROOT = Path(__file__).parents[2]
+
+
+def bomb(size: int) -> str:
+    """Return zeros, compressed as an array of a journal is, without holding them all."""
+    pack = zlib.compressobj(9)
+    parts = [pack.compress(bytes(min(size, MIB))) for _ in range(max(1, size // MIB))]
+    return base64.b64encode(b"".join([*parts, pack.flush()])).decode()
 
 
 @pytest.fixture
@@ -77,8 +88,82 @@ def test_damage_before_the_end_is_refused_with_its_line(copy, line, where):
 def test_a_line_of_another_version_is_refused(tmp_path):
     with Journal(tmp_path) as journal:
         journal._append({"format": "minitouch-journal", "version": 9})
-    with pytest.raises(RunDirectoryError, match="another version"):
+    with pytest.raises(RunDirectoryError, match="line 1: object missing required field header"):
         read_journal(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "words"),
+    [
+        ("touch", ["<f4", [3, 11], bomb(2**28)], "does not have the size"),
+        ("touch", ["<f4", [2**40, 11], bomb(10)], "declares an array of"),
+        ("touch", ["<f4", [-1, -1], bomb(10)], "another kind"),
+        ("touch", [",", [1], bomb(1)], "another kind"),
+        ("touch", ["O", [1], bomb(8)], "another kind"),
+        ("touch", ["<f4", [1], "?"], "is damaged"),
+        ("touch", ["<f4", [1], "AAAA"], "is damaged"),
+        ("touch", {"a": 1}, "expected"),
+        ("ticks", None, "expected"),
+    ],
+)
+def test_no_array_of_a_journal_takes_more_memory_than_an_episode(copy, name, array, words):
+    lines = copy.read_bytes().splitlines(keepends=True)
+    body = json.loads(lines[1])["body"]
+    body["trace"][name] = array
+    copy.write_bytes(lines[0] + _framed(json.dumps(body).encode()))
+    tracemalloc.start()
+    with pytest.raises(RunDirectoryError, match=words):
+        read_journal(copy.parent)
+    assert tracemalloc.get_traced_memory()[1] < 20 * MIB
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("body", [b"[" * 100_000, b"[]", b"1", b'{"header": []}', b"\xff", b"{"])
+def test_a_line_with_another_value_is_refused(copy, body):
+    header = copy.read_bytes().splitlines(keepends=True)[0]
+    for before in (b"", header):
+        copy.write_bytes(before + _framed(body))
+        with pytest.raises(RunDirectoryError, match="line"):
+            read_journal(copy.parent)
+
+
+def test_a_journal_of_a_terabyte_takes_no_memory(copy):
+    with copy.open("r+b") as file:
+        file.truncate(2**40)
+    tracemalloc.start()
+    with pytest.raises(RunDirectoryError, match="is damaged"):
+        read_journal(copy.parent)
+    assert tracemalloc.get_traced_memory()[1] < 20 * MIB
+    tracemalloc.stop()
+
+
+def test_an_episode_that_is_there_twice_is_refused(finished, copy):
+    run = finished[0]
+    specs = [record.spec for record in run.records]
+    assert len(read_journal(copy.parent, lambda _: specs).records) == len(specs)
+    with copy.open("ab") as file:
+        file.write(copy.read_bytes().splitlines(keepends=True)[-1])
+    with pytest.raises(RunDirectoryError, match="twice or of another run"):
+        read_journal(copy.parent, lambda _: specs)
+
+
+@pytest.mark.parametrize("kind", ["link", "pipe", "directory", "device"])
+def test_a_journal_that_is_no_plain_file_is_neither_read_nor_written(tmp_path, kind):
+    mine = tmp_path / "mine"
+    mine.write_text("kept")
+    journal = tmp_path / "run" / JOURNAL_FILE
+    journal.parent.mkdir()
+    {
+        "link": lambda: journal.symlink_to(mine),
+        "pipe": lambda: os.mkfifo(journal),
+        "directory": journal.mkdir,
+        "device": lambda: journal.symlink_to("/dev/zero"),
+    }[kind]()
+    with pytest.raises(RunDirectoryError, match="cannot be read"):
+        read_journal(journal.parent)
+    with pytest.raises(RunDirectoryError, match="cannot be written"):
+        Journal(journal.parent)
+    assert mine.read_text() == "kept"
 
 
 def test_no_journal_is_refused(tmp_path):
