@@ -8,8 +8,8 @@ stranger made can be read and written to as one's own.
 import errno
 import fcntl
 import os
+import re
 import secrets
-import shutil
 import stat
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -38,7 +38,13 @@ RUN_FILES = (
 )  # fmt: skip
 """What a run writes, beside ``videos/``."""
 
-RUN_ENTRIES = frozenset({*RUN_FILES, VIDEOS, ATTEMPTS})
+RUN_FOLDERS = {
+    VIDEOS: re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+\.(mp4|gif)"),
+    ATTEMPTS: re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+"),
+}
+"""A run's folders, and what its files in them are called: by their episodes."""
+
+RUN_ENTRIES = frozenset({*RUN_FILES, *RUN_FOLDERS})
 """All that a run has in its directory."""
 
 LARGEST_FILE = 64 * MIB
@@ -54,15 +60,63 @@ PARTIAL_PATTERN = f".{'[0-9a-f]' * 16}.partial"
 
 def holds_run(directory: Path) -> bool:
     """Tell whether a run was started in this directory."""
-    return any((directory / name).exists() for name in (JOURNAL_FILE, RUN_FILE))
+    return any(os.path.lexists(directory / name) for name in (JOURNAL_FILE, RUN_FILE))
+
+
+def entries_of(directory: Path) -> list[str]:
+    """Return the names of all that lies in a directory, except its lock; none where it is missing.
+
+    Raises:
+        RunDirectoryError: it cannot be read.
+    """
+    if not os.path.lexists(directory):
+        return []
+    with os_errors_as(RunDirectoryError, directory, "read"):
+        return sorted(name for name in os.listdir(directory) if name != LOCK_FILE)
+
+
+def foreign_entries(directory: Path) -> list[str]:
+    """Return what lies in a run's directory and is not named as a run's files are.
+
+    Raises:
+        RunDirectoryError: it cannot be read.
+    """
+    found = [name for name in entries_of(directory) if name not in RUN_ENTRIES]
+    for folder, name_of in RUN_FOLDERS.items():
+        path = directory / folder
+        if is_folder(path):
+            names = entries_of(path)
+            found += [f"{folder}/{name}" for name in names if not name_of.fullmatch(name)]
+        elif os.path.lexists(path):
+            found.append(folder)
+    return found
 
 
 def clear_run(directory: Path) -> None:
-    """Remove a run's files and folders, and nothing else."""
-    for name in RUN_FILES:
-        (directory / name).unlink(missing_ok=True)
-    for name in (VIDEOS, ATTEMPTS):
-        shutil.rmtree(directory / name, ignore_errors=True)
+    """Remove the files of a run, and its folders where nothing else is in them.
+
+    Raises:
+        RunDirectoryError: one of them cannot be removed.
+    """
+    with os_errors_as(RunDirectoryError, directory, "cleared"):
+        for name in RUN_FILES:
+            (directory / name).unlink(missing_ok=True)
+        for folder in RUN_FOLDERS:
+            clear_folder(directory, folder)
+
+
+def clear_folder(directory: Path, folder: str) -> None:
+    """Remove a run's files from one of its folders, and the folder if nothing else is in it.
+
+    Raises:
+        OSError: one of them cannot be removed.
+    """
+    path = directory / folder
+    if is_folder(path):
+        for name in filter(RUN_FOLDERS[folder].fullmatch, os.listdir(path)):
+            (path / name).unlink()
+        with suppress(OSError):  # something else is in it
+            path.rmdir()
 
 
 @contextmanager
@@ -105,6 +159,8 @@ def _lock(path: Path) -> int:
         handle = open_plain(path, os.O_RDWR | os.O_CREAT)
         with ExitStack() as stack:
             stack.callback(os.close, handle)
+            if os.fstat(handle).st_size:
+                raise OSError(errno.EEXIST, f"its file {LOCK_FILE} is not a run's")
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:

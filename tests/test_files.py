@@ -15,6 +15,7 @@ from minitouch_bench.files import (
     RUN_FILES,
     append_text,
     clear_run,
+    foreign_entries,
     holds_run,
     list_videos,
     lock_directory,
@@ -70,14 +71,43 @@ def test_a_place_that_cannot_be_written_is_said(tmp_path, place):
 def test_clearing_removes_the_run_and_nothing_else(tmp_path):
     for name in (*RUN_FILES, "notes.txt", "policy.pt"):
         (tmp_path / name).write_text("x")
-    for name in ("videos", "figures"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "a.mp4").write_text("x")
+    for name in ("videos/pushing-0.mp4", "videos/mine.mp4", "attempts/pick-up-3", "figures/a.mp4"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("x")
+    assert foreign_entries(tmp_path) == ["figures", "notes.txt", "policy.pt", "videos/mine.mp4"]
     assert holds_run(tmp_path)
     clear_run(tmp_path)
     clear_run(tmp_path)
     assert not holds_run(tmp_path)
-    assert sorted(os.listdir(tmp_path)) == ["figures", "notes.txt", "policy.pt"]
+    assert sorted(os.listdir(tmp_path)) == ["figures", "notes.txt", "policy.pt", "videos"]
+    assert os.listdir(tmp_path / "videos") == ["mine.mp4"]
+
+
+def test_clearing_follows_no_link(tmp_path):
+    run, mine = tmp_path / "run", tmp_path / "mine"
+    run.mkdir()
+    mine.mkdir()
+    (mine / "pushing-0.mp4").write_text("kept")
+    for name in ("videos", "attempts"):
+        (run / name).symlink_to(mine)
+    (run / "run.json").symlink_to(mine / "pushing-0.mp4")
+    clear_run(run)
+    assert sorted(os.listdir(run)) == ["attempts", "videos"]
+    assert (mine / "pushing-0.mp4").read_text() == "kept"
+    assert foreign_entries(run) == ["videos", "attempts"]
+
+
+def test_what_cannot_be_cleared_is_said(tmp_path):
+    (tmp_path / "run.json").mkdir()
+    with pytest.raises(RunDirectoryError, match=r"cannot be cleared"):
+        clear_run(tmp_path)
+
+
+def test_a_lock_file_of_somebody_else_is_refused_and_kept(tmp_path):
+    (tmp_path / LOCK_FILE).write_text("pid 7")
+    with pytest.raises(RunDirectoryError, match="not a run's"), lock_directory(tmp_path):
+        pass
+    assert (tmp_path / LOCK_FILE).read_text() == "pid 7"
 
 
 # Locks

@@ -1,10 +1,9 @@
 """A run: what was asked for, its directory, and the episodes that are missing from it."""
 
 import platform
-import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -18,7 +17,14 @@ from minitouch_bench.evaluation.engine import EngineHandle
 from minitouch_bench.evaluation.given_actions import given_path
 from minitouch_bench.evaluation.journal import Journal, read_journal
 from minitouch_bench.evaluation.suites import Suite, why_unofficial
-from minitouch_bench.files import ATTEMPTS, clear_run, holds_run, make_folder
+from minitouch_bench.files import (
+    ATTEMPTS,
+    clear_folder,
+    clear_run,
+    entries_of,
+    holds_run,
+    make_folder,
+)
 from minitouch_bench.policies.isolation.limits import USUAL_LIMITS
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.protocol.minitouch import PROTOCOL
@@ -99,7 +105,7 @@ def open_run(request: RunRequest, directory: Path, *, resume: bool, fresh: bool)
     Raises:
         UsageError: both ``resume`` and ``fresh``.
         RunDirectoryError: it holds a run and neither was asked for, or a run of other
-            settings; the text names the differences.
+            settings; the text names the differences. Or it holds other files and no run.
     """
     if resume and fresh:
         raise UsageError("choose one of --resume and --fresh")
@@ -107,6 +113,8 @@ def open_run(request: RunRequest, directory: Path, *, resume: bool, fresh: bool)
     if fresh:
         clear_run(directory)
     if not holds_run(directory):
+        if not fresh:
+            _check_empty(directory)
         with Journal(directory) as journal:
             journal.write_header(header)
         return OpenRun(header, directory)
@@ -122,6 +130,16 @@ def open_run(request: RunRequest, directory: Path, *, resume: bool, fresh: bool)
 
     _, records, torn = read_journal(directory, specs_of)
     return OpenRun(header, directory, tuple(records), torn)
+
+
+def _check_empty(directory: Path) -> None:
+    """Refuse a directory of other files: one of them could be called as one of a run is."""
+    if found := entries_of(directory):
+        more = f" and {len(found) - 1} more" if len(found) > 1 else ""
+        raise RunDirectoryError(
+            f"{directory} is not empty and holds no run: {found[0]!a}{more}.\n"
+            "Choose another --output; or add --fresh: files called as a run's are then replaced"
+        )
 
 
 def run_episodes(
@@ -184,7 +202,8 @@ def _kept(opened: OpenRun) -> Iterator[tuple[Journal | None, Path | None]]:
     make_folder(attempts)
     with Journal(opened.directory) as journal:
         yield journal, attempts
-    shutil.rmtree(attempts, ignore_errors=True)
+    with suppress(OSError):
+        clear_folder(opened.directory, ATTEMPTS)
 
 
 def _check_same(wanted: RunHeader, found: RunHeader, directory: Path) -> None:

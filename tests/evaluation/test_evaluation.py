@@ -7,6 +7,7 @@ from minitouch_bench.errors import (
     UsageError,
 )
 from minitouch_bench.evaluation.journal import read_journal
+from minitouch_bench.evaluation.run import open_run
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.policies.isolation.limits import limits_of
 from minitouch_bench.policies.isolation.options import Isolation
@@ -98,6 +99,19 @@ def test_a_fresh_run_replaces_the_old_one_and_leaves_the_rest(finished, tmp_path
     done = run(request(tasks=("opening",), episodes=1), tmp_path, fresh=True)
     assert [record.spec.key for record in done.records] == ["opening/0"]
     assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "report.md", "actions.npz", "videos"])
+def test_a_directory_of_other_files_is_refused_and_fresh_keeps_them(tmp_path, name):
+    (tmp_path / name / "x" if name == "videos" else tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name / "x" if name == "videos" else tmp_path / name).write_text("mine")
+    for resume in (False, True):
+        with pytest.raises(RunDirectoryError, match=f"holds no run: '{name}'"):
+            open_run(request(), tmp_path, resume=resume, fresh=False)
+    (tmp_path / "notes.txt").write_text("mine")
+    open_run(request(), tmp_path, resume=False, fresh=True)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert name != "videos" or (tmp_path / "videos" / "x").read_text() == "mine"
 
 
 def test_resuming_what_never_began_begins(tmp_path):
