@@ -17,6 +17,7 @@ from minitouch_bench.cli.regress import regress
 from minitouch_bench.cli.replay import replay
 from minitouch_bench.cli.report import report
 from minitouch_bench.cli.shapes import app as shapes
+from minitouch_bench.cli.study import study
 from minitouch_bench.cli.submit import submit
 from minitouch_bench.cli.tasks import tasks
 from minitouch_bench.cli.train import train
@@ -34,6 +35,7 @@ COMMANDS: dict[Callable[..., None], str] = {
     verify: "minitouch-bench verify reports/a --rerun 20",
     replay: "minitouch-bench replay reports/a pushing/17",
     train: "minitouch-bench train opening --method hac --seed 1",
+    study: "minitouch-bench study my-study.toml",
     record: "minitouch-bench record scripted pushing --output data/pushing",
     submit: "minitouch-bench submit my_policy.onnx --name my-policy",
     tasks: "minitouch-bench tasks",

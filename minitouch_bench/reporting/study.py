@@ -1,0 +1,288 @@
+"""A study's report: Table 4 over training seeds, learning curves, and the order of the methods."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from minitouch_bench.files import RUN_FILE, write_file
+from minitouch_bench.metrics import METRICS, ShownIn, metrics_shown_in
+from minitouch_bench.metrics.definitions import ranking_metric
+from minitouch_bench.metrics.intervals import bootstrap_mean
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import Estimate
+from minitouch_bench.rendering.charts import (
+    Chart,
+    Figure,
+    LegendItem,
+    Line,
+    Plot,
+    share_axis,
+    value_axis,
+)
+from minitouch_bench.rendering.figure_files import write_figures
+from minitouch_bench.rendering.markdown import escape, table_lines
+from minitouch_bench.rendering.pages import render_page
+from minitouch_bench.rendering.palette import series_tone
+from minitouch_bench.rendering.tables import (
+    ABSENT,
+    Cell,
+    Column,
+    Row,
+    Table,
+    estimate_cell,
+    metric_head,
+)
+from minitouch_bench.reporting.labels import task_title
+from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
+from minitouch_bench.reporting.run_directory import read_run
+from minitouch_bench.reporting.training_page import episode_success
+
+TEMPLATE = Path(__file__).parent / "templates" / "study.html.j2"
+MAIN_SUITE, NOVEL_SHAPES = "table4", "novel-shapes"
+SEEDS_ONLY = "bootstrap over training seeds"
+EPISODES_ONLY = "one training seed: its interval is over episodes only"
+PAPER_ORDER = ("hac", "rnd-touch", "rnd")
+"""Our names of the paper's three methods, from the best down (its Table 4)."""
+SIGNIFICANT = 0.05
+HEIGHT = 150
+
+
+@dataclass(frozen=True)
+class StudyTraining:
+    """One cell of a study's grid."""
+
+    task: str
+    method: str
+    seed: int
+    exploration_steps: int
+
+    @property
+    def name(self) -> str:
+        """Its directory in the study's."""
+        return f"{self.task}-{self.method}-{self.exploration_steps}-{self.seed}"
+
+
+@dataclass(frozen=True)
+class StudyResults:
+    """Which trainings of a study are done, which failed and why, and which are left."""
+
+    directory: Path
+    done: tuple[StudyTraining, ...]
+    failed: Mapping[StudyTraining, str]
+    left: tuple[StudyTraining, ...]
+
+
+def write_study(results: StudyResults) -> None:
+    """Write ``estimates.csv``, ``curves.csv``, the figures, ``report.md`` and ``report.html``.
+
+    Raises:
+        RunDirectoryError: a file cannot be read or written.
+    """
+    estimates, curves = _estimates(results), _curves(results)
+    directory = results.directory
+    write_file(directory / "estimates.csv", estimates.to_csv(index=False))
+    write_file(directory / "curves.csv", curves.to_csv(index=False))
+    tables = tuple(_tables(estimates))
+    orders = tuple(_orders(estimates))
+    figures = tuple(_figures(curves))
+    write_figures(figures, directory / "figures")
+    write_file(directory / "report.md", _markdown(results, tables, orders))
+    page = render_page(
+        TEMPLATE, results=results, name=directory.resolve().name, tables=tables, orders=orders,
+        figures=figures, note=PAPER_NOTE,
+    )  # fmt: skip
+    write_file(directory / "report.html", page)
+
+
+def _estimates(results: StudyResults) -> pd.DataFrame:
+    """Return a row per training, suite, and metric of its evaluation."""
+    rows = []
+    for training in results.done:
+        for file in sorted((results.directory / training.name).glob(f"*/{RUN_FILE}")):
+            run = read_run(file.parent)
+            (summary,) = run.summary.tasks
+            head = (*vars(training).values(), run.header.suite)
+            rows += [
+                (*head, metric, found.value, found.low, found.high, found.count)
+                for metric, found in summary.estimates.items()
+            ]
+            rows += [
+                (*head, f"{metric}, held-out minus train", gap.difference.value,
+                 gap.difference.low, gap.difference.high, gap.difference.count)
+                for part in run.summary.generalization for metric, gap in part.gaps.items()
+            ]  # fmt: skip
+    columns = [*StudyTraining.__dataclass_fields__, "suite"]
+    return pd.DataFrame(rows, columns=[*columns, "metric", "value", "low", "high", "episodes"])
+
+
+def _curves(results: StudyResults) -> pd.DataFrame:
+    """Return a row per training and line of its ``progress.csv``; those under way, too."""
+    frames = []
+    for training in (*results.done, *results.failed, *results.left):
+        file = results.directory / training.name / "progress.csv"
+        if file.exists():
+            rows = pd.read_csv(file)
+            kept = rows[["step", "touch_share"]].assign(success=episode_success(rows))
+            frames.append(kept.assign(**vars(training)))
+    columns = [*StudyTraining.__dataclass_fields__, "step", "touch_share", "success"]
+    return pd.concat(frames)[columns] if frames else pd.DataFrame(columns=columns)
+
+
+def _tables(estimates: pd.DataFrame) -> Iterator[Table]:
+    """Yield Table 4 for each length of exploration, then the gaps on novel shapes."""
+    for suite, title in ((MAIN_SUITE, "Table 4"), (NOVEL_SHAPES, "Novel shapes")):
+        own = estimates[estimates["suite"] == suite]
+        for steps, part in own.groupby("exploration_steps", sort=True):
+            yield _table(f"{title}, {steps:,} steps of exploration", suite, part)
+
+
+def _table(title: str, suite: str, part: pd.DataFrame) -> Table:
+    methods = tuple(dict.fromkeys(part["method"]))
+    with_paper = suite == MAIN_SUITE
+    columns: list[Column] = []
+    cells: list[tuple[str, str, str]] = []
+    for task in dict.fromkeys(part["task"]):
+        group = task_title(task)
+        columns += [Column(method, group) for method in methods]
+        cells += [(task, method, "") for method in methods]
+        if with_paper:
+            columns += [Column(method, group, is_paper=True) for method in PAPER_METHODS]
+            cells += [(task, "", method) for method in PAPER_METHODS]
+    metrics = (
+        metrics_shown_in(ShownIn.TABLE4)
+        if with_paper
+        else tuple(name for name in dict.fromkeys(part["metric"]) if "held-out" in name)
+    )
+    rows = []
+    for metric in metrics:
+        shown = metric.split(",")[0]
+        row = tuple(
+            paper_cell(task, metric, paper) if paper else _cell(part, task, method, metric)
+            for task, method, paper in cells
+        )
+        if all(cell.text == ABSENT for cell in row):
+            continue
+        head = metric_head(shown) + metric.removeprefix(shown)
+        rows.append(Row((head,), row, METRICS[shown].unit))
+    notes = (f"95 % intervals: {SEEDS_ONLY}; {EPISODES_ONLY}.", *((PAPER_NOTE,) * with_paper))
+    return Table(title, ("Metric",), tuple(columns), tuple(rows), notes)
+
+
+def _cell(part: pd.DataFrame, task: str, method: str, metric: str) -> Cell:
+    own = part[(part["task"] == task) & (part["method"] == method) & (part["metric"] == metric)]
+    return estimate_cell(metric.split(",", maxsplit=1)[0], over_seeds(own))
+
+
+def over_seeds(own: pd.DataFrame) -> Estimate | None:
+    """Estimate a metric over training seeds; of one seed with its own interval, over episodes."""
+    if own.empty:
+        return None
+    if len(own) == 1:
+        value, low, high, episodes = own[["value", "low", "high", "episodes"]].iloc[0].tolist()
+        return Estimate(value, low, high, int(episodes), "over episodes")
+    found = bootstrap_mean(own["value"].to_numpy(float), np.random.default_rng(0))
+    return Estimate(found.value, found.low, found.high, len(own), SEEDS_ONLY)
+
+
+def _orders(estimates: pd.DataFrame) -> Iterator[str]:
+    """Say of each task and each two neighbors in the paper's order whether it holds here.
+
+    Mann and Whitney's exact test over training seeds, one-sided: three seeds each can just
+    reach p = 0.05.
+    """
+    main = estimates[estimates["suite"] == MAIN_SUITE]
+    for task, steps, part in _parts(main):
+        metric = ranking_metric(task)
+        own = part[part["metric"] == metric]
+        for better, worse in pairwise(PAPER_ORDER):
+            values = [own.loc[own["method"] == one, "value"].tolist() for one in (better, worse)]
+            if all(values):
+                yield (
+                    f"{task_title(task)}, {steps:,} steps of exploration: {better} > {worse} in "
+                    f"{METRICS[metric].label.lower()} {_judged(*values)}"
+                )
+
+
+def _parts(frame: pd.DataFrame) -> Iterator[tuple[str, int, pd.DataFrame]]:
+    """Yield each task and length of exploration with its rows, in the study's order."""
+    keys = zip(frame["task"].tolist(), frame["exploration_steps"].tolist(), strict=True)
+    for task, steps in dict.fromkeys(keys):
+        chosen = (frame["task"] == task) & (frame["exploration_steps"] == steps)
+        yield task, steps, frame[chosen]
+
+
+def _judged(better: Sequence[float], worse: Sequence[float]) -> str:
+    p = {
+        side: float(stats.mannwhitneyu(better, worse, alternative=side).pvalue)
+        for side in ("greater", "less")
+    }
+    means = f"{np.mean(better):.3f} against {np.mean(worse):.3f}"
+    if p["greater"] <= SIGNIFICANT:
+        return f"holds ({means}, p = {p['greater']:.3f})"
+    if p["less"] <= SIGNIFICANT:
+        return f"does not hold ({means}, p = {p['less']:.3f})"
+    return f"cannot be told ({means}, p = {p['greater']:.3f}, {len(better)} and {len(worse)} seeds)"
+
+
+def _figures(curves: pd.DataFrame) -> Iterator[Figure]:
+    """Yield the learning curves: the mean over seeds, and the lowest and highest of them."""
+    methods = tuple(dict.fromkeys(curves["method"]))
+    legend = tuple(LegendItem(one, series_tone(turn)) for turn, one in enumerate(methods))
+    plots = []
+    for task, steps, own in _parts(curves):
+        column = "success" if task in GOAL_TASKS else "touch_share"
+        marks = [
+            line
+            for turn, method in enumerate(methods)
+            for line in _lines(own[own["method"] == method], column, series_tone(turn))
+        ]
+        if marks:
+            x = value_axis("Control steps", float(own["step"].max()))
+            label = "Success" if task in GOAL_TASKS else METRICS[column].label
+            caption = f"{task_title(task)}, {steps:,} steps of exploration"
+            chart = Chart(x, share_axis(label), tuple(marks), HEIGHT)
+            plots.append(Plot(caption, f"{label} over control steps: {caption}", (chart,)))
+    if plots:
+        text = (
+            "While training: success over at least 20 episodes, touch share between two rows. "
+            "Strong: the mean over training seeds; faint: the lowest and the highest."
+        )
+        yield Figure("curves", "Learning curves", text, tuple(plots), legend)
+
+
+def _lines(own: pd.DataFrame, column: str, tone: str) -> Iterator[Line]:
+    known = own.dropna(subset=[column])
+    by_step = known.groupby("step")[column].agg(["mean", "min", "max", "count"])
+    for name, opacity in (("mean", 1.0), ("min", 0.35), ("max", 0.35)):
+        if name != "mean" and (by_step["count"] < 2).all():
+            continue
+        steps = by_step.index.to_numpy(float).tolist()
+        points = tuple(zip(steps, by_step[name].tolist(), strict=True))
+        if len(points) > 1:
+            yield Line(points, tone, 1.6 if name == "mean" else 0.8, opacity)
+
+
+def state_lines(results: StudyResults) -> list[str]:
+    """Say in a line each how far a study is, and which trainings failed."""
+    number = len(results.done) + len(results.failed) + len(results.left)
+    return [
+        f"{len(results.done)} of {number} trainings are done and evaluated",
+        *(f"{training.name} failed: {why}" for training, why in results.failed.items()),
+    ]
+
+
+def _markdown(results: StudyResults, tables: Sequence[Table], orders: Sequence[str]) -> str:
+    parts = [f"# Study {escape(results.directory.resolve().name)}", ""]
+    parts += [f"- {escape(line)}" for line in state_lines(results)]
+    for table in tables:
+        parts += ["", f"## {table.title}", "", *table_lines(table), ""]
+        parts += [f"- {escape(note)}" for note in table.notes]
+    if orders:
+        parts += ["", "## The order of the paper's methods", ""]
+        parts += [f"- {escape(order)}" for order in orders]
+    return "\n".join(parts) + "\n"

@@ -1,0 +1,219 @@
+"""A study: a grid of trainings, each evaluated under the protocol, as a queue that can be resumed.
+
+What is done is read off the files, so that a killed study goes on where it was.
+"""
+
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, apply_settings, make_config
+from minitouch_bench.agents.training import EXPLORATION_FILE
+from minitouch_bench.documents import fault_in_words
+from minitouch_bench.errors import InfrastructureError, MiniTouchError, UsageError
+from minitouch_bench.evaluation.engine import EngineOptions
+from minitouch_bench.evaluation.suites import find_suite
+from minitouch_bench.files import RUN_FILE, lock_directory, write_file
+from minitouch_bench.policies.sources import TRAINED_FILE
+from minitouch_bench.processes import run_in_workers
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.reporting.study import StudyResults, StudyTraining, write_study
+from minitouch_bench.workflows import ignore
+from minitouch_bench.workflows.evaluate import EvaluateOptions, OutputOptions, evaluate
+from minitouch_bench.workflows.train import TrainingRequest, train
+
+STUDIES = Path("reports") / "studies"
+STUDY_FILE = "study.toml"
+FAILURE_FILE = "failure.txt"
+
+
+@dataclass(frozen=True)
+class StudyConfig:
+    """A grid, as its TOML file says it.
+
+    Every task is trained with every method from every seed, for every length of exploration in
+    ``exploration_steps``. ``suites``: what each final policy is evaluated on, as far as the suite
+    has the task. ``episodes`` per task; 0 for the suite's own. ``preset`` and ``settings`` are
+    those of ``train``.
+    """
+
+    methods: tuple[str, ...]
+    tasks: tuple[str, ...]
+    seeds: tuple[int, ...] = (0, 1, 2)
+    exploration_steps: tuple[int, ...] = (10_000,)
+    task_steps: int = 40_000
+    suites: tuple[str, ...] = ("table4",)
+    episodes: int = 0
+    preset: str = "default"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def trainings(self) -> tuple[StudyTraining, ...]:
+        """Return the trainings in the order in which they are started: seed by seed."""
+        grid = product(self.seeds, self.exploration_steps, self.tasks, self.methods)
+        return tuple(StudyTraining(task, method, seed, steps) for seed, steps, task, method in grid)
+
+    def config_of(self, training: StudyTraining) -> TrainingConfig:
+        """Return the settings of one training.
+
+        Raises:
+            UsageError: one of them does not exist.
+        """
+        own = {
+            "method": training.method,
+            "seed": training.seed,
+            "exploration": {"steps": training.exploration_steps},
+            "task_phase": {"steps": self.task_steps if training.task in GOAL_TASKS else 0},
+        }
+        given = make_config(training.task, self.preset, settings=self.settings)
+        config: TrainingConfig = apply_settings(given, own)
+        return config
+
+
+def read_study(path: Path) -> StudyConfig:
+    """Read a study's TOML file, and see that every training in it can be made.
+
+    Raises:
+        UsageError: it is not readable, or names what does not exist.
+    """
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        study = msgspec.convert(document, StudyConfig)
+    except msgspec.ValidationError as error:
+        raise UsageError(fault_in_words(error, str(path))) from error
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{path} cannot be read as TOML: {error}") from error
+    if unknown := sorted({*document} - {one.name for one in fields(StudyConfig)}):
+        raise UsageError(f"{path} has no use for '{unknown[0]}'")
+    for training in study.trainings():
+        study.config_of(training)
+    for suite in study.suites:
+        find_suite(suite)
+    return study
+
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """Which study, where, and how many trainings at a time.
+
+    ``on_state`` is told which trainings are done, failed and left, whenever that changes.
+    """
+
+    config: StudyConfig
+    directory: Path
+    workers: int = 1
+    on_state: Callable[[StudyResults], None] = ignore
+
+
+def run_study(options: StudyOptions) -> StudyResults:
+    """Train and evaluate what is left, and write the report after each training.
+
+    A training that fails is named in the report and does not stop the others; the next start
+    of the study tries it again.
+
+    Raises:
+        RunDirectoryError: the directory is in use or cannot be written.
+    """
+    directory = options.directory
+    with lock_directory(directory):
+        for training in options.config.trainings():
+            (_place(directory, training) / FAILURE_FILE).unlink(missing_ok=True)
+        found = _look(options)
+        for training, failure in _run_left(options, found.left):
+            if failure:
+                write_file(_place(directory, training) / FAILURE_FILE, failure + "\n")
+            found = _look(options)
+    return found
+
+
+def _run_left(
+    options: StudyOptions, left: tuple[StudyTraining, ...]
+) -> Iterator[tuple[StudyTraining, str]]:
+    """Yield each training as it ends, with what went wrong."""
+    jobs = [_Job(options.config, options.directory, training) for training in left]
+    while jobs:
+        try:
+            for index, failure in run_in_workers(_run, jobs, options.workers, name=_name):
+                yield jobs[index].training, failure
+                jobs[index] = replace(jobs[index], is_done=True)
+            return
+        except InfrastructureError as error:  # a worker died three times; which job it says
+            failed = next(job for job in jobs if str(error).startswith(f"{_name(job)} "))
+            yield failed.training, str(error)
+            jobs = [job for job in jobs if not job.is_done and job is not failed]
+
+
+@dataclass(frozen=True)
+class _Job:
+    config: StudyConfig
+    directory: Path
+    training: StudyTraining
+    is_done: bool = False
+
+
+def _name(job: _Job) -> str:
+    return job.training.name
+
+
+def _run(job: _Job) -> str:
+    """Train, then evaluate; return what went wrong in a line, "" if nothing did."""
+    try:
+        place = _place(job.directory, job.training)
+        config = job.config.config_of(job.training)
+        train(TrainingRequest(config, place, resume=(place / CONFIG_FILE).exists()))
+        for suite in _suites(job.config, job.training):
+            _evaluate(job, suite)
+    except MiniTouchError as error:
+        return str(error).replace("\n", " ")
+    return ""
+
+
+def _evaluate(job: _Job, suite: str) -> None:
+    place = _place(job.directory, job.training)
+    output = place / suite
+    if (output / RUN_FILE).exists():
+        return
+    explored = place / EXPLORATION_FILE
+    has_exploration = explored.exists() and job.training.task in GOAL_TASKS
+    evaluate(
+        EvaluateOptions(
+            str(place / TRAINED_FILE),
+            suite,
+            (job.training.task,),
+            job.config.episodes or None,
+            exploration=str(explored) if has_exploration else None,
+            name=job.training.name,
+            engine=EngineOptions(workers=1),
+            output=OutputOptions(output, resume=output.exists()),
+        )
+    )
+
+
+def _suites(config: StudyConfig, training: StudyTraining) -> tuple[str, ...]:
+    return tuple(name for name in config.suites if training.task in find_suite(name).tasks)
+
+
+def _place(directory: Path, training: StudyTraining) -> Path:
+    return directory / training.name
+
+
+def _look(options: StudyOptions) -> StudyResults:
+    """Read off the files what is done, failed and left; write the report of it."""
+    done, failed, left = [], {}, []
+    for training in options.config.trainings():
+        place = _place(options.directory, training)
+        wanted = _suites(options.config, training)
+        if (place / FAILURE_FILE).exists():
+            failed[training] = (place / FAILURE_FILE).read_text(encoding="utf-8").strip()
+        elif all((place / suite / RUN_FILE).exists() for suite in wanted):
+            done.append(training)
+        else:
+            left.append(training)
+    found = StudyResults(options.directory, tuple(done), failed, tuple(left))
+    write_study(found)
+    options.on_state(found)
+    return found

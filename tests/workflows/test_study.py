@@ -1,0 +1,131 @@
+"""A small study for real: two methods, one seed, a few steps; broken off, resumed, and failed."""
+
+import json
+
+import pandas as pd
+import pytest
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.workflows.study import StudyOptions, read_study, run_study
+from tests.cli.command import run
+
+STUDY = """
+methods = ["hac", "rnd"]
+tasks = ["playing"]
+seeds = [0]
+exploration_steps = [60]
+task_steps = 30
+episodes = 1
+
+[settings]
+random_steps = 40
+evaluate_every = 0
+log_every = 20
+sac = { batch_size = 8 }
+"""
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    root = tmp_path_factory.mktemp("study")
+    (root / "small.toml").write_text(STUDY)
+    directory = root / "reports" / "studies" / "small"
+    found = run_study(StudyOptions(read_study(root / "small.toml"), directory))
+    assert (len(found.done), found.failed, found.left) == (2, {}, ())
+    return directory
+
+
+@pytest.mark.slow
+def test_every_training_is_evaluated_under_the_protocol(finished):
+    for method in ("hac", "rnd"):
+        place = finished / f"playing-{method}-60-0" / "table4"
+        document = json.loads((place / "run.json").read_text())
+        assert [one["task"] for one in document["episodes"]] == ["playing"]
+
+
+@pytest.mark.slow
+def test_a_task_with_a_goal_is_evaluated_after_exploration_too(tmp_path):
+    text = STUDY.replace('"playing"', '"opening"').replace('"hac", "rnd"', '"rnd"')
+    (tmp_path / "s.toml").write_text(text)
+    found = run_study(StudyOptions(read_study(tmp_path / "s.toml"), tmp_path / "out"))
+    (training,) = found.done
+    document = json.loads((tmp_path / "out" / training.name / "table4/run.json").read_text())
+    assert len(document["exploration_episodes"]) == len(document["episodes"]) == 1
+    assert "Exploration" in (tmp_path / "out" / "report.md").read_text()
+
+
+@pytest.mark.slow
+def test_the_report_has_the_figures_of_the_runs(finished):
+    estimates = pd.read_csv(finished / "estimates.csv")
+    document = json.loads((finished / "playing-hac-60-0" / "table4" / "run.json").read_text())
+    (summary,) = document["summary"]["tasks"]
+    own = estimates[estimates["method"] == "hac"]
+    for metric, found in summary["estimates"].items():
+        (value,) = own.loc[own["metric"] == metric, "value"]
+        assert value == found["value"]
+    curves = pd.read_csv(finished / "curves.csv")
+    assert sorted(curves.loc[curves["task"] == "playing", "step"].unique()) == [20, 40, 60]
+    report = (finished / "report.md").read_text()
+    assert "Table 4, 60 steps of exploration" in report
+    assert "hac > rnd-touch" not in report  # there is no rnd-touch in this study
+    for name in ("report.html", "figures/curves.svg", "figures/curves.pdf"):
+        assert (finished / name).stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_what_is_done_is_not_done_again(finished):
+    files = [*finished.rglob("*.safetensors"), *finished.rglob("run.json")]
+    before = {path: path.stat().st_mtime_ns for path in files}
+    root = finished.parents[2]
+    done = run("study", "small.toml", directory=root)
+    assert (done.code, done.out) == (0, "reports/studies/small/report.html\n"), done.err
+    assert "2 of 2 trainings are done" in done.err
+    assert {path: path.stat().st_mtime_ns for path in files} == before
+
+
+@pytest.mark.slow
+def test_what_is_missing_is_done_alone(finished):
+    lost = finished / "playing-rnd-60-0" / "table4"
+    before = (lost / "run.json").read_bytes()
+    episodes = json.loads(before)["episodes"]
+    for path in [*lost.iterdir()]:
+        path.unlink()
+    config = read_study(finished.parents[2] / "small.toml")
+    states = []
+    run_study(StudyOptions(config, finished, on_state=states.append))
+    assert [[one.name for one in state.left] for state in states] == [["playing-rnd-60-0"], []]
+    assert json.loads((lost / "run.json").read_text())["episodes"] == episodes
+
+
+@pytest.mark.slow
+def test_a_training_that_fails_is_named_and_does_not_stop_the_others(tmp_path):
+    (tmp_path / "s.toml").write_text(STUDY)
+    bad = tmp_path / "out" / "playing-hac-60-0"
+    bad.mkdir(parents=True)
+    (bad / "config.toml").write_text("seed = 7\n")  # of another training
+    done = run("study", "s.toml", "--output", "out", directory=tmp_path)
+    assert done.code == 5
+    assert "playing-hac-60-0 failed: " in done.err.splitlines()[-1]
+    assert "other settings" in done.err
+    assert (tmp_path / "out" / "playing-rnd-60-0" / "table4" / "run.json").exists()
+    assert "playing-hac-60-0 failed" in (tmp_path / "out" / "report.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("methods = ", "method = "), "methods"),
+        (('"rnd"', '"rmd"'), "rmd"),
+        (('"playing"', '"sleeping"'), "sleeping"),
+        (("seeds = [0]", "seeds = ['0']"), "seeds"),
+        (("episodes = 1", "epochs = 1"), "epochs"),
+        (("log_every", "log_each"), "log_each"),
+        (("seeds", "suites = ['tables']\nseeds"), "tables"),
+        (("[settings]", "[settings"), "TOML"),
+    ],
+)
+def test_mistakes_in_the_file_are_named(tmp_path, change, words):
+    file = tmp_path / "s.toml"
+    file.write_text(STUDY.replace(*change))
+    with pytest.raises(UsageError, match=words):
+        read_study(file)
