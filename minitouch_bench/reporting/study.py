@@ -89,7 +89,7 @@ def write_study(results: StudyResults) -> None:
     write_file(directory / "curves.csv", curves.to_csv(index=False))
     tables = tuple(_tables(estimates))
     orders = tuple(_orders(estimates))
-    figures = tuple(_figures(curves))
+    figures = tuple(learning_curves(curves))
     write_figures(figures, directory / "figures")
     write_file(directory / "report.md", _markdown(results, tables, orders))
     page = render_page(
@@ -229,7 +229,7 @@ def _judged(better: Sequence[float], worse: Sequence[float]) -> str:
     return f"cannot be told ({means}, p = {p['greater']:.3f}, {len(better)} and {len(worse)} seeds)"
 
 
-def _figures(curves: pd.DataFrame) -> Iterator[Figure]:
+def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
     """Yield the learning curves: the mean over seeds, and the lowest and highest of them."""
     methods = tuple(dict.fromkeys(curves["method"]))
     legend = tuple(LegendItem(one, series_tone(turn)) for turn, one in enumerate(methods))

@@ -1,0 +1,37 @@
+"""Draw ``docs/pictures/curves.svg`` from the trainings in ``docs/curves/TASK-METHOD-SEED.csv``.
+
+A method's name may carry what its settings change, as ``hac+previous``.
+"""
+
+from pathlib import Path
+
+import pandas as pd
+
+from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.rendering.figure_files import write_figures
+from minitouch_bench.reporting.study import learning_curves
+from minitouch_bench.reporting.training_page import episode_success
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def read_curve(file: Path) -> pd.DataFrame:
+    """Return the curve of one training, with what its file's name says."""
+    task = next(name for name in TASK_NAMES if file.stem.startswith(f"{name}-"))
+    method, _, seed = file.stem.removeprefix(f"{task}-").rpartition("-")
+    rows = pd.read_csv(file)
+    steps = int(rows.loc[rows["phase"] == "exploration", "step"].max())
+    kept = rows[["step", "touch_share"]].assign(success=episode_success(rows))
+    return kept.assign(task=task, method=method, seed=int(seed), exploration_steps=steps)
+
+
+def main() -> None:
+    """Draw all curves, a plot per task and length of exploration."""
+    curves = pd.concat(map(read_curve, sorted((DOCS / "curves").glob("*.csv"))))
+    for path in write_figures(tuple(learning_curves(curves)), DOCS / "pictures"):
+        if path.suffix == ".pdf":
+            path.unlink()
+
+
+if __name__ == "__main__":
+    main()
