@@ -80,7 +80,10 @@ class PolicyKilledError(PolicyExitError):
 
 
 class PolicyRaisedError(PolicyFaultError):
-    """The policy's code raised an exception."""
+    """The policy's code raised an exception; the text is its own, and is told as such."""
+
+    def __str__(self) -> str:
+        return f"the policy said: {super().__str__()}"
 
 
 class InfrastructureError(MiniTouchError):

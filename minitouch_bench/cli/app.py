@@ -23,6 +23,7 @@ from minitouch_bench.cli.tasks import tasks
 from minitouch_bench.cli.train import train
 from minitouch_bench.cli.verify import verify
 from minitouch_bench.errors import MiniTouchError
+from minitouch_bench.rendering.escaping import printable
 
 INTERRUPTED = 130
 """What typer returns after a Ctrl-C that no command has told the user about."""
@@ -90,4 +91,5 @@ def main() -> None:
 
 
 def _complain(text: str) -> None:
-    notes.print(f"minitouch-bench: {text}", style="red", markup=False)
+    lines = "\n".join(map(printable, text.splitlines()))  # it may quote a stranger's name
+    notes.print(f"minitouch-bench: {lines}", style="red", markup=False)

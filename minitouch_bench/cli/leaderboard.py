@@ -10,6 +10,8 @@ from minitouch_bench.cli import options
 from minitouch_bench.cli.console import EpisodeProgress, notes
 
 INVALID = 1
+UNREADABLE = 6
+"""A file cannot be read here: the check could not be made."""
 
 app = typer.Typer(help="Check submissions and draw the leaderboard.", no_args_is_help=True)
 
@@ -49,18 +51,19 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
 
     engine = EngineOptions(workers=options.worker_count(workers))
     asked = ValidateOptions(replay, rerun, fresh_seeds, draw or new_draw(), engine)
-    valid = 0
+    valid, unchecked = 0, True
     for directory in directories:
         name = printable(directory.name or str(directory))
         with EpisodeProgress(notes) as progress:
             found = validate_submission(directory, asked, progress.callbacks)
         valid += not found.problems
+        unchecked = unchecked and all(problem.is_unchecked for problem in found.problems)
         _show_problems(name, found.problems)
         if not found.problems:
             print(f"{name}: valid, {found.level}")
     notes.print(f"{valid} of {len(directories)} valid", markup=False)
     if valid < len(directories):
-        raise typer.Exit(INVALID)
+        raise typer.Exit(UNREADABLE if unchecked else INVALID)
 
 
 @app.command(epilog="Example: minitouch-bench leaderboard build --output site")
@@ -71,6 +74,9 @@ def build(
     output: Annotated[Path, typer.Option(help="Directory of the board.")] = Path(
         "reports/leaderboard"
     ),
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit 1 if any submission is refused.")
+    ] = False,
 ) -> None:
     """Write the board as Markdown, CSV, JSON and a site that opens offline."""
     from minitouch_bench.leaderboard.build import build_board
@@ -83,6 +89,8 @@ def build(
         markup=False,
     )
     print(output / "index.html")
+    if strict and built.refused:
+        raise typer.Exit(INVALID)
 
 
 def _show_problems(name: str, problems: Iterable[object]) -> None:

@@ -9,6 +9,7 @@ import typer
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import EpisodeProgress, data_console, notes
 from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.rendering.escaping import printable
 
 if TYPE_CHECKING:
     from minitouch_bench.verification.verify import Verification
@@ -86,7 +87,7 @@ def _show(asked: "VerifyOptions", result: "Verification") -> None:
     console = data_console()
 
     def line(text: str, style: str = "") -> None:
-        console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+        console.print(printable(text), style=style, markup=False, highlight=False, soft_wrap=True)
 
     for difference in result.problems[:SHOWN]:
         line(str(difference))

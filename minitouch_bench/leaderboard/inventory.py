@@ -18,6 +18,8 @@ from minitouch_bench.files import (
     REPORT_FILE,
     RUN_FILE,
     TABLE4_FILE,
+    is_folder,
+    os_errors_as,
     read_file,
 )
 from minitouch_bench.leaderboard.submission import SUBMISSION_FILE, Submission
@@ -51,10 +53,16 @@ def list_files(directory: Path, problems: Problems) -> dict[str, int]:
 
     Links and special files are problems; nothing is followed and nothing is opened.
     """
-    if not stat.S_ISDIR(os.lstat(directory).st_mode):
+    if not is_folder(directory):
         problems.add(str(directory), "it is a link, not a directory", "give the directory itself")
         return {}
     found: dict[str, int] = {}
+    with problems.caught(str(directory)), os_errors_as(UnreadableFileError, directory, "read"):
+        _list_files(directory, found, problems)
+    return found
+
+
+def _list_files(directory: Path, found: dict[str, int], problems: Problems) -> None:
     for entry in _walk(directory, 0):
         place = Path(entry.path).relative_to(directory).as_posix()
         status = entry.stat(follow_symlinks=False)
@@ -69,7 +77,6 @@ def list_files(directory: Path, problems: Problems) -> dict[str, int]:
         if len(found) > MAX_FILES:
             problems.add(str(directory), f"it has more than {MAX_FILES} files", "remove some")
             break
-    return found
 
 
 def _walk(directory: Path | str, depth: int) -> Iterator[os.DirEntry[str]]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.suites import find_suite
@@ -146,14 +146,15 @@ def _source(
     """Find a policy's checkpoint in the submission.
 
     Raises:
-        UsageError: it is not there, or is another one.
+        IncompleteCheckError: it is not there.
+        UsageError: it is another one.
         PolicyLoadError: it cannot be read.
     """
     files = seed.files(role)
     if recorded.kind in BUILT_IN:
         return parse_source(recorded.kind)
     if not files or not all(file.path for file in files):
-        raise UsageError(
+        raise IncompleteCheckError(
             f"the {role} checkpoint of seed {seed.seed} is not in the submission: "
             "it cannot be run again"
         )

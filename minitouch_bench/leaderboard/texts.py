@@ -11,6 +11,8 @@ from minitouch_bench.reporting.frames import FORMULA_STARTS
 NAME = re.compile(r"[a-z0-9](?:[a-z0-9._-]{0,62}[a-z0-9])?")
 """A submission's name: it becomes a directory and an address on every system."""
 
+DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]", re.IGNORECASE)
+"""What no file can be called on Windows, whatever its ending."""
 FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,126}[A-Za-z0-9]")
 LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+ ()-]{0,62}")
 LINK = re.compile(r"[A-Za-z0-9._~:/?#\[\]@!$&'()*+,;=%-]+")
@@ -32,6 +34,12 @@ def check_name(text: str) -> None:
             f"{_shown(text)} is no name: 1 to 64 of a-z, 0-9, '.', '_', '-', "
             "with a letter or digit at both ends"
         )
+    _check_windows(text)
+
+
+def _check_windows(text: str) -> None:
+    if DEVICE.fullmatch(text.partition(".")[0]):
+        raise UsageError(f"{_shown(text)} is the name of a device on Windows; choose another")
 
 
 def check_file_name(text: str) -> None:
@@ -42,6 +50,7 @@ def check_file_name(text: str) -> None:
     """
     if not FILE_NAME.fullmatch(text) or ".." in text:
         raise UsageError(f"{_shown(text)} is no plain file name of letters, digits, '.', '_', '-'")
+    _check_windows(text)
 
 
 def check_text(text: str, longest: int) -> None:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import RUN_FILE
 from minitouch_bench.leaderboard.checkpoints import check_checkpoints
 from minitouch_bench.leaderboard.derived import check_actions, check_estimates, check_tables
@@ -103,12 +102,10 @@ def _read_submission(
             "make one with minitouch-bench submit",
         )
         return None
-    try:
+    content = b""
+    with problems.caught(SUBMISSION_FILE):
         content = read_plain(directory, SUBMISSION_FILE, MAX_SUBMISSION_FILE)
-    except RunDirectoryError as error:
-        problems.add(SUBMISSION_FILE, str(error))
-        return None
-    return read_submission(content, problems)
+    return read_submission(content, problems) if content else None
 
 
 def _read_run(
@@ -117,14 +114,12 @@ def _read_run(
     path = f"{place}/{RUN_FILE}"
     if path not in found:
         return None
-    try:
+    saved: SavedRun | None = None
+    with problems.caught(path, AS_WRITTEN):
         content = read_plain(directory, path, RUN_LIMITS[RUN_FILE])
         saved = parse_run(content, place)
-    except RunDirectoryError as error:
-        problems.add(path, str(error), AS_WRITTEN)
-        return None
-    if content != run_json(saved):
-        problems.add(path, "a key is there twice or unknown, or it was edited", AS_WRITTEN)
+        if content != run_json(saved):
+            problems.add(path, "a key is there twice or unknown, or it was edited", AS_WRITTEN)
     return saved
 
 

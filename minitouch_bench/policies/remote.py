@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError
+from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.policies.policy import Checkpoint, Observation
 from minitouch_bench.policies.wire import describe, pack_observation, plain_line
 
@@ -46,7 +46,7 @@ class RemotePolicy:
         path = f"/episodes/{self._episode}/act"
         action = self._call("POST", path, pack_observation(observation)).get("action")
         if not isinstance(action, list) or not all(type(x) in (int, float) for x in action):
-            raise PolicyRaisedError("the policy server's answer has no list of numbers 'action'")
+            raise PolicyFaultError("the policy server's answer has no list of numbers 'action'")
         return np.array([float(x) for x in action], np.float64)
 
     def close(self) -> None:
@@ -65,14 +65,14 @@ class RemotePolicy:
         response = self._connection.getresponse()
         content = response.read(MAX_ANSWER + 1)
         if len(content) > MAX_ANSWER:
-            raise PolicyRaisedError("the policy server's answer is longer than 64 KiB")
+            raise PolicyFaultError("the policy server's answer is longer than 64 KiB")
         try:
             answer = json.loads(content)
         except (ValueError, RecursionError):
             answer = None
         if response.status != http.HTTPStatus.OK or not isinstance(answer, dict):
             problem = answer.get("error", "") if isinstance(answer, dict) else "no JSON object"
-            raise PolicyRaisedError(
+            raise PolicyFaultError(
                 plain_line(f"the policy server answered {response.status} to {path}: {problem}")
             )
         return answer
@@ -88,7 +88,7 @@ def load_remote(checkpoint: Checkpoint) -> RemotePolicy:
     policy = RemotePolicy(checkpoint.target, checkpoint.deterministic)
     try:
         info = policy.info()
-    except (OSError, ValueError, http.client.HTTPException, PolicyRaisedError) as error:
+    except (OSError, ValueError, http.client.HTTPException, PolicyFaultError) as error:
         raise PolicyLoadError(
             f"no policy server at {checkpoint.target} ({describe(error)})"
         ) from error

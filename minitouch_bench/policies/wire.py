@@ -23,7 +23,7 @@ MAX_PAYLOAD = 64 * 1024
 MAX_ARRAY = 1024
 """Largest array whose numbers are sent, in bytes; of a larger one only the shape is."""
 
-MAX_TEXT = 300
+MAX_TEXT = 200
 """Characters kept of any text that comes from a policy."""
 
 IMAGE_BYTES = int(np.prod(IMAGE_SHAPE))
@@ -67,7 +67,7 @@ class WireError(Exception):
 
 
 def plain_line(text: str) -> str:
-    """Return a policy's text as one printable line of at most 300 characters."""
+    """Return a policy's text as one printable line of at most 200 characters."""
     text = ANSI_SEQUENCE.sub("", text[: 16 * MAX_TEXT])
     kept = (" " if unicodedata.category(c)[0] in "CZ" else c for c in text)
     line = " ".join("".join(kept).split())

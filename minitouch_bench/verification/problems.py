@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-from minitouch_bench.errors import MiniTouchError
+from minitouch_bench.errors import PolicyError, RunDirectoryError, UnreadableFileError, UsageError
 from minitouch_bench.rendering.escaping import printable
 
 SHOWN_CHARACTERS = 400
@@ -25,12 +25,14 @@ class Problem:
     """One problem: the file or key, what is wrong there, and what to do about it.
 
     ``is_other_protocol``: the run is of another protocol, which is no mistake of its maker.
+    ``is_unchecked``: a file could not be read here, so that nothing is known of it.
     """
 
     place: str
     what: str
     remedy: str = ""
     is_other_protocol: bool = False
+    is_unchecked: bool = False
 
     def __str__(self) -> str:
         parts = [f"{_shown(self.place)}: {_shown(self.what)}"]
@@ -49,9 +51,9 @@ class Problems:
     def __len__(self) -> int:
         return len(self._found)
 
-    def add(self, place: str, what: str, remedy: str = "") -> None:
+    def add(self, place: str, what: str, remedy: str = "", *, unchecked: bool = False) -> None:
         """Keep a problem; equal ones count once."""
-        self._found[Problem(place, what, remedy)] = None
+        self._found[Problem(place, what, remedy, is_unchecked=unchecked)] = None
 
     def add_below(self, place: str, problem: Problem) -> None:
         """Keep a problem of something that lies at ``place``."""
@@ -59,10 +61,15 @@ class Problems:
 
     @contextmanager
     def caught(self, place: str, remedy: str = "") -> Iterator[None]:
-        """Keep an error of the block as a problem and go on behind it."""
+        """Keep what an error of the block says of files and policies, and go on behind it.
+
+        Other errors pass: they say that the check could not be made, not that it failed.
+        """
         try:
             yield
-        except MiniTouchError as error:
+        except UnreadableFileError as error:
+            self.add(place, str(error), unchecked=True)
+        except (UsageError, PolicyError, RunDirectoryError) as error:
             self.add(place, str(error).replace("\n", " "), remedy)
 
 

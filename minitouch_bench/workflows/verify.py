@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.errors import InterruptedRunError
+from minitouch_bench.errors import IncompleteCheckError, InterruptedRunError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.policies.isolation.limits import limits_of
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.records import PolicyIdentity
 from minitouch_bench.reporting import read_run
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
@@ -54,6 +55,7 @@ def verify(options: VerifyOptions, callbacks: Callbacks = SILENT) -> Verificatio
 
     Raises:
         UsageError: a checkpoint is not the run's.
+        IncompleteCheckError: a checkpoint is missing.
         PolicyError, IsolationError, MissingExtraError: a checkpoint cannot be used.
         RunDirectoryError: it is no run, or a file of it is damaged.
         InfrastructureError, InterruptedRunError: the check is incomplete.
@@ -78,14 +80,28 @@ def _find_checkpoints(options: VerifyOptions, callbacks: Callbacks) -> PolicySet
     """Find the run's checkpoints, see that they are the ones evaluated, and load each once."""
     header = read_run(options.run).header
     trust = options.isolation.trust
-    policy = options.policy or header.policy.source
+    policy = options.policy or _source_of(header.policy, "--policy")
     check_identity(header.policy, parse_source(policy, header.tasks, trust=trust))
     exploration = None
     if header.exploration is not None:
-        exploration = options.exploration or header.exploration.source
+        exploration = options.exploration or _source_of(header.exploration, "--exploration")
         check_identity(header.exploration, parse_source(exploration, trust=trust))
     isolation = replace(options.isolation, limits=limits_of(header))
     return prepare_policies(policy, header.tasks, isolation, callbacks, exploration=exploration)
+
+
+def _source_of(recorded: PolicyIdentity, option: str) -> str:
+    """Return where a run's checkpoint was.
+
+    Raises:
+        IncompleteCheckError: it is not there now.
+    """
+    if recorded.digest and not Path(recorded.source).exists():
+        raise IncompleteCheckError(
+            f"the checkpoint {recorded.source} is gone: no episode can be run again.\n"
+            f"Say with {option} where it is now"
+        )
+    return recorded.source
 
 
 def _run_again(  # noqa: PLR0917 - everything that verify has opened

@@ -1,9 +1,16 @@
 """Checking submissions and drawing the board, as a maintainer types it."""
 
+import contextlib
 import shutil
 
 import pytest
+import typer
 
+from minitouch_bench.cli import leaderboard
+from minitouch_bench.leaderboard.build import Built
+from minitouch_bench.leaderboard.scored import Refusal
+from minitouch_bench.verification.problems import Problem
+from minitouch_bench.workflows.validate import Validation
 from tests.cli.command import run
 from tests.leaderboard.synthetic import make_submission
 
@@ -25,6 +32,30 @@ def test_valid_submissions_are_named_with_their_level(root):
     done = run("leaderboard", "validate", "submissions/hac", "submissions/zero", directory=root)
     assert done.code == 0
     assert done.out == "hac: valid, self-reported\nzero: valid, self-reported\n"
+
+
+@pytest.mark.parametrize("refused", [(), (Refusal("hac", ("notes.txt: no such file",), False),)])
+def test_a_strict_build_fails_where_a_submission_is_refused(tmp_path, monkeypatch, refused):
+    built = Built(ranked=1, apart=0, refused=refused, new=1)
+    monkeypatch.setattr("minitouch_bench.leaderboard.build.build_board", lambda *_: built)
+    leaderboard.build(tmp_path, tmp_path, strict=False)
+    expected = pytest.raises(typer.Exit) if refused else contextlib.nullcontext()
+    with expected as end:
+        leaderboard.build(tmp_path, tmp_path, strict=True)
+    assert not refused or end.value.exit_code == 1
+
+
+@pytest.mark.parametrize(("unchecked", "code"), [((True,), 6), ((True, False), 1)])
+def test_a_submission_that_cannot_be_read_is_not_called_invalid(
+    tmp_path, monkeypatch, unchecked, code
+):
+    problems = tuple(Problem("run.json", "no", is_unchecked=one) for one in unchecked)
+    found = Validation(problems)
+    name = "minitouch_bench.workflows.validate.validate_submission"
+    monkeypatch.setattr(name, lambda *_: found)
+    with pytest.raises(typer.Exit) as end:
+        leaderboard.validate([tmp_path], False, 0, 0, None, "1")
+    assert end.value.exit_code == code
 
 
 def test_every_fault_has_a_line_and_the_exit_code_is_1(root):

@@ -23,6 +23,7 @@ from minitouch_bench.leaderboard.submission_document import (
     submission_schema,
     submission_toml,
 )
+from minitouch_bench.leaderboard.texts import check_file_name, check_name
 from minitouch_bench.records import Role
 from minitouch_bench.verification.problems import Problems
 from tests.leaderboard.synthetic import ABOUT, make_submission
@@ -79,6 +80,19 @@ def read(text: str) -> tuple[Submission | None, list[str]]:
 def test_what_is_written_is_read_back(about):
     submission = replace(about, seeds=SEEDS)
     assert read(submission_toml(submission)) == (submission, [])
+
+
+@pytest.mark.parametrize("name", ["con", "nul.safetensors", "LPT1.onnx", "aux.tar.zip", "com0"])
+def test_names_that_windows_cannot_check_out_are_refused(name):
+    with pytest.raises(UsageError, match="device on Windows"):
+        check_file_name(name)
+    with pytest.raises(UsageError):
+        check_name(name)
+    for other in ("a:b.onnx", "a.onnx.", "a.onnx ", "a*.onnx", "..onnx"):
+        with pytest.raises(UsageError):
+            check_file_name(other)
+    check_file_name("console.onnx")
+    check_name("nullary")
 
 
 def test_the_published_schema_describes_what_is_written():

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError
+from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.policies import server as server_module
 from minitouch_bench.policies.isolate import isolate
 from minitouch_bench.policies.loading import load_policy
@@ -88,7 +88,7 @@ def test_a_process_ends_its_episodes_on_the_server(server, url, observation):
             policy.reset(seed, "pushing")
             assert policy.act(observation)[2:].tolist() == [1.0, seed]
             assert len(server._episodes) == 1
-        with pytest.raises(PolicyRaisedError, match="I do not play"):
+        with pytest.raises(PolicyFaultError, match="I do not play"):
             policy.reset(1, "playing")
     assert not server._episodes
 
@@ -98,7 +98,7 @@ def test_a_server_forgets_the_oldest_episode(connect, observation, monkeypatch):
     first, second = (connect() for _ in range(2))
     first.reset(1, "pushing")
     second.reset(1, "pushing")
-    with pytest.raises(PolicyRaisedError, match=r"404.*no episode"):
+    with pytest.raises(PolicyFaultError, match=r"404.*no episode"):
         first.act(observation)
     second.act(observation)
 
@@ -127,7 +127,7 @@ def test_a_request_that_makes_no_sense_gets_an_error(server, method, path, body,
 def test_a_short_observation_is_refused(connect):
     policy = connect()
     policy.reset(1, "pushing")
-    with pytest.raises(PolicyRaisedError, match=r"400.*bytes"):
+    with pytest.raises(PolicyFaultError, match=r"400.*bytes"):
         policy._call("POST", f"/episodes/{policy._episode}/act", b"short")
 
 

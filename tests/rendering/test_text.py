@@ -10,6 +10,11 @@ def test_printable_keeps_one_line_of_visible_text():
     assert printable("a\nb\tc\x1b[31m\u202ed\x00\ud800 ü ↑") == "a b c[31md ü ↑"
 
 
+@pytest.mark.parametrize("code", [0x200B, 0xFEFF, 0xE0041, 0xFE0F, 0xE0100, 0x3164, 0x2800, 0x34F])
+def test_what_cannot_be_seen_is_removed(code):
+    assert printable(f"ha{chr(code)}c") == "hac"
+
+
 @pytest.mark.parametrize(
     ("text", "escaped"),
     [

@@ -1,6 +1,6 @@
 import pytest
 
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import InfrastructureError, UnreadableFileError, UsageError
 from minitouch_bench.verification.problems import Problem, Problems, compare_values
 
 
@@ -64,3 +64,12 @@ def test_floats_alone_may_differ_by_the_tolerance():
 def test_a_difference_that_is_0_but_for_rounding_is_0():
     assert not list(compare_values("run", {"low": 0.0}, {"low": 1e-17}, 1e-9))
     assert list(compare_values("run", {"low": 0.0}, {"low": 1e-17}))
+
+
+def test_a_check_that_could_not_be_made_is_no_failed_one():
+    problems = Problems()
+    with problems.caught("run.json"):
+        raise UnreadableFileError("it cannot be read: Permission denied")
+    assert [problem.is_unchecked for problem in problems] == [True]
+    with pytest.raises(InfrastructureError), problems.caught("run.json"):
+        raise InfrastructureError("a worker died")
