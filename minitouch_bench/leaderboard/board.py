@@ -7,7 +7,8 @@ from minitouch_bench.leaderboard.proof import RANKED_LEVELS
 from minitouch_bench.leaderboard.ranking import Rank, rank
 from minitouch_bench.leaderboard.scored import Refusal, ScoredSubmission
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
-from minitouch_bench.leaderboard.submission import MAIN_SUITE, Submission, run_place
+from minitouch_bench.leaderboard.submission import Submission
+from minitouch_bench.leaderboard.twins import exact_twins, near_twins
 from minitouch_bench.metrics import ShownIn, metrics_shown_in
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.protocol.minitouch import PROTOCOL
@@ -26,17 +27,25 @@ TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
 class BoardRow:
     """One submission on the board. ``ranks`` by task and OVERALL, where the row has any.
 
-    ``twins`` are other submissions with the very same episodes, bit for bit.
+    ``twins`` are other submissions with the very same episodes, bit for bit; ``near_twins``
+    those whose actions are nearly the same.
     """
 
     scored: ScoredSubmission
     ranks: Mapping[str, Rank]
     twins: tuple[str, ...] = ()
+    near_twins: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
         """The submission's name."""
         return self.scored.name
+
+    @property
+    def repeats(self) -> str:
+        """What it repeats of others, in words; "" if nothing."""
+        found = (("same episodes as", self.twins), ("nearly the actions of", self.near_twins))
+        return "; ".join(f"{words} {', '.join(names)}" for words, names in found if names)
 
     @property
     def about(self) -> Submission:
@@ -88,26 +97,27 @@ def make_board(found: Sequence[ScoredSubmission | Refusal]) -> Board:
     contenders = [one for one in submitted if one.level in RANKED_LEVELS]
     others = [one for one in submitted if one.level not in RANKED_LEVELS]
     calibration = {one.name: one for one in scored if one.is_calibration}
-    twins = _twins(scored)
-    ranked = [
-        BoardRow(one, ranks, twins.get(one.name, ()))
-        for one, ranks in zip(contenders, rank(contenders), strict=True)
-    ]
+    exact, near = exact_twins(scored), near_twins(scored)
+
+    def row(one: ScoredSubmission, ranks: Mapping[str, Rank]) -> BoardRow:
+        twins = exact.get(one.name, ())
+        others = tuple(name for name in near.get(one.name, ()) if name not in twins)
+        return BoardRow(one, ranks, twins, others)
+
+    ranked = [row(one, ranks) for one, ranks in zip(contenders, rank(contenders), strict=True)]
     return Board(
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
         ranked=tuple(in_order(ranked, OVERALL, MEAN_SUCCESS)),
         unranked=tuple(
             in_order(
-                [BoardRow(one, {}, twins.get(one.name, ())) for one in others],
+                [row(one, {}) for one in others],
                 OVERALL,
                 MEAN_SUCCESS,
             )
         ),
         calibration=tuple(
-            BoardRow(calibration[name], {}, twins.get(name, ()))
-            for name in CALIBRATION
-            if name in calibration
+            row(calibration[name], {}) for name in CALIBRATION if name in calibration
         ),
         missing_calibration=tuple(name for name in CALIBRATION if name not in calibration),
         refusals=tuple(one for one in found if isinstance(one, Refusal)),
@@ -122,16 +132,3 @@ def in_order(rows: Sequence[BoardRow], key: str, metric: str) -> list[BoardRow]:
         return best, -row.scored.figures[key][metric].value, row.name
 
     return sorted(rows, key=standing)
-
-
-def _twins(scored: Sequence[ScoredSubmission]) -> dict[str, tuple[str, ...]]:
-    """Return by name the others whose episodes of the main suite are the same bits."""
-    owners: dict[str, list[str]] = {}
-    for one in scored:
-        for seed in one.about.seeds:
-            owners.setdefault(one.runs[run_place(seed.seed, MAIN_SUITE)], []).append(one.name)
-    found: dict[str, set[str]] = {}
-    for names in owners.values():
-        for name in names:
-            found.setdefault(name, set()).update(other for other in names if other != name)
-    return {name: tuple(sorted(others)) for name, others in found.items() if others}

@@ -17,6 +17,7 @@ COLUMNS = (
     "modalities",
     "training_steps",
     "training_seeds",
+    "repeats",
     "suite",
     "task",
     "metric",
@@ -38,7 +39,7 @@ def board_csv(board: Board) -> str:
         rows += _figures(row)
         rows += _gaps(row)
     for method in PAPER_METHODS:
-        head: Row = (method, PAPER, "", "", "", None, None)
+        head: Row = (method, PAPER, "", "", "", None, None, "")
         for (task, metric), printed in paper_values(method).items():
             value, none = float(printed.text), (None,) * 3
             rows.append((*head, "", task, metric, value, *none, printed.remark, None, None))
@@ -55,6 +56,7 @@ def _head(row: BoardRow) -> Row:
         " ".join(about.modalities),
         about.training_steps,
         len(about.seeds),
+        row.repeats,
     )
 
 

@@ -45,7 +45,8 @@ class PublishedMethod:
 class RowDocument:
     """A submission: what it tells, how well it is proved, and its figures.
 
-    ``same_episodes_as`` names the submissions with the very same episodes, bit for bit; ``runs``
+    ``same_episodes_as`` names the submissions with the very same episodes, bit for bit,
+    ``nearly_same_actions_as`` those with nearly the same actions; ``runs``
     has the digest of each run. ``ranks`` by task and "overall", empty for a calibration policy;
     ``figures`` by task (or "overall") and metric, in the units that ``docs/metrics.md`` gives;
     ``novel_shapes`` by task: the metric that ranks it on held-out and on train shapes, and
@@ -65,6 +66,7 @@ class RowDocument:
     rerun_episodes: Count
     fresh: FreshProof | None
     same_episodes_as: tuple[str, ...]
+    nearly_same_actions_as: tuple[str, ...]
     training_seeds: tuple[Count, ...]
     runs: Mapping[str, Sha256]
     ranks: Mapping[str, Rank]
@@ -144,6 +146,7 @@ def _row(row: BoardRow) -> RowDocument:
         rerun_episodes=scored.rerun_episodes,
         fresh=scored.fresh,
         same_episodes_as=row.twins,
+        nearly_same_actions_as=row.near_twins,
         training_seeds=tuple(seed.seed for seed in row.about.seeds),
         runs=scored.runs,
         ranks=row.ranks,

@@ -6,7 +6,7 @@ from minitouch_bench.leaderboard.board import CEILING, FLOORS, Board
 from minitouch_bench.leaderboard.scored import Refusal
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, View
 from minitouch_bench.rendering.markdown import escape, table_lines
-from minitouch_bench.rendering.tables import Cell, Column, Row, Table
+from minitouch_bench.rendering.tables import ABSENT, Cell, Column, Row, Table
 from minitouch_bench.reporting.labels import listed
 from minitouch_bench.reporting.paper import PAPER_NOTE
 
@@ -43,7 +43,7 @@ def notes() -> tuple[str, ...]:
 
 
 def _about(board: Board) -> Table:
-    heads = ("Method", "Proof", "Modalities", "Training steps", "Training seeds")
+    heads = ("Method", "Proof", "Modalities", "Training steps", "Training seeds", "Repeats")
     rows = []
     for row in board.rows:
         about = row.about
@@ -53,6 +53,7 @@ def _about(board: Board) -> Table:
             ", ".join(about.modalities) or "none",
             str(about.training_steps),
             str(len(about.seeds)),
+            row.repeats or ABSENT,
         )
         rows.append(Row((about.name,), tuple(map(Cell, cells))))
     columns = tuple(Column(head, is_text=not head.startswith("Training")) for head in heads)

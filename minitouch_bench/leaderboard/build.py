@@ -122,6 +122,7 @@ def _scored(entry: Entry, figures: Figures) -> ScoredSubmission:
         level=entry.level,
         rerun_episodes=entry.proof.rerun_episodes if entry.proof else 0,
         fresh=entry.proof.fresh if entry.proof else None,
+        sketches=entry.proof.sketches if entry.proof else {},
         runs={run.place: run.digest for seed in entry.seeds for run in seed.runs.values()},
         figures=figures,
         gaps=score_gaps(entry),

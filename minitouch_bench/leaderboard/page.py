@@ -80,8 +80,7 @@ def finish_page(row: BoardRow, ranked: int) -> str:
     texts = {key: _rank_text(rank) for key, rank in row.ranks.items()}
     if texts:
         texts[OVERALL] += f" of {ranked}"
-    others = ", ".join(row.twins)
-    texts[TWINS] = f" Its episodes are bit for bit those of {others}." if others else ""
+    texts[TWINS] = f" It repeats others: {row.repeats}." if row.repeats else ""
     page = row.scored.page
     for key, text in texts.items():
         page = page.replace(_mark(key), str(escape(text)))

@@ -6,7 +6,7 @@ adds a submission has no reason to touch it. It binds a level to the bytes of ea
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
@@ -75,12 +75,17 @@ class Proof:
     rerun_episodes: Count
     package: str
     fresh: FreshProof | None = None
+    sketches: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     format: Literal["minitouch-proof"] = "minitouch-proof"
     version: Literal[1] = 1
 
 
 def make_proof(
-    verdict: Verdict, level: ProofLevel, rerun_episodes: int = 0, fresh: FreshProof | None = None
+    verdict: Verdict,
+    level: ProofLevel,
+    rerun_episodes: int = 0,
+    fresh: FreshProof | None = None,
+    sketches: Mapping[str, tuple[float, ...]] | None = None,
 ) -> Proof:
     """Bind a level to the runs of a submission as they are now.
 
@@ -93,6 +98,7 @@ def make_proof(
         rerun_episodes,
         version("minitouch-bench"),
         fresh,
+        sketches or {},
     )
 
 

@@ -12,6 +12,7 @@ from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.leaderboard.proof import FreshProof
 from minitouch_bench.leaderboard.submission import CHECKPOINTS, MAIN_SUITE, TrainingSeed
+from minitouch_bench.leaderboard.twins import Sketch, sketch_of
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.isolation.limits import limits_of
@@ -107,6 +108,18 @@ def _fresh_results(
         compare_fresh([one for one in official[role] if one.task == task], own, role, task)
         for (role, task), own in measured.items()
     )
+
+
+def sketch_runs(verdict: Verdict) -> dict[str, Sketch]:
+    """Return the sketch of each main run's actions, by its path."""
+    assert verdict.submission is not None
+    found = {}
+    for seed in verdict.submission.seeds:
+        place = seed.runs[MAIN_SUITE]
+        run, _ = open_run(verdict.directory / place)
+        if run is not None:
+            found[place] = sketch_of([run.actions[spec.key] for spec in run.specs])
+    return found
 
 
 def _run_again(  # noqa: PLR0917 - one run of one seed of a submission

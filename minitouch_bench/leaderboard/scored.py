@@ -18,13 +18,14 @@ class ScoredSubmission:
     metric; ``gaps`` by task; ``endings``: number of episodes by task and ending. ``values`` by
     task: of each training seed, the episodes' values in the metric that ranks the task.
     ``videos`` are paths in the submission. ``page`` is its page, with marks where the ranks
-    stand.
+    stand. ``sketches``: see ``twins.sketch_of``; only a proof has them.
     """
 
     about: Submission
     level: ProofLevel
     rerun_episodes: int
     fresh: FreshProof | None
+    sketches: Mapping[str, tuple[float, ...]]
     runs: Mapping[str, str]
     figures: Mapping[str, Mapping[str, Estimate]]
     gaps: Mapping[str, Gap]

@@ -83,7 +83,8 @@ def _prove(verdict: Verdict, options: ValidateOptions, callbacks: Callbacks) -> 
             problems += found
     if not problems:
         level = ProofLevel.RERUN if rerun else ProofLevel.REPLAYED
-        proof = make_proof(verdict, ProofLevel.FRESH if fresh else level, rerun, fresh)
+        sketches = proving.sketch_runs(verdict)
+        proof = make_proof(verdict, ProofLevel.FRESH if fresh else level, rerun, fresh, sketches)
         write_proof(proof, proof_path(verdict.directory.resolve()))
     return tuple(problems)
 
