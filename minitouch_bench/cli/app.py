@@ -39,7 +39,7 @@ COMMANDS: dict[Callable[..., None], str] = {
     study: "minitouch-bench study my-study.toml",
     record: "minitouch-bench record scripted pushing --output data/pushing",
     submit: "minitouch-bench submit my_policy.onnx --name my-policy",
-    tasks: "minitouch-bench tasks",
+    tasks: "minitouch-bench tasks --json",
     doctor: "minitouch-bench doctor",
 }
 """Every command with an example of its use, in the order of the help."""
@@ -47,7 +47,6 @@ COMMANDS: dict[Callable[..., None], str] = {
 app = typer.Typer(
     name="minitouch-bench",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 for command, example in COMMANDS.items():

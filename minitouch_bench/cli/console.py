@@ -1,5 +1,7 @@
 """Where the command line prints: data on stdout, progress and notes on stderr."""
 
+import time
+from collections.abc import Callable
 from types import TracebackType
 
 from rich.console import Console
@@ -20,6 +22,9 @@ from minitouch_bench.workflows import Callbacks
 PIPED_WIDTH = 120
 """Columns of a table that goes into a file or another program."""
 
+LINE_INTERVAL_S = 60.0
+"""Seconds between two lines of progress where no terminal shows a bar."""
+
 notes = Console(stderr=True, soft_wrap=True, highlight=False)
 
 
@@ -30,10 +35,15 @@ def data_console() -> Console:
 
 
 class EpisodeProgress:
-    """Episodes done, success so far, and the time left; shown from the first phase on."""
+    """Episodes done, success so far, and the time left; shown from the first phase on.
 
-    def __init__(self, console: Console) -> None:
+    Where there is no terminal, one line per minute says so.
+    """
+
+    def __init__(self, console: Console, clock: Callable[[], float] = time.monotonic) -> None:
         self._console = console
+        self._clock = clock
+        self._told_at = clock()
         self._tally: dict[str, list[bool]] = {}
         self._faults = 0
         self._bar: TaskID | None = None
@@ -85,3 +95,8 @@ class EpisodeProgress:
         if self._faults:
             parts.append(f"[red]{self._faults} faults[/red]")
         self._progress.update(self._bar, advance=1, success="  ".join(parts))
+        if not self._console.is_terminal and self._clock() >= self._told_at + LINE_INTERVAL_S:
+            self._told_at = self._clock()
+            bar = self._progress.tasks[self._bar]
+            line = "  ".join([f"{bar.description}: {bar.completed:.0f} of {bar.total:.0f}", *parts])
+            self._console.print(line)

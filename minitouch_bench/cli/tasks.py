@@ -1,5 +1,11 @@
 """``minitouch-bench tasks``: what the tasks are."""
 
+import json
+from dataclasses import asdict
+from typing import Annotated, Any
+
+import typer
+
 from minitouch_bench.cli.console import data_console
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
@@ -14,8 +20,15 @@ HEADINGS = (
 )
 
 
-def tasks() -> None:
+def tasks(
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the tasks and the suites as JSON.")
+    ] = False,
+) -> None:
     """List the tasks: Gymnasium id, action, workspace, objects, and what counts as success."""
+    if as_json:
+        print(json.dumps(_document(), indent=1))
+        return
     from rich.table import Table
 
     table = Table(title=f"Tasks of the protocol {PROTOCOL.name}", title_justify="left")
@@ -33,3 +46,22 @@ def tasks() -> None:
             task.goal or "none: touch is the metric",
         )
     data_console().print(table)
+
+
+def _document() -> dict[str, Any]:
+    return {
+        "protocol": PROTOCOL.name,
+        "tasks": [
+            {
+                "name": task.name,
+                "gym_id": task.gym_id,
+                "action_size": task.action_size,
+                "workspace": asdict(task.workspace),
+                "objects": task.default_objects,
+                "max_steps": task.max_steps,
+                "goal": task.goal,
+            }
+            for task in PROTOCOL.tasks
+        ],
+        "suites": [asdict(suite) for suite in PROTOCOL.suites],
+    }

@@ -67,6 +67,10 @@ OBSERVATION_TEXT = re.compile(
 )
 
 
+OPENINGS = slice(3, 5)
+"""The finger openings in the touch vector, from 0 to 1."""
+
+
 class NoOptimizer:
     """Stand where a policy wants its optimizer: the first real one takes 1.5 s to import."""
 
@@ -111,7 +115,13 @@ def load_sb3(checkpoint: Checkpoint) -> Sb3Policy:
             f"{checkpoint.target} is no Stable-Baselines3 model: {error}"
         ) from error
     try:
-        policy = _rebuild(settings, _read_weights(weights))
+        _check_observation(settings)
+        observation_space, action_space = _spaces(settings)
+        _refuse_normalized(settings)
+    except PolicyLoadError as error:
+        raise PolicyLoadError(f"{checkpoint.target}: {error}") from error
+    try:
+        policy = _rebuild(settings, _read_weights(weights), observation_space, action_space)
     except PolicyLoadError as error:
         if checkpoint.trust:
             return _load_trusted(checkpoint, settings)
@@ -143,7 +153,12 @@ def _read_weights(content: bytes) -> dict[str, Any]:
     return weights
 
 
-def _rebuild(settings: Any, weights: dict[str, Any]) -> Any:
+def _rebuild(
+    settings: Any,
+    weights: dict[str, Any],
+    observation_space: spaces.Dict,
+    action_space: spaces.Box,
+) -> Any:
     """Return stable_baselines3's policy with its weights.
 
     Raises:
@@ -157,13 +172,11 @@ def _rebuild(settings: Any, weights: dict[str, Any]) -> Any:
             "its policy is not the MultiInputPolicy of SAC, TD3, DDPG, PPO or A2C; "
             "a policy class of one's own needs --trust"
         )
-    _check_observation(settings)
     arguments = _policy_arguments(_section(settings, "policy_kwargs"))
     if policy_class.startswith("stable_baselines3.common"):
         arguments.setdefault("use_sde", bool(settings.get("use_sde")))
     if policy_class.startswith("stable_baselines3.td3"):
         arguments.pop("use_sde", None)
-    observation_space, action_space = _spaces(settings)
     try:
         policy = look_up(policy_class)(
             observation_space, action_space, lambda _: 0.0, optimizer_class=NoOptimizer, **arguments
@@ -190,6 +203,27 @@ def _check_observation(settings: Any) -> None:
         raise PolicyLoadError(
             f"it was trained on another observation ({text[:120] or 'unnamed'}); here it is "
             f"Dict(image=uint8 {IMAGE_SHAPE}, touch=float32 {TOUCH_SHAPE})"
+        )
+
+
+def _refuse_normalized(settings: Any) -> None:
+    """Refuse a model that saw observations through VecNormalize: its zip lacks their statistics.
+
+    The settings tell of the last observation, and of its original. PPO and A2C have an original
+    under VecNormalize only. The others always have one, but there the last finger openings are
+    out of their range: normalized numbers are as often negative as positive.
+    """
+    last, original = (
+        settings[name] if isinstance(settings.get(name), dict) else {}
+        for name in ("_last_obs", "_last_original_obs")
+    )
+    touch = np.array(re.findall(r"[-+\d.]+(?:e[-+]?\d+)?", str(last.get("touch", ""))), np.float64)
+    openings = touch.reshape(-1, 11)[:, OPENINGS] if touch.size % 11 == 0 else touch
+    is_on_policy = ALGORITHM_BY_SETTING["A2C"] in settings
+    if (is_on_policy and original) or (openings < 0).any() or (openings > 1).any():
+        raise PolicyLoadError(
+            "it was trained under VecNormalize, whose statistics are not in the zip. Train with "
+            "VecNormalize(norm_obs=False), or put the normalization into the network"
         )
 
 
@@ -246,7 +280,6 @@ def _is_modest(value: Any, depth: int = 0) -> bool:
 
 def _load_trusted(checkpoint: Checkpoint, settings: Any) -> Sb3Policy:
     """Let stable_baselines3 load a trusted model, running what is pickled in it."""
-    _check_observation(settings)
     names = [name for name, setting in ALGORITHM_BY_SETTING.items() if setting in settings]
     if not names:
         raise PolicyLoadError(f"{checkpoint.target} is none of {', '.join(ALGORITHM_BY_SETTING)}")

@@ -11,6 +11,9 @@ from minitouch_bench.records import RunHeader, SavedRun
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_TASKS
 
+SHOWN_EPISODES = 12
+"""Episodes named for one fault; a policy that always fails would fill the page."""
+
 
 @dataclass(frozen=True)
 class FaultGroup:
@@ -80,6 +83,18 @@ def group_faults(faults: Iterable[tuple[str, str]]) -> tuple[FaultGroup, ...]:
     for key, text in faults:
         episodes.setdefault(printable(text), []).append(printable(key))
     return tuple(FaultGroup(text, tuple(keys)) for text, keys in episodes.items())
+
+
+def fault_lines(section: RunSection) -> list[str]:
+    """Return a line per fault of a run: what went wrong, how often and in which episodes."""
+    lines = []
+    for fault in section.faults:
+        count = len(fault.episodes)
+        times = f"{count} {'episode' if count == 1 else 'episodes'}"
+        shown = ", ".join(fault.episodes[:SHOWN_EPISODES])
+        rest = f" and {count - SHOWN_EPISODES} more" if count > SHOWN_EPISODES else ""
+        lines.append(f"{section.name}: {fault.text} ({times}: {shown}{rest})")
+    return lines
 
 
 def _checked(names: Sequence[str], count: int) -> tuple[str, ...]:

@@ -1,11 +1,8 @@
 """``report.md``: the tables and facts of a report in GitHub's Markdown."""
 
 from minitouch_bench.rendering.markdown import code_span, escape, table_lines
-from minitouch_bench.reporting.labels import RunSection
+from minitouch_bench.reporting.labels import RunSection, fault_lines
 from minitouch_bench.reporting.report import Report
-
-SHOWN_EPISODES = 12
-"""Episodes named for one fault; a policy that always fails would fill the page."""
 
 
 def to_markdown(report: Report) -> str:
@@ -19,7 +16,7 @@ def to_markdown(report: Report) -> str:
     if any(section.faults for section in report.sections):
         parts += ["", "## Policy faults", ""]
         for section in report.sections:
-            parts += _faults(section)
+            parts += [f"- {escape(line)}" for line in fault_lines(section)]
     parts += ["", "## What was run"]
     for section in report.sections:
         parts += ["", *_facts(section)]
@@ -39,21 +36,6 @@ def _headline(section: RunSection) -> list[str]:
     ]
     lines += [f"> {escape(label)}" for label in section.labels]
     return [lines[0], "", *(f"{line}  " for line in lines[1:]), ""]
-
-
-def _faults(section: RunSection) -> list[str]:
-    """List a run's faults, equal ones once."""
-    lines = []
-    for fault in section.faults:
-        shown = ", ".join(fault.episodes[:SHOWN_EPISODES])
-        more = len(fault.episodes) - SHOWN_EPISODES
-        rest = f" and {more} more" if more > 0 else ""
-        count = len(fault.episodes)
-        times = f"{count} {'episode' if count == 1 else 'episodes'}"
-        lines.append(
-            f"- {escape(section.name)}: {escape(fault.text)} ({times}: {escape(shown)}{rest})"
-        )
-    return lines
 
 
 def _facts(section: RunSection) -> list[str]:

@@ -8,6 +8,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from minitouch_bench.rendering.tables import Cell, Column, Row, Table
+from minitouch_bench.reporting.labels import fault_lines
 from minitouch_bench.reporting.report import Report
 
 PAPER_WIDTH = 9
@@ -30,6 +31,9 @@ def render_report(report: Report) -> RenderableType:
         parts += [*_notes(table), Text()]
     parts += [draw_table(table) for table in _by_policy(report.diagnostics)]
     parts += _notes(report.diagnostics)
+    if any(section.faults for section in report.sections):
+        parts += [Text(), Text("Policy faults", style="bold red")]
+    parts += [Text(line) for section in report.sections for line in fault_lines(section)]
     return Group(*parts)
 
 

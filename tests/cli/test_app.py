@@ -20,3 +20,9 @@ def test_without_arguments_there_is_help(tmp_path):
     assert done.code == 2
     assert "Usage" in done.out + done.err
     assert run("--help", directory=tmp_path).code == 0
+
+
+def test_a_shell_can_complete_it(tmp_path):
+    done = run("--show-completion", "bash", directory=tmp_path)
+    assert done.code == 0
+    assert "complete" in done.out

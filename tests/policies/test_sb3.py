@@ -16,6 +16,21 @@ from tests.policies.recipes import StillEnvironment, run_recipes
 stable_baselines3 = pytest.importorskip("stable_baselines3")
 
 
+class Sinking(StillEnvironment):
+    """Its touch vector stays in the benchmark's range, and sinks from step to step."""
+
+    def reset(self, **options):
+        self.touch = 0.9
+        return self.observe(), {}
+
+    def step(self, action):
+        self.touch -= 0.01
+        return self.observe(), 0.0, False, False, {}
+
+    def observe(self):
+        return {**self.observation_space.sample(), "touch": np.full(11, self.touch, np.float32)}
+
+
 class OwnExtractor(stable_baselines3.common.torch_layers.CombinedExtractor):
     """A class of the submitter's own."""
 
@@ -112,7 +127,7 @@ def test_files_of_another_form_are_refused(recipe, monkeypatch):
     _, content = recipe
     refused(b"plain text", "no Stable-Baselines3 model")
     refused(content[:-1000], "no Stable-Baselines3 model")
-    refused(changed(content, data="[]"), "no 'policy_class'")
+    refused(changed(content, data="[]"), "no 'observation_space'")
     refused(changed(content, data="{"), "no Stable-Baselines3 model")
     refused(changed(content, policy=b"\x80\x04."), "no plain weights")
     monkeypatch.setattr(sb3, "MAX_WEIGHTS_BYTES", 1000)
@@ -148,3 +163,24 @@ def test_classes_of_ones_own_need_trust(algorithm, observation):
     refused(content, "needs --trust")
     wanted, _ = model.predict(observation, deterministic=True)
     assert np.array_equal(load(content, trust=True).act(observation), wanted)
+
+
+@pytest.mark.parametrize("algorithm", ["SAC", "PPO"])
+def test_a_model_trained_under_vec_normalize_is_refused(algorithm, observation):
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+    plain = DummyVecEnv([lambda: Sinking(4)])
+    model = make(algorithm, plain, net_arch=[8]).learn(16)
+    assert load(saved(model)).act(observation).shape == (4,)
+    model = make(algorithm, VecNormalize(plain, norm_obs_keys=["touch"]), net_arch=[8]).learn(16)
+    refused(saved(model), "trained under VecNormalize")
+    refused(saved(model), "trained under VecNormalize", trust=True)
+
+
+def test_trust_is_advised_only_where_it_helps():
+    from stable_baselines3 import SAC
+
+    content = saved(SAC("MlpPolicy", "Pendulum-v1", buffer_size=10))
+    with pytest.raises(PolicyLoadError, match="another observation") as caught:
+        load(content)
+    assert "trust" not in str(caught.value)

@@ -39,7 +39,8 @@ def test_terminal_prints_both_tables(hac, scripted):
     with console.capture() as captured:
         show_report(build_report([hac, scripted]), console)
     text = captured.get()
-    for expected in ("Pushing", "(paper)", "0.733", "Diagnostics", "reads the simulator's"):
+    fault = "act() gave NaN in element 2 of 4 (2 episodes: pushing/0, pushing/1)"
+    for expected in ("Pushing", "(paper)", "0.733", "Diagnostics", "reads the simulator's", fault):
         assert expected in text
 
 
