@@ -32,8 +32,8 @@ from minitouch_bench.leaderboard.submission import (
     TrainingSeed,
     checkpoint_place,
 )
-from minitouch_bench.leaderboard.submission_document import read_submission, submission_toml
-from minitouch_bench.leaderboard.texts import check_file_name
+from minitouch_bench.leaderboard.submission_file import read_submission, submission_toml
+from minitouch_bench.leaderboard.submission_rules import check_file_name
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource
 from minitouch_bench.records import Role
 from minitouch_bench.reporting import derived_files, read_run

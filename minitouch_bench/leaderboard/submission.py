@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal
 
 from msgspec import Meta
 
-from minitouch_bench.leaderboard import texts
+from minitouch_bench.leaderboard import submission_rules as rules
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
 from minitouch_bench.records import Role, Sha256
 from minitouch_bench.reporting.labels import TASKS
@@ -37,11 +37,6 @@ MODALITIES: Mapping[str, str] = MappingProxyType(
 )
 """What a policy may look at, and what that means."""
 
-MAX_METHOD, MAX_AUTHOR, MAX_NOTES = 120, 100, 2000
-MAX_AUTHORS, MAX_SEEDS = 50, 20
-MAX_STEPS = 10**12
-MAX_SEED = 2**63 - 1
-
 
 def _looks_like(description: str, pattern: str, longest: int) -> Meta:
     """Describe a text in the schema; ``texts`` checks it, in words that help."""
@@ -50,11 +45,11 @@ def _looks_like(description: str, pattern: str, longest: int) -> Meta:
 
 
 def _plain_text(description: str, longest: int) -> Meta:
-    return _looks_like(description, texts.TEXT_PATTERN, longest)
+    return _looks_like(description, rules.TEXT_PATTERN, longest)
 
 
 def _link(description: str) -> Meta:
-    return _looks_like(description, f"(https://{texts.LINK.pattern})?", texts.MAX_LINK)
+    return _looks_like(description, f"(https://{rules.LINK.pattern})?", rules.MAX_LINK)
 
 
 @dataclass(frozen=True)
@@ -63,7 +58,7 @@ class CheckpointFile:
 
     role: Role
     task: Annotated[str, Meta(pattern=f"^({'|'.join((ALL_TASKS, *TASK_NAMES))})$")]
-    file: Annotated[str, _looks_like("Name of the file.", texts.FILE_NAME.pattern, 128)]
+    file: Annotated[str, _looks_like("Name of the file.", rules.FILE_NAME.pattern, 128)]
     sha256: Sha256
     path: str = ""
 
@@ -72,7 +67,7 @@ class CheckpointFile:
 class TrainingSeed:
     """One training run of the method: its seed, its run directory by suite, its files."""
 
-    seed: Annotated[int, Meta(ge=0, le=MAX_SEED)]
+    seed: Annotated[int, Meta(ge=0, le=rules.MAX_SEED)]
     runs: Mapping[str, str]
     checkpoints: tuple[CheckpointFile, ...] = ()
 
@@ -91,33 +86,33 @@ class Submission:
 
     format: Literal["minitouch-submission"] = FORMAT
     version: Literal[1] = VERSION
-    name: Annotated[str, _looks_like("Its name and its directory's.", texts.NAME.pattern, 64)] = ""
+    name: Annotated[str, _looks_like("Its name and its directory's.", rules.NAME.pattern, 64)] = ""
     method: Annotated[
         str,
-        _plain_text("What the board calls it.", MAX_METHOD),
+        _plain_text("What the board calls it.", rules.MAX_METHOD),
         Meta(extra_json_schema={"minLength": 1}),
     ] = ""
     authors: Annotated[
-        tuple[Annotated[str, _plain_text("One of the authors.", MAX_AUTHOR)], ...],
-        Meta(max_length=MAX_AUTHORS),
+        tuple[Annotated[str, _plain_text("One of the authors.", rules.MAX_AUTHOR)], ...],
+        Meta(max_length=rules.MAX_AUTHORS),
     ] = ()
     paper: Annotated[str, _link("The paper.")] = ""
     code: Annotated[str, _link("The code.")] = ""
     licence: Annotated[
         str,
         _looks_like(
-            "SPDX expression of the checkpoints' licence.", f"({texts.LICENCE.pattern})?", 63
+            "SPDX expression of the checkpoints' licence.", f"({rules.LICENCE.pattern})?", 63
         ),
     ] = ""
-    training_steps: Annotated[int, Meta(ge=0, le=MAX_STEPS)] = 0
+    training_steps: Annotated[int, Meta(ge=0, le=rules.MAX_STEPS)] = 0
     modalities: Annotated[
         tuple[Annotated[str, Meta(pattern=f"^({'|'.join(MODALITIES)})$")], ...],
         Meta(description="What the policy uses. 'state' is the scripted policy's alone."),
     ] = ()
-    notes: Annotated[str, _plain_text("Anything else, on one line.", MAX_NOTES)] = ""
+    notes: Annotated[str, _plain_text("Anything else, on one line.", rules.MAX_NOTES)] = ""
     seeds: Annotated[
         tuple[TrainingSeed, ...],
-        Meta(max_length=MAX_SEEDS, extra_json_schema={"minItems": 1}),
+        Meta(max_length=rules.MAX_SEEDS, extra_json_schema={"minItems": 1}),
     ] = ()
 
 

@@ -17,7 +17,7 @@ from minitouch_bench.leaderboard.inventory import (
 )
 from minitouch_bench.leaderboard.run_checks import check_run
 from minitouch_bench.leaderboard.submission import SUBMISSION_FILE, Submission
-from minitouch_bench.leaderboard.submission_document import read_submission
+from minitouch_bench.leaderboard.submission_file import read_submission
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.records import SavedRun
 from minitouch_bench.reporting.run_directory import parse_run, run_json

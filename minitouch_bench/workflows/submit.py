@@ -31,7 +31,7 @@ from minitouch_bench.leaderboard.submission import (
     TrainingSeed,
     run_place,
 )
-from minitouch_bench.leaderboard.texts import check_name
+from minitouch_bench.leaderboard.submission_rules import check_name
 from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES, validate
 from minitouch_bench.metrics import summarize
 from minitouch_bench.policies.isolation.options import IsolationOptions

@@ -18,12 +18,12 @@ from minitouch_bench.leaderboard.submission import (
     TrainingSeed,
     checkpoint_place,
 )
-from minitouch_bench.leaderboard.submission_document import (
+from minitouch_bench.leaderboard.submission_file import (
     read_submission,
     submission_schema,
     submission_toml,
 )
-from minitouch_bench.leaderboard.texts import check_file_name, check_name
+from minitouch_bench.leaderboard.submission_rules import check_file_name, check_name
 from minitouch_bench.records import Role
 from minitouch_bench.verification.problems import Problems
 from tests.leaderboard.synthetic import ABOUT, make_submission

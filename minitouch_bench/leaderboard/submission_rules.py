@@ -1,4 +1,4 @@
-"""Which names, texts and links of a stranger are let in."""
+"""What a submission may say of itself: how much, and which names, texts and links are let in."""
 
 import re
 import unicodedata
@@ -19,6 +19,10 @@ LINK = re.compile(r"[A-Za-z0-9._~:/?#\[\]@!$&'()*+,;=%-]+")
 TEXT_PATTERN = "(?![=+@-])[^<>\\u0000-\\u001f\\u007f]*"
 """What ``check_text`` lets in, as far as a schema can say it."""
 
+MAX_METHOD, MAX_AUTHOR, MAX_NOTES = 120, 100, 2000
+MAX_AUTHORS, MAX_SEEDS = 50, 20
+MAX_STEPS = 10**12
+MAX_SEED = 2**63 - 1
 MAX_LINK = 300
 SHOWN = 40
 

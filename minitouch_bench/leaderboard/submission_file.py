@@ -13,9 +13,6 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.leaderboard.submission import (
     FORMAT,
     MAIN_SUITE,
-    MAX_AUTHOR,
-    MAX_METHOD,
-    MAX_NOTES,
     SUBMISSION_FILE,
     SUBMITTED_SUITES,
     VERSION,
@@ -25,7 +22,10 @@ from minitouch_bench.leaderboard.submission import (
     checkpoint_place,
     run_place,
 )
-from minitouch_bench.leaderboard.texts import (
+from minitouch_bench.leaderboard.submission_rules import (
+    MAX_AUTHOR,
+    MAX_METHOD,
+    MAX_NOTES,
     check_file_name,
     check_licence,
     check_link,
