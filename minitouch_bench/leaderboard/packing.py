@@ -1,6 +1,5 @@
 """Make a submission's directory of finished runs and their checkpoints."""
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +24,6 @@ from minitouch_bench.leaderboard.inventory import (
 )
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
-    CHECKPOINTS,
     SUBMISSION_FILE,
     CheckpointFile,
     Submission,
@@ -143,9 +141,6 @@ def name_files(
             file = replace(file, path=checkpoint_place(seed, role, name))
             _copy(Path(part.target), directory / file.path, MAX_CHECKPOINT, follow=True)
         files.append(file)
-    if not include:
-        stale = directory / CHECKPOINTS / f"seed-{seed}" / role.value
-        shutil.rmtree(stale, ignore_errors=True)
     return tuple(files)
 
 

@@ -1,6 +1,10 @@
 """Evaluate a policy on the official suites, or take finished runs, and pack a submission."""
 
-from collections.abc import Mapping
+import hashlib
+import secrets
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,16 +18,28 @@ from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions, open_engine
 from minitouch_bench.evaluation.run import RunRequest, open_run
 from minitouch_bench.evaluation.suites import find_suite
-from minitouch_bench.files import JOURNAL_FILE, RUN_FILE, clear_run, lock_directory
+from minitouch_bench.files import (
+    JOURNAL_FILE,
+    RUN_FILE,
+    clear_run,
+    foreign_entries,
+    holds_run,
+    is_folder,
+    lock_directory,
+    make_folder,
+    os_errors_as,
+    read_file,
+)
+from minitouch_bench.leaderboard.inventory import MAX_CHECKPOINT
 from minitouch_bench.leaderboard.packing import (
     add_seed,
     begun_submission,
     check_submission,
     copy_run,
     name_files,
-    tidy,
 )
 from minitouch_bench.leaderboard.submission import (
+    CHECKPOINTS,
     MAIN_SUITE,
     SUBMITTED_SUITES,
     CheckpointFile,
@@ -95,10 +111,10 @@ def submit(options: SubmitOptions, callbacks: Callbacks = SILENT) -> Packed:
     check_submission(told)
     if (options.policy is None) == (not options.runs):
         raise UsageError("give a POLICY to evaluate, or finished runs with --run")
+    _check_apart(options, directory)
     packer = _Packer(options, directory, callbacks)
-    seed = packer.copy_runs() if options.policy is None else packer.evaluate(options.policy)
-    add_seed(directory, begun, told, seed)
-    return Packed(directory, validate(directory).problems)
+    parts = packer.finished_runs() if options.policy is None else packer.evaluate(options.policy)
+    return packer.pack(parts, told)
 
 
 def _check_suites(suites: tuple[str, ...]) -> None:
@@ -106,6 +122,18 @@ def _check_suites(suites: tuple[str, ...]) -> None:
         raise UsageError(
             f"--suites is {MAIN_SUITE}, or {','.join(SUBMITTED_SUITES)}, not '{','.join(suites)}'"
         )
+
+
+def _check_apart(options: SubmitOptions, directory: Path) -> None:
+    """Refuse a source in the submission, which is replaced, and a submission in a source."""
+    there = directory.resolve()
+    for named in (options.policy, options.exploration, *options.runs):
+        path = Path(named or "").resolve()
+        if named and path.exists() and (path.is_relative_to(there) or there.is_relative_to(path)):
+            raise UsageError(
+                f"{named} and the submission {directory} lie one in the other: "
+                "copy the source elsewhere, or choose another --directory"
+            )
 
 
 def _told(options: SubmitOptions, begun: Submission | None) -> Submission:
@@ -126,8 +154,8 @@ class _Packer:
     directory: Path
     callbacks: Callbacks
 
-    def evaluate(self, policy: str) -> TrainingSeed:
-        """Run the suites into the submission, and return the entry of the training seed."""
+    def evaluate(self, policy: str) -> "_Parts":
+        """Run the suites in the submission's directory, where they can be resumed."""
         options = self.options
         opening = open_engine(options.engine, self.callbacks.note)
         suites = [suite for suite in SUBMITTED_SUITES if suite in options.suites]
@@ -138,14 +166,15 @@ class _Packer:
             self.callbacks,
             exploration=options.exploration,
         )
-        files = self._checkpoints(setup.policy, setup.exploration)
+        parts = _Parts({s: self._run_directory(s) for s in suites}, setup.policy, setup.exploration)
+        self._check_replaced(parts)
         with opening as handle:
             for suite in suites:
                 self._run_suite(suite, setup, handle)
-        return self._entry(suites, files)
+        return parts
 
-    def copy_runs(self) -> TrainingSeed:
-        """Copy finished runs into the submission, and return the entry of the training seed."""
+    def finished_runs(self) -> "_Parts":
+        """Look at finished runs, and find their policies."""
         paths = self.options.runs
         runs = [read_run(path) for path in paths]
         by_suite = {run.header.suite: (run, path) for run, path in zip(runs, paths, strict=True)}
@@ -155,18 +184,63 @@ class _Packer:
         for run, path in by_suite.values():
             _check_official(run, path)
             _check_policy(run, path, main.policy)
-        for suite, (_, path) in by_suite.items():
-            self._copy_run(path, self._run_directory(suite))
+        for suite in by_suite:
+            directory = self._run_directory(suite)
+            if holds_run(directory) and not self.options.fresh:
+                raise RunDirectoryError(f"{directory} holds a run.\nAdd --fresh to replace it")
         explorer = None if main.exploration is None else _find_source(main.exploration)
-        files = self._checkpoints(_find_source(main.policy), explorer)
-        return self._entry([suite for suite in SUBMITTED_SUITES if suite in by_suite], files)
+        listed = {suite: by_suite[suite][1] for suite in SUBMITTED_SUITES if suite in by_suite}
+        parts = _Parts(listed, _find_source(main.policy), explorer)
+        self._check_replaced(parts)
+        return parts
+
+    def pack(self, parts: "_Parts", told: Submission) -> Packed:
+        """Copy the parts aside, check them, and put them in the place of those that were there.
+
+        Where a maintainer would refuse them nothing is changed.
+        """
+        options, seed = self.options, self.options.training_seed
+        places = {suite: run_place(seed, suite) for suite in parts.runs}
+        with _aside(options.directory) as folder:
+            copy = folder / "new" / options.name
+            for suite, run in parts.runs.items():
+                copy_run(run, copy / places[suite])
+            entry = TrainingSeed(seed, places, self._checkpoints(copy, parts))
+            add_seed(copy, None, told, entry)
+            if problems := validate(copy).problems:
+                return Packed(self.directory, problems)
+            for place in (*places.values(), f"{CHECKPOINTS}/seed-{seed}"):
+                _swap(copy / place, self.directory / place, folder / "old" / place)
+            add_seed(self.directory, begun_submission(self.directory), told, entry)
+        return Packed(self.directory, validate(self.directory).problems)
+
+    def _check_replaced(self, parts: "_Parts") -> None:
+        """Refuse to replace files that are not a run's, or the only copy of a checkpoint.
+
+        Raises:
+            RunDirectoryError: naming the first one.
+        """
+        for suite in parts.runs:
+            directory = self._run_directory(suite)
+            if foreign := foreign_entries(directory):
+                raise RunDirectoryError(
+                    f"{directory} holds {foreign[0]!a}, which is no file of a run: move it away"
+                )
+        old = self.directory / CHECKPOINTS / f"seed-{self.options.training_seed}"
+        elsewhere = parts.digests_there()
+        for path in sorted(old.rglob("*")):
+            if is_folder(path):
+                continue
+            with os_errors_as(RunDirectoryError, path, "read"):
+                digest = hashlib.sha256(read_file(path, MAX_CHECKPOINT)).hexdigest()
+            if digest not in elsewhere:
+                raise RunDirectoryError(
+                    f"{path} would be replaced, and no other copy of it is known.\n"
+                    "Move it away first, or choose another --training-seed"
+                )
 
     def _run_directory(self, suite: str) -> Path:
         return self.directory / run_place(self.options.training_seed, suite)
-
-    def _entry(self, suites: list[str], files: tuple[CheckpointFile, ...]) -> TrainingSeed:
-        seed = self.options.training_seed
-        return TrainingSeed(seed, {suite: run_place(seed, suite) for suite in suites}, files)
 
     def _run_suite(self, name: str, setup: PolicySetup, handle: EngineHandle) -> None:
         """Run one suite alone in its directory."""
@@ -189,7 +263,6 @@ class _Packer:
         run = play(request, opened, handle, self.callbacks)
         write_actions(run.records, directory)
         write_run(run, summarize(run, np.random.default_rng(run.header.seed)), directory)
-        tidy(directory)
 
     def _check_kept(self, request: RunRequest, directory: Path) -> None:
         """Refuse to keep a finished run that nobody asked to keep, or that is another one."""
@@ -203,32 +276,65 @@ class _Packer:
                 f"{directory} holds the run of another policy; --fresh replaces it"
             )
 
-    def _copy_run(self, source: Path, directory: Path) -> None:
-        if (directory / RUN_FILE).exists() and not self.options.fresh:
-            raise RunDirectoryError(f"{directory} holds a run.\nAdd --fresh to replace it")
-        clear_run(directory)
-        copy_run(source, directory)
-
-    def _checkpoints(
-        self, policy: PolicySource, exploration: PolicySource | None
-    ) -> tuple[CheckpointFile, ...]:
+    def _checkpoints(self, copy: Path, parts: "_Parts") -> tuple[CheckpointFile, ...]:
         """Name the checkpoint files of both roles, and copy them if asked for."""
         options = self.options
         files: list[CheckpointFile] = []
-        for role, source in ((Role.FINAL, policy), (Role.EXPLORATION, exploration)):
+        for role, source in ((Role.FINAL, parts.policy), (Role.EXPLORATION, parts.exploration)):
             if source is None:
                 continue
             there = not source.digest or Path(source.target).exists()
             if options.include and not there:
                 self.callbacks.note(f"{source.target} is gone: only its SHA-256 is kept")
             files += name_files(
-                self.directory,
+                copy,
                 source,
                 role,
                 options.training_seed,
                 include=options.include and there,
             )
         return tuple(files)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What a training seed's part of a submission is made of: its runs by suite, its policies."""
+
+    runs: Mapping[str, Path]
+    policy: PolicySource
+    exploration: PolicySource | None
+
+    def digests_there(self) -> set[str]:
+        """Return the SHA-256 of the checkpoint files that are where they were evaluated."""
+        sources = [source for source in (self.policy, self.exploration) if source is not None]
+        files = [file for source in sources for file in (source, *(p for _, p in source.parts))]
+        return {file.digest for file in files if Path(file.target).is_file()}
+
+
+@contextmanager
+def _aside(directory: Path) -> Iterator[Path]:
+    """Make a folder beside the submissions, which no board reads, and remove it afterwards."""
+    folder = make_folder(directory / f".{secrets.token_hex(8)}.partial")
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _swap(new: Path, place: Path, old: Path) -> None:
+    """Put a directory in the place of another one, which is kept until the new one is there."""
+    with os_errors_as(RunDirectoryError, place, "replaced"):
+        old.parent.mkdir(parents=True, exist_ok=True)
+        if place.exists():
+            place.rename(old)
+        if new.exists():
+            place.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                new.rename(place)
+            except OSError:
+                if old.exists():
+                    old.rename(place)
+                raise
 
 
 def _is_finished(directory: Path) -> bool:

@@ -4,15 +4,20 @@ import os
 import signal
 import time
 import tomllib
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.workflows.submit import SubmitOptions, submit
 from tests.cli.command import finish, run, start
 from tests.leaderboard.synthetic import CHECKPOINT, official_run, write_official
 
 HOPELESS = ("submit", "hopeless:Policy", "--trust", "--name", "hopeless", "--workers", 2)
 """A policy that fails at every first step: the official episodes take seconds."""
 
+PACK = SubmitOptions("hac", runs=(Path("reports/hac-table4"),), fresh=True)
 FILES = {"run.json", "actions.npz", "episodes.csv", "table4.csv", "report.md"}
 
 
@@ -68,6 +73,61 @@ def test_a_checkpoint_that_is_gone_is_named_by_its_digest(finished, tmp_path):
     assert "only its SHA-256 is kept" in done.err
     told = tomllib.loads((tmp_path / "submissions/hac/submission.toml").read_text())
     assert told["seeds"][0]["checkpoints"][0]["path"] == ""
+
+
+@pytest.fixture
+def packed(tmp_path, monkeypatch):
+    """A submission, packed of a run and its checkpoint, in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    write_official(official_run(), Path("reports/hac-table4"))
+    Path("hac.safetensors").write_bytes(CHECKPOINT)
+    assert submit(PACK).problems == ()
+    return tmp_path / "submissions" / "hac"
+
+
+def state(directory):
+    files = [path for path in directory.rglob("*") if path.is_file()]
+    return {path.relative_to(directory): path.read_bytes() for path in files}
+
+
+def test_no_source_and_submission_lie_one_in_the_other(packed):
+    before = state(packed)
+    inside = packed / "seed-0" / "table4"
+    checkpoint = packed / "checkpoints" / "seed-0" / "final" / "hac.safetensors"
+    for other in (
+        replace(PACK, runs=(inside,)),
+        replace(PACK, runs=(), policy=str(checkpoint)),
+        replace(PACK, runs=(), policy=str(packed.parents[1])),
+    ):
+        with pytest.raises(UsageError, match="one in the other"):
+            submit(other)
+    assert state(packed) == before
+
+
+def test_the_only_copy_of_a_checkpoint_is_never_removed(packed):
+    before = state(packed)
+    Path("hac.safetensors").unlink()
+    for include in (True, False):
+        with pytest.raises(RunDirectoryError, match="no other copy"):
+            submit(replace(PACK, include=include))
+    assert state(packed) == before
+    Path("hac.safetensors").write_bytes(CHECKPOINT)
+    assert submit(replace(PACK, include=False)).problems == ()
+    assert not list(packed.rglob("*.safetensors"))
+
+
+def test_a_file_of_the_user_in_a_submission_s_run_is_not_replaced(packed):
+    (packed / "seed-0" / "table4" / "notes.txt").write_text("mine")
+    with pytest.raises(RunDirectoryError, match=r"notes\.txt"):
+        submit(PACK)
+
+
+def test_a_submission_that_would_be_refused_changes_nothing(packed):
+    before = state(packed)
+    Path("reports/hac-table4/actions.npz").write_bytes(b"damaged")
+    assert submit(PACK).problems
+    assert state(packed) == before
+    assert os.listdir("submissions") == ["hac"]
 
 
 def test_an_unofficial_run_is_refused(scripted, tmp_path):
