@@ -1,6 +1,9 @@
+import shlex
+import subprocess
+
 import pytest
 
-from tests.cli.command import run
+from tests.cli.command import COMMAND, run
 
 USAGE = [
     (["evaluate"], "POLICY"),
@@ -26,3 +29,37 @@ def test_a_shell_can_complete_it(tmp_path):
     done = run("--show-completion", "bash", directory=tmp_path)
     assert done.code == 0
     assert "complete" in done.out
+
+
+@pytest.mark.parametrize(
+    ("streams", "code", "notes"),
+    [
+        (">&-", 0, ""),
+        ("2>&-", 0, ""),
+        ("<&- >&- 2>&-", 0, ""),
+        ("2>/dev/full", 0, ""),
+        (
+            ">/dev/full",
+            5,
+            "minitouch-bench: standard output cannot be written: No space left on device\n",
+        ),
+        (">/dev/full 2>/dev/full", 5, ""),
+    ],
+)
+def test_a_closed_or_full_stream_has_a_line_at_most_and_the_right_exit_code(
+    tmp_path, streams, code, notes
+):
+    command = f"{shlex.join(COMMAND)} --version {streams}"
+    done = subprocess.run(
+        command, check=False, shell=True, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (code, notes)
+
+
+def test_a_refusal_keeps_its_exit_code_where_nothing_can_be_printed(tmp_path):
+    command = f"{shlex.join(COMMAND)} verify nothing >/dev/full 2>/dev/full"
+    assert subprocess.run(command, check=False, shell=True, cwd=tmp_path).returncode == 6
+
+
+def test_escape_codes_of_a_name_reach_no_terminal(tmp_path):
+    run("verify", "\x1b[31mred\u200b", directory=tmp_path).refused(6, "[31mred is no run")
