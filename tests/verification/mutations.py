@@ -1,0 +1,388 @@
+"""Runs and submissions spoiled at random, each read by every reader within limits.
+
+``python -m tests.verification.mutations KIND SEED COUNT`` prints what was found, as JSON. It is a
+process of its own, because a limit of memory cannot be taken back.
+"""
+
+import contextlib
+import io
+import json
+import os
+import pickle
+import random
+import resource
+import shutil
+import signal
+import sys
+import time
+import traceback
+import zipfile
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import typer
+
+from minitouch_bench.cli.report import report
+from minitouch_bench.errors import MiniTouchError
+from minitouch_bench.evaluation.actions import write_actions
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.journal import Journal, _framed
+from minitouch_bench.evaluation.run import RunRequest, open_run
+from minitouch_bench.evaluation.suites import find_suite
+from minitouch_bench.files import ACTIONS_FILE, GIB, JOURNAL_FILE, MIB, lock_directory
+from minitouch_bench.leaderboard.build import build_board
+from minitouch_bench.leaderboard.packing import copy_run
+from minitouch_bench.leaderboard.validation import validate
+from minitouch_bench.metrics import summarize
+from minitouch_bench.policies.isolation.options import IsolationOptions
+from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.records import EpisodeRecord, EvaluationRun, RunEnvironment
+from minitouch_bench.regression.comparison import compare_runs
+from minitouch_bench.reporting import read_run, write_report, write_run
+from minitouch_bench.verification.verify import verify_run
+from tests.leaderboard.synthetic import make_submission
+from tests.reporting.synthetic import make_record
+
+TIME_LIMIT_S = 20
+MEMORY_LIMIT = GIB
+SECRET = "words of the user that nobody else may see"
+REQUEST = RunRequest(
+    find_suite("table4"), ("pushing", "opening"), 2, 0,
+    PolicySetup(parse_source("random"), None, IsolationOptions()),
+)  # fmt: skip
+
+
+class TooLongError(BaseException):
+    """A reader took longer than its limit."""
+
+
+class Replayed:
+    """An engine that knows the episodes already: no simulator is needed to read the rest."""
+
+    def __init__(self, records: tuple[EpisodeRecord, ...]) -> None:
+        self._records = {record.spec: record for record in records}
+
+    def run(self, source, specs, attempts=None):
+        for spec in specs:
+            if spec not in self._records:
+                raise MiniTouchError(f"{spec.key} cannot be replayed here")
+            yield self._records[spec]
+
+
+def sound_run(directory: Path) -> EvaluationRun:
+    """Write a small run with all its files."""
+    rng = np.random.default_rng(1)
+    records = []
+    for spec in REQUEST.specs():
+        record = make_record(rng, spec, 0.7)
+        unclipped = np.zeros(len(record.trace.actions), bool)
+        records.append(replace(record, trace=replace(record.trace, clipped=unclipped)))
+    environment = RunEnvironment({"numpy": "2"}, {"system": "Linux"}, 1, "2025-01-01", 1.0)
+    run = EvaluationRun(REQUEST.header(), environment, tuple(records))
+    directory.mkdir()
+    with Journal(directory) as journal:
+        journal.write_header(run.header)
+        for record in records:
+            journal.write_record(record)
+    write_actions(records, directory)
+    saved = write_run(run, summarize(run, np.random.default_rng(0)), directory)
+    (directory / "videos").mkdir()
+    (directory / "videos" / "pushing-0.mp4").write_bytes(b"film")
+    write_report([saved], directory, [directory / "videos" / "pushing-0.mp4"])
+    return run
+
+
+# What is done to a file
+
+
+def flip(file: Path, chance: random.Random, mine: Path) -> None:
+    content = bytearray(file.read_bytes() or b"x")
+    for _ in range(chance.choice([1, 1, 5, 50])):
+        content[chance.randrange(len(content))] ^= 1 << chance.randrange(8)
+    file.write_bytes(content)
+
+
+def truncate(file: Path, chance: random.Random, mine: Path) -> None:
+    os.truncate(file, chance.randrange(file.stat().st_size + 1))
+
+
+def debris(file: Path, chance: random.Random, mine: Path) -> None:
+    content = chance.randbytes(chance.randrange(1000))
+    file.write_bytes(chance.choice([content, file.read_bytes() + content, b"", b"\x00" * 5000]))
+
+
+def swap(file: Path, chance: random.Random, mine: Path) -> None:
+    other = chance.choice([path for path in file.parent.rglob("*") if path.is_file()])
+    content = file.read_bytes()
+    file.write_bytes(other.read_bytes())
+    other.write_bytes(content)
+
+
+def remove(file: Path, chance: random.Random, mine: Path) -> None:
+    file.unlink()
+
+
+def sparse(file: Path, chance: random.Random, mine: Path) -> None:
+    os.truncate(file, chance.choice([2**31, 2**36, 2**40]))
+
+
+def link(file: Path, chance: random.Random, mine: Path) -> None:
+    targets = [mine / "secret.txt", mine, mine / "new.txt", file, Path("/dev/zero"), mine / "pipe"]
+    file.unlink()
+    file.symlink_to(chance.choice(targets))
+
+
+def folder_link(file: Path, chance: random.Random, mine: Path) -> None:
+    folder = file.parent
+    if folder.name in ("run", "hac"):
+        folder /= chance.choice(["videos", "attempts", "replays", "checkpoints", "seed-0"])
+    if not folder.is_symlink():
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.symlink_to(mine)
+
+
+def special(file: Path, chance: random.Random, mine: Path) -> None:
+    """Put a pipe, a directory or a device in the place of a file, or of one that may come."""
+    file = chance.choice([file, file, file.with_name(".lock"), file.with_name("attempts")])
+    with contextlib.suppress(FileNotFoundError):
+        file.unlink()
+    kind = chance.choice(["pipe", "directory", "device"])
+    if kind == "pipe" or (kind == "device" and os.geteuid() != 0):
+        os.mkfifo(file)
+    elif kind == "directory":
+        (file / "inner").mkdir(parents=True)
+    else:
+        try:
+            os.mknod(file, 0o020666, os.makedev(1, 5))  # /dev/zero
+        except OSError:
+            os.mkfifo(file)
+
+
+def other_value(chance: random.Random, mine: Path) -> object:
+    deep: object = []
+    for _ in range(500):
+        deep = [deep]
+    values = [
+        None, True, -1, 0, 1, 2**62, 2**63, 10**30, 1e308, -1e308, 5e-324, 0.5, float("nan"),
+        "", "x", "x" * 100_000, "\x1b[31m\u202e\u200b", str(mine / "secret.txt"), "../../mine",
+        "a" * 64, [], {},
+        {"": {}}, [[]], deep, [0] * 1000, "pushing", "final", "success", "\ud800",
+    ]  # fmt: skip
+    return chance.choice(values)
+
+
+def change_value(document: object, chance: random.Random, mine: Path) -> object:
+    """Put another value at one place in a JSON document, or add or remove a key."""
+    if not isinstance(document, dict | list) or not document or chance.random() < 0.15:
+        return other_value(chance, mine)
+    if isinstance(document, list):
+        index = chance.randrange(len(document))
+        if chance.random() < 0.1:
+            return document * 2 if len(document) < 500 else document[:index]
+        document[index] = change_value(document[index], chance, mine)
+    else:
+        key = chance.choice(list(document))
+        if chance.random() < 0.1:
+            document[chance.choice(["", "\x1b[0m", "extra", key])] = other_value(chance, mine)
+        document[key] = change_value(document[key], chance, mine)
+    return document
+
+
+def other_type(file: Path, chance: random.Random, mine: Path) -> None:
+    """Change a value of a file by the file's own rules, so that only the value is wrong."""
+    if file.suffix == ".json":
+        document = json.loads(file.read_text())
+        for _ in range(chance.choice([1, 1, 3])):
+            document = change_value(document, chance, mine)
+        file.write_text(json.dumps(document, indent=1) + "\n")
+    elif file.name == JOURNAL_FILE:
+        lines = file.read_bytes().splitlines()
+        at = chance.randrange(len(lines))
+        body = json.loads(lines[at])["body"]
+        if at and chance.random() < 0.3:
+            pack = zlib.compressobj(9)
+            bomb = b"".join([*(pack.compress(bytes(MIB)) for _ in range(100)), pack.flush()])
+            name = chance.choice(list(body["trace"]))
+            body["trace"][name] = ["<f4", [25 * MIB], bomb.hex()]
+        lines[at] = _framed(json.dumps(change_value(body, chance, mine)).encode()).rstrip(b"\n")
+        file.write_bytes(b"\n".join(lines) + b"\n")
+    elif file.name == ACTIONS_FILE:
+        with np.load(file) as archive:
+            arrays = dict(archive)
+        key = chance.choice(list(arrays))
+        arrays[key] = chance.choice([
+            np.zeros((200, 4)), np.zeros(30_000_000, np.float32), np.full((5, 4), np.nan, "<f4"),
+            np.zeros((0, 4), "<f4"), np.array(5.0), np.zeros((5, 4), ">f4"),
+        ])  # fmt: skip
+        np.savez_compressed(file, **arrays)
+        if chance.random() < 0.3:
+            with zipfile.ZipFile(file, "a") as archive:
+                archive.writestr(key + ".npy", pickle.dumps(print))
+    else:
+        text = file.read_text(errors="replace").replace("0", str(other_value(chance, mine))[:99], 2)
+        file.write_text(text, errors="replace")
+
+
+MUTATIONS: tuple[Callable[[Path, random.Random, Path], None], ...] = (
+    flip, truncate, debris, swap, remove, sparse, link, folder_link, special,
+    other_type, other_type, other_type, other_type,
+)  # fmt: skip
+
+
+def mutate(directory: Path, chance: random.Random, mine: Path) -> str:
+    """Spoil one or two files of a directory; return what was done."""
+    done = []
+    for _ in range(chance.choice([1, 1, 1, 2])):
+        files = sorted(
+            path for path in directory.rglob("*") if path.is_file() and not path.is_symlink()
+        )
+        small = [path for path in files if path.stat().st_size < GIB]
+        if not small:
+            break
+        file = chance.choice(small)
+        mutation = chance.choice(MUTATIONS)
+        with contextlib.suppress(
+            ValueError, KeyError, OSError, zipfile.BadZipFile
+        ):  # spoiled before
+            mutation(file, chance, mine)
+            done.append(f"{mutation.__name__} {file.relative_to(directory)}")
+    return ", ".join(done)
+
+
+# Who reads it
+
+
+def readers_of_a_run(
+    directory: Path, sound: Path, engine: Replayed
+) -> Iterator[tuple[str, Callable[[], object]]]:
+    def resume() -> None:
+        with lock_directory(directory):
+            open_run(REQUEST, directory, resume=True, fresh=False)
+
+    yield "verify", lambda: verify_run(directory, engine)
+    yield "compare", lambda: compare_runs([read_run(sound), read_run(directory)], ["a", "b"])
+    yield "pack", lambda: copy_run(directory, directory.parent / "packed")
+    yield "report", lambda: report([directory])
+    yield "resume", resume
+
+
+def readers_of_a_submission(
+    directory: Path, sound: Path, engine: Replayed
+) -> Iterator[tuple[str, Callable[[], object]]]:
+    yield "validate", lambda: validate(directory)
+    yield "build", lambda: build_board(directory.parent, directory.parents[1] / "board")
+
+
+def within_limits(read: Callable[[], object], memory: int) -> tuple[str, float]:
+    """Call a reader; return what is wrong with it, "" if nothing, and the seconds it took."""
+
+    def too_long(*_: object) -> None:
+        raise TooLongError
+
+    signal.signal(signal.SIGALRM, too_long)
+    signal.alarm(TIME_LIMIT_S)
+    resource.setrlimit(resource.RLIMIT_AS, (memory, resource.RLIM_INFINITY))
+    began = time.monotonic()
+    what = ""
+    try:
+        with contextlib.redirect_stdout(io.StringIO()) as out:
+            read()
+        if SECRET in out.getvalue():
+            what = "it shows what is in a file of the user"
+    except (MiniTouchError, typer.Exit) as error:
+        if SECRET in str(error):
+            what = "its error shows what is in a file of the user"
+    except TooLongError:
+        what = "it hangs\n" + traceback.format_exc(limit=-6)
+    except BaseException:
+        what = traceback.format_exc(limit=-6)
+    finally:
+        signal.alarm(0)
+        resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    return what, time.monotonic() - began
+
+
+def state_of(folder: Path) -> list[tuple[str, int, bytes]]:
+    """Return the names, times and contents of all that lies in a folder."""
+    return sorted(
+        (path.name, path.lstat().st_mtime_ns, path.read_bytes() if path.is_file() else b"")
+        for path in folder.rglob("*")
+    )
+
+
+def secret_shown(root: Path) -> bool:
+    """Tell whether a file that was written holds the user's words."""
+    return any(
+        SECRET.encode() in path.read_bytes()
+        for path in root.rglob("*")
+        if path.is_file() and not path.is_symlink() and path.stat().st_size < 64 * MIB
+    )
+
+
+def try_mutations(kind: str, seed: int, count: int) -> dict[str, object]:
+    """Spoil a run or a submission ``count`` times and have all readers read each."""
+    problems: list[str] = []
+    slowest: Counter[str] = Counter()
+    with TemporaryDirectory() as folder:
+        root = Path(folder)
+        if kind == "run":
+            sound = root / "sound" / "run"
+            sound.parent.mkdir()
+            engine = Replayed(sound_run(sound).records)
+            readers = readers_of_a_run
+        else:
+            sound = make_submission(root / "sound")
+            engine = Replayed(())
+            readers = readers_of_a_submission
+        mine = root / "mine"
+        mine.mkdir()
+        (mine / "secret.txt").write_text(SECRET)
+        (mine / "pushing-0.mp4").write_text(SECRET)
+        os.mkfifo(mine / "pipe")
+        before = state_of(mine)
+        memory = address_space() + MEMORY_LIMIT
+        for number in range(seed, seed + count):
+            place = root / "arena" / "in" / sound.name
+            shutil.copytree(sound, place)
+            done = mutate(place, random.Random(number), mine)
+            for name, read in readers(place, sound, engine):
+                what, seconds = within_limits(read, memory)
+                slowest[name] = max(slowest[name], seconds)
+                if what:
+                    problems.append(f"{number} {name} ({done}): {what}")
+            if state_of(mine) != before:
+                problems.append(f"{number} ({done}): a file of the user was touched")
+                break
+            remove_links(place)
+            if secret_shown(root / "arena"):
+                problems.append(f"{number} ({done}): a file of the user was copied")
+            shutil.rmtree(root / "arena")
+    return {
+        "tried": count,
+        "problems": problems,
+        "slowest": {name: round(seconds, 2) for name, seconds in slowest.items()},
+        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
+    }
+
+
+def remove_links(place: Path) -> None:
+    """Remove what swapping may have copied from: links and their like say nothing here."""
+    for path in [place, *place.rglob("*")]:
+        if path.is_symlink():
+            path.unlink()
+
+
+def address_space() -> int:
+    """Return the bytes of address space that this process has."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    return pages * resource.getpagesize()
+
+
+if __name__ == "__main__":
+    found = try_mutations(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
+    print(json.dumps(found, indent=1))
