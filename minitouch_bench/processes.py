@@ -164,20 +164,6 @@ def run_in_workers(
             worker.close()
 
 
-def run_all(
-    function: Callable[[Job], Result], jobs: Sequence[Job], *, name: Callable[[Job], str]
-) -> list[Result]:
-    """Return the results of all jobs in their order; many jobs are shared out to every core.
-
-    Raises:
-        InfrastructureError: a job failed in three workers.
-    """
-    if len(jobs) < MANY_JOBS:
-        return [function(job) for job in jobs]
-    found = dict(run_in_workers(function, jobs, core_count(), name=name))
-    return [found[index] for index in range(len(jobs))]
-
-
 @dataclass(frozen=True)
 class _Failure:
     """A job that gave no result; ``error`` is the user's, which no other attempt would change."""

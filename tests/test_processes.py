@@ -12,10 +12,8 @@ import pytest
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.processes import (
     ARITHMETIC,
-    MANY_JOBS,
     START,
     interrupts_held,
-    run_all,
     run_in_workers,
     same_arithmetic,
 )
@@ -146,11 +144,6 @@ def test_a_function_that_raises_is_tried_in_three_processes_and_named(tmp_path):
 def test_an_error_of_the_user_is_not_tried_again(tmp_path):
     with pytest.raises(UsageError, match=r"^no such thing$"):
         run_named(blame_the_user, [str(tmp_path / "a")])
-
-
-@pytest.mark.parametrize("count", [0, 3, MANY_JOBS])
-def test_few_jobs_or_many_are_answered_in_their_order(count):
-    assert run_all(double, range(count), name=str) == [2 * number for number in range(count)]
 
 
 PARENT = """

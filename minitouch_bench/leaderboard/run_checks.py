@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from minitouch_bench.leaderboard.plausibility import contradictions
 from minitouch_bench.leaderboard.submission import ALL_TASKS, CheckpointFile, TrainingSeed
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.policies.loading import BUILT_IN, FORMATS
+from minitouch_bench.policies.loading import FORMATS
 from minitouch_bench.policies.sources import DIRECTORY, NOTES
 from minitouch_bench.records import (
     EpisodeMetrics,
@@ -145,8 +145,3 @@ def _check_policy_faults(saved: SavedRun, place: str, problems: Problems) -> Non
     if failed != set(saved.faults):
         other = sorted(failed ^ set(saved.faults))
         problems.add(place, f"faults and outcomes differ in {', '.join(other[:NAMED])}", AS_WRITTEN)
-
-
-def is_built_in(policy: PolicyIdentity) -> bool:
-    """Tell whether a policy is one of the calibration policies."""
-    return policy.kind in BUILT_IN

@@ -1,14 +1,15 @@
 """A submission checked without trusting it: nothing of it is executed."""
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from minitouch_bench.files import RUN_FILE
-from minitouch_bench.leaderboard.checkpoints import check_checkpoints
 from minitouch_bench.leaderboard.derived import check_actions, check_estimates, check_tables
 from minitouch_bench.leaderboard.inventory import (
+    MAX_CHECKPOINT,
     MAX_SUBMISSION_FILE,
     RUN_LIMITS,
     check_files,
@@ -16,9 +17,16 @@ from minitouch_bench.leaderboard.inventory import (
     read_plain,
 )
 from minitouch_bench.leaderboard.run_checks import check_run
-from minitouch_bench.leaderboard.submission import SUBMISSION_FILE, Submission
+from minitouch_bench.leaderboard.submission import (
+    ALL_TASKS,
+    SUBMISSION_FILE,
+    CheckpointFile,
+    Submission,
+    TrainingSeed,
+)
 from minitouch_bench.leaderboard.submission_file import read_submission
-from minitouch_bench.policies.loading import BUILT_IN
+from minitouch_bench.policies.declared_sizes import check_zip
+from minitouch_bench.policies.loading import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.records import SavedRun
 from minitouch_bench.reporting.run_directory import parse_run, run_json
 from minitouch_bench.verification.problems import Problem, Problems
@@ -31,6 +39,10 @@ RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
     "scripted": ("state",),
 }
 """What the calibration policies look at."""
+
+
+ZIPPED = (".pt", ".ts", ".zip")
+"""Formats that are zip archives; the others say in plain sight how large they are."""
 
 
 class Depth(Enum):
@@ -86,7 +98,7 @@ def validate(directory: Path, depth: Depth = Depth.FULL) -> Verdict:
                     if len(problems) == before:  # its episodes hold by themselves
                         _check_derived(directory, place, saved, depth, problems)
             if depth is Depth.FULL:
-                check_checkpoints(directory, seed, found, problems)
+                _check_checkpoints(directory, seed, found, problems)
         _check_about(submission, runs, directory, problems)
         _check_copies(submission, runs, problems)
     return Verdict(directory, submission, runs, tuple(problems))
@@ -174,3 +186,35 @@ def _check_copies(submission: Submission, runs: Mapping[str, SavedRun], problems
                 problems.add(place, f"it is bit for bit the run {first[digest]}", "remove it")
             elif digest:
                 first[digest] = place
+
+
+def _check_checkpoints(
+    directory: Path, seed: TrainingSeed, found: dict[str, int], problems: Problems
+) -> None:
+    """Check the names of a training seed's files, and the bytes of those that are there."""
+    for file in seed.checkpoints:
+        _check_file_name(file, problems)
+        if not file.path or file.path not in found:
+            continue
+        with problems.caught(file.path):
+            content = read_plain(directory, file.path, MAX_CHECKPOINT)
+            if hashlib.sha256(content).hexdigest() != file.sha256:
+                problems.add(
+                    file.path,
+                    "its SHA-256 is not that of submission.toml",
+                    "put the file that was evaluated there",
+                )
+            if PurePosixPath(file.path).suffix in ZIPPED:
+                check_zip(content, PurePosixPath(file.path).name)
+
+
+def _check_file_name(file: CheckpointFile, problems: Problems) -> None:
+    name = PurePosixPath(file.file)
+    if file.file and name.suffix not in KIND_BY_SUFFIX:
+        problems.add(
+            file.file,
+            "it is no checkpoint",
+            f"a checkpoint ends in {', '.join(KIND_BY_SUFFIX)}",
+        )
+    if file.task not in (ALL_TASKS, name.stem):
+        problems.add(file.file, f"it is not named after its task {file.task}", "rename it")

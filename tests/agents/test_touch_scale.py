@@ -1,6 +1,6 @@
 import torch
 
-from minitouch_bench.agents.touch_scale import TouchScale
+from minitouch_bench.agents.learner import TouchScale
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.protocol.spec import Workspace
 
