@@ -34,7 +34,7 @@ COMMANDS: dict[Callable[..., None], str] = {
     compare: "minitouch-bench compare reports/a reports/b",
     regress: "minitouch-bench regress new.onnx --baseline reports/old",
     verify: "minitouch-bench verify reports/a --rerun 20",
-    replay: "minitouch-bench replay reports/a pushing/17",
+    replay: "minitouch-bench replay reports/a pushing/3",
     train: "minitouch-bench train opening --method hac --seed 1",
     study: "minitouch-bench study my-study.toml",
     record: "minitouch-bench record scripted pushing --output data/pushing",
