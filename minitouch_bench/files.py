@@ -307,8 +307,8 @@ def read_file(path: Path, limit: int = LARGEST_FILE, *, follow: bool = False) ->
     """
     with os.fdopen(open_plain(path, os.O_RDONLY, follow=follow), "rb") as file:
         size = os.fstat(file.fileno()).st_size
-        content = file.read(min(size, limit) + 1)
-    if len(content) > limit:
+        content = b"" if size > limit else file.read(size + 1)
+    if size > limit or len(content) > limit:
         raise OSError(errno.EFBIG, f"it is larger than {_amount(limit)}")
     return content
 

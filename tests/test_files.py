@@ -4,12 +4,14 @@ import os
 import signal
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import (
+    GIB,
     KIB,
     LOCK_FILE,
     RUN_FILES,
@@ -183,6 +185,7 @@ def test_a_written_file_has_the_rights_that_the_user_asks_for(tmp_path):
 
 WRITE_FOREVER = """
 import sys
+import tracemalloc
 from pathlib import Path
 from minitouch_bench.files import replace_file
 path = Path(sys.argv[1])
@@ -304,3 +307,8 @@ def test_a_file_over_its_limit_is_refused_without_being_read(tmp_path, limit, wo
         file.truncate(2**40)  # a sparse terabyte
     with pytest.raises(OSError, match=f"it is larger than {words}"):
         read_file(path, limit)
+    tracemalloc.start()
+    with pytest.raises(OSError, match="it is larger than 1 GiB"):
+        read_file(path, GIB)
+    assert tracemalloc.get_traced_memory()[1] < KIB * KIB
+    tracemalloc.stop()

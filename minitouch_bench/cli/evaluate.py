@@ -10,7 +10,7 @@ from minitouch_bench.cli.console import EpisodeProgress, data_console, notes
 from minitouch_bench.policies.isolation.options import Isolation
 
 FINISHED_WITH_FAULTS = 4
-MAX_EPISODES = 100_000
+MAX_EPISODES = 10_000
 
 
 def evaluate(

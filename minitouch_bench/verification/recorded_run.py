@@ -14,7 +14,8 @@ from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, RunHeader
 from minitouch_bench.reporting import read_run
 from minitouch_bench.verification.problems import Problem
 
-MAX_EPISODES = 100_000
+MAX_EPISODES = 10_000
+"""Per task: the ``run.json`` of a larger run would be more than a reader takes."""
 NAMED = 3
 """Episodes named in one line; the rest are counted."""
 IDENTITY = ("seed", "shape", "family", "split")
