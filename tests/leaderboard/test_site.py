@@ -146,6 +146,24 @@ def test_rows_are_filtered_by_modality_proof_and_words(browser, board):
 
 
 @needs_browser
+def test_the_address_keeps_the_view_and_the_filters(browser, board):
+    browser.screen(1280, 900)
+    browser.open(board / "index.html")
+    browser.click("#tab-pushing")
+    browser.click("input[value=touch]")
+    browser.click(".search")
+    browser.write("alone")
+    address = browser.run("location.hash")
+    assert address == "#pushing?modality=touch&words=alone"
+    browser.open(board / "index.html")
+    assert browser.run("document.querySelector('.search').value") == ""
+    browser.open(board / "index.html", address)
+    assert browser.run("document.querySelector('.view:not([hidden])').id") == "pushing"
+    assert browser.run("document.querySelector('input[value=touch]').checked")
+    assert text(browser, ".count") == "1 of 4 submissions"
+
+
+@needs_browser
 def test_tables_are_chosen_by_keyboard(browser, board):
     browser.screen(1280, 900)
     browser.open(board / "index.html")

@@ -33,8 +33,8 @@
     tell();
   };
   const choose = (tab, focus) => {
-    history.replaceState(null, "", tab.getAttribute("href"));
     show(tab.dataset.view, focus);
+    remember();
   };
   for (const [place, tab] of tabs.entries()) {
     tab.addEventListener("click", (event) => { event.preventDefault(); choose(tab, true); });
@@ -45,7 +45,7 @@
       choose(tabs[(moves[event.key] + tabs.length) % tabs.length], true);
     });
   }
-  addEventListener("hashchange", () => show(location.hash.slice(1)));
+  addEventListener("hashchange", () => recall());
 
   // Sorting: the ranked rows of one table; rows without a figure come last either way.
   const keyOf = (row, column) => {
@@ -93,6 +93,27 @@
     }
     tell();
   };
+  // The address keeps the view and the filters, as in #table4?modality=touch&words=hac.
+  const remember = () => {
+    const view = views.find((one) => !one.hidden) || views[0];
+    const kept = new URLSearchParams();
+    for (const name of ["modality", "proof"]) {
+      for (const value of asked(name)) kept.append(name, value);
+    }
+    if (search.value) kept.set("words", search.value);
+    const filters = kept.toString();
+    history.replaceState(null, "", `#${view.dataset.view}${filters && `?${filters}`}`);
+  };
+  const recall = () => {
+    const [key, filters] = location.hash.slice(1).split("?");
+    const kept = new URLSearchParams(filters);
+    for (const box of controls.querySelectorAll("input[type=checkbox]")) {
+      box.checked = kept.getAll(box.name).includes(box.value);
+    }
+    search.value = kept.get("words") || "";
+    filter();
+    show(key);
+  };
   const tell = () => {
     const view = views.find((one) => !one.hidden) || views[0];
     const rows = [...view.querySelectorAll("tbody.ranked tr[data-name]")];
@@ -103,9 +124,8 @@
     more.textContent = `Show all ${wanted}`;
   };
   more.addEventListener("click", () => { wholly = true; bodies.forEach(lay); tell(); });
-  controls.addEventListener("change", filter);
-  search.addEventListener("input", filter);
+  controls.addEventListener("change", () => { filter(); remember(); });
+  search.addEventListener("input", () => { filter(); remember(); });
   controls.hidden = false;
-  filter();
-  show(location.hash.slice(1));
+  recall();
 })();
