@@ -7,7 +7,7 @@ from PIL import Image
 
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registration import TASKS
+from minitouch_bench.tasks.table import TASKS
 
 REPORT_PICTURES = Path("minitouch_bench/rendering/pictures")
 DOCUMENT_PICTURES = Path("docs/pictures")
@@ -38,7 +38,7 @@ def main() -> None:
 
 def draw(task: str) -> tuple[Image.Image, np.ndarray]:
     """Return a picture of a task while the scripted policy is at it, and the policy's view."""
-    seed, moment = MOMENTS[task]
+    seed, moment = MOMENTS.get(task, (0, 5))
     environment = MiniTouchEnv(task, width=WIDTH * SMOOTHING, height=HEIGHT * SMOOTHING)
     observation, _ = environment.reset(seed=seed)
     controller = make_controller(environment)

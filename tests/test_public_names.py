@@ -12,7 +12,7 @@ import pytest
 
 import minitouch_bench
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
-from minitouch_bench.tasks.registration import TASKS
+from minitouch_bench.tasks.table import TASKS
 
 MODULES = sorted(
     module.name
@@ -63,7 +63,7 @@ for name in {list(GYM_IDS.values())}:
 
 def test_registering_twice_is_harmless():
     before = dict(gymnasium.registry)
-    minitouch_bench._register_environments()
+    minitouch_bench._register_environments(gymnasium)
     assert gymnasium.registry == before
 
 

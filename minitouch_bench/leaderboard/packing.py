@@ -1,5 +1,9 @@
 """Make a submission's directory of finished runs and their checkpoints."""
 
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +15,7 @@ from minitouch_bench.files import (
     RUN_FILE,
     VIDEOS,
     list_videos,
+    make_folder,
     os_errors_as,
     read_file,
     write_file,
@@ -148,3 +153,29 @@ def _copy(file: Path, place: Path, limit: int, *, follow: bool = False) -> None:
     """Copy a plain file; the user's own may be a link, one of a run may not."""
     with os_errors_as(RunDirectoryError, file, "copied"):
         write_file(place, read_file(file, limit, follow=follow))
+
+
+@contextmanager
+def aside(directory: Path) -> Iterator[Path]:
+    """Make a folder beside the submissions, which no board reads, and remove it afterwards."""
+    folder = make_folder(directory / f".{secrets.token_hex(8)}.partial")
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def swap(new: Path, place: Path, old: Path) -> None:
+    """Put a directory in the place of another one, which is kept until the new one is there."""
+    with os_errors_as(RunDirectoryError, place, "replaced"):
+        old.parent.mkdir(parents=True, exist_ok=True)
+        if place.exists():
+            place.rename(old)
+        if new.exists():
+            place.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                new.rename(place)
+            except OSError:
+                if old.exists():
+                    old.rename(place)
+                raise

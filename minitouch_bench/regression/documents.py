@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 from minitouch_bench.regression.comparison import Comparison
 from minitouch_bench.regression.gate import Decision, GateResult, JudgedMetric
-from minitouch_bench.regression.notes import (
+from minitouch_bench.regression.table_notes import (
     episodes_line,
     gate_notes,
     next_line,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from minitouch_bench.regression.comparison import Comparison, OutcomeChange
 from minitouch_bench.regression.gate import Decision, GateResult
-from minitouch_bench.regression.notes import (
+from minitouch_bench.regression.table_notes import (
     comparison_lines,
     comparison_notes,
     episodes_line,

@@ -7,7 +7,7 @@ from rich.text import Text
 
 from minitouch_bench.regression.comparison import Comparison, OutcomeChange
 from minitouch_bench.regression.gate import Decision, GateResult
-from minitouch_bench.regression.notes import (
+from minitouch_bench.regression.table_notes import (
     comparison_lines,
     comparison_notes,
     episodes_line,

@@ -26,7 +26,7 @@ from minitouch_bench.simulation.panda_arm import PandaArm, PandaKinematics
 from minitouch_bench.simulation.panda_model import stock_panda
 from minitouch_bench.tasks.action import fit_action
 from minitouch_bench.tasks.objects import ObjectModel
-from minitouch_bench.tasks.registration import Objects, make_task, object_pool
+from minitouch_bench.tasks.table import Objects, make_task, object_pool
 from minitouch_bench.tasks.task import Task
 
 Info = dict[str, Any]

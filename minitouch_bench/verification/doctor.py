@@ -2,13 +2,14 @@
 
 import contextlib
 import os
+import re
 import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registration import TASKS
+from minitouch_bench.tasks.table import TASKS
 from minitouch_bench.verification.golden import golden_bits, recorded
 
 EPISODES_PER_TASK = 2
@@ -36,14 +37,6 @@ STEPS = 25
 """Random control steps of each trial episode: long enough to reach contact in most tasks."""
 
 POLICY_STEPS = 5
-EXTRAS = {
-    "onnx": "onnxruntime",
-    "sb3": "stable_baselines3",
-    "video": "imageio-ffmpeg",
-    "ray": "ray",
-}
-"""A package that each extra brings."""
-
 Bits = dict[str, str]
 """The digest of each trial episode by its key."""
 
@@ -131,9 +124,20 @@ def _failed(name: str, error: MiniTouchError) -> Check:
 def _packages() -> Check:
     names = ("minitouch-bench", "pybullet", "torch", "numpy", "gymnasium")
     found = ", ".join(f"{name} {version(name)}" for name in names)
-    absent = [extra for extra, package in EXTRAS.items() if not _installed(package)]
+    absent = [extra for extra, packages in _extras().items() if not all(map(_installed, packages))]
     hint = f"; without the extras {', '.join(absent)}" if absent else "; every extra"
     return Check("packages", Verdict.OK, found + hint)
+
+
+def _extras() -> dict[str, list[str]]:
+    """Return what each extra for users brings, as the installed package declares it."""
+    found: dict[str, list[str]] = {}
+    for line in requires("minitouch-bench") or ():
+        package, _, extra = line.partition(" extra == ")
+        name = re.split(r"[^A-Za-z0-9._-]", package, maxsplit=1)[0]
+        if extra and name != "minitouch-bench" and extra.strip("\"'") != "dev":
+            found.setdefault(extra.strip("\"'"), []).append(name)
+    return found
 
 
 def _installed(package: str) -> bool:

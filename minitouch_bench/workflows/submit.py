@@ -1,10 +1,7 @@
 """Evaluate a policy on the official suites, or take finished runs, and pack a submission."""
 
 import hashlib
-import secrets
-import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -26,17 +23,18 @@ from minitouch_bench.files import (
     holds_run,
     is_folder,
     lock_directory,
-    make_folder,
     os_errors_as,
     read_file,
 )
 from minitouch_bench.leaderboard.inventory import MAX_CHECKPOINT
 from minitouch_bench.leaderboard.packing import (
     add_seed,
+    aside,
     begun_submission,
     check_submission,
     copy_run,
     name_files,
+    swap,
 )
 from minitouch_bench.leaderboard.submission import (
     CHECKPOINTS,
@@ -201,7 +199,7 @@ class _Packer:
         """
         options, seed = self.options, self.options.training_seed
         places = {suite: run_place(seed, suite) for suite in parts.runs}
-        with _aside(options.directory) as folder:
+        with aside(options.directory) as folder:
             copy = folder / "new" / options.name
             for suite, run in parts.runs.items():
                 copy_run(run, copy / places[suite])
@@ -210,7 +208,7 @@ class _Packer:
             if problems := validate(copy).problems:
                 return Packed(self.directory, problems)
             for place in (*places.values(), f"{CHECKPOINTS}/seed-{seed}"):
-                _swap(copy / place, self.directory / place, folder / "old" / place)
+                swap(copy / place, self.directory / place, folder / "old" / place)
             add_seed(self.directory, begun_submission(self.directory), told, entry)
         return Packed(self.directory, validate(self.directory).problems)
 
@@ -309,32 +307,6 @@ class _Parts:
         sources = [source for source in (self.policy, self.exploration) if source is not None]
         files = [file for source in sources for file in (source, *(p for _, p in source.parts))]
         return {file.digest for file in files if Path(file.target).is_file()}
-
-
-@contextmanager
-def _aside(directory: Path) -> Iterator[Path]:
-    """Make a folder beside the submissions, which no board reads, and remove it afterwards."""
-    folder = make_folder(directory / f".{secrets.token_hex(8)}.partial")
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def _swap(new: Path, place: Path, old: Path) -> None:
-    """Put a directory in the place of another one, which is kept until the new one is there."""
-    with os_errors_as(RunDirectoryError, place, "replaced"):
-        old.parent.mkdir(parents=True, exist_ok=True)
-        if place.exists():
-            place.rename(old)
-        if new.exists():
-            place.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                new.rename(place)
-            except OSError:
-                if old.exists():
-                    old.rename(place)
-                raise
 
 
 def _is_finished(directory: Path) -> bool:

@@ -8,7 +8,6 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.records import Outcome
 from minitouch_bench.regression.comparison import ComparedRun
 from minitouch_bench.regression.gate import Decision, judge_runs
-from minitouch_bench.regression.notes import episodes_line
 from minitouch_bench.regression.sequential import (
     SequentialGate,
     early_result,
@@ -16,6 +15,7 @@ from minitouch_bench.regression.sequential import (
     play_order,
 )
 from minitouch_bench.regression.settings import GateSettings, Tolerance
+from minitouch_bench.regression.table_notes import episodes_line
 from tests.regression.pairs import draw, flags, make_saved, values
 
 N = 100

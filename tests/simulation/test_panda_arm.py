@@ -14,7 +14,7 @@ from minitouch_bench.simulation.panda_arm import (
     PandaKinematics,
 )
 from minitouch_bench.simulation.panda_model import light_panda
-from minitouch_bench.tasks.registration import TASKS
+from minitouch_bench.tasks.table import TASKS
 
 DOWN = quaternion_from_euler((0.0, -math.pi, math.pi / 2))
 

@@ -39,7 +39,7 @@ def add_the_task(package: Path) -> None:
     )
     shutil.copy(PEG / "task.py", package / "tasks" / "peg.py")
     edit(
-        package / "tasks" / "registration.py",
+        package / "tasks" / "table.py",
         (
             "from minitouch_bench.tasks.pick_up",
             "from minitouch_bench.tasks.peg import Peg\nfrom minitouch_bench.tasks.pick_up",

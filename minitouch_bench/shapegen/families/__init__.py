@@ -30,7 +30,8 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
 )
 """Every family by name; shape i belongs to family i modulo their number.
 
-So another entry makes other sets: raise GENERATOR_VERSION, and generate ``shapes/`` again.
+So another entry makes other sets: raise GENERATOR_VERSION, generate ``shapes/`` again, and set
+its digest in ``protocol/minitouch.py``.
 """
 
 GENERATOR_VERSION = 1
