@@ -35,12 +35,26 @@ def test_a_recipe_runs_unchanged(library, tmp_path):
     done = subprocess.run(
         [sys.executable, "recipe.py"],
         cwd=tmp_path,
-        env={**os.environ, "MINARI_DATASETS_PATH": str(tmp_path / "minari")},
+        env={
+            **os.environ,
+            "MINARI_DATASETS_PATH": str(tmp_path / "minari"),
+            "OMP_NUM_THREADS": "1",  # threads that wait for a busy core burn the time of others
+        },
         capture_output=True,
         text=True,
         check=False,
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_the_example_draws_its_curve(tmp_path):
+    pytest.importorskip("stable_baselines3", reason="pip install 'minitouch-bench[sb3]'")
+    script = PAGE.parent / "examples" / "curve.py"
+    assert len(script.read_text().splitlines()) < 30
+    subprocess.run([sys.executable, script], cwd=tmp_path, check=True)
+    assert (tmp_path / "curve.png").stat().st_size > 5000
 
 
 @pytest.mark.parametrize("extra", [("onnx", "onnxscript"), ("video", "moviepy")])
