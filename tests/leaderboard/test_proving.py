@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.leaderboard.proof import (
@@ -94,8 +95,8 @@ def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, proving):
     header = dataclasses.replace(saved.header, policy=policy)
     content = run_json(dataclasses.replace(saved, header=header))
     (verdict.directory / PLACE / "run.json").write_bytes(content)
-    found = [str(problem) for problem in run_again(verdict, 1, proving)]
-    assert any("checkpoint of seed 0 is not in the submission" in line for line in found)
+    with pytest.raises(IncompleteCheckError, match="checkpoint of seed 0 is not in the submission"):
+        run_again(verdict, 1, proving)
 
 
 # Proofs
