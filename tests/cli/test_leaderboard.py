@@ -31,7 +31,7 @@ def root(sound, tmp_path):
 def test_valid_submissions_are_named_with_their_level(root):
     done = run("leaderboard", "validate", "submissions/hac", "submissions/zero", directory=root)
     assert done.code == 0
-    assert done.out == "hac: valid, self-reported\nzero: valid, self-reported\n"
+    assert done.out == "hac: valid, re-run-verified\nzero: valid, re-run-verified\n"
 
 
 @pytest.mark.parametrize("refused", [(), (Refusal("hac", ("notes.txt: no such file",), False),)])
@@ -64,7 +64,7 @@ def test_every_fault_has_a_line_and_the_exit_code_is_1(root):
     done = run("leaderboard", "validate", "submissions/hac", "submissions/zero", directory=root)
     assert done.code == 1
     lines = done.out.splitlines()
-    assert lines[-1] == "zero: valid, self-reported"
+    assert lines[-1] == "zero: valid, re-run-verified"
     assert "hac: notes.txt: a submission has no such file; remove it" in lines
     assert any("table4.csv: it is not what run.json gives" in line for line in lines)
     assert "1 of 2 valid" in done.err
@@ -72,6 +72,7 @@ def test_every_fault_has_a_line_and_the_exit_code_is_1(root):
 
 def test_nothing_is_replayed_where_the_files_are_at_fault_already(root):
     (root / "submissions/hac/notes.txt").write_text("hello")
+    shutil.rmtree(root / "submissions" / "_proofs")
     done = run("leaderboard", "validate", "submissions/hac", "--replay", directory=root)
     assert done.code == 1
     assert len(done.out.splitlines()) == 1

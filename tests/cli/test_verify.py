@@ -36,6 +36,7 @@ def test_an_edited_run_is_named_with_exit_1(copy):
         "what": "'step_limit' recorded, 'success' found",
         "remedy": "",
         "is_other_protocol": False,
+        "is_unchecked": False,
     }
     plain = run("verify", copy, directory=copy.parent)
     assert plain.code == 1

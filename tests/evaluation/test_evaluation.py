@@ -165,7 +165,7 @@ def test_another_episode_timeout_is_unofficial_and_another_run(tmp_path):
 def test_a_factory_cannot_read_the_journal_of_its_run(tmp_path, importable, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (record,) = run(request("misbehaved:ReadsItsRun", ("opening",), 1), tmp_path / "run").records
-    assert record.fault.startswith("PermissionError")
+    assert record.fault.startswith("the policy said: PermissionError")
 
 
 def test_exploration_is_run_beside_the_final_policy(tmp_path):

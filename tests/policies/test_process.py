@@ -74,8 +74,8 @@ def gone(pid):
 @pytest.mark.parametrize(
     ("how", "error", "text"),
     [
-        ("raise", PolicyRaisedError, "^ValueError: I am lost !!!"),
-        ("interrupt", PolicyRaisedError, "^KeyboardInterrupt$"),
+        ("raise", PolicyRaisedError, "^the policy said: ValueError: I am lost !!!"),
+        ("interrupt", PolicyRaisedError, "^the policy said: KeyboardInterrupt$"),
         ("sys_exit", PolicyExitError, "exited with code 3$"),
         ("sys_exit_text", PolicyExitError, "exited with code 1: going home$"),
         ("os_exit", PolicyExitError, "exited with code 9: last words$"),
