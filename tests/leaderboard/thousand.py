@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.leaderboard.packing import add_seed
+from minitouch_bench.leaderboard.packing import add_seed, begun_submission
+from minitouch_bench.leaderboard.proof import ProofLevel, make_proof, proof_path, write_proof
 from minitouch_bench.leaderboard.submission import TrainingSeed, run_place
+from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.records import SavedRun
 from minitouch_bench.reporting import derived_files, read_run
 from minitouch_bench.reporting.run_directory import run_digest, run_json
@@ -23,10 +25,11 @@ def make_many(root: Path, number: int) -> None:
     A board computes its own figures and reads none of these, nor the actions.
     """
     bases = [
-        make_submission(root / "_bases", f"base-{place}", skill, kind="remote")
+        make_submission(root / "_bases", f"base-{place}", skill, include=False)
         for place, skill in enumerate(SKILLS)
     ]
     runs = [read_run(base / "seed-0/table4") for base in bases]
+    files = begun_submission(bases[0]).seeds[0].checkpoints
     rng = np.random.default_rng(11)
     for turn in range(number):
         worse = int(rng.integers(len(bases) - 1))
@@ -46,7 +49,9 @@ def make_many(root: Path, number: int) -> None:
             modalities=MODALITIES[turn % 3],
             training_steps=int(10 ** rng.uniform(5, 8)),
         )
-        add_seed(directory, None, about, TrainingSeed(0, {"table4": run_place(0, "table4")}))
+        add_seed(directory, None, about, TrainingSeed(0, {"table4": run_place(0, "table4")}, files))
+        verdict = Verdict(directory, None, {run_place(0, "table4"): mixed}, ())
+        write_proof(make_proof(verdict, ProofLevel.RERUN, 5), proof_path(directory))
 
 
 def _mix(one: SavedRun, other: SavedRun, chosen: np.ndarray) -> SavedRun:
