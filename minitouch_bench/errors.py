@@ -93,7 +93,7 @@ class InfrastructureError(MiniTouchError):
 
 
 class IncompleteCheckError(MiniTouchError):
-    """A check could not be made, for want of what it needs; it has neither passed nor failed."""
+    """A check could not be made because something it needs is missing; it has no result."""
 
     exit_code = 5
 

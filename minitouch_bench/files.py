@@ -194,7 +194,7 @@ def replace_file(path: Path, content: bytes, *, durable: bool = True) -> None:
     the user can have meant it.
 
     Raises:
-        OSError: there is no room, no permission, or something that is no file in its place.
+        OSError: the disk is full, permission is missing, or the path is not a plain file.
     """
     if Path("/dev") in path.parents:
         path.write_bytes(content)

@@ -43,9 +43,6 @@ A process started with these variables keeps to one thread and, on x86-64, to AV
 libraries read them when they are loaded.
 """
 
-MANY_JOBS = 64
-"""Jobs from which on the start of worker processes is worth its second."""
-
 START = """
 import sys
 from multiprocessing.connection import Connection

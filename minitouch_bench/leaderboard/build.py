@@ -23,8 +23,11 @@ from minitouch_bench.leaderboard.site import write_site
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE
 from minitouch_bench.leaderboard.validation import Depth, validate
 from minitouch_bench.leaderboard.views import views
-from minitouch_bench.processes import MANY_JOBS, core_count, run_in_workers
+from minitouch_bench.processes import core_count, run_in_workers
 from minitouch_bench.records import Role
+
+MANY = 64
+"""Submissions from which on the start of worker processes is worth its second."""
 
 TOGETHER = 16
 """Submissions that are scored together: one set of resamples serves them all."""
@@ -95,7 +98,7 @@ def score_submissions(directories: Sequence[Path]) -> list[ScoredSubmission | Re
 
 def _score_all(directories: Sequence[Path]) -> list[ScoredSubmission | Refusal]:
     """Score many submissions on every core, few of them here."""
-    if len(directories) < MANY_JOBS:
+    if len(directories) < MANY:
         return score_submissions(directories)
     starts = range(0, len(directories), TOGETHER)
     jobs = [directories[start : start + TOGETHER] for start in starts]

@@ -1,6 +1,6 @@
 """What a build of the board keeps for the next one: each submission's row, by its digest.
 
-The rows lie in ``.cache`` below the board, as JSON, and are never committed: whoever can write
+The rows lie in ``.cache`` below the board, as JSON, and are never committed: anyone who can write
 there can forge a row. Deleting the directory costs time and nothing else.
 """
 

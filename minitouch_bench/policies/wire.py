@@ -33,7 +33,7 @@ HEADER = struct.Struct("<IB")
 ARRAY_HEADER = struct.Struct("<8sB")
 MAX_AXES = 8
 NO_NUMBERS = "|O"
-"""Type of an action that is no array of plain numbers."""
+"""Type of an action that is not an array of plain numbers."""
 
 ACTION_TYPES = {np.dtype(code).str: np.dtype(code) for code in "?bhilqBHILQefdgFDG"}
 """The types of number that an action may name, by name; numpy's own reading of a name is a

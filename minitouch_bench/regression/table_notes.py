@@ -1,10 +1,9 @@
 """The sentences around the tables, the same on a screen, in Markdown and in JUnit."""
 
-from collections.abc import Sequence
-
 from minitouch_bench.regression.comparison import ComparedRun, Comparison, RunPair
 from minitouch_bench.regression.gate import Decision, GateResult
 from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.reporting.labels import listed
 
 NOT_ALIKE = "Not alike beside the policies"
 
@@ -55,7 +54,7 @@ def result_line(result: GateResult) -> str:
     else:
         reason = f"inconclusive, {result.episodes_needed:,} episodes per task would settle it"
     if result.left_out:
-        reason += f"; {_listed(result.left_out)} left out, make the baseline again"
+        reason += f"; {listed(result.left_out)} left out, make the baseline again"
     return f"{word}: {reason}"
 
 
@@ -105,8 +104,4 @@ def gate_notes(result: GateResult) -> tuple[str, ...]:
 def _named(result: GateResult, decision: Decision) -> str:
     """Name the metrics that were decided so."""
     own = [one.effect for one in result.judged if one.decision is decision]
-    return _listed([f"{effect.task} {effect.metric}" for effect in own])
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join((", ".join(names[:-1]), names[-1])) if len(names) > 1 else names[0]
+    return listed([f"{effect.task} {effect.metric}" for effect in own])

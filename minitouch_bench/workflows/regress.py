@@ -142,7 +142,7 @@ def _play_gate(
 
 
 def _playable(baseline: SavedRun, callbacks: Callbacks) -> tuple[SavedRun, tuple[str, ...]]:
-    """Return what a policy can be held to, and the tasks whose rules are others now."""
+    """Return what a policy can be held to, and the tasks whose rules have changed."""
     header = baseline.header
     suite_tasks = choose_tasks(header.tasks, find_suite(header.suite))
     tasks = tuple(

@@ -7,9 +7,7 @@ from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.curiosity.curiosity import Curiosity, own_encoder, two_layers
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE
-
-FORCES = slice(5, 11)
-"""The finger forces in the touch vector: left x, y, z, right x, y, z."""
+from minitouch_bench.sensing.observation import FORCES
 
 
 class HapticCuriosity(Curiosity):
