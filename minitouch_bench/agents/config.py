@@ -58,6 +58,8 @@ class PhaseConfig:
 class SacConfig:
     """What the learner keeps through both phases.
 
+    ``encoder_width`` scales the channels of the shared encoder; saved policies have Table 3's,
+    with zeros where a narrower one has nothing.
     ``shift``: pixels by which pictures are shifted at random (DrQ; 0 does not).
     ``target_rate``: share by which the target networks follow at each update.
     ``target_encoder``: the critics' targets see through an encoder that follows, too; DrQ-v2
@@ -66,6 +68,7 @@ class SacConfig:
 
     batch_size: int = 128
     discount: float = 0.99
+    encoder_width: float = 1.0
     target_rate: float = 0.01
     shift: int = 4
     critic_layer_norm: bool = False

@@ -11,12 +11,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from minitouch_bench.agents.config import PhaseConfig, TrainingConfig
+from minitouch_bench.agents.config import PhaseConfig, SacConfig, TrainingConfig
 from minitouch_bench.agents.curiosity import make_curiosity
 from minitouch_bench.agents.encoding import arrange, has_bfloat16
 from minitouch_bench.agents.replay import Batch, Replay
 from minitouch_bench.agents.sac import Sac
-from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
+from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor, VisualEncoder
 from minitouch_bench.protocol.spec import TaskSpec, Workspace
 from minitouch_bench.sensing.observation import FORCES, OPENINGS, POSITION
 
@@ -67,6 +67,11 @@ class TouchScale:
         return folded
 
 
+def _new_sac(config: SacConfig, action_size: int) -> Sac:
+    encoder = VisualEncoder(config.encoder_width)
+    return Sac(config, action_size=action_size, touch_size=TOUCH_SIZE, encoder=encoder)
+
+
 class Learner:
     """The networks of one training and their sources of chance."""
 
@@ -77,7 +82,7 @@ class Learner:
         sac = replace(config.sac, bfloat16=config.sac.bfloat16 and half)
         curiosity = replace(config.curiosity, bfloat16=config.curiosity.bfloat16 and half)
         with _weights_drawn_from(config.seed):
-            self.sac = Sac(sac, action_size=spec.action_size, touch_size=TOUCH_SIZE)
+            self.sac = _new_sac(sac, spec.action_size)
             self.curiosity = make_curiosity(config.method, curiosity, spec.action_size)
         arrange(self.sac, device)
         if self.curiosity is not None:
@@ -97,7 +102,7 @@ class Learner:
     def begin_task_phase(self) -> None:
         """Seed the task's networks with the exploration's; drop those not carried over."""
         with _weights_drawn_from(self.config.seed + 1):
-            fresh = Sac(self.sac.config, action_size=self.sac.action_size, touch_size=TOUCH_SIZE)
+            fresh = _new_sac(self.sac.config, self.sac.action_size)
         if "encoder" not in self.config.carry:
             self.sac.encoder.load_state_dict(fresh.encoder.state_dict())
             self.sac.target_encoder.load_state_dict(fresh.encoder.state_dict())
@@ -153,12 +158,14 @@ class Learner:
         )
 
     def actor(self) -> TouchActor:
-        """Return the policy as it stands, ready to be saved: on the CPU, scales folded in."""
+        """Return the policy as it stands, on the CPU: scales folded in, channels as Table 3's."""
+        learned = {
+            f"encoder.{name}": value for name, value in self.sac.encoder.state_dict().items()
+        } | self.sac.actor.state_dict()
         actor = TouchActor(self.sac.action_size)
-        actor.load_state_dict(
-            {f"encoder.{name}": value for name, value in self.sac.encoder.state_dict().items()}
-            | self.sac.actor.state_dict()
-        )
+        for name, weight in actor.state_dict().items():
+            narrow = learned[name]
+            weight.zero_()[tuple(map(slice, narrow.shape))] = narrow
         return self.scale.to(torch.device("cpu")).fold_into(actor)
 
     def state(self) -> dict[str, Any]:
