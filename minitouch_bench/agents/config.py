@@ -24,7 +24,7 @@ METHODS: Mapping[str, str] = MappingProxyType(
 )
 """Every method with its class in ``agents.curiosity``, as ``module:name``; ``sac`` has none."""
 
-HAPTICS = ("forces", "compressed", "magnitude")
+HAPTICS = ("forces", "compressed", "magnitude", "contact")
 """What of the finger forces ``hac`` predicts: see ``agents.curiosity.hac``."""
 
 CONFIG_FILE = "config.toml"

@@ -21,7 +21,8 @@ class HapticCuriosity(Curiosity):
 
     - Forces alone are predicted: position and opening are seen in every picture.
     - ``haptics``: ``forces`` in units of ``force_scale``; ``compressed``, asinh of each
-      component; ``magnitude``, log(1 + |f|) of each finger, whose sign cannot flip.
+      component; ``magnitude``, log(1 + |f|) of each finger, whose sign cannot flip;
+      ``contact``, tanh |f| of each finger, which a hard press does not change any more.
     - ``members`` > 1: an ensemble; r is the variance of its predictions, which falls to 0
       where more data teach nothing more (as in Pathak et al. 2019).
     - ``from_previous``: the prediction sees the picture before the action, and the action.
@@ -30,7 +31,7 @@ class HapticCuriosity(Curiosity):
     def __init__(self, config: CuriosityConfig, action_size: int) -> None:
         super().__init__(config)
         self.encoder = own_encoder(config)
-        outputs = 2 if config.haptics == "magnitude" else 6
+        outputs = 2 if config.haptics in ("magnitude", "contact") else 6
         inputs = FEATURES + (TOUCH_SIZE + action_size if config.from_previous else 0)
         self.heads = nn.ModuleList(two_layers(inputs, outputs) for _ in range(config.members))
 
@@ -53,6 +54,8 @@ class HapticCuriosity(Curiosity):
                 return torch.asinh(forces)
             case "magnitude":
                 return torch.log1p(forces.reshape(-1, 2, 3).norm(dim=2))
+            case "contact":
+                return torch.tanh(forces.reshape(-1, 2, 3).norm(dim=2))
         return forces
 
     def _predictions(self, batch: Batch) -> Tensor:
