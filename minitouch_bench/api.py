@@ -11,6 +11,7 @@ import gymnasium
 import pandas as pd
 
 from minitouch_bench.agents.config import make_config
+from minitouch_bench.conditions import parse_conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.metrics.definitions import metrics_shown_in
@@ -147,6 +148,8 @@ def evaluate(
     seed: int | None = None,
     exploration: object | None = None,
     name: str | None = None,
+    without: Sequence[str] = (),
+    perturb: Sequence[str] = (),
     output: StrPath | None = None,
     resume: bool = False,
     fresh: bool = False,
@@ -165,7 +168,8 @@ def evaluate(
     object: anything with ``act(observation)``, and ``reset(seed, task)`` if it wants to know of
     episodes; a Stable-Baselines3 model; a torch module on (image, touch). An object runs beside
     the simulator, and its run is unofficial. ``tasks``, ``episodes``, ``seed`` None: the
-    suite's own. ``workers`` None: one per core. Without ``output`` the run is kept in memory
+    suite's own. ``without=["forces"]`` and ``perturb=["mass=0.5:2"]``: see
+    ``docs/conditions.md``. ``workers`` None: one per core. Without ``output`` the run is kept in memory
     only, and an interrupted one is lost.
 
     Raises:
@@ -181,6 +185,7 @@ def evaluate(
         seed=seed,
         exploration=exploration,
         name=name,
+        conditions=parse_conditions(without, perturb),
         engine=EngineOptions(engine, workers, address),
         isolation=IsolationOptions(Isolation(isolation), trust, limits),
         output=workflow.OutputOptions(

@@ -13,6 +13,8 @@ import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 from numpy.typing import NDArray
 
+from minitouch_bench.conditions import STANDARD, Conditions
+
 Count = Annotated[int, Meta(ge=0)]
 Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 Sha256OrNone = Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")]
@@ -228,7 +230,8 @@ class RunHeader:
     """Everything that fixes the numbers of a run, known before its first episode.
 
     ``task_digests``: the protocol's digest for each task; results of a task are comparable where
-    its digests are equal. ``episode_timeout_s`` is left out where it is that of the protocol.
+    its digests are equal. ``episode_timeout_s`` and ``conditions`` are left out where they are
+    those of the protocol.
     """
 
     protocol: str
@@ -245,6 +248,12 @@ class RunHeader:
     act_timeout_s: float
     isolation: str
     episode_timeout_s: float | UnsetType = UNSET
+    conditions: Conditions | UnsetType = UNSET
+
+    @property
+    def played_under(self) -> Conditions:
+        """The conditions of the run's episodes."""
+        return STANDARD if self.conditions is UNSET else self.conditions
 
     def rules_differ(self, other: "RunHeader") -> tuple[str, ...]:
         """Return the tasks of both runs that were not played by the same rules."""

@@ -10,7 +10,7 @@ import pytest
 import minitouch_bench
 
 PACKAGE = Path(minitouch_bench.__file__).parent
-BASE = {"records", "errors", "optional", "files", "cache", "processes", "documents"}
+BASE = {"conditions", "records", "errors", "optional", "files", "cache", "processes", "documents"}
 LAYERS = (
     "protocol",
     "simulation",

@@ -44,6 +44,22 @@ def evaluate(
             rich_help_panel=options.EPISODES,
         ),
     ] = None,
+    without: Annotated[
+        str,
+        typer.Option(
+            metavar="A,B",
+            help="Senses that stay as at the reset: touch, forces, vision. Unofficial.",
+            rich_help_panel=options.EPISODES,
+        ),
+    ] = "",
+    perturb: Annotated[
+        str,
+        typer.Option(
+            metavar="A=X,B=X:Y",
+            help="noise, force-noise, mass, friction, camera: see docs/conditions.md. Unofficial.",
+            rich_help_panel=options.EPISODES,
+        ),
+    ] = "",
     output: Annotated[
         Path | None,
         typer.Option(
@@ -77,6 +93,7 @@ def evaluate(
     episode_timeout: options.EpisodeTimeout = options.EPISODE_TIMEOUT_S,
 ) -> None:
     """Run a policy through a suite and write its Table-4 report."""
+    from minitouch_bench.conditions import parse_conditions
     from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.reporting import show_report
     from minitouch_bench.reporting.run_directory import run_json
@@ -90,6 +107,9 @@ def evaluate(
         seed=seed,
         exploration=exploration,
         name=name,
+        conditions=parse_conditions(
+            options.comma_separated(without), options.comma_separated(perturb)
+        ),
         engine=EngineOptions(engine, options.worker_count(workers), address),
         isolation=options.isolation_options(isolation, trust, act_timeout, episode_timeout),
         output=workflow.OutputOptions(output, resume=resume, fresh=fresh, video=video),

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.evaluation.rollout import Actor
 from minitouch_bench.policies.in_process import InProcessPolicy
 from minitouch_bench.policies.isolate import effective_level, isolate
@@ -21,26 +22,62 @@ from minitouch_bench.policies.scripted import Controller, make_controller
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import EpisodeSpec, Role
+from minitouch_bench.sensing.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
 class PolicyActor:
     """A policy that sees observations only."""
 
-    def __init__(self, policy: PolicyProcess | InProcessPolicy) -> None:
+    def __init__(
+        self, policy: PolicyProcess | InProcessPolicy, conditions: Conditions = STANDARD
+    ) -> None:
         self._policy = policy
+        self._conditions = conditions
+        self._senses: AlteredSenses | None = None
 
     def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
         """Load the policy again and reset it with its seed."""
         self._policy.reset(policy_seed(spec.seed), spec.task)
+        if self._conditions.change_the_senses:
+            self._senses = AlteredSenses(self._conditions, spec.seed)
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Ask the policy."""
+        if self._senses is not None:
+            observation = self._senses.alter(observation)
         return self._policy.act(observation)
 
     def close(self) -> None:
         """End the policy's process."""
         self._policy.close()
+
+
+class AlteredSenses:
+    """What a policy senses in one episode, with senses frozen and noise added."""
+
+    def __init__(self, conditions: Conditions, seed: int) -> None:
+        self._conditions = conditions
+        self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+        self._first: Observation | None = None
+
+    def alter(self, observation: Observation) -> Observation:
+        """Return what the policy is given; the first call is the reset's observation."""
+        self._first = self._first or observation
+        image, touch = observation["image"], observation["touch"].copy()
+        if "vision" in self._conditions.without:
+            image = self._first["image"]
+        frozen = {"touch": slice(None), "forces": FORCES}
+        for sense in self._conditions.without:
+            if sense in frozen:
+                touch[frozen[sense]] = self._first["touch"][frozen[sense]]
+        if self._conditions.noise:
+            noisy = image + self._rng.normal(0.0, self._conditions.noise, image.shape)
+            image = noisy.round().clip(0, 255).astype(np.uint8)
+        if self._conditions.force_noise:
+            forces = touch[FORCES]
+            touch[FORCES] += self._rng.normal(0.0, self._conditions.force_noise, forces.shape)
+        return {"image": image, "touch": touch}
 
 
 class ScriptedActor:
@@ -67,6 +104,7 @@ class PolicySetup:
     policy: PolicySource
     exploration: PolicySource | None = None
     isolation: IsolationOptions = SANDBOXED
+    conditions: Conditions = STANDARD
 
     def source(self, role: Role) -> PolicySource:
         """Return the policy of a role."""
@@ -89,4 +127,5 @@ class PolicySetup:
         source = self.source(role)
         if source.kind == "scripted":
             return ScriptedActor()
-        return PolicyActor(isolate(source, self.isolation, deterministic=role is Role.FINAL))
+        policy = isolate(source, self.isolation, deterministic=role is Role.FINAL)
+        return PolicyActor(policy, self.conditions)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import os_errors_as, write_file
 from minitouch_bench.optional import require
@@ -20,7 +21,12 @@ FRAMES_PER_SECOND = 8
 Frames = Iterator[NDArray[np.uint8]]
 
 
-def film(spec: EpisodeSpec, actions: NDArray[np.float32], path: Path) -> Path:
+def film(
+    spec: EpisodeSpec,
+    actions: NDArray[np.float32],
+    path: Path,
+    conditions: Conditions = STANDARD,
+) -> Path:
     """Replay one episode in front of the camera into an ``.mp4`` or a ``.gif``.
 
     Raises:
@@ -33,7 +39,7 @@ def film(spec: EpisodeSpec, actions: NDArray[np.float32], path: Path) -> Path:
         raise UsageError(f"a film is an .mp4 or a .gif, not '{path.name}'")
     with os_errors_as(RunDirectoryError, path, "written"), TemporaryDirectory() as folder:
         unfinished = Path(folder) / f"film{path.suffix}"
-        writers[path.suffix](_frames(spec, actions), unfinished)
+        writers[path.suffix](_frames(spec, actions, conditions), unfinished)
         write_file(path, unfinished.read_bytes())
     return path
 
@@ -57,8 +63,8 @@ def _write_gif(frames: Frames, path: Path) -> None:
     pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=milliseconds, loop=0)
 
 
-def _frames(spec: EpisodeSpec, actions: NDArray[np.float32]) -> Frames:
-    environment = MiniTouchEnv(spec.task, render_mode="rgb_array")
+def _frames(spec: EpisodeSpec, actions: NDArray[np.float32], conditions: Conditions) -> Frames:
+    environment = MiniTouchEnv(spec.task, render_mode="rgb_array", conditions=conditions)
     try:
         environment.reset(seed=spec.seed, options={"object": spec.shape} if spec.shape else None)
         yield environment.picture()

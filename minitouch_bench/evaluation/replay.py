@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import PolicyFaultError
 from minitouch_bench.policies.policy import Observation
 from minitouch_bench.records import EpisodeSpec, Role
@@ -20,6 +21,7 @@ class Recording:
     """The actions of a run by the keys of its episodes, float32 (T, A) each, as applied."""
 
     actions: Mapping[str, NDArray[np.float32]]
+    conditions: Conditions = STANDARD
 
     def make_actor(self, role: Role) -> "RecordedActor":
         """Return an actor that repeats them."""

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import PolicyFaultError, PolicyKilledError, PolicyLoadError
 from minitouch_bench.evaluation.given_actions import GivenActions, given_path
 from minitouch_bench.policies.policy import Observation
@@ -40,6 +41,10 @@ class Actor(Protocol):
 class ActorSource(Protocol):
     """Where a worker gets its actors from: a run's policies, or its recorded actions."""
 
+    @property
+    def conditions(self) -> Conditions:
+        """The conditions of the run's episodes."""
+
     def make_actor(self, role: Role) -> Actor:
         """Return a new actor for the episodes of a role."""
 
@@ -59,7 +64,9 @@ class EpisodeRunner:
     def run(self, spec: EpisodeSpec) -> EpisodeRecord:
         """Run one episode."""
         if spec.task not in self._environments:
-            self._environments[spec.task] = MiniTouchEnv(spec.task)
+            self._environments[spec.task] = MiniTouchEnv(
+                spec.task, conditions=self._source.conditions
+            )
         if spec.role not in self._actors:
             self._actors[spec.role] = self._source.make_actor(spec.role)
         environment, actor = self._environments[spec.task], self._actors[spec.role]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from msgspec import UNSET
 
+from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import HopelessRunError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import EngineHandle
@@ -72,6 +73,7 @@ class RunRequest:
             policy=identify(self.setup.policy),
             exploration=None if exploration is None else identify(exploration),
             act_timeout_s=limits.act_timeout_s,
+            conditions=UNSET if self.setup.conditions == STANDARD else self.setup.conditions,
             episode_timeout_s=UNSET if is_usual else limits.episode_timeout_s,
             isolation=self.setup.isolation_level(),
         )
@@ -224,6 +226,8 @@ def _in_words(value: object) -> str:
         return f"{value.name} {value.digest[:12]}".rstrip()
     if value is UNSET:
         return "the usual"
+    if isinstance(value, Conditions):
+        return ", ".join(value.in_words())
     if isinstance(value, tuple):
         return ", ".join(map(str, value)) or "none"
     return "none" if value is None else str(value)

@@ -127,6 +127,8 @@ def why_unofficial(header: RunHeader, suite: Suite) -> tuple[str, ...]:
         found.append(f"seed {header.seed}")
     if header.episode_timeout_s is not UNSET:
         found.append(f"{header.episode_timeout_s:g} s per episode")
+    if header.conditions is not UNSET:
+        found += header.conditions.in_words()
     policies = [policy for policy in (header.policy, header.exploration) if policy is not None]
     if any(policy.kind == IN_MEMORY for policy in policies):
         found.append("policy in memory, beside the simulator")

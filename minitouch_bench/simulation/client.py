@@ -147,6 +147,18 @@ class PhysicsClient:
         """Return the height of a body's lowest point (m), its collision margin included."""
         return float(pybullet.getAABB(body, -1, physicsClientId=self._id)[0][2])
 
+    def scale_body(self, body: int, links: Iterable[int], mass: float, friction: float) -> None:
+        """Multiply the mass and the lateral friction of a body's links."""
+        for link in links:
+            known = pybullet.getDynamicsInfo(body, link, physicsClientId=self._id)
+            pybullet.changeDynamics(
+                body,
+                link,
+                mass=mass * known[0],
+                lateralFriction=friction * known[1],
+                physicsClientId=self._id,
+            )
+
     # Joints
 
     def joint_limits(self, body: int, joint: int) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 """One Gymnasium environment for all four tasks."""
 
+from dataclasses import replace
 from typing import Any, NoReturn
 
 import gymnasium
@@ -9,6 +10,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Outcome
@@ -52,6 +54,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     ``shapegen.manifest.load_shape_set`` reads it; None takes the task's default.
     ``reset(options={"object": name})`` asks for one object; without it one is drawn.
     ``render_mode="rgb_array"`` draws for people, ``width`` x ``height`` pixels.
+    ``conditions`` may change the object's mass and friction and turn the camera.
 
     ``info`` has the same keys in ``reset`` and ``step``, with numpy values only:
     ``is_success`` and ``success``; ``outcome``, an index of ``OUTCOMES``; ``ticks``,
@@ -73,9 +76,17 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         width: int = 480,
         height: int = 480,
         max_steps: int | None = None,
+        conditions: Conditions = STANDARD,
     ) -> None:
         EzPickle.__init__(
-            self, task, objects, render_mode, width=width, height=height, max_steps=max_steps
+            self,
+            task,
+            objects,
+            render_mode,
+            width=width,
+            height=height,
+            max_steps=max_steps,
+            conditions=conditions,
         )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode is 'rgb_array' or None, not '{render_mode}'")
@@ -85,6 +96,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._size = (width, height)
         spec = self.task.spec
         self._max_steps = max_steps or spec.max_steps
+        self._conditions = conditions
         self.action_space = spaces.Box(-1.0, 1.0, (spec.action_size,), np.float32)
         # Gymnasium has no type for a Dict space whose samples are plain dicts.
         self.observation_space = observation_space(spec.force_limit)  # type: ignore[assignment]
@@ -104,6 +116,10 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """
         super().reset(seed=seed)
         client, task = self.client, self.task
+        if self._conditions != STANDARD:
+            self._world = self._conditions.draw(self.np_random.spawn(1)[0])
+            camera = task.spec.camera
+            self._camera = GreyCamera(replace(camera, yaw=camera.yaw + self._world.camera))
         model = self._choose_object(options or {})
         for _ in range(OBSERVATION.max_draws):
             self._build(model)
@@ -184,6 +200,10 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         table = add_table(client)
         self._camera.keep_background(client, table, task.add_scenery(client))
         task.add_object(client)
+        if self._conditions != STANDARD:
+            client.scale_body(
+                task.target_body, task.target_links, self._world.mass, self._world.friction
+            )
         self.arm = PandaArm(client, self._kinematics, task.spec.arm)
         task.place_arm(self.arm)
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.cache import cache_directory, cache_file
+from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import MiniTouchError
 from minitouch_bench.evaluation.actions import Actions
 from minitouch_bench.evaluation.local_engine import LocalEngine
@@ -92,6 +93,11 @@ class CrashingOnce:
 
     recording: Recording
     marker: Path
+
+    @property
+    def conditions(self) -> Conditions:
+        """The protocol's own."""
+        return STANDARD
 
     def make_actor(self, role: Role) -> RecordedActor:
         """Return an actor that looks for the marker, and dies where there is none."""

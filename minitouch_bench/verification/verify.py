@@ -76,7 +76,8 @@ def replay_run(
         InfrastructureError: an episode could not be replayed.
     """
     records = []
-    for record in engine.run(Recording(run.actions), run.specs):
+    recording = Recording(run.actions, run.saved.header.played_under)
+    for record in engine.run(recording, run.specs):
         records.append(record)
         on_record(record)
     found = tuple(compare_with_replay(run, records))

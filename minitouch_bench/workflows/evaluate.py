@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import HopelessRunError, InfrastructureError, InterruptedRunError
 from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions, open_engine
@@ -62,6 +63,7 @@ class EvaluateOptions:
     name: str | None = None
     engine: EngineOptions = LOCAL
     isolation: IsolationOptions = SANDBOXED
+    conditions: Conditions = STANDARD
     output: OutputOptions = OutputOptions()
 
 
@@ -114,6 +116,7 @@ def make_request(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Run
         callbacks,
         exploration=options.exploration,
         name=options.name,
+        conditions=options.conditions,
     )
     episodes = options.episodes or suite.episodes_per_task
     seed = suite.seed if options.seed is None else options.seed
@@ -121,9 +124,14 @@ def make_request(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Run
 
 
 def run_name(request: RunRequest) -> str:
-    """Name a run after its policy and suite, in characters that suit a file name."""
-    name = re.sub(r"[^A-Za-z0-9._-]+", "-", request.setup.policy.name).strip(".-")
-    return f"{name[:80] or 'policy'}-{request.suite.name}"
+    """Name a run after its policy, suite and conditions, in characters that suit a file name."""
+    policy = _file_name(request.setup.policy.name)[:80] or "policy"
+    conditions = [_file_name(words) for words in request.setup.conditions.in_words()]
+    return "-".join((policy, request.suite.name, *conditions))
+
+
+def _file_name(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip(".-")
 
 
 def play(
@@ -164,6 +172,7 @@ def save_run(run: EvaluationRun, directory: Path, video: int = 0) -> EvaluationR
             record.spec,
             record.trace.actions,
             make_folder(directory / VIDEOS) / film_name(record.spec.key),
+            run.header.played_under,
         )
         for record in run.records
         if record.spec.index < video

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.policies.in_memory import keep_in_memory
@@ -21,6 +22,7 @@ def prepare_policies(
     *,
     exploration: object | None = None,
     name: str | None = None,
+    conditions: Conditions = STANDARD,
 ) -> PolicySetup:
     """Find the policies and load each once, so that a bad file is refused before any episode.
 
@@ -34,15 +36,17 @@ def prepare_policies(
     if isolation.level is Isolation.NONE and not isolation.trust:
         raise UsageError("--isolation none runs the policy in this very process: add --trust")
     source = _find_policy(policy, tasks, isolation, callbacks)
+    if source.kind == "scripted" and conditions.change_the_senses:
+        raise UsageError("the scripted policy has no senses to change: it reads the simulator")
     if name is not None:
         source = replace(source, name=name)
     if exploration is None:
-        return PolicySetup(source, isolation=isolation)
+        return PolicySetup(source, isolation=isolation, conditions=conditions)
     goals = tuple(task for task in tasks if task in GOAL_TASKS)
     if not goals:
         raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
     explorer = _find_policy(exploration, goals, isolation, callbacks, deterministic=False)
-    return PolicySetup(source, explorer, isolation)
+    return PolicySetup(source, explorer, isolation, conditions)
 
 
 def _find_policy(

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
+from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.replay import Recording
@@ -23,6 +24,7 @@ class ReplayedEpisode:
     run: Path
     record: EpisodeRecord
     row: EpisodeMetrics
+    conditions: Conditions
 
     @property
     def is_same(self) -> bool:
@@ -41,9 +43,10 @@ def replay(run: Path, episode: str) -> ReplayedEpisode:
     if opened is None:
         raise UsageError(f"{run} cannot be replayed.\n{problems[0]}")
     spec, row = opened.find(episode)
-    runner = EpisodeRunner(Recording(opened.actions))
+    conditions = opened.saved.header.played_under
+    runner = EpisodeRunner(Recording(opened.actions, conditions))
     try:
-        return ReplayedEpisode(run, runner.run(spec), row)
+        return ReplayedEpisode(run, runner.run(spec), row, conditions)
     except KeyboardInterrupt as error:
         raise InterruptedRunError("interrupted") from error
     finally:
@@ -61,7 +64,7 @@ def film_replay(replayed: ReplayedEpisode, path: Path | None = None) -> Path:
     spec, actions = replayed.record.spec, replayed.record.trace.actions
     try:
         file = path or make_folder(replayed.run / REPLAYS) / film_name(spec.key, _suffix())
-        return film(spec, actions, file)
+        return film(spec, actions, file, replayed.conditions)
     except KeyboardInterrupt as error:
         raise InterruptedRunError("interrupted") from error
 

@@ -1,0 +1,136 @@
+"""What an evaluation can change in a policy's senses and in the world, to see what it needs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Final, Literal
+
+import numpy as np
+
+from minitouch_bench.errors import UsageError
+
+Sense = Literal["touch", "forces", "vision"]
+Range = tuple[float, float]
+
+SENSES: Final = ("touch", "forces", "vision")
+"""What can be taken away: the touch vector, its finger forces alone, the picture."""
+
+
+@dataclass(frozen=True)
+class World:
+    """How one episode's world differs: factors, and degrees."""
+
+    mass: float
+    friction: float
+    camera: float
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Other conditions than the protocol's. A run under any is unofficial.
+
+    A sense in ``without`` stays as it is at the reset. ``noise`` (grey levels) and
+    ``force_noise`` (N) are standard deviations of normal noise on each pixel and each force.
+    The others are ranges, drawn uniformly in each episode: factors on the ``mass`` and the
+    ``friction`` of the object or the door, and the degrees by which the ``camera`` is turned
+    around what it looks at.
+
+    Raises:
+        ValueError: a value that means nothing.
+    """
+
+    without: tuple[Sense, ...] = ()
+    noise: float = 0.0
+    force_noise: float = 0.0
+    mass: Range = (1.0, 1.0)
+    friction: Range = (1.0, 1.0)
+    camera: Range = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.without != tuple(sense for sense in SENSES if sense in self.without):
+            raise ValueError(f"senses are {', '.join(SENSES)}, each once and in this order")
+        for name, allowed in _ALLOWED.items():
+            low, high = _as_range(getattr(self, name))
+            if not allowed.low <= low <= high <= allowed.high:
+                raise ValueError(f"{name} is {allowed.low:g} to {allowed.high:g} {allowed.unit}")
+
+    @property
+    def change_the_senses(self) -> bool:
+        """Whether a policy is given other observations than the environment's."""
+        return bool(self.without or self.noise or self.force_noise)
+
+    def draw(self, rng: np.random.Generator) -> World:
+        """Draw one episode's world."""
+        ranges = (self.mass, self.friction, self.camera)
+        return World(*(float(rng.uniform(*each)) for each in ranges))
+
+    def in_words(self) -> tuple[str, ...]:
+        """Return what is different, for people."""
+        words = [f"without {sense}" for sense in self.without]
+        for name, allowed in _ALLOWED.items():
+            value = getattr(self, name)
+            if value != getattr(STANDARD, name):
+                low, high = _as_range(value)
+                amount = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+                words.append(f"{_spelled(name)} {amount} {allowed.unit}")
+        return tuple(words)
+
+
+@dataclass(frozen=True)
+class _Allowed:
+    low: float
+    high: float
+    unit: str
+
+
+_ALLOWED: Mapping[str, _Allowed] = MappingProxyType(
+    {
+        "noise": _Allowed(0.0, 255.0, "grey levels"),
+        "force_noise": _Allowed(0.0, 1000.0, "N"),
+        "mass": _Allowed(0.01, 100.0, "times"),
+        "friction": _Allowed(0.01, 100.0, "times"),
+        "camera": _Allowed(-180.0, 180.0, "degrees"),
+    }
+)
+
+
+def _as_range(value: float | Range) -> Range:
+    return value if isinstance(value, tuple) else (value, value)
+
+
+def _spelled(name: str) -> str:
+    return name.replace("_", "-")
+
+
+STANDARD: Final = Conditions()
+"""The protocol's own conditions."""
+
+
+def parse_conditions(without: Sequence[str], changes: Sequence[str]) -> Conditions:
+    """Read ``["touch"]`` and ``["mass=2", "camera=-5:5"]``, as on the command line.
+
+    Raises:
+        UsageError: no such sense or condition, or a value that it cannot have.
+    """
+    for sense in without:
+        if sense not in SENSES:
+            raise UsageError(f"no sense '{sense}'; there are {', '.join(SENSES)}")
+    ordered = tuple(sense for sense in SENSES if sense in without)
+    names = {_spelled(field.name): field for field in fields(Conditions) if field.name in _ALLOWED}
+    values: dict[str, float | Range] = {}
+    for change in changes:
+        name, _, text = change.partition("=")
+        if name not in names:
+            raise UsageError(f"no condition '{name}'; there are {', '.join(names)}")
+        low, colon, high = text.partition(":")
+        try:
+            if not isinstance(names[name].default, tuple):
+                values[names[name].name] = float(text)
+            else:
+                values[names[name].name] = (float(low), float(high if colon else low))
+        except ValueError:
+            raise UsageError(f"'{change}' is no condition; write mass=2 or mass=0.5:2") from None
+    try:
+        return Conditions(without=ordered, **values)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise UsageError(str(error)) from error

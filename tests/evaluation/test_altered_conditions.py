@@ -1,0 +1,92 @@
+"""Episodes under other conditions than the protocol's, for real."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minitouch_bench.conditions import STANDARD, Conditions
+from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.actors import AlteredSenses
+from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.sensing.observation import FORCES
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.verification.verify import verify_run
+from minitouch_bench.workflows.evaluate import EvaluateOptions, OutputOptions, evaluate
+
+ACTION = np.array([0.6, 0.1, -1.0, 0.0], np.float32)
+
+
+def observation(level):
+    return {
+        "image": np.full((1, 84, 84), level, np.uint8),
+        "touch": np.full(11, level, np.float32),
+    }
+
+
+def test_a_sense_stays_as_it_was_at_the_reset():
+    senses = AlteredSenses(Conditions(without=("forces", "vision")), seed=0)
+    senses.alter(observation(1))
+    altered = senses.alter(observation(2))
+    assert (altered["image"] == 1).all()
+    assert (altered["touch"][FORCES] == 1).all()
+    assert (altered["touch"][:5] == 2).all()
+
+
+def test_noise_comes_from_the_episodes_seed_and_leaves_the_observation_alone():
+    conditions, given = Conditions(noise=20.0, force_noise=3.0), observation(100)
+    first, again, other = (AlteredSenses(conditions, seed).alter(given) for seed in (0, 0, 1))
+    assert (given["image"] == 100).all()
+    assert (given["touch"] == 100).all()
+    assert np.array_equal(first["image"], again["image"])
+    assert not np.array_equal(first["image"], other["image"])
+    assert 18 < first["image"].astype(float).std() < 22
+    assert (first["touch"][:5] == 100).all()
+    assert (first["touch"][FORCES] != 100).all()
+
+
+@pytest.mark.parametrize(
+    "conditions",
+    [Conditions(mass=(0.01, 0.01)), Conditions(friction=(0.01, 0.01)), Conditions(camera=(9, 9))],
+)
+def test_the_world_differs_and_is_the_same_again(conditions):
+    def play(conditions):
+        environment = MiniTouchEnv("playing", conditions=conditions)
+        seen, _ = environment.reset(seed=3)
+        first, states = seen["image"], []
+        for _ in range(12):
+            _, _, _, _, info = environment.step(toward(environment))
+            states.append(info["object_state"])
+        environment.close()
+        return first.tobytes() + np.array(states).tobytes()
+
+    def toward(environment):
+        x, y, _ = environment.task.object_state(environment.client)
+        hand = environment.arm.position
+        return np.array([10 * (x - hand[0]), 10 * (y - hand[1]), -1.0, 0.0], np.float32)
+
+    assert play(conditions) == play(conditions) != play(STANDARD)
+
+
+def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
+    options = EvaluateOptions(
+        "random",
+        suite="smoke",
+        tasks=("pushing", "opening"),
+        episodes=1,
+        conditions=Conditions(without=("touch",), mass=(0.5, 2.0)),
+        output=OutputOptions(tmp_path / "run"),
+    )
+    saved = evaluate(options).saved
+    assert saved.header.unofficial_because[-2:] == ("without touch", "mass 0.5 to 2 times")
+    assert verify_run(tmp_path / "run", LocalEngine(1)).problems == ()
+    standard = replace(options, conditions=STANDARD, output=OutputOptions(tmp_path / "standard"))
+    others = evaluate(standard).saved
+    assert [one.seed for one in saved.episodes] == [one.seed for one in others.episodes]
+    assert saved.digest != others.digest
+
+
+def test_the_scripted_policy_has_no_senses_to_change():
+    options = EvaluateOptions("scripted", conditions=Conditions(without=("vision",)))
+    with pytest.raises(UsageError, match="reads the simulator"):
+        evaluate(options)

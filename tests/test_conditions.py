@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+
+from minitouch_bench.conditions import STANDARD, Conditions, parse_conditions
+from minitouch_bench.errors import UsageError
+
+
+def test_conditions_are_read_as_they_are_typed():
+    found = parse_conditions(["vision", "touch"], ["mass=2", "camera=-5:5", "force-noise=3"])
+    assert found == Conditions(
+        without=("touch", "vision"), mass=(2.0, 2.0), camera=(-5.0, 5.0), force_noise=3.0
+    )
+    assert parse_conditions([], []) == STANDARD
+
+
+@pytest.mark.parametrize(
+    ("without", "changes", "says"),
+    [
+        (["smell"], [], "no sense 'smell'; there are touch, forces, vision"),
+        ([], ["weight=2"], "no condition 'weight'; there are noise, force-noise, mass"),
+        ([], ["mass"], "'mass' is no condition; write mass=2 or mass=0.5:2"),
+        ([], ["mass=1:2:3"], "is no condition"),
+        ([], ["noise=1=2"], "is no condition"),
+        ([], ["noise=1:2"], "is no condition"),
+        ([], ["mass=2:1"], "mass is 0.01 to 100 times"),
+        ([], ["mass=nan"], "mass is 0.01 to 100 times"),
+        ([], ["noise=-1"], "noise is 0 to 255 grey levels"),
+    ],
+)
+def test_what_means_nothing_is_refused(without, changes, says):
+    with pytest.raises(UsageError, match=says):
+        parse_conditions(without, changes)
+
+
+def test_they_are_said_in_words():
+    conditions = parse_conditions(["forces"], ["friction=0.5:2", "noise=10", "camera=3"])
+    assert conditions.in_words() == (
+        "without forces",
+        "noise 10 grey levels",
+        "friction 0.5 to 2 times",
+        "camera 3 degrees",
+    )
+    assert STANDARD.in_words() == ()
+
+
+def test_an_episodes_world_is_drawn_from_the_ranges():
+    rng = np.random.default_rng(0)
+    worlds = [Conditions(mass=(0.5, 2.0)).draw(rng) for _ in range(100)]
+    masses = [world.mass for world in worlds]
+    assert 0.5 <= min(masses) < 0.7
+    assert 1.8 < max(masses) <= 2.0
+    assert {(world.friction, world.camera) for world in worlds} == {(1.0, 0.0)}
