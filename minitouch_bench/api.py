@@ -169,8 +169,8 @@ def evaluate(
     episodes; a Stable-Baselines3 model; a torch module on (image, touch). An object runs beside
     the simulator, and its run is unofficial. ``tasks``, ``episodes``, ``seed`` None: the
     suite's own. ``without=["forces"]`` and ``perturb=["mass=0.5:2"]``: see
-    ``docs/conditions.md``. ``workers`` None: one per core. Without ``output`` the run is kept in memory
-    only, and an interrupted one is lost.
+    ``docs/conditions.md``. ``workers`` None: one per core. Without ``output`` the run is kept in
+    memory only, and an interrupted one is lost.
 
     Raises:
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
