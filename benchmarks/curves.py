@@ -9,7 +9,7 @@ import pandas as pd
 
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.rendering.figure_files import write_figures
-from minitouch_bench.reporting.study import learning_curves
+from minitouch_bench.reporting.study_figures import learning_curves
 from minitouch_bench.reporting.training_page import episode_success
 
 DOCS = Path(__file__).parents[1] / "docs"

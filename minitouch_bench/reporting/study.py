@@ -13,21 +13,10 @@ from minitouch_bench.files import RUN_FILE, write_file
 from minitouch_bench.metrics import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.metrics.definitions import ranking_metric
 from minitouch_bench.metrics.intervals import bootstrap_mean
-from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import Estimate
-from minitouch_bench.rendering.charts import (
-    Chart,
-    Figure,
-    LegendItem,
-    Line,
-    Plot,
-    share_axis,
-    value_axis,
-)
+from minitouch_bench.records import Estimate, SavedRun, Summary
 from minitouch_bench.rendering.figure_files import write_figures
 from minitouch_bench.rendering.markdown import escape, table_lines
 from minitouch_bench.rendering.pages import render_page
-from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.rendering.tables import (
     ABSENT,
     Cell,
@@ -40,16 +29,27 @@ from minitouch_bench.rendering.tables import (
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
 from minitouch_bench.reporting.run_directory import read_run
+from minitouch_bench.reporting.study_figures import (
+    EXPLORING,
+    GAP,
+    HELD_OUT,
+    MAIN_SUITE,
+    MOVEMENT,
+    NOVEL_SHAPES,
+    SEEDS_ONLY,
+    TOUCH,
+    TRAIN,
+    over_seeds,
+    study_figures,
+    study_parts,
+)
 from minitouch_bench.reporting.training_page import episode_success
 
 TEMPLATE = Path(__file__).parent / "templates" / "study.html.j2"
-MAIN_SUITE, NOVEL_SHAPES = "table4", "novel-shapes"
-SEEDS_ONLY = "bootstrap over training seeds"
 EPISODES_ONLY = "one training seed: its interval is over episodes only"
 PAPER_ORDER = ("hac", "rnd-touch", "rnd")
 """Our names of the paper's three methods, from the best down (its Table 4)."""
 SIGNIFICANT = 0.05
-HEIGHT = 150
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def write_study(results: StudyResults) -> None:
     write_file(directory / "curves.csv", curves.to_csv(index=False))
     tables = tuple(_tables(estimates))
     orders = tuple(_orders(estimates))
-    figures = tuple(learning_curves(curves))
+    figures = tuple(study_figures(estimates, curves))
     write_figures(figures, directory / "figures")
     write_file(directory / "report.md", _markdown(results, tables, orders))
     page = render_page(
@@ -111,13 +111,27 @@ def _estimates(results: StudyResults) -> pd.DataFrame:
                 (*head, metric, found.value, found.low, found.high, found.count)
                 for metric, found in summary.estimates.items()
             ]
-            rows += [
-                (*head, f"{metric}, held-out minus train", gap.difference.value,
-                 gap.difference.low, gap.difference.high, gap.difference.count)
-                for part in run.summary.generalization for metric, gap in part.gaps.items()
-            ]  # fmt: skip
+            found = [*_on_both_splits(run.summary), *_while_exploring(run)]
+            rows += [(*head, metric, e.value, e.low, e.high, e.count) for metric, e in found]
     columns = [*StudyTraining.__dataclass_fields__, "suite"]
     return pd.DataFrame(rows, columns=[*columns, "metric", "value", "low", "high", "episodes"])
+
+
+def _on_both_splits(summary: Summary) -> Iterator[tuple[str, Estimate]]:
+    for part in summary.generalization:
+        for metric, gap in part.gaps.items():
+            yield f"{metric}{GAP}", gap.difference
+            yield f"{metric}{HELD_OUT}", gap.held_out
+            yield f"{metric}{TRAIN}", gap.train
+
+
+def _while_exploring(run: SavedRun) -> Iterator[tuple[str, Estimate]]:
+    """Yield what Figure 9 shows, of the policy as it stood at the end of exploration."""
+    for metric in (MOVEMENT, TOUCH):
+        values = METRICS[metric].values(run.exploration_episodes)
+        if values:
+            found = bootstrap_mean(np.array(values), np.random.default_rng(0))
+            yield f"{metric}{EXPLORING}", found
 
 
 def _curves(results: StudyResults) -> pd.DataFrame:
@@ -156,7 +170,7 @@ def _table(title: str, suite: str, part: pd.DataFrame) -> Table:
     metrics = (
         metrics_shown_in(ShownIn.TABLE4)
         if with_paper
-        else tuple(name for name in dict.fromkeys(part["metric"]) if "held-out" in name)
+        else tuple(name for name in dict.fromkeys(part["metric"]) if name.endswith(GAP))
     )
     rows = []
     for metric in metrics:
@@ -178,17 +192,6 @@ def _cell(part: pd.DataFrame, task: str, method: str, metric: str) -> Cell:
     return estimate_cell(metric.split(",", maxsplit=1)[0], over_seeds(own))
 
 
-def over_seeds(own: pd.DataFrame) -> Estimate | None:
-    """Estimate a metric over training seeds; of one seed with its own interval, over episodes."""
-    if own.empty:
-        return None
-    if len(own) == 1:
-        value, low, high, episodes = own[["value", "low", "high", "episodes"]].iloc[0].tolist()
-        return Estimate(value, low, high, int(episodes), "over episodes")
-    found = bootstrap_mean(own["value"].to_numpy(float), np.random.default_rng(0))
-    return Estimate(found.value, found.low, found.high, len(own), SEEDS_ONLY)
-
-
 def _orders(estimates: pd.DataFrame) -> Iterator[str]:
     """Say of each task and each two neighbors in the paper's order whether it holds here.
 
@@ -196,7 +199,7 @@ def _orders(estimates: pd.DataFrame) -> Iterator[str]:
     reach p = 0.05.
     """
     main = estimates[estimates["suite"] == MAIN_SUITE]
-    for task, steps, part in _parts(main):
+    for task, steps, part in study_parts(main):
         metric = ranking_metric(task)
         own = part[part["metric"] == metric]
         for better, worse in pairwise(PAPER_ORDER):
@@ -206,14 +209,6 @@ def _orders(estimates: pd.DataFrame) -> Iterator[str]:
                     f"{task_title(task)}, {steps:,} steps of exploration: {better} > {worse} in "
                     f"{METRICS[metric].label.lower()} {_judged(*values)}"
                 )
-
-
-def _parts(frame: pd.DataFrame) -> Iterator[tuple[str, int, pd.DataFrame]]:
-    """Yield each task and length of exploration with its rows, in the study's order."""
-    keys = zip(frame["task"].tolist(), frame["exploration_steps"].tolist(), strict=True)
-    for task, steps in dict.fromkeys(keys):
-        chosen = (frame["task"] == task) & (frame["exploration_steps"] == steps)
-        yield task, steps, frame[chosen]
 
 
 def _judged(better: Sequence[float], worse: Sequence[float]) -> str:
@@ -227,44 +222,6 @@ def _judged(better: Sequence[float], worse: Sequence[float]) -> str:
     if p["less"] <= SIGNIFICANT:
         return f"does not hold ({means}, p = {p['less']:.3f})"
     return f"cannot be told ({means}, p = {p['greater']:.3f}, {len(better)} and {len(worse)} seeds)"
-
-
-def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
-    """Yield the learning curves: the mean over seeds, and the lowest and highest of them."""
-    methods = tuple(dict.fromkeys(curves["method"]))
-    legend = tuple(LegendItem(one, series_tone(turn)) for turn, one in enumerate(methods))
-    plots = []
-    for task, steps, own in _parts(curves):
-        column = "success" if task in GOAL_TASKS else "touch_share"
-        marks = [
-            line
-            for turn, method in enumerate(methods)
-            for line in _lines(own[own["method"] == method], column, series_tone(turn))
-        ]
-        if marks:
-            x = value_axis("Control steps", float(own["step"].max()))
-            label = "Success" if task in GOAL_TASKS else METRICS[column].label
-            caption = f"{task_title(task)}, {steps:,} steps of exploration"
-            chart = Chart(x, share_axis(label), tuple(marks), HEIGHT)
-            plots.append(Plot(caption, f"{label} over control steps: {caption}", (chart,)))
-    if plots:
-        text = (
-            "While training: success over at least 20 episodes, touch share between two rows. "
-            "Strong: the mean over training seeds; faint: the lowest and the highest."
-        )
-        yield Figure("curves", "Learning curves", text, tuple(plots), legend)
-
-
-def _lines(own: pd.DataFrame, column: str, tone: str) -> Iterator[Line]:
-    known = own.dropna(subset=[column])
-    by_step = known.groupby("step")[column].agg(["mean", "min", "max", "count"])
-    for name, opacity in (("mean", 1.0), ("min", 0.35), ("max", 0.35)):
-        if name != "mean" and (by_step["count"] < 2).all():
-            continue
-        steps = by_step.index.to_numpy(float).tolist()
-        points = tuple(zip(steps, by_step[name].tolist(), strict=True))
-        if len(points) > 1:
-            yield Line(points, tone, 1.6 if name == "mean" else 0.8, opacity)
 
 
 def state_lines(results: StudyResults) -> list[str]:

@@ -1,0 +1,98 @@
+"""What a study's figures show of its two tables."""
+
+from itertools import product
+
+import pandas as pd
+import pytest
+
+from minitouch_bench.rendering.charts import Dot, Line
+from minitouch_bench.rendering.figure_files import write_figures
+from minitouch_bench.reporting.study_figures import study_figures
+
+METHODS = ("hac", "rnd")
+
+
+def row(training, metric, value, suite="table4"):
+    task, method, seed, steps = training
+    return {
+        "task": task, "method": method, "seed": seed, "exploration_steps": steps, "suite": suite,
+        "metric": metric, "value": value, "low": value - 0.1, "high": value + 0.1, "episodes": 100,
+    }  # fmt: skip
+
+
+def curves(lengths):
+    return pd.DataFrame(
+        {
+            "task": "opening", "method": method, "seed": seed, "exploration_steps": steps,
+            "step": step, "touch_share": 0.5, "success": step / 1000,
+        }
+        for method, seed, steps, step in product(METHODS, (0, 1), lengths, (100, 200, 300))
+    )  # fmt: skip
+
+
+def estimates(lengths):
+    metrics = {
+        "success": 0.8, "episode_steps": 20.0, "touch_share": 0.4, "object_movement": 0.02,
+        "touch_share, exploring": 0.9, "object_movement, exploring": 0.001,
+    }  # fmt: skip
+    main = [
+        row(("opening", method, seed, steps), metric, value + seed / 10)
+        for method, seed, steps in product(METHODS, (0, 1), lengths)
+        for metric, value in metrics.items()
+    ]
+    novel = [
+        row(("pushing", method, 0, lengths[0]), f"success, {split}", value, "novel-shapes")
+        for method, (split, value) in product(METHODS, (("train", 0.6), ("held-out", 0.5)))
+    ]
+    return pd.DataFrame(main + novel)
+
+
+@pytest.fixture(scope="module")
+def figures():
+    lengths = (1000, 2000)
+    return {figure.key: figure for figure in study_figures(estimates(lengths), curves(lengths))}
+
+
+def marks(figure, kind):
+    found = [mark for plot in figure.plots for chart in plot.charts for mark in chart.marks]
+    return [mark for mark in found if isinstance(mark, kind)]
+
+
+def test_there_is_a_figure_for_each_question(figures):
+    assert [*figures] == ["curves", "movement", "lengths", "novel-shapes"]
+
+
+def test_movement_is_shown_as_of_the_end_of_exploration(figures):
+    dots = marks(figures["movement"], Dot)
+    assert len(dots) == 2 * 2 * 2
+    assert {(dot.x, dot.y) for dot in dots} == {(0.9, 0.001), (1.0, 0.101)}
+
+
+def test_each_length_of_exploration_is_a_mean_over_seeds_with_its_interval(figures):
+    (plot,) = figures["lengths"].plots
+    success, steps = plot.charts
+    assert [(dot.x, dot.y) for dot in success.marks if isinstance(dot, Dot)] == [
+        (1000.0, pytest.approx(0.85)),
+        (2000.0, pytest.approx(0.85)),
+    ] * 2
+    assert steps.y.label == "Episode steps"
+    intervals = [one for one in success.marks if isinstance(one, Line) and one.width == 2.2]
+    assert all(low[1] < 0.85 < high[1] for low, high in (one.points for one in intervals))
+
+
+def test_held_out_shapes_stand_beside_train_shapes(figures):
+    dots = marks(figures["novel-shapes"], Dot)
+    assert {(dot.x, dot.is_hollow) for dot in dots} == {(0.6, True), (0.5, False)}
+
+
+def test_one_length_and_one_suite_give_no_empty_figures():
+    main = estimates((1000,))
+    main = main[main["suite"] == "table4"]
+    assert [one.key for one in study_figures(main, curves((1000,)))] == ["curves", "movement"]
+    nothing = (main.iloc[:0], curves((1000,)).iloc[:0])
+    assert [*study_figures(*nothing)] == []
+
+
+def test_they_can_be_drawn(figures, tmp_path):
+    for path in write_figures(tuple(figures.values()), tmp_path):
+        assert path.stat().st_size > 1000
