@@ -23,7 +23,7 @@ from typing import Any, Generic, TypeVar
 
 import cloudpickle
 
-from minitouch_bench.errors import InfrastructureError, MiniTouchError
+from minitouch_bench.errors import InfrastructureError, JobFailedError, MiniTouchError
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -131,7 +131,7 @@ def run_in_workers(
     ``name`` says in an error which job failed.
 
     Raises:
-        InfrastructureError: a job failed ``attempts`` times.
+        JobFailedError: a job failed ``attempts`` times.
     """
     waiting = deque((index, 1) for index in range(len(jobs)))
     pool = [_Worker(function) for _ in range(min(workers, len(jobs)))]
@@ -152,7 +152,7 @@ def run_in_workers(
                     raise result.error
                 if attempt == attempts:
                     text = f"{name(jobs[index])} failed {attempts} times: {result.reason}"
-                    raise InfrastructureError(text)
+                    raise JobFailedError(text, index)
                 waiting.appendleft((index, attempt + 1))
                 worker.close()
                 pool[pool.index(worker)] = _Worker(function)

@@ -16,12 +16,14 @@ def study(
         Path | None, typer.Option(help="By default reports/studies/NAME, after the file.")
     ] = None,
     workers: options.Workers = "1",
+    engine: options.EngineName = "local",
+    address: options.Address = None,
 ) -> None:
     """Train and evaluate a grid of methods, tasks and seeds; started again, it goes on.
 
     Exit 5 where a training failed: the same command tries it again.
     """
-    from minitouch_bench.processes import core_count
+    from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.reporting.study import StudyResults, state_lines
     from minitouch_bench.workflows.study import STUDIES, StudyOptions, read_study, run_study
 
@@ -29,8 +31,8 @@ def study(
         notes.print(state_lines(found)[0], markup=False)
 
     directory = output or STUDIES / file.stem
-    count = options.worker_count(workers) or core_count()
-    found = run_study(StudyOptions(read_study(file), directory, count, show))
+    runs_it = EngineOptions(engine, options.worker_count(workers), address)
+    found = run_study(StudyOptions(read_study(file), directory, runs_it, show))
     if found.failed:
         raise InfrastructureError("\n".join(state_lines(found)[1:]))
     print(directory / "report.html")

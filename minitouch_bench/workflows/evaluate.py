@@ -157,8 +157,10 @@ def resumable(directory: Path | None) -> Iterator[None]:
     )
     try:
         yield
-    except (InfrastructureError, HopelessRunError) as error:
-        raise type(error)(f"{error}\n{advice}") from error
+    except HopelessRunError as error:
+        raise HopelessRunError(f"{error}\n{advice}") from error
+    except InfrastructureError as error:
+        raise InfrastructureError(f"{error}\n{advice}") from error
     except KeyboardInterrupt as error:
         raise InterruptedRunError(f"interrupted\n{advice}") from error
 

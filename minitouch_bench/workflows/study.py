@@ -5,9 +5,10 @@ What is done is read off the files, so that a killed study goes on where it was.
 
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from itertools import product
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import msgspec
@@ -15,12 +16,13 @@ import msgspec
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, apply_settings, make_config
 from minitouch_bench.agents.training import EXPLORATION_FILE
 from minitouch_bench.documents import fault_in_words
-from minitouch_bench.errors import InfrastructureError, MiniTouchError, UsageError
-from minitouch_bench.evaluation.engine import EngineOptions
+from minitouch_bench.errors import JobFailedError, MiniTouchError, UsageError
+from minitouch_bench.evaluation.engine import ENGINES, EngineOptions
+from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import RUN_FILE, lock_directory, write_file
 from minitouch_bench.policies.sources import TRAINED_FILE
-from minitouch_bench.processes import run_in_workers
+from minitouch_bench.processes import ARITHMETIC, core_count, run_in_workers
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.study import StudyResults, StudyTraining, write_study
 from minitouch_bench.workflows import ignore
@@ -96,16 +98,19 @@ def read_study(path: Path) -> StudyConfig:
     return study
 
 
+ONE_AT_A_TIME = EngineOptions(workers=1)
+
+
 @dataclass(frozen=True)
 class StudyOptions:
-    """Which study, where, and how many trainings at a time.
+    """Which study, where, and what runs it: so many trainings at a time here, or a Ray cluster.
 
     ``on_state`` is told which trainings are done, failed and left, whenever that changes.
     """
 
     config: StudyConfig
     directory: Path
-    workers: int = 1
+    engine: EngineOptions = ONE_AT_A_TIME
     on_state: Callable[[StudyResults], None] = ignore
 
 
@@ -116,9 +121,14 @@ def run_study(options: StudyOptions) -> StudyResults:
     of the study tries it again.
 
     Raises:
+        UsageError: no such engine.
+        MissingExtraError, InfrastructureError: Ray is not installed, or no cluster answers.
         RunDirectoryError: the directory is in use or cannot be written.
     """
     directory = options.directory
+    if options.engine.name not in ENGINES:
+        names = ", ".join(ENGINES)
+        raise UsageError(f"no engine '{options.engine.name}'; the engines are {names}")
     with lock_directory(directory):
         for training in options.config.trainings():
             (_place(directory, training) / FAILURE_FILE).unlink(missing_ok=True)
@@ -130,38 +140,63 @@ def run_study(options: StudyOptions) -> StudyResults:
     return found
 
 
-def _run_left(
-    options: StudyOptions, left: tuple[StudyTraining, ...]
-) -> Iterator[tuple[StudyTraining, str]]:
-    """Yield each training as it ends, with what went wrong."""
-    jobs = [_Job(options.config, options.directory, training) for training in left]
-    while jobs:
-        try:
-            for index, failure in run_in_workers(_run, jobs, options.workers, name=_name):
-                yield jobs[index].training, failure
-                jobs[index] = replace(jobs[index], is_done=True)
-            return
-        except InfrastructureError as error:  # a worker died three times; which job it says
-            failed = next(job for job in jobs if str(error).startswith(f"{_name(job)} "))
-            yield failed.training, str(error)
-            jobs = [job for job in jobs if not job.is_done and job is not failed]
-
-
 @dataclass(frozen=True)
 class _Job:
     config: StudyConfig
     directory: Path
     training: StudyTraining
-    is_done: bool = False
 
 
 def _name(job: _Job) -> str:
     return job.training.name
 
 
+def _run_left(
+    options: StudyOptions, left: tuple[StudyTraining, ...]
+) -> Iterator[tuple[StudyTraining, str]]:
+    """Yield each training as it ends, with what went wrong."""
+    directory = options.directory.resolve()
+    jobs = [_Job(options.config, directory, training) for training in left]
+    engine = options.engine
+    if engine.name == "ray":
+        with ray_cluster(engine.address, engine.workers) as ray:
+            yield from _run_on_ray(ray, jobs)
+    else:
+        yield from _run_here(jobs, engine.workers or core_count())
+
+
+def _run_here(jobs: list[_Job], workers: int) -> Iterator[tuple[StudyTraining, str]]:
+    while jobs:
+        ended = set()
+        try:
+            for index, failure in run_in_workers(_run, jobs, workers, name=_name):
+                ended.add(index)
+                yield jobs[index].training, failure
+        except JobFailedError as error:  # its worker died three times; the others go on
+            ended.add(error.index)
+            yield jobs[error.index].training, str(error)
+        jobs = [job for index, job in enumerate(jobs) if index not in ended]
+
+
+def _run_on_ray(ray: ModuleType, jobs: list[_Job]) -> Iterator[tuple[StudyTraining, str]]:
+    """Leave it to Ray where each training runs; nodes that are lost are made up for by others."""
+    settings = {"num_cpus": 1, "max_retries": 2, "runtime_env": {"env_vars": ARITHMETIC}}
+    run = ray.remote(**settings)(_run)
+    running = {run.remote(job): job.training for job in jobs}
+    while running:
+        (ended,), _ = ray.wait([*running])
+        training = running.pop(ended)
+        try:
+            yield training, ray.get(ended)
+        except ray.exceptions.RayError as error:
+            yield training, f"its worker was lost ({type(error).__name__})"
+
+
 def _run(job: _Job) -> str:
     """Train, then evaluate; return what went wrong in a line, "" if nothing did."""
     try:
+        if not job.directory.is_dir():
+            return f"{job.directory} is not on the machine that was to train it"
         place = _place(job.directory, job.training)
         config = job.config.config_of(job.training)
         train(TrainingRequest(config, place, resume=(place / CONFIG_FILE).exists()))

@@ -1,11 +1,15 @@
 """A small study for real: two methods, one seed, a few steps; broken off, resumed, and failed."""
 
 import json
+import os
+import signal
 
 import pandas as pd
 import pytest
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.engine import EngineOptions
+from minitouch_bench.workflows import study
 from minitouch_bench.workflows.study import StudyOptions, read_study, run_study
 from tests.cli.command import run
 
@@ -109,6 +113,47 @@ def test_a_training_that_fails_is_named_and_does_not_stop_the_others(tmp_path):
     assert "other settings" in done.err
     assert (tmp_path / "out" / "playing-rnd-60-0" / "table4" / "run.json").exists()
     assert "playing-hac-60-0 failed" in (tmp_path / "out" / "report.md").read_text()
+
+
+@pytest.mark.slow
+def test_a_ray_cluster_gives_the_same_study(finished, tmp_path):
+    pytest.importorskip("ray")
+    (tmp_path / "s.toml").write_text(STUDY)
+    done = run("study", "s.toml", "--output", "out", "--engine", "ray", directory=tmp_path)
+    assert (done.code, done.out) == (0, "out/report.html\n"), done.err
+    assert (tmp_path / "out/estimates.csv").read_text() == (finished / "estimates.csv").read_text()
+
+
+@pytest.mark.slow
+def test_a_training_whose_worker_is_killed_does_not_stop_the_others(tmp_path, monkeypatch):
+    monkeypatch.setattr(study, "_run", DyingWorker("hac"))
+    (tmp_path / "s.toml").write_text(STUDY)
+    found = run_study(StudyOptions(read_study(tmp_path / "s.toml"), tmp_path / "out"))
+    assert [one.method for one in found.done] == ["rnd"]
+    assert [why.split(":")[0] for why in found.failed.values()] == [
+        "playing-hac-60-0 failed 3 times"
+    ]
+
+
+class DyingWorker:
+    """Trains, except for a method whose worker dies each time."""
+
+    def __init__(self, method):
+        self._method, self._train = method, study._run
+
+    def __call__(self, job):
+        if job.training.method == self._method:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return self._train(job)
+
+
+def test_there_are_two_engines(tmp_path):
+    (tmp_path / "s.toml").write_text(STUDY)
+    options = StudyOptions(
+        read_study(tmp_path / "s.toml"), tmp_path / "out", EngineOptions("slurm")
+    )
+    with pytest.raises(UsageError, match="no engine 'slurm'; the engines are local, ray"):
+        run_study(options)
 
 
 @pytest.mark.parametrize(
