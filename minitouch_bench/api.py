@@ -146,6 +146,7 @@ def evaluate(
     tasks: Sequence[str] | None = None,
     episodes: int | None = None,
     seed: int | None = None,
+    episodes_from: Sequence[str] = (),
     exploration: object | None = None,
     name: str | None = None,
     without: Sequence[str] = (),
@@ -169,8 +170,9 @@ def evaluate(
     episodes; a Stable-Baselines3 model; a torch module on (image, touch). An object runs beside
     the simulator, and its run is unofficial. ``tasks``, ``episodes``, ``seed`` None: the
     suite's own. ``without=["forces"]`` and ``perturb=["mass=0.5:2"]``: see
-    ``docs/conditions.md``. ``workers`` None: one per core. Without ``output`` the run is kept in
-    memory only, and an interrupted one is lost.
+    ``docs/conditions.md``. ``episodes_from``: only these, as in ["pushing/3,17"]. ``workers``
+    None: one per core. Without ``output`` the run is kept in memory only, and an interrupted one
+    is lost.
 
     Raises:
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
@@ -183,6 +185,7 @@ def evaluate(
         tasks=None if tasks is None else tuple(tasks),
         episodes=episodes,
         seed=seed,
+        episodes_from=tuple(episodes_from),
         exploration=exploration,
         name=name,
         conditions=parse_conditions(without, perturb),

@@ -231,7 +231,8 @@ class RunHeader:
 
     ``task_digests``: the protocol's digest for each task; results of a task are comparable where
     its digests are equal. ``episode_timeout_s`` and ``conditions`` are left out where they are
-    those of the protocol.
+    those of the protocol. ``chosen_episodes`` names those that were run, as in "pushing/17", where
+    it was not every one of ``episodes`` per task.
     """
 
     protocol: str
@@ -249,11 +250,17 @@ class RunHeader:
     isolation: str
     episode_timeout_s: float | UnsetType = UNSET
     conditions: Conditions | UnsetType = UNSET
+    chosen_episodes: tuple[str, ...] | UnsetType = UNSET
 
     @property
     def played_under(self) -> Conditions:
         """The conditions of the run's episodes."""
         return STANDARD if self.conditions is UNSET else self.conditions
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """The chosen episodes; none where every one was run."""
+        return () if self.chosen_episodes is UNSET else self.chosen_episodes
 
     def rules_differ(self, other: "RunHeader") -> tuple[str, ...]:
         """Return the tasks of both runs that were not played by the same rules."""

@@ -36,6 +36,14 @@ def evaluate(
             min=1, max=MAX_EPISODES, help="Episodes per task.", rich_help_panel=options.EPISODES
         ),
     ] = None,
+    episodes_from: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TASK/N,N",
+            help="Only these episodes, as in pushing/3,17: may be given again; unofficial.",
+            rich_help_panel=options.EPISODES,
+        ),
+    ] = None,
     seed: Annotated[
         int | None,
         typer.Option(
@@ -105,6 +113,7 @@ def evaluate(
         tasks=None if tasks is None else options.comma_separated(tasks),
         episodes=episodes,
         seed=seed,
+        episodes_from=tuple(episodes_from or ()),
         exploration=exploration,
         name=name,
         conditions=parse_conditions(

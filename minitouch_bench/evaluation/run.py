@@ -47,13 +47,17 @@ HOPELESS_AFTER = 10
 
 @dataclass(frozen=True)
 class RunRequest:
-    """What to run: the suite as published, and this run's own settings of it."""
+    """What to run: the suite as published, and this run's own settings of it.
+
+    ``chosen`` names the episodes to run, as in "pushing/17"; none for all.
+    """
 
     suite: Suite
     tasks: tuple[str, ...]
     episodes: int
     seed: int
     setup: PolicySetup
+    chosen: tuple[str, ...] = ()
 
     def header(self) -> RunHeader:
         """Return what fixes the run's numbers."""
@@ -76,16 +80,18 @@ class RunRequest:
             conditions=UNSET if self.setup.conditions == STANDARD else self.setup.conditions,
             episode_timeout_s=UNSET if is_usual else limits.episode_timeout_s,
             isolation=self.setup.isolation_level(),
+            chosen_episodes=self.chosen or UNSET,
         )
         reasons = why_unofficial(header, self.suite)
         return replace(header, official=not reasons, unofficial_because=reasons)
 
     def specs(self) -> tuple[EpisodeSpec, ...]:
         """Return the episodes, in the suite's order."""
-        chosen = replace(
+        suite = replace(
             self.suite, tasks=self.tasks, episodes_per_task=self.episodes, seed=self.seed
         )
-        return chosen.episodes(exploration=self.setup.exploration is not None)
+        exploration = self.setup.exploration is not None
+        return suite.episodes(exploration=exploration, chosen=self.chosen)
 
 
 @dataclass(frozen=True)

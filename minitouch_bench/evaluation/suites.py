@@ -1,5 +1,6 @@
 """The suites, and the episodes they consist of."""
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,6 +17,9 @@ from minitouch_bench.records import EpisodeSpec, Role, RunHeader
 from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
 from minitouch_bench.tasks.objects import CUBE
 
+NAMED = 6
+"""Chosen episodes that a label names; the rest are counted."""
+
 
 class Suite(SuiteSpec, ABC):
     """A suite that can name its episodes."""
@@ -24,15 +28,17 @@ class Suite(SuiteSpec, ABC):
     def assign_object(self, spec: EpisodeSpec) -> EpisodeSpec:
         """Return the episode with its object filled in."""
 
-    def episodes(self, *, exploration: bool) -> tuple[EpisodeSpec, ...]:
+    def episodes(self, *, exploration: bool, chosen: Sequence[str] = ()) -> tuple[EpisodeSpec, ...]:
         """Return the episodes, task by task; with ``exploration`` those of that role too.
 
-        Both roles face the same episodes. Playing has no exploration figure.
+        Both roles face the same episodes. Playing has no exploration figure. ``chosen`` names
+        those to return, as in "pushing/17"; without it all.
         """
         final = tuple(
             self.assign_object(EpisodeSpec(Role.FINAL, task, index, self._seed_of(task, index)))
             for task in self.tasks
             for index in range(self.episodes_per_task)
+            if not chosen or f"{task}/{index}" in chosen
         )
         if not exploration:
             return final
@@ -114,12 +120,35 @@ def choose_tasks(asked: Sequence[str] | None, suite: Suite) -> tuple[str, ...]:
     return tuple(name for name in suite.tasks if name in asked)
 
 
+def choose_episodes(asked: Sequence[str], suite: Suite) -> tuple[str, ...]:
+    """Return the names of the episodes asked for, as in "pushing/3,17", in the suite's order.
+
+    Raises:
+        UsageError: one of them is not in the suite.
+    """
+    found = set()
+    for text in asked:
+        task, _, indices = text.partition("/")
+        choose_tasks([task], suite)
+        for index in map(str.strip, indices.split(",")):
+            if not re.fullmatch(r"[0-9]{1,8}", index) or int(index) >= suite.episodes_per_task:
+                raise UsageError(
+                    f"no episode '{task}/{index}' in suite {suite.name}; "
+                    f"it has {task}/0 to {task}/{suite.episodes_per_task - 1}"
+                )
+            found.add((suite.tasks.index(task), int(index)))
+    return tuple(f"{suite.tasks[task]}/{index}" for task, index in sorted(found))
+
+
 def why_unofficial(header: RunHeader, suite: Suite) -> tuple[str, ...]:
     """Return what makes a run of a suite unofficial, in words."""
     found = []
     if not suite.rankable:
         found.append(f"suite {suite.name}")
-    if header.tasks != suite.tasks:
+    if header.chosen:
+        more = f" and {len(header.chosen) - NAMED} more" if len(header.chosen) > NAMED else ""
+        found.append(f"episodes {', '.join(header.chosen[:NAMED])}{more} only")
+    elif header.tasks != suite.tasks:
         found.append(f"tasks {', '.join(header.tasks)} only")
     if header.episodes != suite.episodes_per_task:
         found.append(f"{header.episodes} of {suite.episodes_per_task} episodes per task")

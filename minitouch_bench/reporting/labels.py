@@ -38,6 +38,14 @@ class RunSection:
         """The name, with a * where a note below the table belongs to the run."""
         return f"{self.name}\u00a0*" if self.labels else self.name
 
+    @property
+    def episodes(self) -> str:
+        """Which episodes of its suite it has."""
+        header = self.run.header
+        if header.chosen:
+            return printable(f"episodes {', '.join(header.chosen)}")
+        return f"{header.episodes} episodes per task"
+
 
 def describe_runs(
     runs: Sequence[SavedRun], names: Sequence[str] | None = None
@@ -152,8 +160,12 @@ def reproduce_command(header: RunHeader) -> str:
     if header.exploration is not None:
         words += ["--exploration", header.exploration.source]
     if not header.official:
-        words += ["--tasks", ",".join(header.tasks)]
-        words += ["--episodes", str(header.episodes), "--seed", str(header.seed)]
+        if header.chosen:
+            for key in header.chosen:
+                words += ["--episodes-from", key]
+        else:
+            words += ["--tasks", ",".join(header.tasks), "--episodes", str(header.episodes)]
+        words += ["--seed", str(header.seed)]
     if header.policy.kind == "factory":
         words.append("--trust")
     return shlex.join(printable(word) for word in words)

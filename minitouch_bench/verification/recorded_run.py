@@ -6,9 +6,17 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
+from msgspec import UNSET
+
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actions import Actions, read_actions
-from minitouch_bench.evaluation.suites import SUITES, Suite, why_unofficial
+from minitouch_bench.evaluation.suites import (
+    SUITES,
+    Suite,
+    choose_episodes,
+    choose_tasks,
+    why_unofficial,
+)
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, RunHeader, SavedRun
 from minitouch_bench.reporting import read_run
@@ -47,8 +55,11 @@ class RecordedRun:
         for spec, row in self.rows():
             if spec.key == key:
                 return spec, row
-        first, last = self.specs[0].key, self.specs[-1].key
-        raise UsageError(f"the run has no episode '{key}'; it has {first} to {last}")
+        if chosen := self.saved.header.chosen:
+            there = ", ".join(chosen[:NAMED]) + (", …" if len(chosen) > NAMED else "")
+        else:
+            there = f"{self.specs[0].key} to {self.specs[-1].key}"
+        raise UsageError(f"the run has no episode '{key}'; it has {there}")
 
 
 def open_run(directory: Path) -> tuple[RecordedRun | None, tuple[Problem, ...]]:
@@ -80,16 +91,27 @@ def check_against_suite(saved: SavedRun) -> tuple[Problem, ...]:
 def prescribed_episodes(header: RunHeader) -> tuple[EpisodeSpec, ...]:
     """Return the episodes that a run with these settings has, in order."""
     return _prescribed(
-        header.suite, header.tasks, header.episodes, header.seed, header.exploration is not None
+        header.suite,
+        header.tasks,
+        header.episodes,
+        header.seed,
+        exploration=header.exploration is not None,
+        chosen=header.chosen,
     )
 
 
 @lru_cache(maxsize=8)
 def _prescribed(
-    suite: str, tasks: tuple[str, ...], episodes: int, seed: int, exploration: bool
+    suite: str,
+    tasks: tuple[str, ...],
+    episodes: int,
+    seed: int,
+    *,
+    exploration: bool,
+    chosen: tuple[str, ...],
 ) -> tuple[EpisodeSpec, ...]:
-    chosen = replace(SUITES[suite], tasks=tasks, episodes_per_task=episodes, seed=seed)
-    return chosen.episodes(exploration=exploration)
+    own = replace(SUITES[suite], tasks=tasks, episodes_per_task=episodes, seed=seed)
+    return own.episodes(exploration=exploration, chosen=chosen)
 
 
 def _protocol(header: RunHeader) -> Iterator[Problem]:
@@ -119,6 +141,9 @@ def _settings(header: RunHeader) -> Iterator[Problem]:
         yield Problem("header.tasks", what, RUN_AGAIN)
     elif not 0 < header.episodes <= MAX_EPISODES:
         yield Problem("header.episodes", f"a run has 1 to {MAX_EPISODES} per task", RUN_AGAIN)
+    elif not _are_episodes(header.chosen, header, suite):
+        what = f"they are not episodes of {suite.name} in its order"
+        yield Problem("header.chosen_episodes", what, RUN_AGAIN)
     else:
         reasons = why_unofficial(header, suite)
         if header.unofficial_because != reasons:
@@ -129,6 +154,19 @@ def _settings(header: RunHeader) -> Iterator[Problem]:
             yield Problem("header.unofficial_because", what, AS_WRITTEN)
         if header.official == bool(reasons):
             yield Problem("header.official", f"it is {header.official}", AS_WRITTEN)
+
+
+def _are_episodes(chosen: Sequence[str], header: RunHeader, suite: Suite) -> bool:
+    """Tell whether these are episodes of every task of a run, each once and in order."""
+    if not chosen:
+        return header.chosen_episodes is UNSET
+    own = replace(suite, episodes_per_task=header.episodes)
+    try:
+        return choose_episodes(chosen, own) == chosen and (
+            choose_tasks([key.partition("/")[0] for key in chosen], own) == header.tasks
+        )
+    except UsageError:
+        return False
 
 
 def _episodes(saved: SavedRun) -> Iterator[Problem]:

@@ -9,12 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.conditions import STANDARD, Conditions
-from minitouch_bench.errors import HopelessRunError, InfrastructureError, InterruptedRunError
+from minitouch_bench.errors import (
+    HopelessRunError,
+    InfrastructureError,
+    InterruptedRunError,
+    UsageError,
+)
 from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions, open_engine
 from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_episodes
-from minitouch_bench.evaluation.suites import choose_tasks, find_suite
+from minitouch_bench.evaluation.suites import choose_episodes, choose_tasks, find_suite
 from minitouch_bench.files import VIDEOS, lock_directory, make_folder
 from minitouch_bench.metrics import summarize
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
@@ -48,7 +53,8 @@ class OutputOptions:
 class EvaluateOptions:
     """What to evaluate, and how.
 
-    ``tasks``, ``episodes`` (per task), ``seed``: None for the suite's own.
+    ``tasks``, ``episodes`` (per task), ``seed``: None for the suite's own. ``episodes_from``:
+    only these episodes, as in ("pushing/3,17", "opening/0"), in place of tasks and a number.
     ``policy``: a name, a file and so on as on the command line, or an object in memory.
     ``exploration``: the policy as of the end of the exploration phase. ``name``: what reports
     call the policy.
@@ -59,6 +65,7 @@ class EvaluateOptions:
     tasks: tuple[str, ...] | None = None
     episodes: int | None = None
     seed: int | None = None
+    episodes_from: tuple[str, ...] = ()
     exploration: object | None = None
     name: str | None = None
     engine: EngineOptions = LOCAL
@@ -108,7 +115,10 @@ def make_request(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Run
         PolicyError, IsolationError, MissingExtraError: a policy cannot be used.
     """
     suite = find_suite(options.suite)
-    tasks = choose_tasks(options.tasks, suite)
+    chosen = choose_episodes(options.episodes_from, suite)
+    if chosen and (options.tasks is not None or options.episodes is not None):
+        raise UsageError("--episodes-from names tasks and episodes: leave out --tasks, --episodes")
+    tasks = choose_tasks([key.partition("/")[0] for key in chosen] or options.tasks, suite)
     setup = prepare_policies(
         options.policy,
         tasks,
@@ -120,7 +130,7 @@ def make_request(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Run
     )
     episodes = options.episodes or suite.episodes_per_task
     seed = suite.seed if options.seed is None else options.seed
-    return RunRequest(suite, tasks, episodes, seed, setup)
+    return RunRequest(suite, tasks, episodes, seed, setup, chosen)
 
 
 def run_name(request: RunRequest) -> str:

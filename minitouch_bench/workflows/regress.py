@@ -177,7 +177,7 @@ def _request_like(
     header = baseline.header
     setup = prepare_policies(policy, header.tasks, isolation, callbacks)
     suite = find_suite(header.suite)
-    request = RunRequest(suite, header.tasks, header.episodes, header.seed, setup)
+    request = RunRequest(suite, header.tasks, header.episodes, header.seed, setup, header.chosen)
     found = {episode_key(Role.FINAL, one): (one.seed, one.shape) for one in baseline.episodes}
     expected = {spec.key: (spec.seed, spec.shape) for spec in request.specs()}
     if found != expected or len(baseline.episodes) != len(expected):

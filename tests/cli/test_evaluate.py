@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shutil
 import signal
 import time
 import warnings
@@ -110,6 +111,54 @@ def test_a_stable_baselines_model_is_evaluated_from_its_zip(tmp_path):
     done = run("evaluate", "model.zip", *ONE, "--output", tmp_path / "run", directory=tmp_path)
     assert done.code == 0, done.err
     assert rows(tmp_path / "run")[0]["outcome"] in ("step_limit", "left_workspace", "success")
+
+
+# Some episodes of a suite
+
+
+@pytest.fixture(scope="module")
+def chosen(tmp_path_factory):
+    """The first episode of Opening and the second of Pushing alone."""
+    directory = tmp_path_factory.mktemp("chosen")
+    which = ("--episodes-from", "opening/0", "--episodes-from", "pushing/1")
+    done = run("evaluate", "scripted", *which, "--output", "run", directory=directory)
+    return done, directory / "run", which
+
+
+def test_chosen_episodes_hold_the_bits_of_the_whole_run(scripted, chosen):
+    done, directory, _ = chosen
+    assert done.code == 0, done.err
+    assert "unofficial: episodes pushing/1, opening/0 only" in done.out
+    whole = [row for row in rows(scripted[1]) if (row["task"], row["index"]) in TWO]
+    assert rows(directory) == whole
+    with np.load(directory / "actions.npz") as own, np.load(scripted[1] / "actions.npz") as other:
+        assert {*own.files} == {"pushing/1", "opening/0"}
+        assert all(np.array_equal(own[key], other[key]) for key in own.files)
+
+
+TWO = {("pushing", "1"), ("opening", "0")}
+
+
+def test_a_run_of_chosen_episodes_is_verified_replayed_reported_and_resumed(chosen, tmp_path):
+    _, directory, which = chosen
+    assert run("verify", directory, directory=tmp_path).code == 0
+    assert run("replay", directory, "pushing/1", "--steps", directory=tmp_path).code == 0
+    gone = run("replay", directory, "pushing/0", "--steps", directory=tmp_path)
+    gone.refused(2, "no episode 'pushing/0'; it has pushing/1, opening/0")
+    copy = shutil.copytree(directory, tmp_path / "copy")
+    assert run("report", copy, directory=tmp_path).code == 0
+    page = (copy / "report.html").read_text()
+    assert "--episodes-from pushing/1 --episodes-from opening/0" in page
+    assert "episodes per task" not in page
+    again = ("evaluate", "scripted", "--output", copy, "--resume")
+    assert run(*again, *which, directory=tmp_path).code == 0
+    run(*again, *which[:2], directory=tmp_path).refused(6, "chosen_episodes: pushing/1, opening/0")
+
+
+def test_chosen_episodes_that_do_not_exist(tmp_path):
+    wrong = ("evaluate", "zero", "--episodes-from")
+    run(*wrong, "pushing/100", directory=tmp_path).refused(2, "pushing/0 to pushing/99")
+    run(*wrong, "pushing/1", "--episodes", 2, directory=tmp_path).refused(2, "leave out")
 
 
 # Policies that cannot be used: 3

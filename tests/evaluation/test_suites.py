@@ -5,7 +5,13 @@ import pytest
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.run import RunRequest
-from minitouch_bench.evaluation.suites import SUITES, choose_tasks, find_suite, why_unofficial
+from minitouch_bench.evaluation.suites import (
+    SUITES,
+    choose_episodes,
+    choose_tasks,
+    find_suite,
+    why_unofficial,
+)
 from minitouch_bench.policies.sources import IN_MEMORY, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.records import Role
@@ -94,6 +100,33 @@ def test_tasks_are_chosen_in_the_suite_s_order():
 def test_unknown_tasks_are_usage_errors(names):
     with pytest.raises(UsageError, match="no task '"):
         choose_tasks(names, TABLE4)
+
+
+def test_chosen_episodes_are_those_of_the_whole_suite():
+    chosen = choose_episodes(["pushing/17, 3", "opening/0", "pushing/3"], TABLE4)
+    assert chosen == ("pushing/3", "pushing/17", "opening/0")
+    whole = {spec.key: spec for spec in TABLE4.episodes(exploration=True)}
+    keys = ("pushing/3", "pushing/17", "opening/0")
+    specs = TABLE4.episodes(exploration=True, chosen=chosen)
+    assert [spec.key for spec in specs] == [*keys, *(f"exploration/{key}" for key in keys)]
+    assert all(whole[spec.key] == spec for spec in specs)
+
+
+@pytest.mark.parametrize(
+    "asked", ["flying/0", "pushing", "pushing/", "pushing/100", "pushing/-1", "pushing/1,,2", ""]
+)
+def test_unknown_episodes_are_usage_errors(asked):
+    with pytest.raises(UsageError, match=r"no (task|episode) '"):
+        choose_episodes([asked], TABLE4)
+
+
+def test_a_label_names_a_few_chosen_episodes():
+    setup = PolicySetup(parse_source("zero"))
+    chosen = tuple(f"pushing/{index}" for index in range(8))
+    header = RunRequest(TABLE4, ("pushing",), 100, 0, setup, chosen).header()
+    assert header.unofficial_because == (
+        "episodes pushing/0, pushing/1, pushing/2, pushing/3, pushing/4, pushing/5 and 2 more only",
+    )
 
 
 def test_an_unknown_suite_is_a_usage_error():

@@ -93,6 +93,8 @@ def first_task(document):
         (lambda d: d["header"].update(suite="easy"), "header.suite"),
         (lambda d: d["header"].update(tasks=["opening", "pushing"]), "header.tasks"),
         (lambda d: d["header"].update(episodes=10**9), "header.episodes"),
+        (lambda d: d["header"].update(chosen_episodes=[]), "header.chosen_episodes"),
+        (lambda d: d["header"].update(chosen_episodes=["pushing/0"]), "header.chosen_episodes"),
         (lambda d: d["header"]["task_digests"].update(pushing="0" * 64), "protocol"),
         (lambda d: d["header"]["policy"].update(name="a better one"), "journal.jsonl"),
         (lambda d: d["episodes"].pop(1), "pushing/1"),
