@@ -28,13 +28,14 @@ TABLE4_FILE = "table4.csv"
 GENERALIZATION_FILE = "generalization.csv"
 REPORT_FILE = "report.md"
 REPORT_PAGE = "report.html"
+SETTINGS_FILE = "evaluate.toml"
 VIDEOS = "videos"
 ATTEMPTS = "attempts"
 """Folder of what is known of episodes that have no record yet; a finished run has none."""
 
 RUN_FILES = (
     JOURNAL_FILE, ACTIONS_FILE, RUN_FILE, EPISODES_FILE, EXPLORATION_FILE, TABLE4_FILE,
-    GENERALIZATION_FILE, REPORT_FILE, REPORT_PAGE,
+    GENERALIZATION_FILE, REPORT_FILE, REPORT_PAGE, SETTINGS_FILE,
 )  # fmt: skip
 """What a run writes, beside ``videos/``."""
 

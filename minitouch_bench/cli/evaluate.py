@@ -14,8 +14,10 @@ MAX_EPISODES = 10_000
 
 
 def evaluate(
+    context: typer.Context,
     policy: Annotated[str, typer.Argument(metavar="POLICY", help=options.POLICIES)],
     *,
+    config: options.Config = None,  # noqa: ARG001  its callback reads it before the others
     name: Annotated[
         str | None, typer.Option(metavar="TEXT", help="What reports call the policy.")
     ] = None,
@@ -121,7 +123,9 @@ def evaluate(
         ),
         engine=EngineOptions(engine, options.worker_count(workers), address),
         isolation=options.isolation_options(isolation, trust, act_timeout, episode_timeout),
-        output=workflow.OutputOptions(output, resume=resume, fresh=fresh, video=video),
+        output=workflow.OutputOptions(
+            output, resume=resume, fresh=fresh, video=video, settings=options.settings_used(context)
+        ),
     )
     with EpisodeProgress(notes) as progress:
         done = workflow.evaluate(asked, progress.callbacks)

@@ -1,7 +1,7 @@
 """The arguments and options that several commands share, and what they become."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -14,6 +14,8 @@ from minitouch_bench.policies.loading import BUILT_IN, KIND_BY_SUFFIX
 MAX_WORKERS = 1024
 MAX_ACT_TIMEOUT_S = 86400.0
 AUTO = "auto"
+NOT_SETTINGS = ("config", "output", "resume", "fresh", "as_json", "trust")
+"""Parameters of ``evaluate`` that say where a run goes, or what only a user can say."""
 
 EPISODES = "Episodes"
 OUTPUT = "Output"
@@ -89,6 +91,50 @@ Resume = Annotated[
 ]
 Fresh = Annotated[
     bool, typer.Option("--fresh", help="Replace the run there.", rich_help_panel=OUTPUT)
+]
+
+
+def _take_config(context: typer.Context, path: Path | None) -> None:
+    """Take the options that are not on the command line from a file."""
+    if path is None or context.resilient_parsing:
+        return
+    from minitouch_bench.workflows.settings import read_settings
+
+    parameters = {_long_name(one): one for one in context.command.params}
+    given = read_settings(path, parameters.keys() - {"config", "help"})
+    context.default_map = {
+        str(parameters[name].name): value
+        if not isinstance(value, list) or parameters[name].multiple
+        else ",".join(value)
+        for name, value in given.items()
+    }
+
+
+def settings_used(context: typer.Context) -> dict[str, Any]:
+    """Return what a command was told, by name, except where its output goes."""
+    used = {
+        _long_name(one): context.params.get(str(one.name))
+        for one in context.command.params
+        if one.name not in NOT_SETTINGS
+    }
+    plain = {name: tuple(v) if isinstance(v, list) else v for name, v in used.items()}
+    return {name: value for name, value in plain.items() if value not in (None, (), "")}
+
+
+def _long_name(parameter: Any) -> str:
+    """Return a parameter's name on the command line, with underscores."""
+    longest = max(parameter.opts, key=len)
+    return str(longest).lstrip("-").replace("-", "_")
+
+
+Config = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        callback=_take_config,
+        is_eager=True,
+        help="Options from a TOML file; those on the command line win.",
+    ),
 ]
 RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="Directory of a finished run.")]
 

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,7 @@ from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.run_directory import save
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.policies import prepare_policies
+from minitouch_bench.workflows.settings import Settings, write_settings
 
 REPORTS = Path("reports")
 """A run without ``output`` gets a directory in here, named after its policy and suite."""
@@ -39,7 +40,8 @@ class OutputOptions:
     """Where a run is kept, and what to do with a run that is there already.
 
     ``directory`` None: in ``REPORTS``. ``in_memory``: nothing is written, and an interrupted
-    run is lost. ``video``: how many episodes of each task are filmed.
+    run is lost. ``video``: how many episodes of each task are filmed. ``settings``: the command's
+    options, which are written beside the run.
     """
 
     directory: Path | None = None
@@ -47,6 +49,7 @@ class OutputOptions:
     resume: bool = False
     fresh: bool = False
     video: int = 0
+    settings: Settings = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,8 @@ def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Evaluat
     directory = output.directory or REPORTS / run_name(request)
     with engine as handle, lock_directory(directory):
         opened = open_run(request, directory, resume=output.resume, fresh=output.fresh)
+        if output.settings:
+            write_settings(output.settings, directory)
         run = play(request, opened, handle, callbacks)
         return save_run(run, directory, output.video)
 
