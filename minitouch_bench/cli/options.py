@@ -1,5 +1,6 @@
 """The arguments and options that several commands share, and what they become."""
 
+import re
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -169,3 +170,16 @@ def isolation_options(
 def comma_separated(text: str) -> tuple[str, ...]:
     """Return the words of a list, in order."""
     return tuple(word.strip() for word in text.split(",") if word.strip())
+
+
+def whole_numbers(option: str, text: str) -> tuple[int, ...]:
+    """Return the whole numbers of a list.
+
+    Raises:
+        UsageError: one of its words is no such number.
+    """
+    words = comma_separated(text)
+    for word in words:
+        if not re.fullmatch("[0-9]{1,15}", word):
+            raise UsageError(f"{option} is a list of whole numbers, not '{word}'")
+    return tuple(map(int, words))

@@ -5,18 +5,38 @@ from typing import Annotated
 
 import typer
 
+from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, notes
-from minitouch_bench.files import list_videos
+
+CURVE = "Learning curve"
+"""Group of options in the help."""
 
 
 def report(
     runs: Annotated[list[Path], typer.Argument(help="Directories of finished runs.")],
+    *,
     output: Annotated[
         Path | None,
         typer.Option(help="Where to write report.md and report.html; by default the run's own."),
     ] = None,
     names: Annotated[
-        str | None, typer.Option(help="What to call the runs, separated by commas.")
+        str | None,
+        typer.Option(
+            help="What to call the runs, separated by commas; with --curve their trainings."
+        ),
+    ] = None,
+    curve: Annotated[
+        bool,
+        typer.Option("--curve", help="Draw the runs over training steps.", rich_help_panel=CURVE),
+    ] = False,
+    steps: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,N",
+            help="Training steps of each run, where neither its training's files nor the "
+            "policy's name, as rl_model_10000_steps, say them.",
+            rich_help_panel=CURVE,
+        ),
     ] = None,
     latex: Annotated[
         bool, typer.Option("--latex", help="Print Table 4 as LaTeX in place of the tables.")
@@ -26,22 +46,24 @@ def report(
     ] = None,
 ) -> None:
     """Show finished runs in one Table-4 report, and write it as pages, LaTeX and figures."""
-    from minitouch_bench.reporting import read_run, show_report, table4_latex, write_report
+    from minitouch_bench.reporting import show_report, table4_latex
+    from minitouch_bench.workflows import report as workflow
 
-    saved = [read_run(run) for run in runs]
-    directory = output or (runs[0] if len(runs) == 1 else Path("reports/comparison"))
-    videos = list_videos(runs[0]) if len(runs) == 1 else []
-    told = None if names is None else [name.strip() for name in names.split(",")]
-    built = write_report(saved, directory, videos, told)
+    asked = workflow.ReportOptions(
+        tuple(runs),
+        output,
+        None if names is None else tuple(name.strip() for name in names.split(",")),
+        curve,
+        () if steps is None else options.whole_numbers("--steps", steps),
+        figures,
+    )
+    done = workflow.report(asked)
+    if done.curve is not None:
+        notes.print(f"curve: {done.curve}", markup=False)
     if figures is not None:
-        # matplotlib takes half a second to load, and only files need it.
-        from minitouch_bench.rendering.figure_files import write_figures
-        from minitouch_bench.reporting.figures import report_figures, split_figures
-
-        files = write_figures((*report_figures(built), *split_figures(built)), figures)
-        notes.print(f"figures: {len(files)} files in {figures}", markup=False)
+        notes.print(f"figures: {len(done.figures)} files in {figures}", markup=False)
     if latex:
-        print(table4_latex(built), end="")
+        print(table4_latex(done.report), end="")
     else:
-        show_report(built, data_console())
-    notes.print(f"report: {directory / 'report.html'}", markup=False)
+        show_report(done.report, data_console())
+    notes.print(f"report: {done.directory / 'report.html'}", markup=False)

@@ -10,7 +10,12 @@ def to_markdown(report: Report) -> str:
     parts = [f"# {escape(report.title)}", ""]
     for section in report.sections:
         parts += _headline(section)
-    for table in (report.table4, *report.novel_shapes, report.diagnostics):
+    for table in (
+        report.table4,
+        *report.tables_over_runs,
+        *report.novel_shapes,
+        report.diagnostics,
+    ):
         parts += ["", f"## {table.title}", "", *table_lines(table), ""]
         parts += [f"- {escape(note)}" for note in table.notes]
     if any(section.faults for section in report.sections):

@@ -8,10 +8,13 @@ from urllib.parse import quote
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.records import SavedRun
+from minitouch_bench.rendering.charts import Figure
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.latex import table_source
 from minitouch_bench.rendering.tables import Table
+from minitouch_bench.reporting.curve import CurvePoint, curve_figure, curve_points, curve_table
 from minitouch_bench.reporting.labels import RunSection, describe_runs, tasks_in_order
+from minitouch_bench.reporting.over_runs import RunOrigin, compare_methods, group_methods
 from minitouch_bench.reporting.tables import diagnostics, novel_shapes, table4
 
 
@@ -28,6 +31,7 @@ class Report:
     """What every writer of a report shows.
 
     ``novel_shapes``: the gaps and the families, empty where no run has both splits.
+    ``tables_over_runs`` and ``figures_over_runs``: what several runs show together.
     """
 
     title: str
@@ -37,21 +41,53 @@ class Report:
     diagnostics: Table
     novel_shapes: tuple[Table, ...] = ()
     videos: tuple[Video, ...] = ()
+    tables_over_runs: tuple[Table, ...] = ()
+    figures_over_runs: tuple[Figure, ...] = ()
+    curve: tuple[CurvePoint, ...] = ()
+
+
+@dataclass(frozen=True)
+class AcrossRuns:
+    """How the runs of a report belong together.
+
+    ``origins``: the training of each; none where nothing is known. ``curve``: draw them over
+    training steps, which are ``steps`` where these are given.
+    """
+
+    origins: tuple[RunOrigin, ...] = ()
+    curve: bool = False
+    steps: tuple[int, ...] = ()
+
+
+ALONE = AcrossRuns()
 
 
 def build_report(
-    runs: Sequence[SavedRun], videos: Sequence[Video] = (), names: Sequence[str] | None = None
+    runs: Sequence[SavedRun],
+    videos: Sequence[Video] = (),
+    names: Sequence[str] | None = None,
+    across: AcrossRuns = ALONE,
 ) -> Report:
     """Compose the report of one or several runs, called ``names`` or by their policies.
 
+    Of a curve ``names`` are those of the trainings.
+
     Raises:
         UsageError: no runs; runs of which a task was played by other rules;
-            names that do not fit the runs.
+            names or steps that do not fit the runs.
     """
     if not runs:
         raise UsageError("a report needs at least one run")
     _check_protocols(runs)
-    sections = describe_runs(runs, names)
+    sections = describe_runs(runs, None if across.curve else names)
+    origins = across.origins or (RunOrigin(),) * len(runs)
+    curve: tuple[CurvePoint, ...] = ()
+    if across.curve:
+        curve = curve_points(runs, origins, across.steps, names)
+        tables: tuple[Table, ...] = (curve_table(curve),)
+        figures: tuple[Figure, ...] = (curve_figure(curve),)
+    else:
+        tables, figures = compare_methods(group_methods(sections, origins))
     return Report(
         title=" · ".join(section.name for section in sections),
         tasks=tasks_in_order(runs),
@@ -60,6 +96,9 @@ def build_report(
         diagnostics=diagnostics(sections),
         novel_shapes=novel_shapes(sections),
         videos=tuple(videos),
+        tables_over_runs=tables,
+        figures_over_runs=figures,
+        curve=curve,
     )
 
 

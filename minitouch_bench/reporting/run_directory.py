@@ -47,7 +47,7 @@ from minitouch_bench.reporting.frames import (
 )
 from minitouch_bench.reporting.markdown import to_markdown
 from minitouch_bench.reporting.page import to_html
-from minitouch_bench.reporting.report import Report, build_report, find_videos
+from minitouch_bench.reporting.report import ALONE, AcrossRuns, Report, build_report, find_videos
 
 
 @dataclass(frozen=True)
@@ -224,6 +224,7 @@ def write_report(
     directory: Path,
     videos: Sequence[Path] = (),
     names: Sequence[str] | None = None,
+    across: AcrossRuns = ALONE,
 ) -> Report:
     """Write ``report.md`` and ``report.html`` of one or several runs; return what they show.
 
@@ -231,7 +232,7 @@ def write_report(
         UsageError: runs of different protocols, or names that do not fit them.
         RunDirectoryError: a file cannot be written.
     """
-    report = build_report(runs, find_videos(videos, directory), names)
+    report = build_report(runs, find_videos(videos, directory), names, across)
     write_file(directory / REPORT_FILE, to_markdown(report))
     write_file(directory / REPORT_PAGE, to_html(report))
     return report

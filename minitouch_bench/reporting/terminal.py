@@ -25,6 +25,8 @@ def render_report(report: Report) -> RenderableType:
     parts: list[RenderableType] = []
     parts += [draw_table(report.table4.block(group)) for group, _ in report.table4.groups]
     parts += [*_notes(report.table4), Text()]
+    for table in report.tables_over_runs:
+        parts += [draw_table(table), *_notes(table), Text()]
     for table in report.novel_shapes:
         for group, _ in table.groups:
             parts.append(draw_table(replace(table.block(group), title=f"{table.title}: {group}")))

@@ -1,8 +1,12 @@
+import os
 import shutil
+from pathlib import Path
 
 import pytest
 
 from tests.cli.command import run
+
+SUBMISSION = Path(__file__).parents[2] / "submissions" / "hac-first" / "submission.toml"
 
 
 def test_one_run_is_shown_and_drawn_again(scripted, tmp_path):
@@ -57,3 +61,28 @@ def test_table_4_is_printed_as_latex_and_figures_are_written(scripted, tmp_path)
     assert "\u2191" not in done.out
     names = {path.name for path in (tmp_path / "figures").iterdir()}
     assert {"against-the-paper.svg", "against-the-paper.pdf", "episode-steps.pdf"} <= names
+
+
+def test_a_learning_curve_with_its_numbers_and_figures(scripted, tmp_path):
+    for name in ("early", "late"):
+        shutil.copytree(scripted[1], tmp_path / name)
+    both = ("report", "early", "late", "--output", "both", "--curve")
+    run(*both, directory=tmp_path).refused(2, "--steps")
+    run(*both, "--steps", "10,x", directory=tmp_path).refused(2, "--steps", "'x'")
+    done = run(*both, "--steps", "10,20", "--figures", "figures", directory=tmp_path)
+    assert done.code == 0, done.err
+    assert "Learning curve" in done.out
+    assert (tmp_path / "both" / "learning-curve.csv").read_text().count("\n") == 5
+    assert {"learning-curve.svg", "learning-curve.pdf"} <= set(os.listdir(tmp_path / "figures"))
+
+
+def test_the_seeds_of_a_submission_are_one_method(scripted, tmp_path):
+    for seed in (0, 1):
+        place = tmp_path / "submissions" / "mine" / f"seed-{seed}" / "table4"
+        shutil.copytree(scripted[1], place)
+    shutil.copy(SUBMISSION, tmp_path / "submissions" / "mine")
+    runs = [f"submissions/mine/seed-{seed}/table4" for seed in (0, 1)]
+    done = run("report", *runs, scripted[1], "--output", "both", directory=tmp_path)
+    assert done.code == 0, done.err
+    rows = [line.split() for line in done.out.splitlines() if line.endswith("training seeds ")]
+    assert [row[0] for row in rows] == ["hac-first"]

@@ -1,0 +1,101 @@
+"""What several runs show together: over seeds, and over training steps."""
+
+import pytest
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.reporting.curve import ONE_TRAINING, curve_csv, curve_points
+from minitouch_bench.reporting.labels import describe_runs
+from minitouch_bench.reporting.markdown import to_markdown
+from minitouch_bench.reporting.over_runs import RunOrigin, group_methods
+from minitouch_bench.reporting.page import to_html
+from minitouch_bench.reporting.report import AcrossRuns, build_report
+from tests.reporting.synthetic import make_run, save
+
+
+def make(name, skill=0.5, seed=0, tasks=("pushing", "opening")):
+    run = make_run(name, tasks=tasks, episodes=10, skill=skill, seed=seed, exploration=False)
+    return save(run, name)
+
+
+@pytest.fixture(scope="module")
+def seeds():
+    """Two seeds of one method, and one run of which nothing is known."""
+    runs = [make("a", 0.9), make("b", 0.8, 1), make("c", 0.2, 2)]
+    return runs, (RunOrigin("hac", 5000), RunOrigin("hac", 5000), RunOrigin())
+
+
+def test_seeds_of_one_method_are_one_row(seeds):
+    runs, origins = seeds
+    methods = group_methods(describe_runs(runs), origins)
+    assert [(one.name, len(one.runs)) for one in methods] == [("hac", 2), ("c", 1)]
+    longer = (RunOrigin("hac", 5000), RunOrigin("hac", 9000), RunOrigin())
+    names = [one.name for one in group_methods(describe_runs(runs), longer)]
+    assert names == ["hac, 5,000 steps, table4", "hac, 9,000 steps, table4", "c"]
+
+
+def test_a_report_of_several_runs_has_their_interquartile_means(seeds):
+    runs, origins = seeds
+    report = build_report(runs, across=AcrossRuns(origins))
+    (table,) = report.tables_over_runs
+    assert [row.heads for row in table.rows] == [("hac",), ("c",)]
+    assert [str(row.cells[2]) for row in table.rows] == ["4", "2"]
+    assert [str(row.cells[3]) for row in table.rows] == ["training seeds", "episodes"]
+    assert "## Over tasks and seeds" in to_markdown(report)
+    assert to_html(report).count('id="over-tasks-and-seeds"') == 1
+    assert build_report(runs[:1]).tables_over_runs == ()
+
+
+def test_tasks_that_not_all_methods_have_are_left_out():
+    runs = [make("a"), make("b", tasks=("pushing", "playing"))]
+    assert build_report(runs).tables_over_runs == ()  # one score each says no more than Table 4
+
+
+def test_steps_and_trainings_are_read_off_the_policies_names():
+    names = ("hac_20000_steps", "hac_10000_steps", "rnd-step-10000", "rnd-step-20000")
+    points = curve_points([make(name) for name in names], (RunOrigin(),) * 4)
+    found = [(point.training, point.steps) for point in points]
+    assert found == [("hac", 10000), ("hac", 20000), ("rnd", 10000), ("rnd", 20000)]
+
+
+def test_steps_that_are_given_win_and_different_names_are_one_training():
+    runs = [make("early_7_steps"), make("late_8_steps")]
+    points = curve_points(runs, (RunOrigin(), RunOrigin()), (100, 200))
+    assert [(point.training, point.steps) for point in points] == [
+        (ONE_TRAINING, 100),
+        (ONE_TRAINING, 200),
+    ]
+
+
+def test_runs_of_one_training_after_the_same_steps_are_seeds():
+    runs = [make("a", 0.9), make("b", 0.5, 1), make("c", 0.2, 2)]
+    points = curve_points(runs, (RunOrigin(),) * 3, (10, 10, 20), ("x", "x", "x"))
+    assert [len(point.runs) for point in points] == [2, 1]
+    found = points[0].estimate("pushing")
+    one, other = (run.summary.tasks[0].estimates["success"] for run in runs[:2])
+    assert found.value == pytest.approx((one.value + other.value) / 2)
+    assert found.low < found.value < found.high
+    assert found.count == 2
+    rows = curve_csv(points).splitlines()
+    assert rows[0].startswith("training,training_steps,task,metric,value,low,high")
+    assert len(rows) == 1 + 2 * 2
+
+
+@pytest.mark.parametrize(
+    ("steps", "names", "what"),
+    [
+        ((), None, "nothing says after how many"),
+        ((10,), None, "--steps has 1 values for 2 runs"),
+        ((10, 20), ("a",), "--names has 1 values"),
+        ((10, 10), None, "different numbers of steps"),
+    ],
+)
+def test_a_curve_that_cannot_be_drawn(steps, names, what):
+    with pytest.raises(UsageError, match=what):
+        curve_points([make("a"), make("b")], (RunOrigin(), RunOrigin()), steps, names)
+
+
+def test_the_curve_stands_in_the_report():
+    runs = [make("hac_10_steps"), make("hac_20_steps", 0.8)]
+    report = build_report(runs, across=AcrossRuns(curve=True))
+    assert "## Learning curve" in to_markdown(report)
+    assert 'id="learning-curve"' in to_html(report)
