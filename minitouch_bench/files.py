@@ -30,6 +30,7 @@ REPORT_FILE = "report.md"
 REPORT_PAGE = "report.html"
 SETTINGS_FILE = "evaluate.toml"
 VIDEOS = "videos"
+TENSORBOARD = "tensorboard"
 ATTEMPTS = "attempts"
 """Folder of what is known of episodes that have no record yet; a finished run has none."""
 
@@ -41,9 +42,10 @@ RUN_FILES = (
 
 RUN_FOLDERS = {
     VIDEOS: re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+\.(mp4|gif)"),
+    TENSORBOARD: re.compile(r"events\.out\.tfevents\.[\w.-]+"),
     ATTEMPTS: re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+"),
 }
-"""A run's folders, and what its files in them are called: by their episodes."""
+"""A run's folders, and what its files in them are called."""
 
 RUN_ENTRIES = frozenset({*RUN_FILES, *RUN_FOLDERS})
 """All that a run has in its directory."""

@@ -84,6 +84,14 @@ def evaluate(
             min=0, help="Film the first N episodes of each task.", rich_help_panel=options.OUTPUT
         ),
     ] = 0,
+    log: Annotated[
+        str | None,
+        typer.Option(
+            metavar="wandb|tensorboard",
+            help="Send the figures and the episodes to a tracker.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = None,
     resume: options.Resume = False,
     fresh: options.Fresh = False,
     as_json: Annotated[
@@ -124,7 +132,12 @@ def evaluate(
         engine=EngineOptions(engine, options.worker_count(workers), address),
         isolation=options.isolation_options(isolation, trust, act_timeout, episode_timeout),
         output=workflow.OutputOptions(
-            output, resume=resume, fresh=fresh, video=video, settings=options.settings_used(context)
+            output,
+            resume=resume,
+            fresh=fresh,
+            video=video,
+            log=log,
+            settings=options.settings_used(context),
         ),
     )
     with EpisodeProgress(notes) as progress:

@@ -26,7 +26,7 @@ ISOLATION = "Isolation"
 
 POLICIES = (
     f"{', '.join(BUILT_IN)}, a checkpoint ({' '.join(KIND_BY_SUFFIX)}), a directory with one "
-    "file per task, package.module:attribute, or http://..."
+    "file per task, package.module:attribute, http://..., or hf://USER/REPO/FILE@REVISION"
 )
 
 Exploration = Annotated[

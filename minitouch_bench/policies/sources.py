@@ -9,6 +9,7 @@ from pathlib import Path
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.files import GIB, os_errors_as, read_file
+from minitouch_bench.policies import hub
 from minitouch_bench.policies.loading import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import PolicyIdentity
@@ -32,7 +33,8 @@ class PolicySource:
 
     ``target`` is what a loader needs: the file, the factory or the URL. ``digest`` is the
     SHA-256 of the file's bytes, "" where there is no file. A directory has ``parts``, one
-    source per task. ``content`` holds the bytes of a policy that is in memory.
+    source per task. ``content`` holds the bytes of a policy that is in memory. ``address`` is what
+    a run records in place of ``target``, where that is a cached copy.
     """
 
     kind: str
@@ -41,6 +43,7 @@ class PolicySource:
     digest: str = ""
     parts: tuple[tuple[str, "PolicySource"], ...] = ()
     content: bytes = field(default=b"", repr=False)
+    address: str = ""
 
     def for_task(self, task: str) -> "PolicySource":
         """Return the source that serves a task.
@@ -71,6 +74,8 @@ def parse_source(text: str, tasks: Sequence[str] = (), *, trust: bool = False) -
         return PolicySource(text, text, text)
     if text.startswith(("http://", "https://")):
         return _parse_url(text)
+    if text.startswith(hub.SCHEME):
+        return _parse_hub(text)
     path = Path(text)
     if path.is_dir():
         source = _parse_directory(path)
@@ -88,7 +93,7 @@ def parse_source(text: str, tasks: Sequence[str] = (), *, trust: bool = False) -
         return PolicySource("factory", text, text)
     raise PolicyLoadError(
         f"there is no policy '{text}'.\nGive {', '.join(BUILT_IN)}, a file "
-        f"({', '.join(KIND_BY_SUFFIX)}), a directory, package.module:attribute or http://..."
+        f"({', '.join(KIND_BY_SUFFIX)}), a directory, package.module:attribute, http://... or hf://..."
     )
 
 
@@ -96,7 +101,8 @@ def identify(source: PolicySource) -> PolicyIdentity:
     """Return what a run records of a policy; a directory's digest covers names and digests."""
     kinds = [part.kind for _, part in source.parts] or [source.kind]
     notes = [note for kind in dict.fromkeys(kinds) for note in NOTES.get(kind, ())]
-    return PolicyIdentity(source.name, source.target, source.kind, source.digest, tuple(notes))
+    address = source.address or source.target
+    return PolicyIdentity(source.name, address, source.kind, source.digest, tuple(notes))
 
 
 def read_checkpoint(path: Path) -> bytes:
@@ -115,12 +121,17 @@ def read_checkpoint(path: Path) -> bytes:
     return content
 
 
-def _parse_file(path: Path) -> PolicySource:
+def _kind_of(path: Path) -> str:
     kind = KIND_BY_SUFFIX.get(path.suffix)
     if kind is None:
         raise PolicyLoadError(
             f"{path} has no known policy format; known are {', '.join(KIND_BY_SUFFIX)}"
         )
+    return kind
+
+
+def _parse_file(path: Path) -> PolicySource:
+    kind = _kind_of(path)
     digest = hashlib.sha256(read_checkpoint(path)).hexdigest()
     return PolicySource(kind, path.stem, str(path), digest)
 
@@ -130,6 +141,14 @@ def _parse_url(text: str) -> PolicySource:
     if not parts.hostname or parts.username or parts.query or parts.fragment:
         raise PolicyLoadError(f"'{text}' is no server's address; write http://HOST:PORT")
     return PolicySource("remote", parts.netloc, text)
+
+
+def _parse_hub(text: str) -> PolicySource:
+    """Fetch a file from the Hub; its address names the commit."""
+    asked = hub.parse_address(text)
+    _kind_of(Path(asked.file))
+    path, found = hub.fetch(asked)
+    return replace(_parse_file(path), address=str(found))
 
 
 def _parse_directory(path: Path) -> PolicySource:

@@ -62,15 +62,16 @@ class Method:
 def group_methods(
     sections: Sequence[RunSection], origins: Sequence[RunOrigin]
 ) -> tuple[Method, ...]:
-    """Join runs of one method, steps and suite, which are its training seeds.
+    """Join runs of one method, steps, suite and conditions, which are its training seeds.
 
     A run whose origin is unknown stands alone.
     """
     runs: dict[tuple[str, ...], list[SavedRun]] = {}
     for section, origin in zip(sections, origins, strict=True):
-        suite = section.run.header.suite
-        key = (origin.method, f"{origin.steps:,} steps", suite) if origin.method else ()
-        runs.setdefault(key or ("", section.name), []).append(section.run)
+        header = section.run.header
+        conditions = header.played_under.in_words()
+        key = (origin.method, f"{origin.steps:,} steps", header.suite, *conditions)
+        runs.setdefault(key if origin.method else ("", section.name), []).append(section.run)
     same = Counter(key[0] for key in runs)
     names = (
         key[1] if not key[0] else key[0] if same[key[0]] == 1 else ", ".join(key) for key in runs

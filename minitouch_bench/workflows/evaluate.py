@@ -28,6 +28,7 @@ from minitouch_bench.reporting import Report, write_report, write_run
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.run_directory import save
 from minitouch_bench.workflows import SILENT, Callbacks
+from minitouch_bench.workflows.experiment_log import check_tracker, log_run
 from minitouch_bench.workflows.policies import prepare_policies
 from minitouch_bench.workflows.settings import Settings, write_settings
 
@@ -41,7 +42,7 @@ class OutputOptions:
 
     ``directory`` None: in ``REPORTS``. ``in_memory``: nothing is written, and an interrupted
     run is lost. ``video``: how many episodes of each task are filmed. ``settings``: the command's
-    options, which are written beside the run.
+    options, which are written beside the run. ``log``: the tracker that a finished run is sent to.
     """
 
     directory: Path | None = None
@@ -50,6 +51,7 @@ class OutputOptions:
     fresh: bool = False
     video: int = 0
     settings: Settings = field(default_factory=dict)
+    log: str | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,8 @@ def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Evaluat
         InfrastructureError, HopelessRunError, InterruptedRunError: the run is incomplete and can
             be resumed.
     """
+    if options.output.log is not None:
+        check_tracker(options.output.log)
     engine = open_engine(options.engine, callbacks.note)
     request = make_request(options, callbacks)
     output = options.output
@@ -109,7 +113,10 @@ def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Evaluat
         if output.settings:
             write_settings(output.settings, directory)
         run = play(request, opened, handle, callbacks)
-        return save_run(run, directory, output.video)
+        done = save_run(run, directory, output.video)
+        if output.log is not None:
+            log_run(output.log, done.saved, directory)
+        return done
 
 
 def make_request(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> RunRequest:

@@ -9,6 +9,7 @@ import numpy as np
 from minitouch_bench.errors import IncompleteCheckError, InterruptedRunError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
+from minitouch_bench.policies import hub
 from minitouch_bench.policies.isolation.limits import limits_of
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.policies.sources import parse_source
@@ -96,7 +97,8 @@ def _source_of(recorded: PolicyIdentity, option: str) -> str:
     Raises:
         IncompleteCheckError: it is not there now.
     """
-    if recorded.digest and not Path(recorded.source).exists():
+    is_on_hub = recorded.source.startswith(hub.SCHEME)
+    if recorded.digest and not is_on_hub and not Path(recorded.source).exists():
         raise IncompleteCheckError(
             f"the checkpoint {recorded.source} is gone: no episode can be run again.\n"
             f"Say with {option} where it is now"

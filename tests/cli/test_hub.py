@@ -1,0 +1,121 @@
+"""Policies on the Hub, from a stand-in server that speaks as much of its protocol as they need."""
+
+import hashlib
+import json
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.util import find_spec
+
+import pytest
+
+from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.policies.hub import HubFile, parse_address
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor
+from tests.cli.command import run
+
+COMMIT = "0123456789abcdef0123456789abcdef01234567"
+ADDRESS = "hf://somebody/touch/nets/pushing.safetensors"
+ONE = ("--episodes-from", "pushing/0", "--workers", "1")
+
+needs_library = pytest.mark.skipif(
+    find_spec("huggingface_hub") is None, reason="needs the extra hub: huggingface_hub is missing"
+)
+
+
+@pytest.fixture
+def hub(tmp_path, monkeypatch):
+    """A server with one file at one commit, called main and v1; the bytes it serves."""
+    save_native(TouchActor(action_size=4).eval(), tmp_path / "served.safetensors")
+    content = (tmp_path / "served.safetensors").read_bytes()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_HEAD(self):
+            self.answer()
+
+        def do_GET(self):
+            if self.answer():
+                self.wfile.write(content)
+
+        def answer(self):
+            paths = {
+                f"/somebody/touch/resolve/{one}/nets/pushing.safetensors"
+                for one in ("main", "v1", COMMIT)
+            }
+            is_there = self.path.partition("?")[0] in paths
+            self.send_response(200 if is_there else 404)
+            self.send_header("X-Repo-Commit", COMMIT)
+            self.send_header("ETag", f'"{hashlib.sha256(content).hexdigest()}"')
+            self.send_header("Content-Length", str(len(content) if is_there else 0))
+            if not is_there:
+                self.send_header("X-Error-Code", "EntryNotFound")
+            self.end_headers()
+            return is_there
+
+        def log_message(self, *_):
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    monkeypatch.setenv("HF_ENDPOINT", f"http://127.0.0.1:{server.server_port}")
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "home"))
+    yield content
+    server.shutdown()
+    server.server_close()
+
+
+@needs_library
+def test_a_policy_on_the_hub_is_evaluated_and_its_commit_and_digest_are_kept(hub, tmp_path):
+    done = run("evaluate", f"{ADDRESS}@v1", *ONE, "--output", "run", directory=tmp_path)
+    assert done.code == 0, done.err
+    text = (tmp_path / "run" / "run.json").read_text()
+    policy = json.loads(text)["header"]["policy"]
+    assert policy["source"] == f"{ADDRESS}@{COMMIT}"
+    assert policy["digest"] == hashlib.sha256(hub).hexdigest()
+    assert policy["kind"] == "native"
+    assert str(tmp_path) not in text
+    assert f"evaluate {ADDRESS}@{COMMIT}" in (tmp_path / "run" / "report.html").read_text()
+    again = run("verify", "run", "--rerun", 1, directory=tmp_path)
+    assert again.code == 0, again.err
+
+
+@needs_library
+def test_the_commit_and_the_main_branch_are_the_same_policy(hub, tmp_path):
+    first = run("evaluate", ADDRESS, *ONE, "--output", "run", directory=tmp_path)
+    assert first.code == 0, first.err
+    pinned = (f"{ADDRESS}@{COMMIT}", *ONE, "--output", "run", "--resume")
+    done = run("evaluate", *pinned, directory=tmp_path)
+    assert done.code == 0, done.err  # another policy would not resume it
+
+
+@needs_library
+@pytest.mark.parametrize("address", [f"{ADDRESS}@v2", ADDRESS.replace("pushing", "opening")])
+def test_a_file_that_is_not_there(hub, tmp_path, address):
+    done = run("evaluate", address, *ONE, directory=tmp_path)
+    done.refused(3, address, "cannot be fetched")
+
+
+@needs_library
+def test_a_hub_that_does_not_answer(tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_ENDPOINT", "http://127.0.0.1:9")
+    monkeypatch.setenv("HF_HOME", str(tmp_path))
+    run("evaluate", ADDRESS, *ONE, directory=tmp_path).refused(3, "cannot be fetched")
+
+
+@pytest.mark.skipif(find_spec("huggingface_hub") is not None, reason="huggingface_hub is there")
+def test_without_the_library_the_extra_is_named(tmp_path):
+    done = run("evaluate", ADDRESS, directory=tmp_path)
+    done.refused(3, "huggingface_hub", "minitouch-bench[hub]")
+
+
+def test_addresses():
+    assert parse_address("hf://a/b/c/d.onnx") == HubFile("a/b", "c/d.onnx", "main")
+    assert str(parse_address("hf://a/b/c.pt@refs/pr/1")) == "hf://a/b/c.pt@refs/pr/1"
+    for wrong in ("hf://a/b", "hf://a/b/", "hf://a@v1/b/c.pt@v2", "hf://a b/c/d.pt"):
+        with pytest.raises(PolicyLoadError, match="hf://USER/REPO/FILE"):
+            parse_address(wrong)
+
+
+def test_another_kind_of_file_is_refused_before_it_is_fetched(tmp_path):
+    done = run("evaluate", "hf://a/b/c.txt", directory=tmp_path)
+    done.refused(3, "no known policy format")
