@@ -7,7 +7,10 @@ from importlib.util import find_spec
 
 import pytest
 
+from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.workflows.experiment_log import log_run
 from tests.cli.command import run
+from tests.reporting.synthetic import make_run, save
 
 ONE = ("evaluate", "scripted", "--episodes-from", "opening/0,2", "--workers", "1")
 
@@ -64,3 +67,12 @@ def test_a_missing_tracker_is_named_before_the_first_episode(tmp_path):
 
 def test_an_unknown_tracker(tmp_path):
     run(*ONE, "--log", "comet", directory=tmp_path).refused(2, "'comet'", "tensorboard")
+
+
+def test_a_tracker_that_fails_costs_no_run(tmp_path):
+    pytest.importorskip("tensorboardX")
+    (tmp_path / "tensorboard").write_text("in the way")
+    finished = save(make_run(tasks=("pushing",), episodes=2))
+    with pytest.raises(InfrastructureError, match="kept in .*tensorboard failed") as raised:
+        log_run("tensorboard", finished, tmp_path)
+    assert "--resume" in str(raised.value)

@@ -1,0 +1,42 @@
+"""Where a run's policy comes from, as files beside it say."""
+
+from dataclasses import replace
+
+import pytest
+
+from minitouch_bench.agents.config import TrainingConfig, config_text
+from minitouch_bench.reporting.over_runs import RunOrigin
+from minitouch_bench.workflows.report import find_origin
+from tests.reporting.synthetic import make_run, save
+
+
+@pytest.fixture
+def training(tmp_path):
+    """A training's directory with its settings alone."""
+    directory = tmp_path / "training"
+    directory.mkdir()
+    (directory / "config.toml").write_text(config_text(TrainingConfig("pushing", method="rnd")))
+    return directory
+
+
+def run_of(source):
+    run = save(make_run("a", tasks=("pushing",), episodes=2, exploration=False))
+    policy = replace(run.header.policy, source=str(source))
+    return replace(run, header=replace(run.header, policy=policy))
+
+
+def test_a_policy_of_a_training_directory_has_its_method_and_steps(training, tmp_path):
+    place = tmp_path / "reports" / "run"
+    assert find_origin(place, run_of(training / "final.safetensors")) == RunOrigin("rnd", 50_000)
+    explored = run_of(training / "exploration.safetensors")
+    assert find_origin(place, explored) == RunOrigin("rnd", 10_000)
+
+
+def test_a_run_inside_a_training_directory_is_of_it(training):
+    assert find_origin(training / "table4", run_of("gone.onnx")) == RunOrigin("rnd", 50_000)
+
+
+def test_other_files_of_these_names_say_nothing(training, tmp_path):
+    assert find_origin(tmp_path / "reports" / "run", run_of("a.onnx")) == RunOrigin()
+    (training / "config.toml").write_text("[server]\nport = 1\n")
+    assert find_origin(training / "table4", run_of("a.onnx")) == RunOrigin()
