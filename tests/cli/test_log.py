@@ -73,6 +73,6 @@ def test_a_tracker_that_fails_costs_no_run(tmp_path):
     pytest.importorskip("tensorboardX")
     (tmp_path / "tensorboard").write_text("in the way")
     finished = save(make_run(tasks=("pushing",), episodes=2))
-    with pytest.raises(InfrastructureError, match="kept in .*tensorboard failed") as raised:
+    with pytest.raises(InfrastructureError, match=r"kept in .*tensorboard failed") as raised:
         log_run("tensorboard", finished, tmp_path)
     assert "--resume" in str(raised.value)
