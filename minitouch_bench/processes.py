@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
@@ -64,10 +64,10 @@ Result = TypeVar("Result")
 
 
 @contextlib.contextmanager
-def same_arithmetic() -> Iterator[None]:
-    """Give ``ARITHMETIC`` to the processes that the block starts, and to none after it."""
-    before = {name: os.environ.get(name) for name in ARITHMETIC}
-    os.environ.update(ARITHMETIC)
+def same_arithmetic(variables: Mapping[str, str] = ARITHMETIC) -> Iterator[None]:
+    """Give ``variables`` to the processes that the block starts, and to none after it."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
     try:
         yield
     finally:
@@ -122,19 +122,20 @@ def run_in_workers(
     *,
     name: Callable[[Job], str],
     attempts: int = 3,
+    variables: Mapping[str, str] = ARITHMETIC,
 ) -> Iterator[tuple[int, Result]]:
     """Yield (index, ``function(job)``) as jobs end, from ``workers`` processes.
 
     The function is copied to each worker once, and keeps there what it remembers. A job whose
     worker dies, or whose function raises, is tried again in a new process. An error that is
     the user's passes through at once: any ``MiniTouchError`` but an ``InfrastructureError``.
-    ``name`` says in an error which job failed.
+    ``name`` says in an error which job failed. ``variables`` are set in each worker.
 
     Raises:
         JobFailedError: a job failed ``attempts`` times.
     """
     waiting = deque((index, 1) for index in range(len(jobs)))
-    pool = [_Worker(function) for _ in range(min(workers, len(jobs)))]
+    pool = [_Worker(function, variables) for _ in range(min(workers, len(jobs)))]
     try:
         while waiting or any(worker.task for worker in pool):
             for worker in pool:
@@ -155,7 +156,7 @@ def run_in_workers(
                     raise JobFailedError(text, index)
                 waiting.appendleft((index, attempt + 1))
                 worker.close()
-                pool[pool.index(worker)] = _Worker(function)
+                pool[pool.index(worker)] = _Worker(function, variables)
     finally:
         for worker in pool:
             worker.close()
@@ -172,10 +173,10 @@ class _Failure:
 class _Worker(Generic[Job, Result]):
     """The parent's side of one worker process; ``task`` is (index of its job, attempt)."""
 
-    def __init__(self, function: Callable[[Job], Result]) -> None:
+    def __init__(self, function: Callable[[Job], Result], variables: Mapping[str, str]) -> None:
         self.connection, theirs = Pipe()
         command = [sys.executable, "-P", "-c", START, str(theirs.fileno()), str(os.getpid())]
-        with theirs, interrupts_held(), same_arithmetic():
+        with theirs, interrupts_held(), same_arithmetic(variables):
             self.process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),)
             )

@@ -110,7 +110,9 @@ def csv_text(frame: "pd.DataFrame") -> str:
     for name in frame.select_dtypes("bool"):
         written[name] = frame[name].map({True: "true", False: "false"})
     for name in frame.select_dtypes(exclude=["number", "bool"]):
-        written[name] = frame[name].map(_safe_text, na_action="ignore")
+        # Each text once: names and units stand in thousands of rows.
+        safe = {text: _safe_text(text) for text in frame[name].dropna().unique()}
+        written[name] = frame[name].map(safe)
     return str(written.to_csv(index=False, lineterminator="\n"))
 
 

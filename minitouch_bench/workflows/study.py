@@ -22,7 +22,7 @@ from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import RUN_FILE, lock_directory, write_file
 from minitouch_bench.policies.sources import TRAINED_FILE
-from minitouch_bench.processes import ARITHMETIC, core_count, run_in_workers
+from minitouch_bench.processes import ONE_THREAD, core_count, run_in_workers
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.study import StudyResults, StudyTraining, write_study
 from minitouch_bench.workflows import ignore
@@ -99,6 +99,8 @@ def read_study(path: Path) -> StudyConfig:
 
 
 ONE_AT_A_TIME = EngineOptions(workers=1)
+# A worker has one thread, but any kernels: the slow ones that all machines share are the
+# evaluation's, which has workers of its own.
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,9 @@ def _run_here(jobs: list[_Job], workers: int) -> Iterator[tuple[StudyTraining, s
     while jobs:
         ended = set()
         try:
-            for index, failure in run_in_workers(_run, jobs, workers, name=_name):
+            for index, failure in run_in_workers(
+                _run, jobs, workers, name=_name, variables=ONE_THREAD
+            ):
                 ended.add(index)
                 yield jobs[index].training, failure
         except JobFailedError as error:  # its worker died three times; the others go on
@@ -180,7 +184,7 @@ def _run_here(jobs: list[_Job], workers: int) -> Iterator[tuple[StudyTraining, s
 
 def _run_on_ray(ray: ModuleType, jobs: list[_Job]) -> Iterator[tuple[StudyTraining, str]]:
     """Leave it to Ray where each training runs; nodes that are lost are made up for by others."""
-    settings = {"num_cpus": 1, "max_retries": 2, "runtime_env": {"env_vars": ARITHMETIC}}
+    settings = {"num_cpus": 1, "max_retries": 2, "runtime_env": {"env_vars": ONE_THREAD}}
     run = ray.remote(**settings)(_run)
     running = {run.remote(job): job.training for job in jobs}
     while running:
