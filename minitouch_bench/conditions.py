@@ -1,6 +1,6 @@
 """What an evaluation can change in a policy's senses and in the world, to see what it needs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Final, Literal
@@ -66,14 +66,25 @@ class Conditions:
 
     def in_words(self) -> tuple[str, ...]:
         """Return what is different, for people."""
-        words = [f"without {sense}" for sense in self.without]
-        for name, allowed in _ALLOWED.items():
+        changed = (
+            f"{name} {text.replace(':', ' to ')} {_ALLOWED[name.replace('-', '_')].unit}"
+            for name, text in self._changed()
+        )
+        return (*(f"without {sense}" for sense in self.without), *changed)
+
+    def as_options(self) -> tuple[str, ...]:
+        """Return the command line's options that ``parse_conditions`` reads back."""
+        words = ["--without", ",".join(self.without)] if self.without else []
+        changes = [f"{name}={text}" for name, text in self._changed()]
+        return (*words, *(["--perturb", ",".join(changes)] if changes else []))
+
+    def _changed(self) -> Iterator[tuple[str, str]]:
+        """Yield what is not as usual, as it is spelled on the command line, with its value."""
+        for name in _ALLOWED:
             value = getattr(self, name)
             if value != getattr(STANDARD, name):
                 low, high = _as_range(value)
-                amount = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-                words.append(f"{_spelled(name)} {amount} {allowed.unit}")
-        return tuple(words)
+                yield _spelled(name), f"{low!r}" if low == high else f"{low!r}:{high!r}"
 
 
 @dataclass(frozen=True)

@@ -36,11 +36,19 @@ def test_they_are_said_in_words():
     conditions = parse_conditions(["forces"], ["friction=0.5:2", "noise=10", "camera=3"])
     assert conditions.in_words() == (
         "without forces",
-        "noise 10 grey levels",
-        "friction 0.5 to 2 times",
-        "camera 3 degrees",
+        "noise 10.0 grey levels",
+        "friction 0.5 to 2.0 times",
+        "camera 3.0 degrees",
     )
     assert STANDARD.in_words() == ()
+
+
+def test_they_are_written_as_they_are_read():
+    conditions = parse_conditions(["forces", "vision"], ["friction=0.1:2", "force-noise=1.5"])
+    without, senses, perturb, changes = conditions.as_options()
+    assert (without, perturb) == ("--without", "--perturb")
+    assert parse_conditions(senses.split(","), changes.split(",")) == conditions
+    assert STANDARD.as_options() == ()
 
 
 def test_an_episodes_world_is_drawn_from_the_ranges():

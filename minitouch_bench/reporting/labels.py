@@ -165,7 +165,7 @@ def reproduce_command(header: RunHeader) -> str:
                 words += ["--episodes-from", key]
         else:
             words += ["--tasks", ",".join(header.tasks), "--episodes", str(header.episodes)]
-        words += ["--seed", str(header.seed)]
+        words += ["--seed", str(header.seed), *header.played_under.as_options()]
     if header.policy.kind == "factory":
         words.append("--trust")
     return shlex.join(printable(word) for word in words)
