@@ -84,7 +84,7 @@ class Conditions:
             value = getattr(self, name)
             if value != getattr(STANDARD, name):
                 low, high = _as_range(value)
-                yield _spelled(name), f"{low!r}" if low == high else f"{low!r}:{high!r}"
+                yield _spelled(name), f"{low:.15g}" if low == high else f"{low:.15g}:{high:.15g}"
 
 
 @dataclass(frozen=True)

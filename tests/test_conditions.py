@@ -36,9 +36,9 @@ def test_they_are_said_in_words():
     conditions = parse_conditions(["forces"], ["friction=0.5:2", "noise=10", "camera=3"])
     assert conditions.in_words() == (
         "without forces",
-        "noise 10.0 grey levels",
-        "friction 0.5 to 2.0 times",
-        "camera 3.0 degrees",
+        "noise 10 grey levels",
+        "friction 0.5 to 2 times",
+        "camera 3 degrees",
     )
     assert STANDARD.in_words() == ()
 

@@ -78,7 +78,7 @@ def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
         output=OutputOptions(tmp_path / "run"),
     )
     saved = evaluate(options).saved
-    assert saved.header.unofficial_because[-2:] == ("without touch", "mass 0.5 to 2.0 times")
+    assert saved.header.unofficial_because[-2:] == ("without touch", "mass 0.5 to 2 times")
     assert verify_run(tmp_path / "run", LocalEngine(1)).problems == ()
     standard = replace(options, conditions=STANDARD, output=OutputOptions(tmp_path / "standard"))
     others = evaluate(standard).saved
