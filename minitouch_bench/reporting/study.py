@@ -14,6 +14,7 @@ from minitouch_bench.metrics import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.metrics.definitions import ranking_metric
 from minitouch_bench.metrics.intervals import bootstrap_mean
 from minitouch_bench.records import Estimate, SavedRun, Summary
+from minitouch_bench.rendering import latex
 from minitouch_bench.rendering.figure_files import write_figures
 from minitouch_bench.rendering.markdown import escape, table_lines
 from minitouch_bench.rendering.pages import render_page
@@ -78,7 +79,7 @@ class StudyResults:
 
 
 def write_study(results: StudyResults) -> None:
-    """Write ``estimates.csv``, ``curves.csv``, the figures, ``report.md`` and ``report.html``.
+    """Write ``estimates.csv``, ``curves.csv``, the figures, ``tables.tex`` and the report.
 
     Raises:
         RunDirectoryError: a file cannot be read or written.
@@ -91,6 +92,8 @@ def write_study(results: StudyResults) -> None:
     orders = tuple(_orders(estimates))
     figures = tuple(study_figures(estimates, curves))
     write_figures(figures, directory / "figures")
+    sources = [latex.table_source(table, table.title) for table in tables]
+    write_file(directory / "tables.tex", "\n".join(sources))
     write_file(directory / "report.md", _markdown(results, tables, orders))
     page = render_page(
         TEMPLATE, results=results, name=directory.resolve().name, tables=tables, orders=orders,

@@ -72,6 +72,7 @@ def test_the_report_has_the_figures_of_the_runs(finished):
     report = (finished / "report.md").read_text()
     assert "Table 4, 60 steps of exploration" in report
     assert "hac > rnd-touch" not in report  # there is no rnd-touch in this study
+    assert r"\begin{table}" in (finished / "tables.tex").read_text()
     for name in ("report.html", "figures/curves.svg", "figures/curves.pdf"):
         assert (finished / name).stat().st_size > 1000
 
