@@ -20,6 +20,12 @@ MAX_NPY_HEADER = 256
 
 Actions = NDArray[np.float32]
 
+ENTRY_MARK = b"PK\x01\x02"
+"""What each entry of a ZIP file's list begins with."""
+
+CHANCE_MARKS = 100
+"""How often packed data may hold the same four bytes by chance."""
+
 
 def read_actions(directory: Path, specs: Sequence[EpisodeSpec]) -> dict[str, Actions]:
     """Read back the actions that ``actions.npz`` has of these episodes, float32 (T, A) each.
@@ -34,6 +40,9 @@ def read_actions(directory: Path, specs: Sequence[EpisodeSpec]) -> dict[str, Act
     tasks = {spec.key: spec.task for spec in specs}
     with os_errors_as(UnreadableFileError, path, "read"):
         content = read_file(path, LARGEST_ACTIONS)
+    # Half a kilobyte of memory for each entry, before the first can be looked at.
+    if content.count(ENTRY_MARK) > len(specs) + CHANCE_MARKS:
+        raise RunDirectoryError(f"{path} is damaged: it lists more than {len(specs)} episodes")
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             actions: dict[str, Actions] = {}

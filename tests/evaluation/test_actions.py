@@ -1,11 +1,12 @@
 import os
+import struct
 import zipfile
 
 import numpy as np
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.evaluation.actions import read_actions, write_actions
+from minitouch_bench.evaluation.actions import ENTRY_MARK, read_actions, write_actions
 from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.records import EpisodeSpec, Role
 
@@ -87,3 +88,12 @@ def test_a_file_that_is_missing_cut_or_debris_is_refused(tmp_path):
         (tmp_path / ACTIONS_FILE).write_bytes(content[:end])
         with pytest.raises(RunDirectoryError, match="damaged"):
             read_actions(tmp_path, SPECS)
+
+
+def test_a_list_of_a_million_empty_entries_takes_no_memory(tmp_path, monkeypatch):
+    entry = ENTRY_MARK + bytes(42)
+    end = struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, 65535, 65535, 46 * 10**6, 0, 0)
+    (tmp_path / ACTIONS_FILE).write_bytes(entry * 10**6 + end)
+    monkeypatch.setattr(zipfile, "ZipFile", pytest.fail)
+    with pytest.raises(RunDirectoryError, match="lists more than 1 episodes"):
+        read_actions(tmp_path, SPECS[:1])
