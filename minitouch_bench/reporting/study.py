@@ -97,7 +97,7 @@ def write_study(results: StudyResults) -> None:
     write_file(directory / "report.md", _markdown(results, tables, orders))
     page = render_page(
         TEMPLATE, results=results, name=directory.resolve().name, tables=tables, orders=orders,
-        figures=figures, note=PAPER_NOTE,
+        figures=figures, note=PAPER_NOTE, state=state_lines(results)[0],
     )  # fmt: skip
     write_file(directory / "report.html", page)
 
@@ -231,9 +231,18 @@ def state_lines(results: StudyResults) -> list[str]:
     """Say in a line each how far a study is, and which trainings failed."""
     number = len(results.done) + len(results.failed) + len(results.left)
     return [
-        f"{len(results.done)} of {number} trainings are done and evaluated",
+        f"{len(results.done)} of {number} trainings are done and evaluated{_time_left(results)}",
         *(f"{training.name} failed: {why}" for training, why in results.failed.items()),
     ]
+
+
+def _time_left(results: StudyResults) -> str:
+    """Say how long the rest will take, by the trainings that are done, without evaluations."""
+    if not results.done or not results.left:
+        return ""
+    files = [results.directory / training.name / "progress.csv" for training in results.done]
+    hours = np.mean([pd.read_csv(file)["seconds"].iloc[-1] for file in files]) / 3600
+    return f"; those left train for about {hours * len(results.left):.1f} hours, one at a time"
 
 
 def _markdown(results: StudyResults, tables: Sequence[Table], orders: Sequence[str]) -> str:
