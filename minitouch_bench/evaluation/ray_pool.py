@@ -201,7 +201,7 @@ class RayPool:
             self._ray.kill(worker.actor)
 
     def _note_once(self, text: str) -> None:
-        """Note each thing once: a node has many workers. Ray colours some of its words."""
+        """Note each thing once: a node has many workers. Ray colors some of its words."""
         text = plain_line(text)
         if text not in self._noted:
             self._noted.add(text)

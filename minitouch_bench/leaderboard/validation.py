@@ -46,7 +46,7 @@ ZIPPED = (".pt", ".ts", ".zip")
 
 
 class Depth(Enum):
-    """How much is computed anew: a board leaves out what ``validate`` has proved before."""
+    """How much is computed again: a board leaves out what ``validate`` has proved before."""
 
     FULL = "full"
     BOARD = "board"

@@ -134,7 +134,7 @@ def generalize(
 ) -> tuple[Generalization, ...]:
     """Compare the splits in each task that has MIN_EPISODES of both, in the order of ``tasks``.
 
-    Source: the paper's generalisation study (Figure 11 of its supplement).
+    Source: the paper's generalization study (Figure 11 of its supplement).
     """
     found = (
         _generalize_task(task, [e for e in episodes if e.task == task], root) for task in tasks

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 import numpy as np
-import numpy.random  # loaded lazily otherwise, so in every child anew
+import numpy.random  # loaded lazily otherwise, so again in every child
 
 from minitouch_bench.errors import MiniTouchError, PolicyRaisedError
 from minitouch_bench.policies.isolation.sandbox import Sandbox

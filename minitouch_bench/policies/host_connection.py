@@ -23,7 +23,7 @@ HOST_SETTINGS = {
     "ORT_DISABLE_TELEMETRY": "1",
     "PYTHONHASHSEED": "0",
 }
-"""Environment of a host: no thread may exist before it forks, nor sets iterate by chance.
+"""Environment of a host: no thread may exist before it forks, and no set may iterate by chance.
 
 From 1.29 on, onnxruntime's Linux packages start a thread that reports models to Microsoft.
 """

@@ -2,7 +2,7 @@
 
 A model's zip holds settings as JSON, in which whatever JSON cannot say is a pickle with a
 readable text beside it, and ``policy.pth`` with the weights. Settings and weights rebuild
-stable_baselines3's own policy class; the pickles are left alone, save for trusted files.
+stable_baselines3's own policy class; the pickles are left alone, except for trusted files.
 """
 
 import io

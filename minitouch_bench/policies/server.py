@@ -151,6 +151,6 @@ class PolicyHandler(BaseHTTPRequestHandler):
 
 
 def serve(factory: Callable[..., Policy], host: str = "127.0.0.1", port: int = 8000) -> None:
-    """Serve policies until interrupted, each episode with one that ``factory`` makes anew."""
+    """Serve policies until interrupted, each episode with a new one from ``factory``."""
     with PolicyServer(factory, (host, port), getattr(factory, "__name__", "policy")) as server:
         server.serve_forever()

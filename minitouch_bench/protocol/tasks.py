@@ -69,7 +69,7 @@ class PushingSpec(TabletopSpec):
 
 @dataclass(frozen=True)
 class CabinetSpec:
-    """A cabinet with one hinged door, in metres, kilograms, newton metres and radians.
+    """A cabinet with one hinged door, in meters, kilograms, newton meters and radians.
 
     Its front (the door's outer face) is the plane x = 0 of its frame, facing the robot at
     negative x; its floor is z = 0 and its middle y = 0. The half beside the door is open. The

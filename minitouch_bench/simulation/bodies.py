@@ -12,7 +12,7 @@ from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_model import rgba_text
 
 Box = tuple[Sequence[float], Sequence[float]]
-"""Centre and full size (m) in the link's frame."""
+"""Center and full size (m) in the link's frame."""
 
 COLORS = PROTOCOL.observation
 

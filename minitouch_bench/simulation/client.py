@@ -107,7 +107,7 @@ class PhysicsClient:
         return visual
 
     def colors(self) -> dict[Part, Rgba]:
-        """Return the colour of every link that has a picture."""
+        """Return the color of every link that has a picture."""
         bodies = range(pybullet.getNumBodies(physicsClientId=self._id))
         return {
             (shape[0], shape[1]): shape[7]
@@ -116,7 +116,7 @@ class PhysicsClient:
         }
 
     def paint(self, colors: Mapping[Part, Rgba]) -> None:
-        """Change the colour of links; alpha 0 keeps the renderer from drawing one."""
+        """Change the color of links; alpha 0 keeps the renderer from drawing one."""
         for (body, link), color in colors.items():
             pybullet.changeVisualShape(body, link, rgbaColor=color, physicsClientId=self._id)
 
@@ -128,11 +128,11 @@ class PhysicsClient:
                 self.set_joint(body, joint, other.joint_positions(body, [joint])[0])
 
     def pose(self, body: int) -> Pose:
-        """Return the pose of a body's centre of mass."""
+        """Return the pose of a body's center of mass."""
         return Pose(*pybullet.getBasePositionAndOrientation(body, physicsClientId=self._id))
 
     def set_pose(self, body: int, position: Vector, orientation: Vector) -> None:
-        """Place a body's centre of mass, at rest."""
+        """Place a body's center of mass, at rest."""
         pybullet.resetBasePositionAndOrientation(
             body, position, orientation, physicsClientId=self._id
         )

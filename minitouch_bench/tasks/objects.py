@@ -32,8 +32,8 @@ class ObjectModel:
     """An object that can be loaded.
 
     ``rest``: a stable orientation (quaternion x, y, z, w), and ``rest_height`` the height
-    of its centre of mass (m) when it lies so. ``surface`` is its closed surface, and
-    ``corners`` float64 (N, 3) those of its convex parts, about the centre of mass (m).
+    of its center of mass (m) when it lies so. ``surface`` is its closed surface, and
+    ``corners`` float64 (N, 3) those of its convex parts, about the center of mass (m).
     """
 
     name: str
