@@ -1,9 +1,7 @@
 """``leaderboard.csv``: one row per value, in long form."""
 
 from minitouch_bench.leaderboard.board import Board, BoardRow
-from minitouch_bench.leaderboard.gaps import NOVEL_SHAPES
-from minitouch_bench.leaderboard.ranking import RANKED_BY
-from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
+from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, NOVEL_SHAPES, OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import MAIN_SUITE
 from minitouch_bench.leaderboard.views import CALIBRATION, PAPER, RANKED, UNRANKED
 from minitouch_bench.reporting.frames import Row, csv_text, make_frame

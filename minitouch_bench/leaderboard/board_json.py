@@ -6,7 +6,7 @@ from typing import Any, Final, Literal
 
 from minitouch_bench.documents import schema_of, write_json
 from minitouch_bench.leaderboard.board import Board, BoardRow
-from minitouch_bench.leaderboard.failures import Ending
+from minitouch_bench.leaderboard.entries import Ending
 from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scored import Refusal

@@ -10,15 +10,16 @@ from minitouch_bench.leaderboard.board import make_board
 from minitouch_bench.leaderboard.board_csv import board_csv
 from minitouch_bench.leaderboard.board_json import board_json
 from minitouch_bench.leaderboard.board_markdown import board_markdown
-from minitouch_bench.leaderboard.entries import Entry, make_entry
-from minitouch_bench.leaderboard.failures import count_endings
-from minitouch_bench.leaderboard.gaps import score_gaps
-from minitouch_bench.leaderboard.kept import KeptRows, submission_digest
+from minitouch_bench.leaderboard.entries import Entry, count_endings, make_entry
 from minitouch_bench.leaderboard.page import submission_page
 from minitouch_bench.leaderboard.proof import proof_path, read_proof
-from minitouch_bench.leaderboard.ranking import RANKED_BY
-from minitouch_bench.leaderboard.scored import Refusal, ScoredSubmission
-from minitouch_bench.leaderboard.scores import Figures, score
+from minitouch_bench.leaderboard.scored import (
+    KeptRows,
+    Refusal,
+    ScoredSubmission,
+    submission_digest,
+)
+from minitouch_bench.leaderboard.scores import RANKED_BY, Figures, score, score_gaps
 from minitouch_bench.leaderboard.site import write_site
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE
 from minitouch_bench.leaderboard.validation import Depth, validate

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from minitouch_bench.leaderboard.board import Board, BoardRow
-from minitouch_bench.leaderboard.entries import Entry
-from minitouch_bench.leaderboard.failures import ENDINGS, TONES, endings
+from minitouch_bench.leaderboard.entries import ENDING_TONES, ENDINGS, Entry, endings
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS, MAIN_SUITE
 from minitouch_bench.protocol.minitouch import PROTOCOL
@@ -102,7 +101,7 @@ def _steps_plot(entry: Entry, task: str) -> Plot:
     listed = entry.episodes(MAIN_SUITE, Role.FINAL, task)
     steps = np.concatenate([episodes.values["episode_steps"] for episodes in listed])
     ended = np.concatenate([endings(episodes, task) for episodes in listed])
-    panel = {TONES[ending]: steps[ended == index] for index, ending in enumerate(ENDINGS)}
+    panel = {ENDING_TONES[ending]: steps[ended == index] for index, ending in enumerate(ENDINGS)}
     title = task_title(task)
     what = f"{title}: episodes by control steps and ending"
     return Plot(title, what, step_histograms({"": panel}, PROTOCOL.task(task).max_steps))

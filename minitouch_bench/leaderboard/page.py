@@ -12,14 +12,20 @@ from numpy.typing import NDArray
 
 from minitouch_bench.files import VIDEOS
 from minitouch_bench.leaderboard.board import TOUCH_METRICS, BoardRow
-from minitouch_bench.leaderboard.entries import Entry, RunData
-from minitouch_bench.leaderboard.failures import ENDINGS, MEANINGS, TONES, endings
+from minitouch_bench.leaderboard.entries import (
+    ENDING_MEANINGS,
+    ENDING_TONES,
+    ENDINGS,
+    Entry,
+    RunData,
+    endings,
+)
 from minitouch_bench.leaderboard.figures import amount, submission_figures
 from minitouch_bench.leaderboard.proof import MEANINGS as PROOF_MEANINGS
 from minitouch_bench.leaderboard.proof import RANKED_LEVELS, ProofLevel
-from minitouch_bench.leaderboard.ranking import RANKED_BY, Rank
+from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scored import ScoredSubmission
-from minitouch_bench.leaderboard.scores import OVERALL
+from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import BOARD_TASKS
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE
 from minitouch_bench.metrics.definitions import METRICS
@@ -121,13 +127,13 @@ def _legend(scored: ScoredSubmission) -> Iterator[LegendItem]:
     there = {ending for counts in scored.endings.values() for ending in counts}
     for ending in ENDINGS:
         if ending in there:
-            yield LegendItem(ending.value, TONES[ending], title=MEANINGS[ending])
+            yield LegendItem(ending.value, ENDING_TONES[ending], title=ENDING_MEANINGS[ending])
 
 
 def _ending_bar(scored: ScoredSubmission, task: str) -> Markup:
     counts = scored.endings[task]
     said = ", ".join(f"{ending} {count}" for ending, count in counts.items())
-    parts = [(TONES[ending], ending.value, counts.get(ending, 0)) for ending in ENDINGS]
+    parts = [(ENDING_TONES[ending], ending.value, counts.get(ending, 0)) for ending in ENDINGS]
     return draw_share_bar(parts, f"{task_title(task)}: {said}")
 
 
@@ -179,7 +185,7 @@ def _data(entry: Entry, path: str) -> str:
     ]
     document = {
         "endings": [ending.value for ending in ENDINGS],
-        "tones": [TONES[ending] for ending in ENDINGS],
+        "tones": [ENDING_TONES[ending] for ending in ENDINGS],
         "runs": runs,
     }
     text = json.dumps(document, separators=(",", ":"), allow_nan=False)

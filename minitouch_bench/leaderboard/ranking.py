@@ -1,22 +1,23 @@
-"""Ranks with their uncertainty: rows that cannot be told apart share one."""
+"""Ranks with their uncertainty: rows that cannot be told apart share one.
 
-from collections.abc import Mapping, Sequence
+All rows face the same episodes, so every two of them are compared episode by episode.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
-from minitouch_bench.leaderboard.pairs import Sample, mean_p_values, share_p_values
 from minitouch_bench.leaderboard.scored import ScoredSubmission
 from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
-from minitouch_bench.metrics import ranking_metric
+from minitouch_bench.regression.differences import mcnemar_p
 
 ALPHA = 0.05
 """Share of rows whose range of ranks may miss the true one."""
-
-RANKED_BY: Mapping[str, str] = {task: ranking_metric(task) for task in BOARD_TASKS}
-"""What a task is ranked by; overall it is the mean success over the tasks with a goal."""
 
 Floats = NDArray[np.float64]
 
@@ -37,13 +38,13 @@ def rank(rows: Sequence[ScoredSubmission]) -> list[dict[str, Rank]]:
     ranks: list[dict[str, Rank]] = [{} for _ in rows]
     if not rows:
         return ranks
-    samples = {task: [Sample(np.array(row.values[task])) for row in rows] for task in BOARD_TASKS}
+    samples = {task: [np.array(row.values[task]) for row in rows] for task in BOARD_TASKS}
     for task in BOARD_TASKS:
         compare = share_p_values if task in BOARD_GOALS else lambda own: mean_p_values([own])
-        means = np.array([sample.values.mean() for sample in samples[task]])
+        means = np.array([values.mean() for values in samples[task]])
         _keep(ranks, task, means, compare(samples[task]))
     strata = [samples[task] for task in BOARD_GOALS]
-    overall = np.mean([[sample.values.mean() for sample in own] for own in strata], axis=0)
+    overall = np.mean([[values.mean() for values in own] for own in strata], axis=0)
     _keep(ranks, OVERALL, overall, mean_p_values(strata))
     return ranks
 
@@ -82,3 +83,77 @@ def _holm(p_values: Floats) -> NDArray[np.bool_]:
 def _keep(ranks: list[dict[str, Rank]], key: str, means: Floats, p_values: Floats) -> None:
     for own, found in zip(ranks, ranks_of(means, p_values), strict=True):
         own[key] = found
+
+
+def share_p_values(samples: Sequence[Floats]) -> Floats:
+    """Return the p-values of all pairs of success rates, (N, N), 1 on the diagonal.
+
+    ``samples``: each row's values of a task, float64 (S, E): training seeds by episodes.
+    Two rows of one training seed: exact McNemar on the episodes that one wins and the other
+    loses, as ``compare`` has it. Otherwise ``mean_p_values``.
+    """
+    single = np.array([len(values) == 1 for values in samples], bool)
+    found = np.ones((len(samples),) * 2) if single.all() else mean_p_values([samples])
+    if single.any():
+        won = np.array([values[0] for values in samples if len(values) == 1])
+        only_one = np.rint(won @ (1 - won).T).astype(int)
+        exact = _mcnemar_table(won.shape[1])[only_one, only_one.T]
+        found[np.ix_(single, single)] = exact
+    return found
+
+
+def mean_p_values(strata: Sequence[Sequence[Floats]]) -> Floats:
+    """Return the p-values of all pairs of means over strata (tasks), (N, N).
+
+    ``strata`` holds the rows' samples of each task. The variance of a difference has two
+    parts: of the paired differences over episodes, and, for a row of several training seeds,
+    of its seeds' means. Student's t with the degrees of freedom of Satterthwaite.
+
+    Source: F. E. Satterthwaite, "An approximate distribution of estimates of variance
+    components", Biometrics Bulletin 2 (1946).
+    """
+    number, tasks = len(strata[0]), len(strata)
+    difference, variance, spread = (np.zeros((number, number)) for _ in range(3))
+    for samples in strata:
+        table = np.array([values.mean(axis=0) for values in samples])
+        means = table.mean(axis=1)
+        difference += (means[:, None] - means[None, :]) / tasks
+        for part, freedom in _variances(samples, table):
+            variance += part / tasks**2
+            spread += (part / tasks**2) ** 2 / freedom
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = np.where(difference == 0, 0.0, difference / np.sqrt(variance))
+        freedom = np.where(spread > 0, variance**2 / spread, 1.0)
+    upper = np.triu_indices(number, 1)
+    found = np.ones((number, number))
+    found[upper] = 2.0 * stats.t.sf(np.abs(t[upper]), freedom[upper])
+    return np.minimum(found, found.T)
+
+
+def _variances(samples: Sequence[Floats], table: Floats) -> list[tuple[Floats, float | Floats]]:
+    """Return the parts of the variance of all differences in one task, with their freedom."""
+    episodes = table.shape[1]
+    covariance = np.atleast_2d(np.cov(table)) / episodes
+    own = np.diag(covariance)
+    paired = np.maximum(own[:, None] + own[None, :] - 2 * covariance, 0.0)
+    paired[paired < 1e-12 * (own[:, None] + own[None, :])] = 0.0  # rounding of equal rows
+    of_seeds = np.array([_seed_variance(values) for values in samples])
+    freedom = np.array([max(1, len(values) - 1) for values in samples], np.float64)
+    shape = paired.shape
+    return [
+        (paired, float(episodes - 1)),
+        (np.broadcast_to(of_seeds[:, None], shape), np.broadcast_to(freedom[:, None], shape)),
+        (np.broadcast_to(of_seeds[None, :], shape), np.broadcast_to(freedom[None, :], shape)),
+    ]
+
+
+def _seed_variance(values: Floats) -> float:
+    """Return the variance of the mean over training seeds, 0 where one seed tells nothing."""
+    return float(values.mean(axis=1).var(ddof=1)) / len(values) if len(values) > 1 else 0.0
+
+
+@cache
+def _mcnemar_table(episodes: int) -> Floats:
+    """Return the two-sided exact p-value by the two counts of discordant episodes."""
+    lost, won = np.indices((episodes + 1, episodes + 1))
+    return mcnemar_p(lost, won)

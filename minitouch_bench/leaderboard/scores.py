@@ -9,17 +9,26 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.leaderboard.entries import BOARD_METRICS, Entry
+from minitouch_bench.leaderboard.entries import BOARD_METRICS, Entry, Episodes
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS, MAIN_SUITE
-from minitouch_bench.metrics import METRICS, Metric, wilson
-from minitouch_bench.metrics.intervals import BOOTSTRAP
+from minitouch_bench.metrics import (
+    METRICS,
+    Metric,
+    bootstrap_difference,
+    bootstrap_mean,
+    newcombe,
+    ranking_metric,
+    wilson,
+)
+from minitouch_bench.metrics.intervals import BOOTSTRAP, stream
 from minitouch_bench.metrics.metric import Kind
 from minitouch_bench.metrics.shared_bootstrap import (
     mean_intervals,
     resample_weights,
     stratified_intervals,
 )
-from minitouch_bench.records import Estimate
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.records import Estimate, Gap, Role
 
 ROOT = (0,)
 """Root of the board's random streams: the same submissions give the same board."""
@@ -27,6 +36,13 @@ ROOT = (0,)
 OVERALL = "overall"
 MEAN_SUCCESS = "mean_success"
 """The board's own metric: the mean of the success rates of the tasks with a goal."""
+
+RANKED_BY: Mapping[str, str] = {task: ranking_metric(task) for task in BOARD_TASKS}
+"""What a task is ranked by; overall it is the mean success over the tasks with a goal."""
+
+NOVEL_SHAPES = "novel-shapes"
+GAP_TASKS = PROTOCOL.suite(NOVEL_SHAPES).tasks
+"""The tasks that are compared on held-out and on train shapes."""
 
 OVER_SEEDS = "bootstrap over training seeds"
 SHARE_OVER_SEEDS = "bootstrap over training seeds, no narrower than Wilson over all episodes"
@@ -161,3 +177,50 @@ def _stratified(entry: Entry) -> Estimate:
     pooled = _quadrature([_pooled(entry, task, success) for task in BOARD_GOALS])
     found = Estimate(pooled.value, float(low), float(high), size, OVER_SEEDS)
     return _widened(found, pooled)
+
+
+def score_gaps(entry: Entry) -> dict[str, Gap]:
+    """Return the gap of each task's own metric; empty without the suite."""
+    return {
+        task: _gap(entry, task)
+        for task in GAP_TASKS
+        if entry.all_have(NOVEL_SHAPES, Role.FINAL, task)
+    }
+
+
+def _gap(entry: Entry, task: str) -> Gap:
+    listed = entry.episodes(NOVEL_SHAPES, Role.FINAL, task)
+    if len(listed) > 1:
+        return _gap_over_seeds(listed, task)
+    held_out, train = _splits(listed[0], task)
+    if METRICS[RANKED_BY[task]].kind is Kind.SHARE:
+        one, other = (wilson(int(values.sum()), values.size) for values in (held_out, train))
+        return Gap(one, other, newcombe(one, other))
+    return _gap_over_episodes(held_out, train, task)
+
+
+def _splits(episodes: Episodes, task: str) -> tuple[Floats, Floats]:
+    """Return the metric's values on held-out and on train shapes."""
+    values = episodes.values[RANKED_BY[task]]
+    return values[episodes.held_out], values[~episodes.held_out]
+
+
+def _gap_over_episodes(held_out: Floats, train: Floats, task: str) -> Gap:
+    one, other = (
+        bootstrap_mean(values, stream(ROOT, "gap", task, split))
+        for split, values in (("held-out", held_out), ("train", train))
+    )
+    return Gap(one, other, bootstrap_difference(held_out, train, stream(ROOT, "gap", task)))
+
+
+def _gap_over_seeds(listed: Sequence[Episodes], task: str) -> Gap:
+    """Estimate each split and the gap over training seeds."""
+    means = np.array([[values.mean() for values in _splits(one, task)] for one in listed])
+    rows = np.array([means[:, 0], means[:, 1], means[:, 0] - means[:, 1]])
+    weights = resample_weights(len(listed), ROOT, f"seeds/{task}/gap")
+    limits = stratified_intervals([rows], [weights])
+    held_out, train, difference = (
+        Estimate(float(values.mean()), float(low), float(high), len(listed), OVER_SEEDS)
+        for values, (low, high) in zip(rows, limits, strict=True)
+    )
+    return Gap(held_out, train, difference)

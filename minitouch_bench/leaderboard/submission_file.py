@@ -13,24 +13,22 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.leaderboard.submission import (
     FORMAT,
     MAIN_SUITE,
+    MAX_AUTHOR,
+    MAX_METHOD,
+    MAX_NOTES,
     SUBMISSION_FILE,
     SUBMITTED_SUITES,
     VERSION,
     CheckpointFile,
     Submission,
     TrainingSeed,
-    checkpoint_place,
-    run_place,
-)
-from minitouch_bench.leaderboard.submission_rules import (
-    MAX_AUTHOR,
-    MAX_METHOD,
-    MAX_NOTES,
     check_file_name,
     check_licence,
     check_link,
     check_name,
     check_text,
+    checkpoint_place,
+    run_place,
 )
 from minitouch_bench.verification.problems import Problems
 

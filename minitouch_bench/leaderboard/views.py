@@ -4,9 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from minitouch_bench.leaderboard.board import TOUCH_METRICS, Board, BoardRow, in_order
-from minitouch_bench.leaderboard.gaps import GAP_TASKS
-from minitouch_bench.leaderboard.ranking import RANKED_BY, Rank
-from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
+from minitouch_bench.leaderboard.ranking import Rank
+from minitouch_bench.leaderboard.scores import GAP_TASKS, MEAN_SUCCESS, OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics import METRICS, ShownIn, direction_of, metrics_shown_in
 from minitouch_bench.rendering.tables import (

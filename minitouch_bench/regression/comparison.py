@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.metric import NO_DIRECTION
 from minitouch_bench.records import Outcome, RunHeader, SavedRun
-from minitouch_bench.regression.means import ALPHA
+from minitouch_bench.regression.differences import ALPHA
 from minitouch_bench.regression.paired_tests import Effect, holm, measure_effect, resolution_of
 from minitouch_bench.regression.pairing import (
     COMPARED_METRICS,

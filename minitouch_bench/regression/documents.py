@@ -7,13 +7,16 @@ from xml.etree import ElementTree
 
 from minitouch_bench.regression.comparison import Comparison
 from minitouch_bench.regression.gate import Decision, GateResult, JudgedMetric
-from minitouch_bench.regression.table_notes import (
+from minitouch_bench.regression.tables import (
+    decision_text,
+    difference_text,
+    effect_head,
     episodes_line,
     gate_notes,
     next_line,
+    p_text,
     result_line,
 )
-from minitouch_bench.regression.tables import decision_text, difference_text, effect_head, p_text
 from minitouch_bench.rendering.escaping import printable
 
 VERSION = 2

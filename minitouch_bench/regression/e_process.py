@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.records import Estimate
-from minitouch_bench.regression.shares import Discordance, last_true
+from minitouch_bench.regression.differences import Discordance, last_true
 
 BETTING = "betting confidence sequence"
 

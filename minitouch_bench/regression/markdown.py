@@ -4,15 +4,17 @@ from collections.abc import Sequence
 
 from minitouch_bench.regression.comparison import Comparison, OutcomeChange
 from minitouch_bench.regression.gate import Decision, GateResult
-from minitouch_bench.regression.table_notes import (
+from minitouch_bench.regression.tables import (
+    changes_table,
     comparison_lines,
     comparison_notes,
+    comparison_tables,
     episodes_line,
     gate_notes,
+    gate_table,
     result_line,
     run_line,
 )
-from minitouch_bench.regression.tables import changes_table, comparison_tables, gate_table
 from minitouch_bench.rendering.markdown import code_span, escape, table_lines
 from minitouch_bench.reporting.tables import OUTCOME_TITLES
 

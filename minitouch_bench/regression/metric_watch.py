@@ -8,6 +8,13 @@ from numpy.typing import NDArray
 
 from minitouch_bench.metrics.intervals import Root, stream
 from minitouch_bench.records import Estimate
+from minitouch_bench.regression.differences import (
+    ALPHA,
+    Discordance,
+    count_discordance,
+    paired_mean,
+    tango,
+)
 from minitouch_bench.regression.e_process import (
     evidence_of_loss,
     evidence_of_no_loss,
@@ -15,7 +22,6 @@ from minitouch_bench.regression.e_process import (
     share_sequence,
 )
 from minitouch_bench.regression.gate import Decision, JudgedMetric
-from minitouch_bench.regression.means import ALPHA, paired_mean
 from minitouch_bench.regression.paired_tests import (
     WORSE_SIGNS,
     direction_of,
@@ -25,7 +31,6 @@ from minitouch_bench.regression.paired_tests import (
 from minitouch_bench.regression.pairing import EpisodePair, PairedValues
 from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.regression.settings import GateSettings
-from minitouch_bench.regression.shares import Discordance, count_discordance, tango
 
 EARLY_PART = 2.0 / 3.0
 """Part of the level that is for early regressions."""

@@ -9,10 +9,9 @@ from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Root, stream
 from minitouch_bench.metrics.metric import DOWN, UP, Kind
 from minitouch_bench.records import Estimate
-from minitouch_bench.regression.means import ALPHA, paired_mean
+from minitouch_bench.regression.differences import ALPHA, count_discordance, paired_mean, tango
 from minitouch_bench.regression.pairing import PairedValues
 from minitouch_bench.regression.power import MeanResolution, Resolution, ShareResolution
-from minitouch_bench.regression.shares import count_discordance, tango
 
 WORSE_SIGNS = {UP: -1.0, DOWN: 1.0}
 """Sign of a change for the worse, by a metric's better direction."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
-from minitouch_bench.regression.shares import Discordance, last_true, score_statistic
+from minitouch_bench.regression.differences import Discordance, last_true, score_statistic
 
 POWER = 0.8
 POWER_QUANTILE = float(stats.norm.ppf(POWER))

@@ -7,16 +7,18 @@ from rich.text import Text
 
 from minitouch_bench.regression.comparison import Comparison, OutcomeChange
 from minitouch_bench.regression.gate import Decision, GateResult
-from minitouch_bench.regression.table_notes import (
+from minitouch_bench.regression.tables import (
+    changes_table,
     comparison_lines,
     comparison_notes,
+    comparison_tables,
     episodes_line,
     gate_notes,
+    gate_tables,
     next_line,
     result_line,
     run_line,
 )
-from minitouch_bench.regression.tables import changes_table, comparison_tables, gate_tables
 from minitouch_bench.reporting.terminal import draw_table
 
 SHOWN_CHANGES = 20

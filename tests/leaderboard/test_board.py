@@ -12,7 +12,7 @@ from minitouch_bench.leaderboard.board import CALIBRATION, make_board
 from minitouch_bench.leaderboard.board_csv import board_csv
 from minitouch_bench.leaderboard.board_markdown import board_markdown
 from minitouch_bench.leaderboard.build import build_board, score_submissions
-from minitouch_bench.leaderboard.failures import Ending
+from minitouch_bench.leaderboard.entries import Ending
 from minitouch_bench.leaderboard.proof import ProofLevel, make_proof, proof_path, write_proof
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.validation import validate

@@ -16,6 +16,8 @@ from minitouch_bench.leaderboard.submission import (
     CheckpointFile,
     Submission,
     TrainingSeed,
+    check_file_name,
+    check_name,
     checkpoint_place,
 )
 from minitouch_bench.leaderboard.submission_file import (
@@ -23,7 +25,6 @@ from minitouch_bench.leaderboard.submission_file import (
     submission_schema,
     submission_toml,
 )
-from minitouch_bench.leaderboard.submission_rules import check_file_name, check_name
 from minitouch_bench.records import Role
 from minitouch_bench.verification.problems import Problems
 from tests.leaderboard.synthetic import ABOUT, make_submission

@@ -16,8 +16,7 @@ from minitouch_bench.records import EvaluationRun, RunEnvironment, SavedRun
 from minitouch_bench.regression.gate import GateResult, judge_runs
 from minitouch_bench.regression.sequential import SequentialGate, play_order
 from minitouch_bench.regression.settings import GateSettings
-from minitouch_bench.regression.table_notes import result_line
-from minitouch_bench.regression.tables import difference_text, p_text
+from minitouch_bench.regression.tables import difference_text, p_text, result_line
 from tests.evaluation.runs import request
 from tests.reporting.synthetic import save
 

@@ -3,13 +3,13 @@ import math
 import numpy as np
 import pytest
 
+from minitouch_bench.regression.differences import Discordance
 from minitouch_bench.regression.e_process import (
     evidence_of_loss,
     evidence_of_no_loss,
     evidence_of_worsening,
     share_sequence,
 )
-from minitouch_bench.regression.shares import Discordance
 
 
 def expected_wealth(evidence, rates, margin):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.regression.means import paired_mean, sign_flip_p
+from minitouch_bench.regression.differences import paired_mean, sign_flip_p
 
 
 def rng(seed=0):

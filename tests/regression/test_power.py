@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from minitouch_bench.regression.means import paired_mean
+from minitouch_bench.regression.differences import Discordance, mcnemar_p, paired_mean, tango
 from minitouch_bench.regression.power import (
     EXACT_UP_TO,
     FEWEST_FOR_A_MEAN,
@@ -13,7 +13,6 @@ from minitouch_bench.regression.power import (
     exclusion_power,
     mcnemar_power,
 )
-from minitouch_bench.regression.shares import Discordance, mcnemar_p, tango
 
 TRIALS = 2000
 ERROR = 3 * math.sqrt(0.8 * 0.2 / TRIALS)

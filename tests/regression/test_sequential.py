@@ -15,7 +15,7 @@ from minitouch_bench.regression.sequential import (
     play_order,
 )
 from minitouch_bench.regression.settings import GateSettings, Tolerance
-from minitouch_bench.regression.table_notes import episodes_line
+from minitouch_bench.regression.tables import episodes_line
 from tests.regression.pairs import draw, flags, make_saved, values
 
 N = 100

@@ -3,12 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from minitouch_bench.leaderboard.pairs import Sample, mean_p_values, share_p_values
-from minitouch_bench.leaderboard.ranking import ranks_of
+from minitouch_bench.leaderboard.ranking import mean_p_values, ranks_of, share_p_values
 
 
-def single(values) -> Sample:
-    return Sample(np.asarray(values, float)[None])
+def single(values):
+    return np.asarray(values, float)[None]
 
 
 def test_mcnemar_is_the_exact_binomial_of_the_discordant_episodes():
@@ -53,9 +52,9 @@ def test_a_paired_t_test_by_hand():
 def test_training_seeds_add_their_own_doubt():
     rng = np.random.default_rng(3)
     base = rng.normal(0, 1, 100)
-    sure = Sample(np.array([base + 1, base + 1.0001, base + 0.9999]))
-    unsure = Sample(np.array([base + 3, base - 1, base + 1]))
-    zero = Sample(np.array([base, base + 0.0001, base - 0.0001]))
+    sure = np.array([base + 1, base + 1.0001, base + 0.9999])
+    unsure = np.array([base + 3, base - 1, base + 1])
+    zero = np.array([base, base + 0.0001, base - 0.0001])
     p = mean_p_values([[sure, unsure, zero]])
     assert p[0, 2] < 1e-6
     assert p[1, 2] > 0.05
@@ -116,7 +115,7 @@ def test_the_range_of_ranks_holds_the_true_rank():
     for _ in range(150):
         ease = rng.random(100)
         rows = [single((rng.random(100) + ease) / 2 < rate) for rate in truth]
-        means = np.array([row.values.mean() for row in rows])
+        means = np.array([row.mean() for row in rows])
         ranks = ranks_of(means, share_p_values(rows))
         held += [rank.best <= r <= rank.worst for rank, r in zip(ranks, true_ranks, strict=True)]
     assert np.mean(held) >= 0.95
