@@ -137,6 +137,18 @@ class TrainingConfig:
         """Return the control steps of both phases."""
         return self.exploration.steps + self.task_phase.steps
 
+    def is_longer_than(self, other: "TrainingConfig") -> bool:
+        """Tell whether this is the other training with more steps in its last phase."""
+        explored = other.exploration.steps
+        if other.task_phase.steps == 0:
+            explored = max(explored, self.exploration.steps)
+        longer = replace(
+            other,
+            exploration=replace(other.exploration, steps=explored),
+            task_phase=replace(other.task_phase, steps=self.task_phase.steps),
+        )
+        return self == longer and self.steps > other.steps
+
     @property
     def exploration_steps(self) -> int:
         """Return the control steps without the task's reward; ``sac`` has it from the first."""

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, config_text
+from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, config_text, read_config
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
 from minitouch_bench.agents.training import PROGRESS_FILE, Training, TrainingCallbacks
 from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageError
@@ -146,7 +146,7 @@ def choose_device(name: str) -> torch.device:
 
 
 def _prepare(request: TrainingRequest) -> None:
-    """Write the settings of a new training, or check those of one to resume."""
+    """Write the settings of a new or longer training, or check those of one to resume."""
     file = request.directory / CONFIG_FILE
     text = config_text(request.config)
     if not request.resume:
@@ -158,9 +158,12 @@ def _prepare(request: TrainingRequest) -> None:
         write_file(file, text)
     elif not file.exists():
         raise RunDirectoryError(f"{request.directory} holds no training to resume")
+    elif request.config.is_longer_than(read_config(file, TrainingConfig(""))):
+        write_file(file, text)
     elif file.read_text(encoding="utf-8") != text:
         raise RunDirectoryError(
-            f"{file} has other settings than asked for; resume with the same ones"
+            f"{file} has other settings than asked for; resume with the same ones, or with more "
+            "steps in the last phase"
         )
 
 

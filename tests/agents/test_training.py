@@ -88,6 +88,18 @@ def test_resumed_in_both_phases_it_ends_in_the_same_bits(tmp_path, undisturbed, 
     assert outcome(tmp_path) == outcome(undisturbed)
 
 
+@pytest.mark.parametrize(("explored", "trained"), [(30, 10), (30, 0), (20, 0)])
+def test_it_can_be_made_longer(tmp_path, undisturbed, explored, trained):
+    shorter = replace(
+        CONFIG,
+        exploration=replace(CONFIG.exploration, steps=explored),
+        task_phase=replace(CONFIG.task_phase, steps=trained),
+    )
+    assert train(TrainingRequest(shorter, tmp_path, device="cpu"))
+    assert train(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
+    assert outcome(tmp_path) == outcome(undisturbed)
+
+
 def test_killed_before_the_first_checkpoint_it_starts_over(tmp_path, undisturbed):
     break_off(tmp_path, 6, kill=True, resume=False)
     assert train(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
@@ -113,6 +125,8 @@ def test_other_settings_are_not_mixed_in(undisturbed):
     for request in (
         TrainingRequest(CONFIG, undisturbed),
         TrainingRequest(replace(CONFIG, seed=1), undisturbed, resume=True),
+        TrainingRequest(replace(CONFIG, exploration=PhaseConfig(31)), undisturbed, resume=True),
+        TrainingRequest(replace(CONFIG, task_phase=PhaseConfig(19)), undisturbed, resume=True),
     ):
         with pytest.raises(RunDirectoryError):
             train(request)
