@@ -186,7 +186,10 @@ def _table(title: str, suite: str, part: pd.DataFrame) -> Table:
             continue
         head = metric_head(shown) + metric.removeprefix(shown)
         rows.append(Row((head,), row, METRICS[shown].unit))
-    notes = (f"95 % intervals: {SEEDS_ONLY}; {EPISODES_ONLY}.", *((PAPER_NOTE,) * with_paper))
+    notes = (
+        f"95 % intervals: {SEEDS_ONLY}, never wider than their range; {EPISODES_ONLY}.",
+        *((PAPER_NOTE,) * with_paper),
+    )
     return Table(title, ("Metric",), tuple(columns), tuple(rows), notes)
 
 
