@@ -316,6 +316,10 @@ class RunDocument:
     episodes: tuple[EpisodeMetrics, ...]
     exploration_episodes: tuple[EpisodeMetrics, ...]
 
+    def by_role(self) -> tuple[tuple[Role, tuple[EpisodeMetrics, ...]], ...]:
+        """Return the episodes of each role, the final policy's first."""
+        return (Role.FINAL, self.episodes), (Role.EXPLORATION, self.exploration_episodes)
+
 
 @dataclass(frozen=True)
 class SavedRun(RunDocument):

@@ -8,8 +8,7 @@ import typer
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import ENGINES
-from minitouch_bench.policies.isolation.limits import PolicyLimits
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
 from minitouch_bench.policies.loading import BUILT_IN, KIND_BY_SUFFIX
 
 MAX_WORKERS = 1024

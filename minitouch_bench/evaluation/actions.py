@@ -1,19 +1,23 @@
-"""``actions.npz``: the actions of every episode of a run, written once and read with care."""
+"""``actions.npz``: every action of a run, written once, read with care, and played again."""
 
 import io
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import RunDirectoryError, UnreadableFileError
+from minitouch_bench.conditions import STANDARD, Conditions
+from minitouch_bench.errors import PolicyFaultError, RunDirectoryError, UnreadableFileError
 from minitouch_bench.files import ACTIONS_FILE, LARGEST_ACTIONS, os_errors_as, read_file, write_file
+from minitouch_bench.policies.policy import Observation
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import EpisodeRecord, EpisodeSpec
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Role
+from minitouch_bench.tasks.environment import MiniTouchEnv
 
 MAX_NPY_HEADER = 256
 """Bytes before the numbers of an array; numpy writes 128."""
@@ -25,6 +29,9 @@ ENTRY_MARK = b"PK\x01\x02"
 
 CHANCE_MARKS = 100
 """How often packed data may hold the same four bytes by chance."""
+
+END_OF_RECORDING = "the recorded actions end before the episode does"
+"""The fault of a replayed episode that its policy broke off."""
 
 
 def read_actions(directory: Path, specs: Sequence[EpisodeSpec]) -> dict[str, Actions]:
@@ -94,3 +101,42 @@ def write_actions(records: Sequence[EpisodeRecord], directory: Path) -> None:
     arrays: dict[str, Any] = {record.spec.key: record.trace.actions for record in records}
     np.savez_compressed(content, **arrays)
     write_file(directory / ACTIONS_FILE, content.getvalue())
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The actions of a run by the keys of its episodes, float32 (T, A) each, as applied."""
+
+    actions: Mapping[str, NDArray[np.float32]]
+    conditions: Conditions = STANDARD
+
+    def make_actor(self, role: Role) -> "RecordedActor":
+        """Return an actor that repeats them."""
+        return RecordedActor(self.actions)
+
+
+class RecordedActor:
+    """Repeats the actions of each episode, and fails where they end too early."""
+
+    _rest: Iterator[NDArray[np.float32]]
+
+    def __init__(self, actions: Mapping[str, NDArray[np.float32]]) -> None:
+        self._actions = actions
+
+    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+        """Find the episode's actions."""
+        self._rest = iter(self._actions[spec.key])
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the next action.
+
+        Raises:
+            PolicyFaultError: there is none.
+        """
+        try:
+            return next(self._rest)
+        except StopIteration:
+            raise PolicyFaultError(END_OF_RECORDING) from None
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to free."""

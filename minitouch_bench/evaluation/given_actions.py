@@ -7,7 +7,6 @@ before it is applied, and stays there until the episode's record is in the journ
 
 import os
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,12 +39,7 @@ class GivenActions:
     def __enter__(self) -> "GivenActions":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._file >= 0:
             os.close(self._file)
 

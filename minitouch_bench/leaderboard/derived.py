@@ -12,7 +12,7 @@ from minitouch_bench.evaluation.actions import read_actions
 from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.metrics import summarize_episodes
-from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, SavedRun, TaskSummary
+from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, SavedRun, TaskSummary
 from minitouch_bench.reporting import derived_files
 from minitouch_bench.verification.problems import ROUNDING, Problem, Problems, compare_values
 from minitouch_bench.verification.recorded_run import AS_WRITTEN, NAMED
@@ -71,10 +71,7 @@ def check_actions(directory: Path, place: str, saved: SavedRun, problems: Proble
 
 def _rows_by_spec(saved: SavedRun) -> Iterator[tuple[EpisodeSpec, EpisodeMetrics]]:
     """Walk through the rows of both roles with what they are called in ``actions.npz``."""
-    for role, rows in (
-        (Role.FINAL, saved.episodes),
-        (Role.EXPLORATION, saved.exploration_episodes),
-    ):
+    for role, rows in saved.by_role():
         for row in rows:
             yield EpisodeSpec(role, row.task, row.index, row.seed), row
 

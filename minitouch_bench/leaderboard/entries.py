@@ -123,10 +123,7 @@ def make_entry(verdict: Verdict, proof: Proof | None) -> Entry:
 
 def _run(saved: SavedRun, place: str) -> RunData:
     episodes: dict[tuple[Role, str], Episodes] = {}
-    for role, rows in (
-        (Role.FINAL, saved.episodes),
-        (Role.EXPLORATION, saved.exploration_episodes),
-    ):
+    for role, rows in saved.by_role():
         by_task: dict[str, list[EpisodeMetrics]] = {}
         for row in rows:
             by_task.setdefault(row.task, []).append(row)

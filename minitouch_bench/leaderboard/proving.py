@@ -15,8 +15,7 @@ from minitouch_bench.leaderboard.submission import CHECKPOINTS, MAIN_SUITE, Trai
 from minitouch_bench.leaderboard.twins import Sketch, sketch_of
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics.summary import measure
-from minitouch_bench.policies.isolation.limits import limits_of
-from minitouch_bench.policies.isolation.options import IsolationOptions
+from minitouch_bench.policies.isolation.options import IsolationOptions, limits_of
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, PolicyIdentity, Role, SavedRun
@@ -103,7 +102,7 @@ def _fresh_results(
     for record in proving.engine.run(setup, suite.episodes(exploration=bool(setup.exploration))):
         proving.on_record(record)
         measured.setdefault((record.spec.role, record.spec.task), []).append(measure(record))
-    official = {Role.FINAL: saved.episodes, Role.EXPLORATION: saved.exploration_episodes}
+    official = dict(saved.by_role())
     return tuple(
         compare_fresh([one for one in official[role] if one.task == task], own, role, task)
         for (role, task), own in measured.items()

@@ -60,15 +60,11 @@ def check_run(
     if header.exploration is not None:
         _check_policy(header.exploration, seed.files(Role.EXPLORATION), place, problems)
     _check_texts(saved, place, problems)
-    for role, rows in _rows(saved):
+    for role, rows in saved.by_role():
         _check_rows(rows, f"{place}, {role}", problems)
     _check_policy_faults(saved, place, problems)
     if run_digest(header, saved.episodes, saved.exploration_episodes) != saved.digest:
         problems.add(place, "its digest is not that of its episodes", AS_WRITTEN)
-
-
-def _rows(saved: SavedRun) -> tuple[tuple[Role, Sequence[EpisodeMetrics]], ...]:
-    return (Role.FINAL, saved.episodes), (Role.EXPLORATION, saved.exploration_episodes)
 
 
 def _check_header(header: RunHeader, place: str, problems: Problems) -> None:
@@ -142,7 +138,7 @@ def _check_policy_faults(saved: SavedRun, place: str, problems: Problems) -> Non
     """Hold the texts of policy faults against the episodes that ended in one."""
     failed = {
         EpisodeSpec(role, row.task, row.index, row.seed).key
-        for role, rows in _rows(saved)
+        for role, rows in saved.by_role()
         for row in rows
         if row.outcome is Outcome.POLICY_FAULT
     }

@@ -25,8 +25,8 @@ from minitouch_bench.leaderboard.submission import (
     TrainingSeed,
 )
 from minitouch_bench.leaderboard.submission_file import read_submission
-from minitouch_bench.policies.declared_sizes import check_zip
 from minitouch_bench.policies.loading import BUILT_IN, KIND_BY_SUFFIX
+from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.records import SavedRun
 from minitouch_bench.reporting.run_directory import parse_run, run_json
 from minitouch_bench.verification.problems import Problem, Problems

@@ -11,7 +11,7 @@ from typing import Any
 
 from minitouch_bench.policies.isolation.confinement import HOST_VARIABLES
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.policies.output_pipe import OutputPipe, wait_for
+from minitouch_bench.policies.pipes import OutputPipe, wait_for
 from minitouch_bench.policies.wire import MAX_PAYLOAD
 from minitouch_bench.processes import ARITHMETIC
 

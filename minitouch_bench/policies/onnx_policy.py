@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.optional import require
-from minitouch_bench.policies.declared_sizes import check_bytes
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Checkpoint, Observation
+from minitouch_bench.policies.sources import check_bytes
 
 INPUT_SHAPES = {"image": (1, *IMAGE_SHAPE), "touch": (1, *TOUCH_SHAPE)}
 OUTPUT = "action"

@@ -22,9 +22,9 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
-from minitouch_bench.policies.episode_pipes import EpisodePipes
 from minitouch_bench.policies.host_connection import HostConnection, HostGoneError
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
+from minitouch_bench.policies.pipes import EpisodePipes
 from minitouch_bench.policies.policy import (
     Observation,
     action_size,

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.optional import look_up, require
-from minitouch_bench.policies.declared_sizes import check_zip
 from minitouch_bench.policies.policy import (
     IMAGE_SHAPE,
     TOUCH_SHAPE,
     Checkpoint,
     Observation,
 )
+from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.tasks.action import ACTION_SIZES
 
 MAX_SETTINGS_BYTES = 16 * 2**20

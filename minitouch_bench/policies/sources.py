@@ -1,8 +1,14 @@
-"""What the user named as POLICY: a built-in, a file, a factory, a server or a directory."""
+"""What the user named as POLICY: a built-in, a file, a factory, a server or a directory.
+
+What a file says that it unpacks to is looked at before anything is unpacked. A declaration can
+lie; the sandbox's limit of memory holds those that do.
+"""
 
 import hashlib
+import io
 import re
 import urllib.parse
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,6 +31,11 @@ FACTORY_PATTERN = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 
 NOTES = {"scripted": ("reads the simulator's state",), "remote": ("remote",)}
 """Labels by kind, which every table shows."""
+
+MAX_RATIO = 100
+"""Weights hardly shrink, and torch stores them unpacked."""
+
+MAX_MEMBERS = 10_000
 
 
 @dataclass(frozen=True)
@@ -171,3 +182,33 @@ def _parse_directory(path: Path) -> PolicySource:
         )
     name = path.resolve().name
     return PolicySource(DIRECTORY, name, str(path), sha.hexdigest(), tuple(parts.items()))
+
+
+def check_zip(content: bytes, target: str) -> None:
+    """Refuse a zip that unpacks to far more than it holds; leave damaged ones to their reader.
+
+    Raises:
+        PolicyLoadError: saying by how much.
+
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = archive.infolist()
+    except (zipfile.BadZipFile, ValueError, NotImplementedError):
+        return
+    if len(members) > MAX_MEMBERS:
+        raise PolicyLoadError(f"{target} holds {len(members)} files; the limit is {MAX_MEMBERS}")
+    check_bytes(sum(member.file_size for member in members), len(content), target)
+
+
+def check_bytes(declared: int, held: int, target: str) -> None:
+    """Refuse a file of ``held`` bytes that declares too many.
+
+    Raises:
+        PolicyLoadError: saying how many.
+
+    """
+    if declared > min(MAX_FILE_BYTES, MAX_RATIO * held):
+        raise PolicyLoadError(
+            f"{target} has {held} bytes and declares {declared}: it is not unpacked"
+        )

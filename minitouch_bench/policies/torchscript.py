@@ -9,9 +9,9 @@ import torch
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError
-from minitouch_bench.policies.declared_sizes import check_zip
 from minitouch_bench.policies.native import as_array, to_tensors
 from minitouch_bench.policies.policy import Checkpoint, Observation
+from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.policies.wire import plain_line
 
 RAN = "failed in the TorchScript interpreter"

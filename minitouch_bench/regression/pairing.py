@@ -166,10 +166,7 @@ def _bits_of(episode: EpisodeMetrics) -> tuple[object, ...]:
 def _by_key(run: SavedRun, left_out: Sequence[str]) -> dict[str, tuple[Role, EpisodeMetrics]]:
     """Return a run's episodes by key, without the tasks that are left out."""
     found: dict[str, tuple[Role, EpisodeMetrics]] = {}
-    for role, episodes in (
-        (Role.FINAL, run.episodes),
-        (Role.EXPLORATION, run.exploration_episodes),
-    ):
+    for role, episodes in run.by_role():
         for episode in episodes:
             key = episode_key(role, episode)
             if key in found:

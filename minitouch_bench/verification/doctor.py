@@ -17,9 +17,8 @@ import numpy as np
 from minitouch_bench.cache import cache_directory, cache_file
 from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import MiniTouchError
-from minitouch_bench.evaluation.actions import Actions
+from minitouch_bench.evaluation.actions import Actions, RecordedActor, Recording
 from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.evaluation.replay import RecordedActor, Recording
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
 from minitouch_bench.evaluation.suites import SUITES, find_suite
 from minitouch_bench.policies.isolate import isolate, try_policy

@@ -172,10 +172,7 @@ def _are_episodes(chosen: Sequence[str], header: RunHeader, suite: Suite) -> boo
 def _episodes(saved: SavedRun) -> Iterator[Problem]:
     """Hold the rows of both roles against the episodes that the settings prescribe."""
     specs = prescribed_episodes(saved.header)
-    for role, rows in (
-        (Role.FINAL, saved.episodes),
-        (Role.EXPLORATION, saved.exploration_episodes),
-    ):
+    for role, rows in saved.by_role():
         asked = {(spec.task, spec.index): spec for spec in specs if spec.role is role}
         found = Counter((row.task, row.index) for row in rows)
         missing = [spec.key for key, spec in asked.items() if key not in found]

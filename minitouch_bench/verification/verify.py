@@ -9,11 +9,10 @@ import numpy as np
 
 from minitouch_bench.documents import plain
 from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError
-from minitouch_bench.evaluation.actions import Actions
+from minitouch_bench.evaluation.actions import Actions, Recording
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.journal import read_journal
-from minitouch_bench.evaluation.replay import Recording
 from minitouch_bench.files import JOURNAL_FILE, RUN_FILE, read_file
 from minitouch_bench.metrics import summarize
 from minitouch_bench.policies.sources import PolicySource, identify

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import InterruptedRunError, UsageError
+from minitouch_bench.evaluation.actions import Recording
 from minitouch_bench.evaluation.filming import film, film_name
-from minitouch_bench.evaluation.replay import Recording
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import make_folder
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord

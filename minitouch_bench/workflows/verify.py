@@ -10,8 +10,7 @@ from minitouch_bench.errors import IncompleteCheckError, InterruptedRunError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.policies import hub
-from minitouch_bench.policies.isolation.limits import limits_of
-from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
+from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions, limits_of
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import PolicyIdentity
 from minitouch_bench.reporting import read_run

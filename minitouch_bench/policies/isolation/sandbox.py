@@ -16,7 +16,7 @@ from minitouch_bench.policies.isolation.readable import (
     FactoryPaths,
     readable_paths,
 )
-from minitouch_bench.policies.isolation.syscalls import ARCHITECTURES
+from minitouch_bench.policies.isolation.seccomp import ARCHITECTURES
 from minitouch_bench.processes import die_with
 
 PRICE = (

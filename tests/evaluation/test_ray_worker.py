@@ -7,7 +7,7 @@ import pytest
 from minitouch_bench.cache import VARIABLE
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.worker_payload import pack, unpack
+from minitouch_bench.evaluation.ray_worker import pack, unpack
 from minitouch_bench.policies.sources import parse_source
 
 
