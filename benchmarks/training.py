@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from minitouch_bench.agents.config import METHODS, PRESETS
+from minitouch_bench.agents.config import PRESETS
+from minitouch_bench.agents.curiosity import METHODS
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.policies.networks import TOUCH_SIZE

@@ -113,6 +113,9 @@ def _spelled(name: str) -> str:
     return name.replace("_", "-")
 
 
+CHANGES: Final = tuple(map(_spelled, _ALLOWED))
+"""What can be changed, as it is spelled on the command line."""
+
 STANDARD: Final = Conditions()
 """The protocol's own conditions."""
 

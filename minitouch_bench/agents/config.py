@@ -8,21 +8,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_type_hints
 
+from minitouch_bench.agents.curiosity import METHODS
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
-
-METHODS: Mapping[str, str] = MappingProxyType(
-    {
-        "sac": "",
-        "hac": "hac:HapticCuriosity",
-        "icm": "icm:InverseDynamics",
-        "icm-touch": "icm:TouchInverseDynamics",
-        "disagreement": "disagreement:Disagreement",
-        "rnd": "rnd:RandomDistillation",
-        "rnd-touch": "rnd:TouchDistillation",
-    }
-)
-"""Every method with its class in ``agents.curiosity``, as ``module:name``; ``sac`` has none."""
 
 HAPTICS = ("forces", "compressed", "magnitude", "contact")
 """What of the finger forces ``hac`` predicts: see ``agents.curiosity.hac``."""

@@ -7,6 +7,7 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import EpisodeProgress, data_console, notes
+from minitouch_bench.conditions import CHANGES, SENSES, parse_conditions
 from minitouch_bench.policies.isolation.options import Isolation
 
 FINISHED_WITH_FAULTS = 4
@@ -58,7 +59,7 @@ def evaluate(
         str,
         typer.Option(
             metavar="A,B",
-            help="Senses that stay as at the reset: touch, forces, vision. Unofficial.",
+            help=f"Senses that stay as at the reset: {', '.join(SENSES)}. Unofficial.",
             rich_help_panel=options.EPISODES,
         ),
     ] = "",
@@ -66,7 +67,7 @@ def evaluate(
         str,
         typer.Option(
             metavar="A=X,B=X:Y",
-            help="noise, force-noise, mass, friction, camera: see docs/conditions.md. Unofficial.",
+            help=f"{', '.join(CHANGES)}: see docs/conditions.md. Unofficial.",
             rich_help_panel=options.EPISODES,
         ),
     ] = "",
@@ -111,7 +112,6 @@ def evaluate(
     episode_timeout: options.EpisodeTimeout = options.EPISODE_TIMEOUT_S,
 ) -> None:
     """Run a policy through a suite and write its Table-4 report."""
-    from minitouch_bench.conditions import parse_conditions
     from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.reporting import show_report
     from minitouch_bench.reporting.run_directory import run_json

@@ -98,7 +98,7 @@ def _take_config(context: typer.Context, path: Path | None) -> None:
     """Take the options that are not on the command line from a file."""
     if path is None or context.resilient_parsing:
         return
-    from minitouch_bench.workflows.settings import read_settings
+    from minitouch_bench.workflows.options_file import read_settings
 
     parameters = {_long_name(one): one for one in context.command.params}
     given = read_settings(path, parameters.keys() - {"config", "help"})

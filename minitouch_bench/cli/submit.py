@@ -50,8 +50,9 @@ def submit(
     ] = None,
     paper: Annotated[str | None, typer.Option(help="An https link.", rich_help_panel=ABOUT)] = None,
     code: Annotated[str | None, typer.Option(help="An https link.", rich_help_panel=ABOUT)] = None,
-    licence: Annotated[
-        str | None, typer.Option(help="SPDX, such as Apache-2.0.", rich_help_panel=ABOUT)
+    license_: Annotated[
+        str | None,
+        typer.Option("--license", help="SPDX, such as Apache-2.0.", rich_help_panel=ABOUT),
     ] = None,
     modalities: Annotated[
         str | None,
@@ -84,7 +85,7 @@ def submit(
         "authors": None if authors is None else options.comma_separated(authors),
         "paper": paper,
         "code": code,
-        "licence": licence,
+        "license": license_,
         "training_steps": training_steps,
         "modalities": None if modalities is None else _modalities(modalities),
         "notes": remarks,

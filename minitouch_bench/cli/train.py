@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from minitouch_bench.agents.config import METHODS
+from minitouch_bench.agents.curiosity import METHODS
 from minitouch_bench.cli.console import notes
 from minitouch_bench.errors import InterruptedRunError
 from minitouch_bench.protocol.minitouch import TASK_NAMES

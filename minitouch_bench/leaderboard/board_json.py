@@ -58,7 +58,7 @@ class RowDocument:
     authors: tuple[str, ...]
     paper: str
     code: str
-    licence: str
+    license: str
     training_steps: Count
     modalities: tuple[str, ...]
     notes: str
@@ -105,7 +105,7 @@ class BoardDocument:
     refused: tuple[LeftOut, ...]
 
 
-TOLD = ("name", "method", "authors", "paper", "code", "licence", "training_steps", "modalities",
+TOLD = ("name", "method", "authors", "paper", "code", "license", "training_steps", "modalities",
         "notes")  # fmt: skip
 """What a row repeats of its submission."""
 

@@ -33,10 +33,10 @@ from minitouch_bench.leaderboard.submission import (
     CheckpointFile,
     Submission,
     TrainingSeed,
-    check_file_name,
     checkpoint_place,
 )
 from minitouch_bench.leaderboard.submission_file import read_submission, submission_toml
+from minitouch_bench.leaderboard.submission_rules import check_file_name
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource
 from minitouch_bench.records import Role
 from minitouch_bench.reporting import derived_files, read_run

@@ -41,8 +41,9 @@ def write_site(board: Board, tables: Sequence[View], submissions: Path, output: 
         _copy_videos(row.scored, submissions, pages)
     _remove_others(pages, {row.name for row in board.rows})
     for task in BOARD_TASKS:
-        name = f"{task}.png"
-        write_file(output / "pictures" / name, (PICTURES / name).read_bytes())
+        picture = PICTURES / f"{task}.png"
+        if picture.exists():  # a new task may have none yet
+            write_file(output / "pictures" / picture.name, picture.read_bytes())
 
 
 def index_html(board: Board, tables: Sequence[View]) -> str:

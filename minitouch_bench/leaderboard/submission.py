@@ -1,128 +1,31 @@
-"""What a submission says of itself: the types of ``submission.toml``, and what it may say."""
+"""What a submission says of itself: the types of ``submission.toml``."""
 
-import re
-import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal
-from urllib.parse import urlsplit
 
 from msgspec import Meta
 
-from minitouch_bench.errors import UsageError
+from minitouch_bench.leaderboard.submission_rules import (
+    FILE_NAME,
+    LICENSE,
+    LINK,
+    MAX_AUTHOR,
+    MAX_AUTHORS,
+    MAX_LINK,
+    MAX_METHOD,
+    MAX_NOTES,
+    MAX_SEED,
+    MAX_SEEDS,
+    MAX_STEPS,
+    NAME,
+    TEXT_PATTERN,
+)
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
 from minitouch_bench.records import Role, Sha256
-from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.frames import FORMULA_STARTS
 from minitouch_bench.reporting.labels import TASKS
-
-NAME = re.compile(r"[a-z0-9](?:[a-z0-9._-]{0,62}[a-z0-9])?")
-"""A submission's name: it becomes a directory and an address on every system."""
-
-DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]", re.IGNORECASE)
-"""What no file can be called on Windows, whatever its ending."""
-FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,126}[A-Za-z0-9]")
-LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+ ()-]{0,62}")
-LINK = re.compile(r"[A-Za-z0-9._~:/?#\[\]@!$&'()*+,;=%-]+")
-TEXT_PATTERN = "(?![=+@-])[^<>\\u0000-\\u001f\\u007f]*"
-"""What ``check_text`` lets in, as far as a schema can say it."""
-
-MAX_METHOD, MAX_AUTHOR, MAX_NOTES = 120, 100, 2000
-MAX_AUTHORS, MAX_SEEDS = 50, 20
-MAX_STEPS = 10**12
-MAX_SEED = 2**63 - 1
-MAX_LINK = 300
-SHOWN = 40
-
-
-def check_name(text: str) -> None:
-    """Refuse a name that could not be a directory everywhere.
-
-    Raises:
-        UsageError: saying what a name looks like.
-    """
-    if not NAME.fullmatch(text) or ".." in text:
-        raise UsageError(
-            f"{_shown(text)} is no name: 1 to 64 of a-z, 0-9, '.', '_', '-', "
-            "with a letter or digit at both ends"
-        )
-    _check_windows(text)
-
-
-def _check_windows(text: str) -> None:
-    if DEVICE.fullmatch(text.partition(".")[0]):
-        raise UsageError(f"{_shown(text)} is the name of a device on Windows; choose another")
-
-
-def check_file_name(text: str) -> None:
-    """Refuse a file name that holds more than letters, digits, '.', '_' and '-'.
-
-    Raises:
-        UsageError: it does.
-    """
-    if not FILE_NAME.fullmatch(text) or ".." in text:
-        raise UsageError(f"{_shown(text)} is no plain file name of letters, digits, '.', '_', '-'")
-    _check_windows(text)
-
-
-def check_text(text: str, longest: int) -> None:
-    """Refuse text that is too long or that a page, table or terminal could take for more.
-
-    Raises:
-        UsageError: saying why.
-    """
-    if len(text) > longest:
-        raise UsageError(f"it has {len(text)} characters; the limit is {longest}")
-    if printable(text) != text or "  " in text:
-        raise UsageError(
-            f"{_shown(text)} has control characters, line breaks or spare spaces; "
-            "write it on one line"
-        )
-    if unicodedata.normalize("NFC", text) != text:
-        raise UsageError(f"{_shown(text)} is not in Unicode's composed form (NFC)")
-    if "<" in text or ">" in text:
-        raise UsageError(f"{_shown(text)} holds < or >, as HTML does")
-    if text.startswith(FORMULA_STARTS):
-        raise UsageError(f"{_shown(text)} begins like a spreadsheet's formula")
-
-
-def check_licence(text: str) -> None:
-    """Refuse a licence that is no SPDX expression such as "Apache-2.0".
-
-    Raises:
-        UsageError: it is something else.
-    """
-    if text and not LICENCE.fullmatch(text):
-        raise UsageError(f"{_shown(text)} is no SPDX licence such as Apache-2.0 or MIT")
-
-
-def check_link(text: str) -> None:
-    """Refuse a link that is not plain https to a named host; "" is none.
-
-    Raises:
-        UsageError: saying what a link looks like.
-    """
-    if not text:
-        return
-    try:
-        parts = urlsplit(text)
-        plain = parts.scheme == "https" and bool(parts.hostname) and "." in str(parts.hostname)
-        plain = plain and parts.username is None and parts.password is None
-    except ValueError:
-        plain = False
-    if not plain or len(text) > MAX_LINK or not LINK.fullmatch(text):
-        raise UsageError(
-            f"{_shown(text)} is no link: https://HOST/..., at most {MAX_LINK} ASCII characters, "
-            "no user name"
-        )
-
-
-def _shown(text: str) -> str:
-    plain = printable(text)
-    return f"'{plain if len(plain) <= SHOWN else plain[:SHOWN] + '…'}'"
-
 
 FORMAT: Final = "minitouch-submission"
 VERSION: Final = 1
@@ -209,9 +112,9 @@ class Submission:
     ] = ()
     paper: Annotated[str, _link("The paper.")] = ""
     code: Annotated[str, _link("The code.")] = ""
-    licence: Annotated[
+    license: Annotated[
         str,
-        _looks_like("SPDX expression of the checkpoints' licence.", f"({LICENCE.pattern})?", 63),
+        _looks_like("SPDX expression of the checkpoints' license.", f"({LICENSE.pattern})?", 63),
     ] = ""
     training_steps: Annotated[int, Meta(ge=0, le=MAX_STEPS)] = 0
     modalities: Annotated[

@@ -13,22 +13,24 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.leaderboard.submission import (
     FORMAT,
     MAIN_SUITE,
-    MAX_AUTHOR,
-    MAX_METHOD,
-    MAX_NOTES,
     SUBMISSION_FILE,
     SUBMITTED_SUITES,
     VERSION,
     CheckpointFile,
     Submission,
     TrainingSeed,
+    checkpoint_place,
+    run_place,
+)
+from minitouch_bench.leaderboard.submission_rules import (
+    MAX_AUTHOR,
+    MAX_METHOD,
+    MAX_NOTES,
     check_file_name,
-    check_licence,
+    check_license,
     check_link,
     check_name,
     check_text,
-    checkpoint_place,
-    run_place,
 )
 from minitouch_bench.verification.problems import Problems
 
@@ -86,7 +88,7 @@ def _texts(submission: Submission) -> Iterator[tuple[str, str]]:
         yield from _refused("authors", check_text, author, MAX_AUTHOR)
     yield from _refused("paper", check_link, submission.paper)
     yield from _refused("code", check_link, submission.code)
-    yield from _refused("licence", check_licence, submission.licence)
+    yield from _refused("license", check_license, submission.license)
     yield from _refused("notes", check_text, submission.notes, MAX_NOTES)
     if len(set(submission.modalities)) < len(submission.modalities):
         yield "modalities", "one of them is there twice"

@@ -25,7 +25,7 @@ from minitouch_bench.leaderboard.submission import (
     TrainingSeed,
 )
 from minitouch_bench.leaderboard.submission_file import read_submission
-from minitouch_bench.policies.loading import BUILT_IN, KIND_BY_SUFFIX
+from minitouch_bench.policies.loading import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.records import SavedRun
 from minitouch_bench.reporting.run_directory import parse_run, run_json
@@ -39,10 +39,6 @@ RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
     "scripted": ("state",),
 }
 """What the calibration policies look at."""
-
-
-ZIPPED = (".pt", ".ts", ".zip")
-"""Formats that are zip archives; the others say in plain sight how large they are."""
 
 
 class Depth(Enum):
@@ -204,8 +200,9 @@ def _check_checkpoints(
                     "its SHA-256 is not that of submission.toml",
                     "put the file that was evaluated there",
                 )
-            if PurePosixPath(file.path).suffix in ZIPPED:
-                check_zip(content, PurePosixPath(file.path).name)
+            name = PurePosixPath(file.path)
+            if name.suffix in KIND_BY_SUFFIX and FORMATS[KIND_BY_SUFFIX[name.suffix]].is_zip:
+                check_zip(content, name.name)
 
 
 def _check_file_name(file: CheckpointFile, problems: Problems) -> None:

@@ -19,13 +19,15 @@ class Format:
 
     ``loader`` names a function as ``module:name``, so that no process imports torch but the
     policy's own. ``packages`` are (module, extra) pairs to import beforehand. ``runs_code``
-    marks a file that can do whatever its process can, as opposed to data that is computed with.
+    marks a file that can do whatever its process can, as opposed to data that is computed with;
+    ``is_zip`` one whose list of contents is looked at before it is unpacked.
     """
 
     loader: str
     suffixes: tuple[str, ...] = ()
     packages: tuple[tuple[str, str], ...] = ()
     runs_code: bool = False
+    is_zip: bool = False
 
 
 FORMATS: Mapping[str, Format] = {
@@ -34,7 +36,10 @@ FORMATS: Mapping[str, Format] = {
     "open-loop": Format("minitouch_bench.policies.builtin:load_open_loop"),
     "native": Format("minitouch_bench.policies.native:load_native", (".safetensors",)),
     "torchscript": Format(
-        "minitouch_bench.policies.torchscript:load_torchscript", (".pt", ".ts"), runs_code=True
+        "minitouch_bench.policies.torchscript:load_torchscript",
+        (".pt", ".ts"),
+        runs_code=True,
+        is_zip=True,
     ),
     "onnx": Format(
         "minitouch_bench.policies.onnx_policy:load_onnx",
@@ -42,7 +47,10 @@ FORMATS: Mapping[str, Format] = {
         (("onnx", "onnx"), ("onnxruntime", "onnx")),
     ),
     "sb3": Format(
-        "minitouch_bench.policies.sb3:load_sb3", (".zip",), (("stable_baselines3", "sb3"),)
+        "minitouch_bench.policies.sb3:load_sb3",
+        (".zip",),
+        (("stable_baselines3", "sb3"),),
+        is_zip=True,
     ),
     "factory": Format(
         "minitouch_bench.policies.factory:load_factory", packages=(("torch", "all"),)

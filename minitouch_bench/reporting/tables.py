@@ -64,14 +64,18 @@ def table4(sections: Sequence[RunSection]) -> Table:
         Row((metric_head(metric),), tuple(row), METRICS[metric].unit)
         for metric, row in cells.items()
     )
-    notes = (
+    return Table("Table 4", ("Metric",), tuple(columns), rows, table4_notes(sections))
+
+
+def table4_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
+    """Return the notes below Table 4."""
+    return (
         *label_notes(sections),
         *_split_notes(sections),
         "Brackets: 95 % interval, Wilson for shares, bootstrap over episodes for means; "
         "episode variance only (one training seed).",
         PAPER_NOTE,
     )
-    return Table("Table 4", ("Metric",), tuple(columns), rows, notes)
 
 
 def diagnostics(sections: Sequence[RunSection]) -> Table:

@@ -161,8 +161,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             onsets=watch.onsets - onsets,
             clipped=bool((given != applied).any()),
         )
-        reward = self.task.spec.success_reward if outcome is Outcome.SUCCESS else 0.0
-        return self._observe(), reward, outcome is not None, truncated, info
+        return self._observe(), self.task.reward(outcome), outcome is not None, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return ``picture()`` if ``render_mode`` asks for it, else None."""

@@ -66,6 +66,10 @@ class Task(ABC):
     def outcome(self, client: PhysicsClient) -> Outcome | None:
         """Return how the episode has just ended, None if it goes on."""
 
+    def reward(self, outcome: Outcome | None) -> float:
+        """Return the reward of the step that has just been done."""
+        return self.spec.success_reward if outcome is Outcome.SUCCESS else 0.0
+
 
 @dataclass(frozen=True)
 class Placement:

@@ -29,8 +29,8 @@ from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.run_directory import save
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.experiment_log import check_tracker, log_run
+from minitouch_bench.workflows.options_file import Settings, write_settings
 from minitouch_bench.workflows.policies import prepare_policies
-from minitouch_bench.workflows.settings import Settings, write_settings
 
 REPORTS = Path("reports")
 """A run without ``output`` gets a directory in here, named after its policy and suite."""

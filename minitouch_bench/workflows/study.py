@@ -17,7 +17,7 @@ from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, apply_set
 from minitouch_bench.agents.training import EXPLORATION_FILE
 from minitouch_bench.documents import fault_in_words
 from minitouch_bench.errors import JobFailedError, MiniTouchError, UsageError
-from minitouch_bench.evaluation.engine import ENGINES, EngineOptions
+from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import RUN_FILE, lock_directory, write_file
@@ -128,9 +128,9 @@ def run_study(options: StudyOptions) -> StudyResults:
         RunDirectoryError: the directory is in use or cannot be written.
     """
     directory = options.directory
-    if options.engine.name not in ENGINES:
-        names = ", ".join(ENGINES)
-        raise UsageError(f"no engine '{options.engine.name}'; the engines are {names}")
+    if options.engine.name not in RUNNERS:
+        names = ", ".join(RUNNERS)
+        raise UsageError(f"no engine '{options.engine.name}' for studies; there are {names}")
     with lock_directory(directory):
         for training in options.config.trainings():
             (_place(directory, training) / FAILURE_FILE).unlink(missing_ok=True)
@@ -159,15 +159,11 @@ def _run_left(
     """Yield each training as it ends, with what went wrong."""
     directory = options.directory.resolve()
     jobs = [_Job(options.config, directory, training) for training in left]
-    engine = options.engine
-    if engine.name == "ray":
-        with ray_cluster(engine.address, engine.workers) as ray:
-            yield from _run_on_ray(ray, jobs)
-    else:
-        yield from _run_here(jobs, engine.workers or core_count())
+    return RUNNERS[options.engine.name](jobs, options.engine)
 
 
-def _run_here(jobs: list[_Job], workers: int) -> Iterator[tuple[StudyTraining, str]]:
+def _run_here(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTraining, str]]:
+    workers = engine.workers or core_count()
     while jobs:
         ended = set()
         try:
@@ -182,8 +178,13 @@ def _run_here(jobs: list[_Job], workers: int) -> Iterator[tuple[StudyTraining, s
         jobs = [job for index, job in enumerate(jobs) if index not in ended]
 
 
-def _run_on_ray(ray: ModuleType, jobs: list[_Job]) -> Iterator[tuple[StudyTraining, str]]:
+def _run_on_ray(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTraining, str]]:
     """Leave it to Ray where each training runs; nodes that are lost are made up for by others."""
+    with ray_cluster(engine.address, engine.workers) as ray:
+        yield from _results(ray, jobs)
+
+
+def _results(ray: ModuleType, jobs: list[_Job]) -> Iterator[tuple[StudyTraining, str]]:
     settings = {"num_cpus": 1, "max_retries": 2, "runtime_env": {"env_vars": ONE_THREAD}}
     run = ray.remote(**settings)(_run)
     running = {run.remote(job): job.training for job in jobs}
@@ -194,6 +195,10 @@ def _run_on_ray(ray: ModuleType, jobs: list[_Job]) -> Iterator[tuple[StudyTraini
             yield training, ray.get(ended)
         except ray.exceptions.RayError as error:
             yield training, f"its worker was lost ({type(error).__name__})"
+
+
+RUNNERS = {"local": _run_here, "ray": _run_on_ray}
+"""What runs a study's trainings, by the engine's name."""
 
 
 def _run(job: _Job) -> str:

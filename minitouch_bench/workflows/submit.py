@@ -43,9 +43,9 @@ from minitouch_bench.leaderboard.submission import (
     CheckpointFile,
     Submission,
     TrainingSeed,
-    check_name,
     run_place,
 )
+from minitouch_bench.leaderboard.submission_rules import check_name
 from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES, validate
 from minitouch_bench.metrics import summarize
 from minitouch_bench.policies.isolation.options import IsolationOptions

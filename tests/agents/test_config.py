@@ -3,7 +3,6 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.agents.config import (
-    METHODS,
     PRESETS,
     PhaseConfig,
     TrainingConfig,
@@ -12,6 +11,7 @@ from minitouch_bench.agents.config import (
     read_config,
     trained_steps,
 )
+from minitouch_bench.agents.curiosity import METHODS
 from minitouch_bench.errors import UsageError
 
 

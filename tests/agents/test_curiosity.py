@@ -3,8 +3,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from minitouch_bench.agents.config import HAPTICS, METHODS, CuriosityConfig
-from minitouch_bench.agents.curiosity import make_curiosity
+from minitouch_bench.agents.config import HAPTICS, CuriosityConfig
+from minitouch_bench.agents.curiosity import METHODS, make_curiosity
 from tests.agents.batches import random_batch
 
 CONFIG = CuriosityConfig(width=0.25, bfloat16=False, learning_rate=1e-3)

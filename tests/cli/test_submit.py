@@ -169,7 +169,7 @@ def test_three_commands_lead_from_a_policy_to_a_row(tmp_path):
     assert built.code == 0, built.err
     page = (tmp_path / "reports" / "leaderboard" / "index.html").read_text()
     assert 'href="submission/hopeless.html"' in page
-    assert 'data-proof="replay-verified"' in page
+    assert "Not ranked: nobody has run them again yet" in page
     again = run(*HOPELESS, directory=tmp_path)
     again.refused(6, "finished run", "--training-seed")
     kept = run(*HOPELESS, "--resume", directory=tmp_path)

@@ -16,8 +16,6 @@ from minitouch_bench.leaderboard.submission import (
     CheckpointFile,
     Submission,
     TrainingSeed,
-    check_file_name,
-    check_name,
     checkpoint_place,
 )
 from minitouch_bench.leaderboard.submission_file import (
@@ -25,6 +23,7 @@ from minitouch_bench.leaderboard.submission_file import (
     submission_schema,
     submission_toml,
 )
+from minitouch_bench.leaderboard.submission_rules import check_file_name, check_name
 from minitouch_bench.records import Role
 from minitouch_bench.verification.problems import Problems
 from tests.leaderboard.synthetic import ABOUT, make_submission
@@ -75,7 +74,7 @@ def read(text: str) -> tuple[Submission | None, list[str]]:
         replace(
             ABOUT, method='A "quoted" \\ method; ü, 触', notes="", authors=(), paper="", code=""
         ),
-        replace(ABOUT, training_steps=0, modalities=("touch",), licence=""),
+        replace(ABOUT, training_steps=0, modalities=("touch",), license=""),
     ],
 )
 def test_what_is_written_is_read_back(about):

@@ -314,7 +314,7 @@ def test_a_trained_policy_cannot_take_a_calibration_s_name(submission):
         ("method", "a\\nb", "control characters"),
         ("method", "", "empty"),
         ("notes", "@SUM(A1)", "formula"),
-        ("licence", "do what you want!", "SPDX"),
+        ("license", "do what you want!", "SPDX"),
         ("paper", "javascript:alert(1)", "is no link"),
         ("paper", "http://example.org", "is no link"),
         ("paper", "https://user:pass@example.org/x", "is no link"),
