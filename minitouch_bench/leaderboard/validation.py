@@ -110,10 +110,10 @@ def _read_submission(
             "make one with minitouch-bench submit",
         )
         return None
-    content = b""
+    content = None
     with problems.caught(SUBMISSION_FILE):
         content = read_plain(directory, SUBMISSION_FILE, MAX_SUBMISSION_FILE)
-    return read_submission(content, problems) if content else None
+    return None if content is None else read_submission(content, problems)
 
 
 def _read_run(

@@ -95,6 +95,14 @@ def test_checkpoints_need_not_be_included(tmp_path):
     assert validate(directory).problems == ()
 
 
+@pytest.mark.parametrize("depth", list(Depth))
+def test_an_empty_submission_file_is_a_fault(submission, depth):
+    (submission / "submission.toml").write_bytes(b"")
+    verdict = validate(submission, depth)
+    assert not verdict.passed
+    assert "its format is not 'minitouch-submission'" in str(verdict.problems[0])
+
+
 def test_every_fault_is_told_at_once(submission):
     edit_toml(submission, 'method = "HaC, retrained"', 'method = "<b>bold</b>"')
     edit_toml(submission, 'paper = "https://', 'paper = "http://')
