@@ -107,7 +107,8 @@ def movement_and_touch(main: pd.DataFrame, methods: tuple[str, ...]) -> Iterator
             Dot(x, y, series_tone(methods.index(method)))
             for (method, _), x, y in zip(values.index, touched, moved, strict=True)
         )
-        y = value_axis(METRICS[MOVEMENT].label, max(moved, default=0.0))
+        label = f"{METRICS[MOVEMENT].label}, {METRICS[MOVEMENT].unit_in(task)}"
+        y = value_axis(label, max(moved, default=0.0))
         chart = Chart(share_axis(METRICS[TOUCH].label), y, dots, HEIGHT)
         plots.append(_plot(task, steps, "movement and touch", chart))
     if plots:
