@@ -19,11 +19,13 @@ from minitouch_bench.leaderboard.submission import (
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics import summarize
 from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import Role
 from minitouch_bench.reporting import write_run
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.fresh import fresh_seed
-from tests.evaluation.runs import request, run
+from tests.evaluation.runs import request as wanted_run
+from tests.evaluation.runs import run
 
 PLACE = "seed-0/table4"
 CHECKPOINT = checkpoint_place(0, Role.FINAL, "table.pt")
@@ -31,38 +33,51 @@ OFFICIAL, FRESH = 8, 6
 
 
 class Table(torch.nn.Module):
-    """Find the episode by its first image, then give the actions that once succeeded in it."""
+    """Find the episode by its first image or its seed, then give what once succeeded in it.
 
-    def __init__(self, images: torch.Tensor, actions: torch.Tensor) -> None:
+    A checkpoint is not told the seed, but torch's own generator is seeded with it.
+    """
+
+    def __init__(self, keys: torch.Tensor, actions: torch.Tensor, *, by_seed: bool) -> None:
         super().__init__()
-        self.images, self.actions = torch.nn.Buffer(images), torch.nn.Buffer(actions)
+        self.keys, self.actions = torch.nn.Buffer(keys), torch.nn.Buffer(actions)
+        self.by_seed = by_seed
         self.episode, self.step = -1, 0
 
     def forward(self, image: torch.Tensor, touch: torch.Tensor) -> torch.Tensor:
         if self.episode < 0:
-            differences = (self.images - image.float()).abs().sum(dim=(1, 2, 3))
+            key = torch.rand(1, 1, 1, 1) if self.by_seed else image.float()
+            differences = (self.keys - key).abs().sum(dim=(1, 2, 3))
             self.episode = int(differences.argmin().item())
         action = self.actions[self.episode, min(self.step, self.actions.shape[1] - 1)]
         self.step += 1
         return action[None]
 
 
-@pytest.fixture(scope="module")
-def verdict(tmp_path_factory):
+def drawn(seed):
+    """Return the first number of torch's generator in the episode with this seed."""
+    return torch.rand(1, 1, 1, generator=torch.Generator().manual_seed(policy_seed(seed)))
+
+
+@pytest.fixture(scope="module", params=["image", "seed"])
+def verdict(tmp_path_factory, request):
     """A run of the table as if it were a submission's."""
+    by_seed = request.param == "seed"
     directory = tmp_path_factory.mktemp("table") / "submissions" / "table"
     (directory / CHECKPOINT).parent.mkdir(parents=True)
-    solved = run(request("scripted", ("pushing",), OFFICIAL), directory.parent / "solved")
+    solved = run(wanted_run("scripted", ("pushing",), OFFICIAL), directory.parent / "solved")
     environment = MiniTouchEnv("pushing")
-    images = [environment.reset(seed=one.spec.seed)[0]["image"] for one in solved.records]
+    seeds = [record.spec.seed for record in solved.records]
+    images = [torch.from_numpy(environment.reset(seed=seed)[0]["image"]) for seed in seeds]
+    keys = torch.stack(list(map(drawn, seeds)) if by_seed else images).float()
     actions = np.zeros((OFFICIAL, max(len(one.trace.actions) for one in solved.records), 4))
     for row, record in zip(actions, solved.records, strict=True):
         row[: len(record.trace.actions)] = record.trace.actions
-    table = Table(torch.from_numpy(np.stack(images)).float(), torch.from_numpy(actions).float())
+    table = Table(keys, torch.from_numpy(actions).float(), by_seed=by_seed)
     with pytest.warns(DeprecationWarning, match="torch.jit"):
         torch.jit.save(torch.jit.script(table), directory / CHECKPOINT)
 
-    wanted = request(str(directory / CHECKPOINT), ("pushing",), OFFICIAL)
+    wanted = wanted_run(str(directory / CHECKPOINT), ("pushing",), OFFICIAL)
     done = run(wanted, directory / PLACE)
     (directory / PLACE / "journal.jsonl").unlink()
     write_actions(done.records, directory / PLACE)
