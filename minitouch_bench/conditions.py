@@ -1,9 +1,9 @@
 """What an evaluation can change in a policy's senses and in the world, to see what it needs."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from minitouch_bench.errors import UsageError
 Sense = Literal["touch", "forces", "vision"]
 Range = tuple[float, float]
 
-SENSES: Final = ("touch", "forces", "vision")
+SENSES: Final[tuple[Sense, ...]] = get_args(Sense)
 """What can be taken away: the touch vector, its finger forces alone, the picture."""
 
 
@@ -29,7 +29,7 @@ class World:
 class Conditions:
     """Other conditions than the protocol's. A run under any is unofficial.
 
-    A sense in ``without`` stays as it is at the reset. ``noise`` (grey levels) and
+    A sense in ``without`` stays as it is at the reset. ``noise`` (gray levels) and
     ``force_noise`` (N) are standard deviations of normal noise on each pixel and each force.
     The others are ranges, drawn uniformly in each episode: factors on the ``mass`` and the
     ``friction`` of the object or the door, and the degrees by which the ``camera`` is turned
@@ -96,7 +96,7 @@ class _Allowed:
 
 _ALLOWED: Mapping[str, _Allowed] = MappingProxyType(
     {
-        "noise": _Allowed(0.0, 255.0, "grey levels"),
+        "noise": _Allowed(0.0, 255.0, "gray levels"),
         "force_noise": _Allowed(0.0, 1000.0, "N"),
         "mass": _Allowed(0.01, 100.0, "times"),
         "friction": _Allowed(0.01, 100.0, "times"),
@@ -130,18 +130,18 @@ def parse_conditions(without: Sequence[str], changes: Sequence[str]) -> Conditio
         if sense not in SENSES:
             raise UsageError(f"no sense '{sense}'; there are {', '.join(SENSES)}")
     ordered = tuple(sense for sense in SENSES if sense in without)
-    names = {_spelled(field.name): field for field in fields(Conditions) if field.name in _ALLOWED}
     values: dict[str, float | Range] = {}
     for change in changes:
-        name, _, text = change.partition("=")
-        if name not in names:
-            raise UsageError(f"no condition '{name}'; there are {', '.join(names)}")
+        spelled, _, text = change.partition("=")
+        if spelled not in CHANGES:
+            raise UsageError(f"no condition '{spelled}'; there are {', '.join(CHANGES)}")
+        name = spelled.replace("-", "_")
         low, colon, high = text.partition(":")
         try:
-            if not isinstance(names[name].default, tuple):
-                values[names[name].name] = float(text)
+            if isinstance(getattr(STANDARD, name), tuple):
+                values[name] = (float(low), float(high if colon else low))
             else:
-                values[names[name].name] = (float(low), float(high if colon else low))
+                values[name] = float(text)
         except ValueError:
             raise UsageError(f"'{change}' is no condition; write mass=2 or mass=0.5:2") from None
     try:

@@ -56,6 +56,9 @@ LARGEST_FILE = 64 * MIB
 LARGEST_ACTIONS = 256 * MIB
 """The most bytes of ``actions.npz``."""
 
+MAX_EPISODES = 10_000
+"""The most per task: the ``run.json`` of a larger run would be more than a reader takes."""
+
 LOCK_FILE = ".lock"
 PARTIAL_PATTERN = f".{'[0-9a-f]' * 16}.partial"
 """Names of files that are being written, until they get their own."""

@@ -24,7 +24,7 @@ def test_conditions_are_read_as_they_are_typed():
         ([], ["noise=1:2"], "is no condition"),
         ([], ["mass=2:1"], "mass is 0.01 to 100 times"),
         ([], ["mass=nan"], "mass is 0.01 to 100 times"),
-        ([], ["noise=-1"], "noise is 0 to 255 grey levels"),
+        ([], ["noise=-1"], "noise is 0 to 255 gray levels"),
     ],
 )
 def test_what_means_nothing_is_refused(without, changes, says):
@@ -36,7 +36,7 @@ def test_they_are_said_in_words():
     conditions = parse_conditions(["forces"], ["friction=0.5:2", "noise=10", "camera=3"])
     assert conditions.in_words() == (
         "without forces",
-        "noise 10 grey levels",
+        "noise 10 gray levels",
         "friction 0.5 to 2 times",
         "camera 3 degrees",
     )

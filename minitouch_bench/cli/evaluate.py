@@ -8,10 +8,10 @@ import typer
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import EpisodeProgress, data_console, notes
 from minitouch_bench.conditions import CHANGES, SENSES, parse_conditions
+from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.policies.isolation.options import Isolation
 
 FINISHED_WITH_FAULTS = 4
-MAX_EPISODES = 10_000
 
 
 def evaluate(

@@ -33,8 +33,8 @@ def report(
         str | None,
         typer.Option(
             metavar="N,N",
-            help="Training steps of each run, where neither its training's files nor the "
-            "policy's name, as rl_model_10000_steps, say them.",
+            help="Training steps of each run. Without it they are read from the files of the "
+            "training, or from a policy's name such as rl_model_10000_steps.",
             rich_help_panel=CURVE,
         ),
     ] = None,

@@ -34,11 +34,12 @@ class Suite(SuiteSpec, ABC):
         Both roles face the same episodes. Playing has no exploration figure. ``chosen`` names
         those to return, as in "pushing/17"; without it all.
         """
+        wanted = frozenset(chosen)
         final = tuple(
             self.assign_object(EpisodeSpec(Role.FINAL, task, index, self._seed_of(task, index)))
             for task in self.tasks
             for index in range(self.episodes_per_task)
-            if not chosen or f"{task}/{index}" in chosen
+            if not wanted or f"{task}/{index}" in wanted
         )
         if not exploration:
             return final

@@ -79,7 +79,7 @@ def check_text(text: str, longest: int) -> None:
 
 
 def check_license(text: str) -> None:
-    """Refuse a license that is no SPDX expression such as "Apache-2.0".
+    """Refuse a license that is not an SPDX expression. "Apache-2.0" is one.
 
     Raises:
         UsageError: it is something else.

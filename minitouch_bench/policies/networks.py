@@ -74,7 +74,7 @@ def _blocks(maps: Tensor, size: int) -> Tensor:
 
 
 class VisualEncoder(nn.Module):
-    """Map a grey image to 256 features (supplement, Table 3).
+    """Map a gray image to 256 features (supplement, Table 3).
 
     Feature maps: 84 -> 20 -> 9 (printed as 8) -> 4 -> 2 pixels, LeakyReLU after each layer.
     ``width`` scales the numbers of channels; 1 is the table's.

@@ -10,7 +10,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 def episode_seed(suite: str, task: str, index: int, run_seed: int) -> int:
     """Return the seed of one episode, 0 to 2^32 - 1.
 
-    It depends neither on the number of episodes or workers nor on what ran before.
+    It does not depend on the number of episodes, the number of workers, or what ran before.
     """
     sequence = np.random.SeedSequence(
         [_number(PROTOCOL.name), _number(suite), _number(task), index, run_seed]

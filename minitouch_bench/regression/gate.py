@@ -76,8 +76,8 @@ class EpisodesUsed:
 class GateResult:
     """What the gate found, and the command to type next.
 
-    ``identical``: every episode of both runs has the same bits. ``unjudged``: metrics of which
-    more is neither better nor worse. ``left_out``: tasks whose rules have changed.
+    ``identical``: every episode of both runs has the same bits. ``unjudged``: metrics
+    without a better direction. ``left_out``: tasks whose rules have changed.
     ``episodes_used`` is None where both runs were there already; ``unfinished``: the
     candidate's run was stopped.
     """

@@ -100,15 +100,14 @@ def curve_points(
 
 
 def _steps(run: SavedRun, origin: RunOrigin) -> int:
-    match = STEPS.search(run.header.policy.name)
-    if origin.steps or match is None:
-        if not origin.steps:
-            raise UsageError(
-                f"nothing says after how many training steps '{printable(run.name)}' was made.\n"
-                "Give --steps, one number per run"
-            )
+    if origin.steps:
         return origin.steps
-    return int(match[1] or match[2])
+    if match := STEPS.search(run.header.policy.name):
+        return int(match[1] or match[2])
+    raise UsageError(
+        f"nothing says after how many training steps '{printable(run.name)}' was made.\n"
+        "Give --steps, one number per run"
+    )
 
 
 def _training(run: SavedRun, origin: RunOrigin) -> str:

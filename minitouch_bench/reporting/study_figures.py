@@ -58,7 +58,6 @@ def study_figures(estimates: pd.DataFrame, curves: pd.DataFrame) -> Iterator[Fig
 def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
     """Yield the learning curves: the mean over seeds, and the lowest and highest of them."""
     methods = tuple(dict.fromkeys(curves["method"]))
-    legend = tuple(LegendItem(one, series_tone(turn)) for turn, one in enumerate(methods))
     plots = []
     for task, steps, own in study_parts(curves):
         column = "success" if task in GOAL_TASKS else "touch_share"
@@ -70,15 +69,14 @@ def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
         if marks:
             x = value_axis("Control steps", float(own["step"].max()))
             label = "Success" if task in GOAL_TASKS else METRICS[column].label
-            caption = f"{task_title(task)}, {steps:,} steps of exploration"
             chart = Chart(x, share_axis(label), tuple(marks), HEIGHT)
-            plots.append(Plot(caption, f"{label} over control steps: {caption}", (chart,)))
+            plots.append(_plot(task, steps, f"{label} over control steps", chart))
     if plots:
         text = (
             "While training: success over at least 20 episodes, touch share between two rows. "
             "Strong: the mean over training seeds; faint: the lowest and the highest."
         )
-        yield Figure("curves", "Learning curves", text, tuple(plots), legend)
+        yield Figure("curves", "Learning curves", text, tuple(plots), _legend(methods))
 
 
 def _lines(own: pd.DataFrame, column: str, tone: str) -> Iterator[Line]:

@@ -1,1 +1,1 @@
-"""What a policy observes: the grey camera and the touch vector."""
+"""What a policy observes: the gray camera and the touch vector."""

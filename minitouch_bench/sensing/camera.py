@@ -1,4 +1,4 @@
-"""The static grey camera, 84 x 84 pixels.
+"""The static gray camera, 84 x 84 pixels.
 
 What never moves in an episode is drawn once, at the reset; each step draws only what moves
 and lays it over that background by depth. The picture is the same as one drawn whole, and

@@ -1,4 +1,4 @@
-"""Pushing: push the cube to the target, a grey cube that is seen and not touched."""
+"""Pushing: push the cube to the target, a gray cube that is seen and not touched."""
 
 import math
 from typing import ClassVar

@@ -17,13 +17,12 @@ from minitouch_bench.evaluation.suites import (
     choose_tasks,
     why_unofficial,
 )
+from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, RunHeader, SavedRun
 from minitouch_bench.reporting import read_run
 from minitouch_bench.verification.problems import Problem
 
-MAX_EPISODES = 10_000
-"""Per task: the ``run.json`` of a larger run would be more than a reader takes."""
 NAMED = 3
 """Episodes named in one line; the rest are counted."""
 IDENTITY = ("seed", "shape", "family", "split")

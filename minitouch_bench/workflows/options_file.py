@@ -10,7 +10,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MIB, SETTINGS_FILE, os_errors_as, read_file, write_file
 
 CONSENT = "trust"
-"""The option that a file cannot give: whoever starts a command says whom they trust."""
+"""The option that a file cannot set: only the command line can allow a policy to run code."""
 
 Settings = Mapping[str, Any]
 

@@ -99,8 +99,12 @@ def read_study(path: Path) -> StudyConfig:
 
 
 ONE_AT_A_TIME = EngineOptions(workers=1)
-# A worker has one thread, but any kernels: the slow ones that all machines share are the
-# evaluation's, which has workers of its own.
+
+VARIABLES = ONE_THREAD
+"""Environment of a training: one thread, and the processor's own kernels.
+
+The slower kernels that all machines share are the evaluation's, which has workers of its own.
+"""
 
 
 @dataclass(frozen=True)
@@ -168,7 +172,7 @@ def _run_here(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTr
         ended = set()
         try:
             for index, failure in run_in_workers(
-                _run, jobs, workers, name=_name, variables=ONE_THREAD
+                _run, jobs, workers, name=_name, variables=VARIABLES
             ):
                 ended.add(index)
                 yield jobs[index].training, failure
@@ -185,7 +189,7 @@ def _run_on_ray(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[Study
 
 
 def _results(ray: ModuleType, jobs: list[_Job]) -> Iterator[tuple[StudyTraining, str]]:
-    settings = {"num_cpus": 1, "max_retries": 2, "runtime_env": {"env_vars": ONE_THREAD}}
+    settings = {"num_cpus": 1, "max_retries": 2, "runtime_env": {"env_vars": VARIABLES}}
     run = ray.remote(**settings)(_run)
     running = {run.remote(job): job.training for job in jobs}
     while running:
