@@ -34,8 +34,9 @@ from minitouch_bench.leaderboard.submission import (
     Submission,
     TrainingSeed,
     checkpoint_place,
+    read_submission,
+    submission_toml,
 )
-from minitouch_bench.leaderboard.submission_file import read_submission, submission_toml
 from minitouch_bench.leaderboard.submission_rules import check_file_name
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource
 from minitouch_bench.records import Role

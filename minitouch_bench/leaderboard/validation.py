@@ -7,7 +7,6 @@ from enum import Enum
 from pathlib import Path, PurePosixPath
 
 from minitouch_bench.files import RUN_FILE
-from minitouch_bench.leaderboard.derived import check_actions, check_estimates, check_tables
 from minitouch_bench.leaderboard.inventory import (
     MAX_CHECKPOINT,
     MAX_SUBMISSION_FILE,
@@ -16,15 +15,20 @@ from minitouch_bench.leaderboard.inventory import (
     list_files,
     read_plain,
 )
-from minitouch_bench.leaderboard.run_checks import check_run
+from minitouch_bench.leaderboard.run_checks import (
+    check_actions,
+    check_estimates,
+    check_run,
+    check_tables,
+)
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     SUBMISSION_FILE,
     CheckpointFile,
     Submission,
     TrainingSeed,
+    read_submission,
 )
-from minitouch_bench.leaderboard.submission_file import read_submission
 from minitouch_bench.policies.loading import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.records import SavedRun

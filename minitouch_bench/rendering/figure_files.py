@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.rendering.charts import Axis, Bar, Dot, Figure, LegendItem, Line, Mark
-from minitouch_bench.rendering.layout import FONT_SIZE, WIDTH, Frame, lay_out, text_width
 from minitouch_bench.rendering.palette import COLORS
+from minitouch_bench.rendering.svg import FONT_SIZE, WIDTH, Frame, lay_out, text_width
 
 FORMATS = ("svg", "pdf")
 UNIT = 1 / 110

@@ -17,8 +17,6 @@ from minitouch_bench.leaderboard.submission import (
     Submission,
     TrainingSeed,
     checkpoint_place,
-)
-from minitouch_bench.leaderboard.submission_file import (
     read_submission,
     submission_schema,
     submission_toml,

@@ -14,8 +14,7 @@ from minitouch_bench.rendering.charts import (
     share_axis,
     value_axis,
 )
-from minitouch_bench.rendering.layout import WIDTH, text_width
-from minitouch_bench.rendering.svg import draw_plot, draw_share_bar
+from minitouch_bench.rendering.svg import WIDTH, draw_plot, draw_share_bar, text_width
 
 HOSTILE = '</svg><script>alert(1)</script> & "x" 触覚 🤖'
 

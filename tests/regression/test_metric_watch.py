@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.regression.differences import Discordance
-from minitouch_bench.regression.e_process import (
+from minitouch_bench.regression.metric_watch import (
     evidence_of_loss,
     evidence_of_no_loss,
     evidence_of_worsening,
