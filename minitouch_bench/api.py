@@ -20,8 +20,8 @@ from minitouch_bench.policies.isolation.options import Isolation, IsolationOptio
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Estimate, Outcome, RunHeader, SavedRun, TaskSummary
 from minitouch_bench.regression.comparison import Comparison, compare_runs
-from minitouch_bench.reporting import read_run
 from minitouch_bench.reporting.frames import episodes_frame
+from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.shapegen.manifest import ShapeSet
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows import evaluate as workflow

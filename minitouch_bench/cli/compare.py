@@ -26,7 +26,7 @@ def compare(
     from minitouch_bench.regression.documents import comparison_json
     from minitouch_bench.regression.markdown import comparison_markdown
     from minitouch_bench.regression.terminal import show_comparison
-    from minitouch_bench.reporting import read_run
+    from minitouch_bench.reporting.run_directory import read_run
 
     comparison = compare_runs([read_run(run) for run in runs], list(map(str, runs)))
     if output is not None:

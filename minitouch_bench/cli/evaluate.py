@@ -113,8 +113,8 @@ def evaluate(
 ) -> None:
     """Run a policy through a suite and write its Table-4 report."""
     from minitouch_bench.evaluation.engine import EngineOptions
-    from minitouch_bench.reporting import show_report
     from minitouch_bench.reporting.run_directory import run_json
+    from minitouch_bench.reporting.terminal import show_report
     from minitouch_bench.workflows import evaluate as workflow
 
     asked = workflow.EvaluateOptions(

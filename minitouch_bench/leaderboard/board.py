@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from minitouch_bench.leaderboard.proof import RANKED_LEVELS
 from minitouch_bench.leaderboard.ranking import Rank, rank
-from minitouch_bench.leaderboard.scored import Refusal, ScoredSubmission
-from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
+from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, Refusal, ScoredSubmission
 from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.leaderboard.twins import exact_twins, near_twins
-from minitouch_bench.metrics import ShownIn, metrics_shown_in
+from minitouch_bench.metrics.definitions import metrics_shown_in
+from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.policies.loading import BUILT_IN
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Estimate

@@ -9,7 +9,7 @@ from minitouch_bench.leaderboard.board import Board, BoardRow
 from minitouch_bench.leaderboard.entries import Ending
 from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank
-from minitouch_bench.leaderboard.scored import Refusal
+from minitouch_bench.leaderboard.scores import Refusal
 from minitouch_bench.records import Count, Estimate, Gap, Sha256
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values

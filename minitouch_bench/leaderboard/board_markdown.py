@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from minitouch_bench.leaderboard.board import CEILING, FLOORS, Board
-from minitouch_bench.leaderboard.scored import Refusal
+from minitouch_bench.leaderboard.scores import Refusal
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, View
 from minitouch_bench.rendering.markdown import escape, table_lines
 from minitouch_bench.rendering.tables import ABSENT, Cell, Column, Row, Table

@@ -11,15 +11,16 @@ from minitouch_bench.leaderboard.board_csv import board_csv
 from minitouch_bench.leaderboard.board_json import board_json
 from minitouch_bench.leaderboard.board_markdown import board_markdown
 from minitouch_bench.leaderboard.entries import Entry, count_endings, make_entry
+from minitouch_bench.leaderboard.kept_rows import KeptRows
 from minitouch_bench.leaderboard.page import submission_page
-from minitouch_bench.leaderboard.proof import proof_path, read_proof
-from minitouch_bench.leaderboard.scored import (
-    KeptRows,
+from minitouch_bench.leaderboard.scores import (
+    RANKED_BY,
+    Figures,
     Refusal,
     ScoredSubmission,
-    submission_digest,
+    score,
+    score_gaps,
 )
-from minitouch_bench.leaderboard.scores import RANKED_BY, Figures, score, score_gaps
 from minitouch_bench.leaderboard.site import write_site
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE
 from minitouch_bench.leaderboard.validation import Depth, validate
@@ -56,8 +57,8 @@ def build_board(
         UsageError: there is no such directory.
         RunDirectoryError: a file cannot be read or written, or a proof is damaged.
     """
-    digests = {path: submission_digest(path) for path in find_submissions(submissions)}
     rows = KeptRows(output)
+    digests = {path: rows.digest(path) for path in find_submissions(submissions)}
     kept = {path: rows.find(digest) for path, digest in digests.items()}
     missing = [path for path, row in kept.items() if row is None]
     for path, row in zip(missing, _score_all(missing), strict=True):
@@ -70,7 +71,7 @@ def build_board(
     write_file(output / "leaderboard.csv", board_csv(board))
     write_file(output / "leaderboard.json", board_json(board))
     write_site(board, tables, submissions, output)
-    rows.forget_others(digests.values())
+    rows.finish()
     return Built(len(board.ranked), len(board.apart), board.refused, len(missing))
 
 
@@ -114,7 +115,7 @@ def _name(directories: Sequence[Path]) -> str:
 def _read(directory: Path) -> Entry | Refusal:
     verdict = validate(directory, Depth.BOARD)
     if verdict.passed:
-        return make_entry(verdict, read_proof(proof_path(directory.resolve())))
+        return make_entry(verdict)
     reasons = tuple(map(str, verdict.problems))
     return Refusal(verdict.directory.name, reasons, verdict.is_other_protocol)
 

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.files import list_videos
-from minitouch_bench.leaderboard.proof import Proof, ProofLevel, holds, level_of
+from minitouch_bench.leaderboard.proof import Proof, ProofLevel, find_proof, level_of
 from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
-from minitouch_bench.metrics import METRICS, ShownIn
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import (
     EpisodeMetrics,
@@ -100,8 +101,12 @@ class Entry:
         return tuple(seed.runs[suite].episodes[role, task] for seed in self.seeds)
 
 
-def make_entry(verdict: Verdict, proof: Proof | None) -> Entry:
-    """Compact a submission that passed."""
+def make_entry(verdict: Verdict) -> Entry:
+    """Compact a submission that passed, with its proof.
+
+    Raises:
+        RunDirectoryError: the proof's file is something else.
+    """
     assert verdict.submission is not None
     seeds = tuple(
         SeedData(
@@ -116,9 +121,9 @@ def make_entry(verdict: Verdict, proof: Proof | None) -> Entry:
         for place in places
         for path in list_videos(verdict.directory / place)
     )
-    kept = proof if proof is not None and holds(proof, verdict) else None
-    level = level_of(verdict, kept)
-    return Entry(verdict.directory, verdict.submission, level, kept, seeds, videos)
+    proof = find_proof(verdict)
+    level = level_of(verdict, proof)
+    return Entry(verdict.directory, verdict.submission, level, proof, seeds, videos)
 
 
 def _run(saved: SavedRun, place: str) -> RunData:

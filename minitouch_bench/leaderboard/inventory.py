@@ -63,8 +63,8 @@ def list_files(directory: Path, problems: Problems) -> dict[str, int]:
 
 
 def _list_files(directory: Path, found: dict[str, int], problems: Problems) -> None:
-    for entry in _walk(directory, 0):
-        place = Path(entry.path).relative_to(directory).as_posix()
+    for entry in walk(directory):
+        place = entry.path[len(str(directory)) + 1 :]
         status = entry.stat(follow_symlinks=False)
         if stat.S_ISLNK(status.st_mode):
             problems.add(place, "it is a symbolic link", "put the file itself there")
@@ -79,12 +79,13 @@ def _list_files(directory: Path, found: dict[str, int], problems: Problems) -> N
             break
 
 
-def _walk(directory: Path | str, depth: int) -> Iterator[os.DirEntry[str]]:
+def walk(directory: Path | str, depth: int = 0) -> Iterator[os.DirEntry[str]]:
+    """Walk through all that lies in a directory, in order, down to MAX_DEPTH; follow no link."""
     with os.scandir(directory) as entries:
         for entry in sorted(entries, key=lambda entry: entry.name):
             yield entry
             if entry.is_dir(follow_symlinks=False) and depth < MAX_DEPTH - 1:
-                yield from _walk(entry.path, depth + 1)
+                yield from walk(entry.path, depth + 1)
 
 
 def check_files(submission: Submission, found: dict[str, int], problems: Problems) -> None:

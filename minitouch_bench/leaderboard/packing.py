@@ -40,7 +40,7 @@ from minitouch_bench.leaderboard.submission import (
 from minitouch_bench.leaderboard.submission_rules import check_file_name
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource
 from minitouch_bench.records import Role
-from minitouch_bench.reporting import derived_files, read_run
+from minitouch_bench.reporting.run_directory import derived_files, read_run
 from minitouch_bench.verification.problems import Problems
 
 LEFT_BEHIND = (JOURNAL_FILE, REPORT_PAGE)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,7 @@ from minitouch_bench.leaderboard.figures import amount, submission_figures
 from minitouch_bench.leaderboard.proof import MEANINGS as PROOF_MEANINGS
 from minitouch_bench.leaderboard.proof import RANKED_LEVELS, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank
-from minitouch_bench.leaderboard.scored import ScoredSubmission
-from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
+from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY, ScoredSubmission
 from minitouch_bench.leaderboard.submission import BOARD_TASKS
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE
 from minitouch_bench.metrics.definitions import METRICS
@@ -44,6 +44,8 @@ from minitouch_bench.reporting.tables import TABLE4_METRICS, gap_cells
 TEMPLATES = Path(__file__).parent / "templates"
 STYLES = ("board.css",)
 TWINS = "twins"
+MARK = re.compile("\x00([^\x00]*)\x00")
+"""What stands in a page in place of a text, with its key; no printable text holds it."""
 
 
 def submission_page(entry: Entry, scored: ScoredSubmission) -> str:
@@ -87,10 +89,7 @@ def finish_page(row: BoardRow, ranked: int) -> str:
     if texts:
         texts[OVERALL] += f" of {ranked}"
     texts[TWINS] = f" It repeats others: {row.repeats}." if row.repeats else ""
-    page = row.scored.page
-    for key, text in texts.items():
-        page = page.replace(_mark(key), str(escape(text)))
-    return page
+    return MARK.sub(lambda found: str(escape(texts.get(found[1], ""))), row.scored.page)
 
 
 def video_names(scored: ScoredSubmission) -> Iterator[tuple[str, str]]:
@@ -102,7 +101,6 @@ def video_names(scored: ScoredSubmission) -> Iterator[tuple[str, str]]:
 
 
 def _mark(key: str) -> str:
-    """Return what stands in a page in place of a text; no printable text holds it."""
     return f"\x00{key}\x00"
 
 

@@ -143,22 +143,28 @@ def read_proof(path: Path) -> Proof | None:
     return proof
 
 
+def find_proof(verdict: Verdict) -> Proof | None:
+    """Return the proof of a submission's runs as they are now, None where there is none.
+
+    Raises:
+        RunDirectoryError: the proof's file is something else.
+    """
+    proof = read_proof(proof_path(verdict.directory.resolve()))
+    try:
+        holds = proof and proof.files == file_digests(verdict.directory, tuple(verdict.runs))
+    except RunDirectoryError:
+        return None
+    return proof if holds else None
+
+
 def level_of(verdict: Verdict, proof: Proof | None) -> ProofLevel:
-    """Return a submission's level; a proof counts only for the very bytes it was made of.
+    """Return the level of a submission with this ``find_proof``.
 
     A remote policy stays "remote" whatever was replayed: nobody else can run it.
     """
     if any(map(_is_remote, verdict.runs.values())):
         return ProofLevel.REMOTE
-    return proof.level if proof and holds(proof, verdict) else ProofLevel.SELF_REPORTED
-
-
-def holds(proof: Proof, verdict: Verdict) -> bool:
-    """Tell whether a proof is about a submission's runs as they are now."""
-    try:
-        return proof.files == file_digests(verdict.directory, tuple(verdict.runs))
-    except RunDirectoryError:
-        return False
+    return proof.level if proof else ProofLevel.SELF_REPORTED
 
 
 def _is_remote(run: SavedRun) -> bool:

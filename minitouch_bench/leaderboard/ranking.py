@@ -9,10 +9,9 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
-from minitouch_bench.leaderboard.scored import ScoredSubmission
-from minitouch_bench.leaderboard.scores import OVERALL
+from minitouch_bench.leaderboard.scores import OVERALL, ScoredSubmission
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.regression.differences import mcnemar_p
 
@@ -72,11 +71,12 @@ def _holm(p_values: Floats) -> NDArray[np.bool_]:
         return np.zeros((number, number), bool)
     own = p_values.copy()
     np.fill_diagonal(own, 2.0)  # comes last in every row, and is never significant
-    order = np.argsort(own, axis=1, kind="stable")
+    ordered = np.sort(own, axis=1)
     limits = ALPHA / np.maximum(number - 1 - np.arange(number), 1)
-    passed = np.logical_and.accumulate(np.take_along_axis(own, order, 1) <= limits, axis=1)
-    found = np.zeros((number, number), bool)
-    np.put_along_axis(found, order, passed, 1)
+    # The limits grow along a row: equal values pass together, up to the first that fails.
+    passed = np.logical_and.accumulate(ordered <= limits, axis=1).sum(axis=1)
+    largest = np.where(passed > 0, ordered[np.arange(number), passed - 1], -1.0)
+    found: NDArray[np.bool_] = own <= largest[:, None]
     return found
 
 
@@ -126,7 +126,7 @@ def mean_p_values(strata: Sequence[Sequence[Floats]]) -> Floats:
         freedom = np.where(spread > 0, variance**2 / spread, 1.0)
     upper = np.triu_indices(number, 1)
     found = np.ones((number, number))
-    found[upper] = 2.0 * stats.t.sf(np.abs(t[upper]), freedom[upper])
+    found[upper] = 2.0 * special.stdtr(freedom[upper], -np.abs(t[upper]))
     return np.minimum(found, found.T)
 
 

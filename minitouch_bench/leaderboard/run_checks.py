@@ -17,7 +17,7 @@ from minitouch_bench.evaluation.actions import read_actions
 from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.leaderboard.submission import ALL_TASKS, CheckpointFile, TrainingSeed
-from minitouch_bench.metrics import summarize_episodes
+from minitouch_bench.metrics.summary import summarize_episodes
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.loading import FORMATS
 from minitouch_bench.policies.sources import DIRECTORY, NOTES
@@ -32,8 +32,7 @@ from minitouch_bench.records import (
     SavedRun,
     TaskSummary,
 )
-from minitouch_bench.reporting import derived_files
-from minitouch_bench.reporting.run_directory import run_digest
+from minitouch_bench.reporting.run_directory import derived_files, run_digest
 from minitouch_bench.verification.problems import ROUNDING, Problems, compare_values
 from minitouch_bench.verification.recorded_run import (
     AS_WRITTEN,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from minitouch_bench.evaluation.actions import Actions
-from minitouch_bench.leaderboard.scored import ScoredSubmission
+from minitouch_bench.leaderboard.scores import ScoredSubmission
 from minitouch_bench.leaderboard.submission import MAIN_SUITE, run_place
 
 Sketch = tuple[float, ...]

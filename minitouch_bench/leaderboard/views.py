@@ -1,13 +1,14 @@
 """The tables of a board: one view per question, drawn alike by Markdown and the site."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from minitouch_bench.leaderboard.board import TOUCH_METRICS, Board, BoardRow, in_order
 from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scores import GAP_TASKS, MEAN_SUCCESS, OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
-from minitouch_bench.metrics import METRICS, ShownIn, direction_of, metrics_shown_in
+from minitouch_bench.metrics.definitions import METRICS, direction_of, metrics_shown_in
+from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.rendering.tables import (
     ABSENT,
     Cell,
@@ -37,7 +38,7 @@ class Line:
     note: str
     rank: Rank | None
     row: BoardRow | None
-    cells: tuple[Cell, ...] = ()
+    cells: tuple[Cell, ...]
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def _overall(board: Board) -> View:
         "apart on the same episodes share a rank."
     )
     wanted = ((OVERALL, MEAN_SUCCESS), *((task, RANKED_BY[task]) for task in BOARD_TASKS))
-    return _view(View(OVERALL, "Overall", lead, columns, tuple(_lines(board, OVERALL))), wanted)
+    return View(OVERALL, "Overall", lead, columns, tuple(_lines(board, OVERALL, wanted)))
 
 
 def _task(board: Board, task: str) -> View:
@@ -100,8 +101,8 @@ def _task(board: Board, task: str) -> View:
         for m in metrics
     )
     lead = f"Ranked by {_label(task)}. The columns of Table 4."
-    view = View(task, task_title(task), lead, columns, tuple(_lines(board, task)))
-    return _view(view, [(task, metric) for metric in metrics])
+    lines = _lines(board, task, [(task, metric) for metric in metrics])
+    return View(task, task_title(task), lead, columns, tuple(lines))
 
 
 def _touch(board: Board) -> View:
@@ -114,7 +115,7 @@ def _touch(board: Board) -> View:
         "What the fingers did: the share of episodes with any contact, the contacts begun, and "
         "the time to the first one over the episodes that touched. In the overall order."
     )
-    return _view(View(TOUCH, "Touch", lead, columns, tuple(_lines(board, OVERALL))), wanted)
+    return View(TOUCH, "Touch", lead, columns, tuple(_lines(board, OVERALL, wanted)))
 
 
 def _novel(board: Board) -> View:
@@ -127,12 +128,12 @@ def _novel(board: Board) -> View:
         "Shapes that training never sees beside as many that it may see. Gap: held-out minus "
         "train. In the overall order."
     )
-    lines = tuple(
-        replace(line, cells=tuple(_gap_cells(line.row)))
-        for line in _lines(board, OVERALL)
-        if line.kind != PAPER
+    lines = (
+        Line(kind, name, note, rank, row, tuple(_gap_cells(row)))
+        for kind, name, note, rank, row in _rows(board, OVERALL)
+        if kind != PAPER
     )
-    return View(NOVEL, "Novel shapes", lead, columns, lines)
+    return View(NOVEL, "Novel shapes", lead, columns, tuple(lines))
 
 
 def _gap_cells(row: BoardRow | None) -> Iterator[Cell]:
@@ -140,36 +141,39 @@ def _gap_cells(row: BoardRow | None) -> Iterator[Cell]:
         yield from gap_cells(task, RANKED_BY[task], row.scored.gaps.get(task) if row else None)[:3]
 
 
-def _view(view: View, wanted: Sequence[tuple[str, str]]) -> View:
-    """Fill the cells of a view; a method of the paper without any value has no line."""
-    lines = []
-    for line in view.lines:
-        cells = tuple(_cell(line, task, metric) for task, metric in wanted)
-        if line.kind != PAPER or any(cell.text != ABSENT for cell in cells):
-            lines.append(replace(line, cells=cells))
-    return replace(view, lines=tuple(lines))
+def _lines(board: Board, ranked_by: str, wanted: Sequence[tuple[str, str]]) -> Iterator[Line]:
+    """Walk through the lines with the ``wanted`` metrics of tasks.
+
+    A method of the paper without any value has no line.
+    """
+    for kind, name, note, rank, row in _rows(board, ranked_by):
+        cells = tuple(_cell(kind, name, row, task, metric) for task, metric in wanted)
+        if kind != PAPER or any(cell.text != ABSENT for cell in cells):
+            yield Line(kind, name, note, rank, row, cells)
 
 
-def _cell(line: Line, task: str, metric: str) -> Cell:
-    if line.kind == PAPER:
-        return paper_cell(task, metric, line.name)
-    found = line.row.estimate(task, metric) if line.row else None
+def _cell(kind: str, name: str, row: BoardRow | None, task: str, metric: str) -> Cell:
+    if kind == PAPER:
+        return paper_cell(task, metric, name)
+    found = row.estimate(task, metric) if row else None
     return estimate_cell("success" if metric == MEAN_SUCCESS else metric, found)
 
 
-def _lines(board: Board, ranked_by: str) -> Iterator[Line]:
-    """Walk through the rows in the order of a ranking, without their cells."""
+def _rows(
+    board: Board, ranked_by: str
+) -> Iterator[tuple[str, str, str, Rank | None, BoardRow | None]]:
+    """Walk through what a line says before its cells, in the order of a ranking."""
     metric = MEAN_SUCCESS if ranked_by == OVERALL else RANKED_BY[ranked_by]
     for row in in_order(board.ranked, ranked_by, metric):
-        yield Line(RANKED, row.name, row.about.method, row.ranks[ranked_by], row)
+        yield RANKED, row.name, row.about.method, row.ranks[ranked_by], row
     for row in in_order(board.unranked, ranked_by, metric):
-        yield Line(UNRANKED, row.name, row.about.method, None, row)
+        yield UNRANKED, row.name, row.about.method, None, row
     for row in board.calibration:
-        yield Line(CALIBRATION, row.name, row.about.method, None, row)
+        yield CALIBRATION, row.name, row.about.method, None, row
     for name in board.missing_calibration:
-        yield Line(CALIBRATION, name, "not submitted yet", None, None)
+        yield CALIBRATION, name, "not submitted yet", None, None
     for method in PAPER_METHODS:
-        yield Line(PAPER, method, CAVEAT, None, None)
+        yield PAPER, method, CAVEAT, None, None
 
 
 def _label(task: str) -> str:

@@ -6,14 +6,13 @@ from collections.abc import Iterable
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.tables import Table
 
-_SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&$])")
+_SPECIAL = str.maketrans({mark: f"\\{mark}" for mark in "\\`*_{}[]<>#|~&$"})
 _LIST_START = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")
 
 
 def escape(text: str) -> str:
     """Return the text so that Markdown shows it and does not read it as marks or HTML."""
-    escaped = _SPECIAL.sub(r"\\\1", printable(text))
-    return _LIST_START.sub(r"\1\\\2", escaped)
+    return _LIST_START.sub(r"\1\\\2", printable(text).translate(_SPECIAL))
 
 
 def code_span(text: str) -> str:

@@ -19,7 +19,7 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.palette import COLORS, series_tone
-from minitouch_bench.rendering.svg import draw_plot
+from minitouch_bench.rendering.svg import draw_gauge, draw_plot
 from minitouch_bench.rendering.tables import Cell, estimate_cell
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -53,7 +53,7 @@ def _environment(templates: Path) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"printable": printable, "draw": draw_plot}
+    environment.filters |= {"printable": printable, "draw": draw_plot, "gauge": draw_gauge}
     return environment
 
 

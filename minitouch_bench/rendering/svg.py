@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from minitouch_bench.rendering.charts import Axis, Bar, Chart, Dot, Line, Mark, Plot, Shape
+from minitouch_bench.rendering.tables import Gauge
 
 WIDTH = 260
 """Drawing units across a plot; a unit is about a pixel."""
@@ -31,23 +32,22 @@ TITLE, NUMBERS, LABEL, GAP = 18.0, 18.0, 18.0, 10.0
 
 @dataclass(frozen=True)
 class Frame:
-    """The area between a chart's axes; y grows downwards. ``is_last``: it has the x axis."""
+    """The area between a chart's axes; y grows downwards.
+
+    ``pad``: space between the frame and the ends of its axes. ``is_last``: it has the x axis.
+    """
 
     chart: Chart
     left: float
     right: float
     top: float
+    pad: float
     is_last: bool
 
     @property
     def bottom(self) -> float:
         """The height of the x axis."""
         return self.top + self.chart.height
-
-    @property
-    def pad(self) -> float:
-        """Space between the frame and the ends of its axes."""
-        return PAD if any(isinstance(mark, Dot) for mark in self.chart.marks) else 0.0
 
     def x(self, value: float) -> float:
         """Return where a value of the x axis stands."""
@@ -75,7 +75,8 @@ def lay_out(plot: Plot, width: float = WIDTH) -> Layout:
     top = 4.0
     for chart in plot.charts:
         top += TITLE if chart.title else 0.0
-        frames.append(Frame(chart, left, right, top, chart is plot.charts[-1]))
+        pad = PAD if any(isinstance(mark, Dot) for mark in chart.marks) else 0.0
+        frames.append(Frame(chart, left, right, top, pad, chart is plot.charts[-1]))
         top = frames[-1].bottom + GAP
     label = plot.charts[-1].x.label
     half = text_width(label) / 2
@@ -166,6 +167,18 @@ def draw_share_bar(parts: Sequence[tuple[str, str, int]], description: str) -> M
     return Markup(
         f'<svg class="drawing bar" role="img" aria-label="{_escape(description)}">'
         f"{''.join(drawn)}</svg>"
+    )
+
+
+def draw_gauge(gauge: Gauge) -> Markup:
+    """Draw an estimate on a scale as wide as its place."""
+    mark = "" if gauge.mark is None else f'<path class="mark" d="M{gauge.mark} -2V8"/>'
+    return Markup(
+        '<svg class="gauge" viewBox="0 0 100 6" preserveAspectRatio="none" aria-hidden="true">'
+        '<path class="track" d="M0 3H100"/>'
+        f'<path class="interval" d="M{gauge.low} 3H{gauge.high}"/>{mark}'
+        f'<path class="ring" d="M{gauge.value} 3h0"/><path class="value" d="M{gauge.value} 3h0"/>'
+        "</svg>"
     )
 
 

@@ -4,7 +4,10 @@ One row per episode; Table 4 and the gaps on novel shapes in long form. pandas i
 the first frame is made, so that a command without one starts quickly.
 """
 
+import csv
+import io
 from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.metrics.definitions import METRICS
@@ -106,16 +109,22 @@ def csv_text(frame: "pd.DataFrame") -> str:
     Numbers in the shortest form that reads back the same, "true" and "false", an empty cell for
     what does not exist. A text that a spreadsheet would run as a formula gets an apostrophe.
     """
-    written = frame.copy()
-    for name in frame.select_dtypes("bool"):
-        written[name] = frame[name].map({True: "true", False: "false"})
-    for name in frame.select_dtypes(exclude=["number", "bool"]):
-        # Each text once: names and units stand in thousands of rows.
-        safe = {text: _safe_text(text) for text in frame[name].dropna().unique()}
-        written[name] = frame[name].map(safe)
-    return str(written.to_csv(index=False, lineterminator="\n"))
+    there = frame.astype(object).where(frame.notna(), None)
+    written = io.StringIO()
+    writer = csv.writer(written, lineterminator="\n")
+    writer.writerow(frame.columns)
+    writer.writerows(map(_cell, row) for row in there.to_numpy().tolist())
+    return written.getvalue()
 
 
+def _cell(value: Any) -> Any:
+    """Return what the writer of CSV takes for a value; it writes nothing for None."""
+    if isinstance(value, str):
+        return _safe_text(value)
+    return str(value).lower() if isinstance(value, bool) else value
+
+
+@lru_cache(maxsize=4096)  # names and units stand in thousands of rows
 def _safe_text(text: str) -> str:
     """Return a text as a cell that no spreadsheet runs."""
     # The guard looks at the raw text too: a leading tab is gone once it is printable.

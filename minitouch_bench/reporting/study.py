@@ -10,9 +10,9 @@ import pandas as pd
 from scipy import stats
 
 from minitouch_bench.files import RUN_FILE, write_file
-from minitouch_bench.metrics import METRICS, ShownIn, metrics_shown_in
-from minitouch_bench.metrics.definitions import ranking_metric
+from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in, ranking_metric
 from minitouch_bench.metrics.intervals import bootstrap_mean
+from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.records import Estimate, SavedRun, Summary
 from minitouch_bench.rendering import latex
 from minitouch_bench.rendering.figure_files import write_figures

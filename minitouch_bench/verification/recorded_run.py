@@ -20,7 +20,7 @@ from minitouch_bench.evaluation.suites import (
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, RunHeader, SavedRun
-from minitouch_bench.reporting import read_run
+from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.verification.problems import Problem
 
 NAMED = 3

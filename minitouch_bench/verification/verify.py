@@ -14,7 +14,7 @@ from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.journal import read_journal
 from minitouch_bench.files import JOURNAL_FILE, RUN_FILE, read_file
-from minitouch_bench.metrics import summarize
+from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.sources import PolicySource, identify
 from minitouch_bench.records import (
     EpisodeMetrics,
@@ -24,8 +24,7 @@ from minitouch_bench.records import (
     PolicyIdentity,
     SavedRun,
 )
-from minitouch_bench.reporting import derived_files
-from minitouch_bench.reporting.run_directory import document_of, run_json, save
+from minitouch_bench.reporting.run_directory import derived_files, document_of, run_json, save
 from minitouch_bench.verification.problems import ROUNDING, Problem, compare_values
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
 

@@ -21,12 +21,11 @@ from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_episodes
 from minitouch_bench.evaluation.suites import choose_episodes, choose_tasks, find_suite
 from minitouch_bench.files import VIDEOS, lock_directory, make_folder
-from minitouch_bench.metrics import summarize
+from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.records import EvaluationRun, SavedRun
-from minitouch_bench.reporting import Report, write_report, write_run
-from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.run_directory import save
+from minitouch_bench.reporting.report import Report, build_report
+from minitouch_bench.reporting.run_directory import save, write_report, write_run
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.experiment_log import check_tracker, log_run
 from minitouch_bench.workflows.options_file import Settings, write_settings

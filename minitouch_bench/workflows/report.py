@@ -8,10 +8,10 @@ from minitouch_bench.errors import MiniTouchError, UsageError
 from minitouch_bench.files import list_videos, write_file
 from minitouch_bench.leaderboard.packing import begun_submission
 from minitouch_bench.records import Role, SavedRun
-from minitouch_bench.reporting import Report, read_run, write_report
 from minitouch_bench.reporting.curve import curve_csv
 from minitouch_bench.reporting.over_runs import RunOrigin
-from minitouch_bench.reporting.report import AcrossRuns
+from minitouch_bench.reporting.report import AcrossRuns, Report
+from minitouch_bench.reporting.run_directory import read_run, write_report
 
 COMPARISON = Path("reports/comparison")
 """Where the report of several runs is written without ``output``."""

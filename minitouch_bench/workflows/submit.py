@@ -47,11 +47,11 @@ from minitouch_bench.leaderboard.submission import (
 )
 from minitouch_bench.leaderboard.submission_rules import check_name
 from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES, validate
-from minitouch_bench.metrics import summarize
+from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.records import PolicyIdentity, Role, SavedRun
-from minitouch_bench.reporting import read_run, write_run
+from minitouch_bench.reporting.run_directory import read_run, write_run
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.evaluate import play

@@ -9,10 +9,10 @@ from minitouch_bench.leaderboard import proving
 from minitouch_bench.leaderboard.proof import (
     FreshProof,
     ProofLevel,
+    find_proof,
     level_of,
     make_proof,
     proof_path,
-    read_proof,
     write_proof,
 )
 from minitouch_bench.leaderboard.submission import MAIN_SUITE
@@ -64,8 +64,7 @@ def validate_submission(
         problems = _prove(verdict, options, callbacks)
         if problems:
             return Validation(problems)
-    proof = read_proof(proof_path(directory.resolve()))
-    return Validation((), level_of(verdict, proof))
+    return Validation((), level_of(verdict, find_proof(verdict)))
 
 
 def _prove(verdict: Verdict, options: ValidateOptions, callbacks: Callbacks) -> tuple[Problem, ...]:

@@ -13,7 +13,7 @@ from minitouch_bench.policies import hub
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions, limits_of
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import PolicyIdentity
-from minitouch_bench.reporting import read_run
+from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.verification.recorded_run import RecordedRun, open_run
 from minitouch_bench.verification.verify import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.metrics.summary import summarize
-from minitouch_bench.reporting import write_run
+from minitouch_bench.reporting.run_directory import write_run
 from tests.cli.command import run
 from tests.reporting.synthetic import make_run
 

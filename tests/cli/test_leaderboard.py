@@ -8,7 +8,7 @@ import typer
 
 from minitouch_bench.cli import leaderboard
 from minitouch_bench.leaderboard.build import Built
-from minitouch_bench.leaderboard.scored import Refusal
+from minitouch_bench.leaderboard.scores import Refusal
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows.validate import Validation
 from tests.cli.command import run

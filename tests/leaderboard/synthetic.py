@@ -25,10 +25,10 @@ from minitouch_bench.leaderboard.submission import (
     run_place,
 )
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.metrics import summarize
+from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EvaluationRun, PolicyIdentity, Role, RunEnvironment, RunHeader
-from minitouch_bench.reporting import write_run
+from minitouch_bench.reporting.run_directory import write_run
 from tests.reporting.synthetic import make_record, with_fault
 
 CHECKPOINT = b"weights of a policy that nobody ever loads"

@@ -2,25 +2,27 @@
 
 import csv
 import io
+import os
 import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from minitouch_bench.leaderboard import kept_rows
 from minitouch_bench.leaderboard.board import CALIBRATION, make_board
 from minitouch_bench.leaderboard.board_csv import board_csv
 from minitouch_bench.leaderboard.board_markdown import board_markdown
 from minitouch_bench.leaderboard.build import build_board, score_submissions
 from minitouch_bench.leaderboard.entries import Ending
+from minitouch_bench.leaderboard.kept_rows import file_state
 from minitouch_bench.leaderboard.proof import ProofLevel, make_proof, proof_path, write_proof
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.leaderboard.views import views
-from minitouch_bench.metrics import ranking_metric
+from minitouch_bench.metrics.definitions import ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
-from minitouch_bench.reporting import read_run
-from minitouch_bench.reporting.run_directory import run_json
+from minitouch_bench.reporting.run_directory import read_run, run_json
 from tests.leaderboard.synthetic import make_submission
 
 BOTH = ("table4", "novel-shapes")
@@ -248,6 +250,33 @@ def test_a_kept_row_that_is_damaged_is_made_again(submissions, tmp_path, content
     kept.write_text(content)
     assert build_board(root, board).new == 1
     assert files_of(board) == before
+
+
+def test_a_kept_row_without_its_page_is_made_again(submissions, tmp_path):
+    root, board = tmp_path / "submissions", tmp_path / "board"
+    shutil.copytree(submissions / "near", root / "near")
+    build_board(root, board)
+    (page,) = (board / ".cache").glob("*.html")
+    page.unlink()
+    assert build_board(root, board).new == 1
+
+
+def test_files_that_have_not_changed_are_not_read_again(submissions, tmp_path, monkeypatch):
+    root, board = tmp_path / "submissions", tmp_path / "board"
+    shutil.copytree(submissions / "near", root / "near")
+    assert file_state(root / "near") == ""  # too new to be trusted
+    monkeypatch.setattr(kept_rows, "SETTLED_NS", 0)
+    build_board(root, board)
+    read = []
+    hashed = kept_rows.submission_digest
+    monkeypatch.setattr(kept_rows, "submission_digest", lambda one: read.append(one) or hashed(one))
+    assert (build_board(root, board).new, read) == (0, [])
+    table = root / "near" / "seed-0" / "table4" / "table4.csv"
+    before = table.stat()
+    table.write_text(table.read_text().replace("0", "1", 1))
+    os.utime(table, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert build_board(root, board).refused  # of the same size and time, but not the same file
+    assert read == [root / "near"]
 
 
 def test_a_proof_changes_its_row(submissions, tmp_path):

@@ -10,6 +10,7 @@ from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.leaderboard.proof import (
     ProofLevel,
+    find_proof,
     level_of,
     make_proof,
     proof_path,
@@ -19,9 +20,8 @@ from minitouch_bench.leaderboard.proof import (
 from minitouch_bench.leaderboard.proving import Proving, replay, run_again
 from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict, validate
-from minitouch_bench.metrics import summarize
-from minitouch_bench.reporting import write_run
-from minitouch_bench.reporting.run_directory import run_json
+from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.reporting.run_directory import run_json, write_run
 from tests.evaluation.runs import request, run
 
 PLACE = "seed-0/table4"
@@ -115,10 +115,12 @@ def test_a_proof_counts_for_the_very_bytes_alone(sound, tmp_path):
 def test_a_proof_of_other_bytes_is_ignored(submission):
     verdict = validate(submission)
     proof = make_proof(verdict, ProofLevel.RERUN, 5)
+    write_proof(proof, proof_path(submission))
+    assert find_proof(verdict) == proof
     assert level_of(verdict, proof) is ProofLevel.RERUN
     file = submission / PLACE / "run.json"
     file.write_bytes(file.read_bytes() + b"\n")
-    assert level_of(verdict, proof) is ProofLevel.SELF_REPORTED
+    assert find_proof(verdict) is None
 
 
 def test_a_proof_lies_beside_the_submissions(submission):

@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.leaderboard.run_checks import contradictions
-from minitouch_bench.metrics import METRICS
+from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, Outcome
 

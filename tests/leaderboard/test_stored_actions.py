@@ -17,11 +17,11 @@ from minitouch_bench.leaderboard.submission import (
     checkpoint_place,
 )
 from minitouch_bench.leaderboard.validation import Verdict
-from minitouch_bench.metrics import summarize
+from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import Role
-from minitouch_bench.reporting import write_run
+from minitouch_bench.reporting.run_directory import write_run
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.fresh import fresh_seed
 from tests.evaluation.runs import request as wanted_run

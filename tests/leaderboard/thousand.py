@@ -11,8 +11,7 @@ from minitouch_bench.leaderboard.proof import ProofLevel, make_proof, proof_path
 from minitouch_bench.leaderboard.submission import TrainingSeed, run_place
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.records import SavedRun
-from minitouch_bench.reporting import derived_files, read_run
-from minitouch_bench.reporting.run_directory import run_digest, run_json
+from minitouch_bench.reporting.run_directory import derived_files, read_run, run_digest, run_json
 from tests.leaderboard.synthetic import ABOUT, make_submission
 
 SKILLS = (0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 0.95)

@@ -2,9 +2,14 @@ from dataclasses import fields
 
 import pytest
 
-from minitouch_bench.metrics import METRICS, ShownIn, direction_of, metrics_shown_in, unit_of
-from minitouch_bench.metrics.definitions import ranking_metric
-from minitouch_bench.metrics.metric import DOWN, NO_DIRECTION, UP
+from minitouch_bench.metrics.definitions import (
+    METRICS,
+    direction_of,
+    metrics_shown_in,
+    ranking_metric,
+    unit_of,
+)
+from minitouch_bench.metrics.metric import DOWN, NO_DIRECTION, UP, ShownIn
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec
 

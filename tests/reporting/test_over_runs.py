@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.metrics import wilson
+from minitouch_bench.metrics.intervals import wilson
 from minitouch_bench.reporting.curve import ONE_TRAINING, curve_csv, curve_points
 from minitouch_bench.reporting.labels import describe_runs
 from minitouch_bench.reporting.markdown import to_markdown

@@ -9,8 +9,8 @@ import pytest
 
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import ACTIONS_FILE
-from minitouch_bench.metrics import summarize
-from minitouch_bench.reporting import write_report, write_run
+from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.reporting.run_directory import write_report, write_run
 from tests.evaluation.runs import request, run
 
 WANTED = request("scripted", ("pushing", "opening"), 2, exploration="scripted")

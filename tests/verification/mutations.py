@@ -38,12 +38,12 @@ from minitouch_bench.files import ACTIONS_FILE, GIB, JOURNAL_FILE, MIB, lock_dir
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.packing import copy_run
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.metrics import summarize
+from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EpisodeRecord, EvaluationRun, RunEnvironment
 from minitouch_bench.regression.comparison import compare_runs
-from minitouch_bench.reporting import read_run, write_report, write_run
+from minitouch_bench.reporting.run_directory import read_run, write_report, write_run
 from minitouch_bench.verification.verify import verify_run
 from tests.leaderboard.synthetic import make_submission
 from tests.reporting.synthetic import make_record
