@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.evaluation.rollout import Actor
-from minitouch_bench.policies.in_process import InProcessPolicy
-from minitouch_bench.policies.isolate import effective_level, isolate
+from minitouch_bench.policies.isolate import InProcessPolicy, effective_level, isolate
 from minitouch_bench.policies.isolation.options import (
     SANDBOXED,
     Isolation,

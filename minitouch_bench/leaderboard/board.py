@@ -10,7 +10,7 @@ from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.leaderboard.twins import exact_twins, near_twins
 from minitouch_bench.metrics.definitions import metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
-from minitouch_bench.policies.loading import BUILT_IN
+from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Estimate
 

@@ -18,8 +18,8 @@ from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.leaderboard.submission import ALL_TASKS, CheckpointFile, TrainingSeed
 from minitouch_bench.metrics.summary import summarize_episodes
+from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.policies.loading import FORMATS
 from minitouch_bench.policies.sources import DIRECTORY, NOTES
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.records import (

@@ -26,7 +26,7 @@ from minitouch_bench.metrics.intervals import (
     wilson,
 )
 from minitouch_bench.metrics.metric import Kind, Metric
-from minitouch_bench.policies.loading import BUILT_IN
+from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Estimate, Gap, Role
 

@@ -29,7 +29,7 @@ from minitouch_bench.leaderboard.submission import (
     TrainingSeed,
     read_submission,
 )
-from minitouch_bench.policies.loading import BUILT_IN, FORMATS, KIND_BY_SUFFIX
+from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.records import SavedRun
 from minitouch_bench.reporting.run_directory import parse_run, run_json

@@ -1,4 +1,7 @@
-"""The floors of every table: random actions, none at all, and a fixed sequence played blind."""
+"""The floors of every table: random actions, none at all, and a fixed sequence played blind.
+
+The classes are their own loaders: there is nothing to load.
+"""
 
 from pathlib import Path
 
@@ -8,7 +11,14 @@ from numpy.typing import NDArray
 from minitouch_bench.policies.policy import Checkpoint, Observation, action_size
 
 
-class RandomPolicy:
+class _Floor:
+    """Takes what every loader is given."""
+
+    def __init__(self, checkpoint: Checkpoint) -> None:
+        pass
+
+
+class RandomPolicy(_Floor):
     """Draw every number uniformly from [-1, 1), from the episode's seed."""
 
     def reset(self, seed: int, task: str) -> None:
@@ -28,7 +38,7 @@ OPEN_LOOP_FILE = Path(__file__).with_name("open_loop.npz")
 class OpenLoopPolicy:
     """Play one fixed action sequence per task, then hold still; look at nothing."""
 
-    def __init__(self) -> None:
+    def __init__(self, checkpoint: Checkpoint) -> None:
         with np.load(OPEN_LOOP_FILE) as file:
             self._sequences = {task: file[task] for task in file.files}
 
@@ -45,7 +55,7 @@ class OpenLoopPolicy:
         return action
 
 
-class ZeroPolicy:
+class ZeroPolicy(_Floor):
     """Never move."""
 
     def reset(self, seed: int, task: str) -> None:
@@ -55,18 +65,3 @@ class ZeroPolicy:
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return an action of zeros."""
         return np.zeros(self._size, np.float32)
-
-
-def load_random(checkpoint: Checkpoint) -> RandomPolicy:  # noqa: ARG001 - a loader's signature
-    """Return the random policy."""
-    return RandomPolicy()
-
-
-def load_zero(checkpoint: Checkpoint) -> ZeroPolicy:  # noqa: ARG001 - a loader's signature
-    """Return the policy that never moves."""
-    return ZeroPolicy()
-
-
-def load_open_loop(checkpoint: Checkpoint) -> OpenLoopPolicy:  # noqa: ARG001 - a loader's signature
-    """Return the policy that plays fixed sequences blind."""
-    return OpenLoopPolicy()

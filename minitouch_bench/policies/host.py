@@ -1,6 +1,6 @@
 """The process that policies are forked from: heavy packages imported, no checkpoint loaded.
 
-Started by ``host_connection`` as ``python -m minitouch_bench.policies.host FD PARENT``. FD is a
+Started by ``connection`` as ``python -m minitouch_bench.policies.host FD PARENT``. FD is a
 socket on which every packet is one JSON object::
 
     {"do": "start", kind, target, digest, deterministic, trust, seed, task, isolation,
@@ -11,6 +11,8 @@ socket on which every packet is one JSON object::
 
 The descriptors are the child's own pipe ends, for requests, for answers and for what it prints,
 so that nothing of one episode can be left in the pipes of the next.
+
+The child is an episode of its own: it loads the checkpoint, answers, and ends with the episode.
 """
 
 import contextlib
@@ -18,26 +20,50 @@ import gc
 import hashlib
 import json
 import os
+import random
 import signal
 import socket
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from minitouch_bench.errors import MiniTouchError, PolicyLoadError
-from minitouch_bench.policies.episode_child import Episode, run_episode
+import numpy as np
+import numpy.random  # loaded lazily otherwise, so again in every child
+
+from minitouch_bench.errors import MiniTouchError, PolicyLoadError, PolicyRaisedError
+from minitouch_bench.policies.formats import FORMATS, check_permitted, find_loader, load_policy
 from minitouch_bench.policies.isolation.confinement import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.isolation.readable import NOTHING, factory_paths
 from minitouch_bench.policies.isolation.sandbox import Sandbox, prepare
-from minitouch_bench.policies.loading import FORMATS, check_permitted, find_loader
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.policies.sources import read_checkpoint
-from minitouch_bench.policies.wire import MAX_PAYLOAD, describe
+from minitouch_bench.policies.wire import (
+    MAX_PAYLOAD,
+    Frame,
+    WireError,
+    describe,
+    pack_action,
+    read_frame,
+    unpack_observation,
+    write_frame,
+)
 from minitouch_bench.processes import die_with
 
 POLL_S = 0.002
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What a child is forked for: which policy, which task, which seed, and what holds it."""
+
+    kind: str
+    checkpoint: Checkpoint
+    task: str
+    seed: int
+    sandbox: Sandbox | None = None
 
 
 class Host:
@@ -170,6 +196,92 @@ def _import_format(kind: str) -> None:
         sys.modules["torch"].set_num_threads(1)
     gc.collect()
     gc.freeze()  # children then share these pages for good
+
+
+def run_episode(episode: Episode, requests: int, answers: int) -> NoReturn:
+    """Confine this process, answer requests until they close, then exit.
+
+    A policy with a method ``close`` is told of the end: a server wants to know.
+    """
+    code = 1
+    try:
+        seed_everything(episode.seed)
+        if _confine(episode, requests, answers):
+            _serve(episode, requests, answers)
+        code = 0
+    except SystemExit as stop:  # sys.exit() in a policy ends its process, as it would anywhere
+        code = _exit_code(stop)
+    except BrokenPipeError:  # the evaluation gave this episode up
+        code = 0
+    finally:
+        os._exit(code)
+
+
+def seed_everything(seed: int) -> None:
+    """Seed the generators of Python, numpy and, where they are loaded, torch and onnxruntime."""
+    random.seed(seed)
+    np.random.seed(seed % 2**32)  # noqa: NPY002 - a policy may well use the old generator
+    if "torch" in sys.modules:
+        sys.modules["torch"].manual_seed(seed % 2**64)
+    if "onnxruntime" in sys.modules:  # a session takes its seed when it is made
+        sys.modules["onnxruntime"].set_seed(seed % 2**63)
+
+
+def _confine(episode: Episode, requests: int, answers: int) -> bool:
+    """Enter the sandbox, if there is one: all before is ours, all after may be a stranger's."""
+    try:
+        if episode.sandbox is not None:
+            episode.sandbox.enter((requests, answers))
+    except OSError as error:
+        write_frame(answers, Frame.UNCONFINED, describe(error).encode())
+        return False
+    write_frame(answers, Frame.CONFINED)
+    return True
+
+
+def _serve(episode: Episode, requests: int, answers: int) -> None:
+    """Answer each request, one frame to one, until they end."""
+    policy = None
+    while True:
+        try:
+            request, payload = read_frame(requests)
+        except EOFError:
+            break
+        try:
+            if request is Frame.LOAD:
+                policy = load_policy(episode.kind, episode.checkpoint)
+                kind, answer = Frame.LOADED, b""
+            elif policy is None:
+                raise WireError(f"a request of kind {request} before LOAD")
+            elif request is Frame.RESET:
+                seed_everything(episode.seed)  # loading may have drawn numbers
+                policy.reset(episode.seed, episode.task)
+                kind, answer = Frame.READY, b""
+            else:
+                action = policy.act(unpack_observation(payload))
+                kind, answer = Frame.ACTION, pack_action(action)
+        except SystemExit:
+            raise
+        except BaseException as error:
+            refused = request is Frame.LOAD and isinstance(error, MiniTouchError)
+            # A loader's own words need no type before them.
+            plain = refused or isinstance(error, PolicyRaisedError)
+            kind = Frame.REFUSED if refused else Frame.RAISED
+            answer = (str(error) if plain else describe(error)).encode(errors="replace")
+        write_frame(answers, kind, answer[:MAX_PAYLOAD])
+    close = getattr(policy, "close", None)
+    if callable(close):
+        close()
+
+
+def _exit_code(stop: SystemExit) -> int:
+    """Return the code that Python itself would exit with, and print a text as it would."""
+    if stop.code is None:
+        return 0
+    if isinstance(stop.code, int):
+        return stop.code & 0xFF
+    print(stop.code, file=sys.stderr, flush=True)
+    return 1
 
 
 def main() -> None:

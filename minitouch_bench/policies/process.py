@@ -4,7 +4,6 @@ import contextlib
 import signal
 import time
 from collections.abc import Mapping
-from types import TracebackType
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
@@ -22,9 +21,8 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
-from minitouch_bench.policies.host_connection import HostConnection, HostGoneError
+from minitouch_bench.policies.connection import EpisodePipes, HostConnection, HostGoneError
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
-from minitouch_bench.policies.pipes import EpisodePipes
 from minitouch_bench.policies.policy import (
     Observation,
     action_size,
@@ -90,16 +88,8 @@ class PolicyProcess:
     def __enter__(self) -> "PolicyProcess":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if isinstance(error, KeyboardInterrupt):
-            self._drop_host()  # what it was asked last is still unanswered
-        else:
-            self.close()
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def reset(self, seed: int, task: str) -> None:
         """Begin an episode in a fresh child.

@@ -1,4 +1,4 @@
-"""What the user named as POLICY: a built-in, a file, a factory, a server or a directory.
+"""What the user named as POLICY: a built-in, a file here or on the Hub, a server and so on.
 
 What a file says that it unpacks to is looked at before anything is unpacked. A declaration can
 lie; the sandbox's limit of memory holds those that do.
@@ -15,8 +15,9 @@ from pathlib import Path
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.files import GIB, os_errors_as, read_file
-from minitouch_bench.policies import hub
-from minitouch_bench.policies.loading import BUILT_IN, KIND_BY_SUFFIX
+from minitouch_bench.optional import require
+from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
+from minitouch_bench.policies.wire import describe
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import PolicyIdentity
 
@@ -36,6 +37,10 @@ MAX_RATIO = 100
 """Weights hardly shrink, and torch stores them unpacked."""
 
 MAX_MEMBERS = 10_000
+
+HUB = "hf://"
+HUB_ADDRESS = re.compile(r"hf://([\w.-]+/[\w.-]+)/([^@]+)(?:@(.+))?")
+COMMIT = re.compile("[0-9a-f]{40}")
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,7 @@ def parse_source(text: str, tasks: Sequence[str] = (), *, trust: bool = False) -
         return PolicySource(text, text, text)
     if text.startswith(("http://", "https://")):
         return _parse_url(text)
-    if text.startswith(hub.SCHEME):
+    if text.startswith(HUB):
         return _parse_hub(text)
     path = Path(text)
     if path.is_dir():
@@ -156,9 +161,9 @@ def _parse_url(text: str) -> PolicySource:
 
 def _parse_hub(text: str) -> PolicySource:
     """Fetch a file from the Hub; its address names the commit."""
-    asked = hub.parse_address(text)
+    asked = parse_hub_address(text)
     _kind_of(Path(asked.file))
-    path, found = hub.fetch(asked)
+    path, found = _fetch(asked)
     return replace(_parse_file(path), address=str(found))
 
 
@@ -212,3 +217,50 @@ def check_bytes(declared: int, held: int, target: str) -> None:
         raise PolicyLoadError(
             f"{target} has {held} bytes and declares {declared}: it is not unpacked"
         )
+
+
+@dataclass(frozen=True)
+class HubFile:
+    """A file of a repository, at a revision."""
+
+    repository: str
+    file: str
+    revision: str
+
+    def __str__(self) -> str:
+        return f"{HUB}{self.repository}/{self.file}@{self.revision}"
+
+
+def parse_hub_address(text: str) -> HubFile:
+    """Read an address; without a revision it is that of ``main``.
+
+    Raises:
+        PolicyLoadError: it is no such address.
+    """
+    match = HUB_ADDRESS.fullmatch(text)
+    if match is None:
+        raise PolicyLoadError(f"'{text}' is no file on the Hub; write hf://USER/REPO/FILE@REVISION")
+    return HubFile(match[1], match[2], match[3] or "main")
+
+
+def _fetch(asked: HubFile) -> tuple[Path, HubFile]:
+    """Return the file, in the library's cache, and its address with the commit.
+
+    Raises:
+        PolicyLoadError: there is no such file, it is too large, or the Hub cannot be reached.
+        MissingExtraError: the library is not installed.
+    """
+    library = require("huggingface_hub", "hub")
+    try:
+        if not COMMIT.fullmatch(asked.revision):
+            url = library.hf_hub_url(asked.repository, asked.file, revision=asked.revision)
+            found = library.get_hf_file_metadata(url)
+            if (found.size or 0) > MAX_FILE_BYTES:
+                raise PolicyLoadError(f"{asked} has {found.size} bytes, which is too large")
+            asked = HubFile(asked.repository, asked.file, found.commit_hash)
+        path = library.hf_hub_download(asked.repository, asked.file, revision=asked.revision)
+    except PolicyLoadError:
+        raise
+    except Exception as error:  # of the library, of its HTTP client, of the system
+        raise PolicyLoadError(f"{asked} cannot be fetched: {describe(error)}") from error
+    return Path(path), asked

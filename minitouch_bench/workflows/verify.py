@@ -9,9 +9,8 @@ import numpy as np
 from minitouch_bench.errors import IncompleteCheckError, InterruptedRunError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
-from minitouch_bench.policies import hub
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions, limits_of
-from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.policies.sources import HUB, parse_source
 from minitouch_bench.records import PolicyIdentity
 from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.verification.problems import Problem
@@ -96,7 +95,7 @@ def _source_of(recorded: PolicyIdentity, option: str) -> str:
     Raises:
         IncompleteCheckError: it is not there now.
     """
-    is_on_hub = recorded.source.startswith(hub.SCHEME)
+    is_on_hub = recorded.source.startswith(HUB)
     if recorded.digest and not is_on_hub and not Path(recorded.source).exists():
         raise IncompleteCheckError(
             f"the checkpoint {recorded.source} is gone: no episode can be run again.\n"

@@ -9,9 +9,9 @@ from importlib.util import find_spec
 import pytest
 
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.policies.hub import HubFile, parse_address
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.policies.sources import HubFile, parse_hub_address
 from tests.cli.command import run
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
@@ -109,11 +109,11 @@ def test_without_the_library_the_extra_is_named(tmp_path):
 
 
 def test_addresses():
-    assert parse_address("hf://a/b/c/d.onnx") == HubFile("a/b", "c/d.onnx", "main")
-    assert str(parse_address("hf://a/b/c.pt@refs/pr/1")) == "hf://a/b/c.pt@refs/pr/1"
+    assert parse_hub_address("hf://a/b/c/d.onnx") == HubFile("a/b", "c/d.onnx", "main")
+    assert str(parse_hub_address("hf://a/b/c.pt@refs/pr/1")) == "hf://a/b/c.pt@refs/pr/1"
     for wrong in ("hf://a/b", "hf://a/b/", "hf://a@v1/b/c.pt@v2", "hf://a b/c/d.pt"):
         with pytest.raises(PolicyLoadError, match="hf://USER/REPO/FILE"):
-            parse_address(wrong)
+            parse_hub_address(wrong)
 
 
 def test_another_kind_of_file_is_refused_before_it_is_fetched(tmp_path):

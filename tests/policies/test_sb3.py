@@ -9,7 +9,7 @@ import torch
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies import sb3
-from minitouch_bench.policies.loading import load_policy
+from minitouch_bench.policies.formats import load_policy
 from minitouch_bench.policies.policy import Checkpoint
 from tests.policies.recipes import StillEnvironment, run_recipes
 

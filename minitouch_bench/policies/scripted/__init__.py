@@ -4,10 +4,9 @@ It acts through the same actions as any policy, with no force and no teleport of
 so proves that each task can be solved.
 """
 
-from minitouch_bench.policies.scripted.controller import Controller
+from minitouch_bench.policies.scripted.controller import Controller, PlayingController
 from minitouch_bench.policies.scripted.opening import OpeningController
 from minitouch_bench.policies.scripted.pick_up import PickUpController
-from minitouch_bench.policies.scripted.playing import PlayingController
 from minitouch_bench.policies.scripted.pushing import PushingController
 from minitouch_bench.tasks.environment import MiniTouchEnv
 

@@ -1,4 +1,4 @@
-"""What the four controllers share: how to move towards a place."""
+"""What the controllers share: how to move towards a position; and Playing, which needs no more."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -54,3 +54,12 @@ class Controller(ABC):
                 )
             )
         return np.array(action, np.float32)
+
+
+class PlayingController(Controller):
+    """Press the closed fingers against the object: drive at its middle, low."""
+
+    def act(self) -> NDArray[np.float32]:
+        """Return the next action, float32 (4,)."""
+        x, y, _ = self.object_state
+        return self.toward((x, y, 0.0))

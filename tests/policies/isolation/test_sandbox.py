@@ -8,8 +8,7 @@ import pytest
 
 from minitouch_bench.errors import IsolationError
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.policies.in_process import InProcessPolicy
-from minitouch_bench.policies.isolate import effective_level, isolate, try_policy
+from minitouch_bench.policies.isolate import InProcessPolicy, effective_level, isolate, try_policy
 from minitouch_bench.policies.isolation import landlock, sandbox
 from minitouch_bench.policies.isolation.confinement import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, weakest

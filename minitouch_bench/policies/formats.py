@@ -17,8 +17,8 @@ Loader = Callable[[Checkpoint], Policy]
 class Format:
     """One way to hand in a policy.
 
-    ``loader`` names a function as ``module:name``, so that no process imports torch but the
-    policy's own. ``packages`` are (module, extra) pairs to import beforehand. ``runs_code``
+    ``loader`` names a function or a class as ``module:name``, so that no process imports torch but
+    the policy's own. ``packages`` are (module, extra) pairs to import beforehand. ``runs_code``
     marks a file that can do whatever its process can, as opposed to data that is computed with;
     ``is_zip`` one whose list of contents is looked at before it is unpacked.
     """
@@ -31,9 +31,9 @@ class Format:
 
 
 FORMATS: Mapping[str, Format] = {
-    "random": Format("minitouch_bench.policies.builtin:load_random"),
-    "zero": Format("minitouch_bench.policies.builtin:load_zero"),
-    "open-loop": Format("minitouch_bench.policies.builtin:load_open_loop"),
+    "random": Format("minitouch_bench.policies.builtin:RandomPolicy"),
+    "zero": Format("minitouch_bench.policies.builtin:ZeroPolicy"),
+    "open-loop": Format("minitouch_bench.policies.builtin:OpenLoopPolicy"),
     "native": Format("minitouch_bench.policies.native:load_native", (".safetensors",)),
     "torchscript": Format(
         "minitouch_bench.policies.torchscript:load_torchscript",
