@@ -6,7 +6,7 @@ against 95 ms and 30 ms more to build the reader, and a ``run.json`` of 1,200 ep
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar, get_type_hints
 
 import msgspec
@@ -21,17 +21,23 @@ SHOWN = 200
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 
-def read_json(content: bytes, kind: type[Document], name: str) -> Document:
+def read_json(
+    content: bytes,
+    kind: type[Document],
+    name: str,
+    hook: Callable[[type, Any], Any] | None = None,
+) -> Document:
     """Read a JSON text as ``kind``; ``name`` begins the path of a fault.
 
     Keys that ``kind`` lacks are passed over, and of a key that is there twice the last one counts:
-    where that matters, write the record again and compare the bytes.
+    where that matters, write the record again and compare the bytes. ``hook`` is msgspec's
+    ``dec_hook``: it makes the values of types that JSON does not know.
 
     Raises:
         RunDirectoryError: it is not JSON, or a value is missing or of another type.
     """
     try:
-        return msgspec.json.decode(content, type=kind)
+        return msgspec.json.decode(content, type=kind, dec_hook=hook)
     except msgspec.ValidationError as error:
         raise RunDirectoryError(fault_in_words(error, name)) from error
     except (msgspec.DecodeError, RecursionError) as error:

@@ -8,15 +8,14 @@ from numpy.typing import NDArray
 
 from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.evaluation.rollout import Actor
-from minitouch_bench.policies.isolate import InProcessPolicy, effective_level, isolate
+from minitouch_bench.policies.isolate import effective_level, isolate
 from minitouch_bench.policies.isolation.options import (
     SANDBOXED,
     Isolation,
     IsolationOptions,
     weakest,
 )
-from minitouch_bench.policies.policy import Observation
-from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.policy import Observation, Policy, close_policy
 from minitouch_bench.policies.scripted import Controller, make_controller
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.protocol.seeds import policy_seed
@@ -28,9 +27,7 @@ from minitouch_bench.tasks.environment import MiniTouchEnv
 class PolicyActor:
     """A policy that sees observations only."""
 
-    def __init__(
-        self, policy: PolicyProcess | InProcessPolicy, conditions: Conditions = STANDARD
-    ) -> None:
+    def __init__(self, policy: Policy, conditions: Conditions = STANDARD) -> None:
         self._policy = policy
         self._conditions = conditions
         self._senses: AlteredSenses | None = None
@@ -49,7 +46,7 @@ class PolicyActor:
 
     def close(self) -> None:
         """End the policy's process."""
-        self._policy.close()
+        close_policy(self._policy)
 
 
 class AlteredSenses:

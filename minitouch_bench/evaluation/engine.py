@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 class Engine(Protocol):
     """Runs episodes somewhere; their results depend on nothing but the episodes."""
 
+    @property
+    def workers(self) -> int:
+        """How many episodes it runs at a time."""
+
     def run(
         self, source: "ActorSource", specs: Sequence[EpisodeSpec], attempts: Path | None = None
     ) -> Iterator[EpisodeRecord]:
@@ -28,14 +32,6 @@ class Engine(Protocol):
         Raises:
             InfrastructureError: an episode failed three times for no fault of the policy.
         """
-
-
-@dataclass(frozen=True)
-class EngineHandle:
-    """An engine that is ready, and how many episodes it runs at a time."""
-
-    engine: Engine
-    workers: int
 
 
 @dataclass(frozen=True)
@@ -60,14 +56,14 @@ ENGINES: Mapping[str, str] = {
 """By name, the function that opens the engine, as ``module:name``.
 
 It takes ``EngineOptions`` and a ``Note``, and raises ``UsageError`` where an option has no
-meaning for the engine. It returns a context manager that yields the ``EngineHandle`` and ends
-what was started for it.
+meaning for the engine. It returns a context manager that yields the ``Engine`` and ends what
+was started for it.
 """
 
 
 def open_engine(
     options: EngineOptions, note: Note = lambda _: None
-) -> AbstractContextManager[EngineHandle]:
+) -> AbstractContextManager[Engine]:
     """Return the context manager of the engine asked for; entering it starts the engine.
 
     Entering it raises ``MissingExtraError`` where a package is not installed, and

@@ -12,24 +12,18 @@ import math
 import os
 import zlib
 from collections.abc import Callable, Collection
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
-from msgspec import to_builtins
+from msgspec import convert, to_builtins
 from numpy.typing import NDArray
 
 from minitouch_bench.documents import read_json
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError, UnreadableFileError
 from minitouch_bench.files import JOURNAL_FILE, KIB, MIB, open_plain, os_errors_as
-from minitouch_bench.records import (
-    EpisodeRecord,
-    EpisodeSpec,
-    EpisodeTrace,
-    Outcome,
-    RunHeader,
-)
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec, RunHeader
 
 _PREFIX, _MIDDLE, _SUFFIX = b'{"crc32":"', b'","body":', b"}\n"
 _BODY_START = len(_PREFIX) + 8 + len(_MIDDLE)
@@ -50,29 +44,10 @@ class _StoredArray(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _StoredTrace:
-    """The arrays of an ``EpisodeTrace`` as they are stored."""
+class _StoredRecord(EpisodeRecord):
+    """The body of an episode's line; each array of the trace is a ``_StoredArray``."""
 
-    actions: _StoredArray
-    clipped: _StoredArray
-    rewards: _StoredArray
-    ticks: _StoredArray
-    contact_ticks: _StoredArray
-    onsets: _StoredArray
-    touch: _StoredArray
-    object_state: _StoredArray
-    first_touch_tick: int
-
-
-@dataclass(frozen=True)
-class _StoredRecord:
-    """The body of an episode's line."""
-
-    spec: EpisodeSpec
-    outcome: Outcome
-    fault: str
-    digest: str
-    trace: _StoredTrace
+    digest: str = ""
 
 
 @dataclass(frozen=True)
@@ -110,7 +85,8 @@ class Journal:
         Raises:
             InfrastructureError: the disk is full or fails; what is written stays good.
         """
-        self._append(_encode_record(record))
+        body = to_builtins(record, enc_hook=_pack)
+        self._append({**body, "digest": record.trace.digest()})
 
     def _append(self, body: dict[str, Any]) -> None:
         text = json.dumps(body, separators=(",", ":"), allow_nan=False)
@@ -179,7 +155,7 @@ def _read_journal(
             if specs_of is not None:
                 wanted = set(specs_of(header))
         else:
-            record = _decode_record(read_json(text, _StoredRecord, name), name)
+            record = _read_record(text, name)
             if specs_of is not None:
                 if record.spec not in wanted:
                     raise RunDirectoryError(f"{name} is an episode twice or of another run")
@@ -205,60 +181,41 @@ def _checked(line: bytes) -> bytes | None:
     return text if line == _framed(text) else None
 
 
-def _encode_record(record: EpisodeRecord) -> dict[str, Any]:
-    trace: dict[str, Any] = {}
-    for field in fields(EpisodeTrace):
-        value = getattr(record.trace, field.name)
-        if isinstance(value, np.ndarray):
-            data = base64.b64encode(zlib.compress(np.ascontiguousarray(value).tobytes(), 6))
-            trace[field.name] = [value.dtype.str, list(value.shape), data.decode()]
-        else:
-            trace[field.name] = value
-    return {
-        "spec": asdict(record.spec),
-        "outcome": record.outcome,
-        "fault": record.fault,
-        "digest": record.trace.digest(),
-        "trace": trace,
-    }
-
-
-def _decode_record(stored: _StoredRecord, name: str) -> EpisodeRecord:
-    """Unpack a record; ``name`` begins the text of an error.
+def _read_record(text: bytes, name: str) -> EpisodeRecord:
+    """Read the body of an episode's line; ``name`` begins the text of an error.
 
     Raises:
-        RunDirectoryError: its arrays are not those of its digest.
+        RunDirectoryError: it is none, or its arrays are not those of its digest.
     """
-    values = {field.name: getattr(stored.trace, field.name) for field in fields(EpisodeTrace)}
-    try:
-        arrays: dict[str, Any] = {
-            key: _unpack(value) if isinstance(value, _StoredArray) else value
-            for key, value in values.items()
-        }
-    except (ValueError, zlib.error) as error:
-        raise RunDirectoryError(f"{name} is damaged: {error}") from error
-    trace = EpisodeTrace(**arrays)
-    if trace.digest() != stored.digest:
+    found = read_json(text, _StoredRecord, name, _unpack)
+    if found.trace.digest() != found.digest:
         raise RunDirectoryError(f"{name} does not have its digest")
-    return EpisodeRecord(stored.spec, stored.outcome, trace, stored.fault)
+    return EpisodeRecord(found.spec, found.outcome, found.trace, found.fault)
 
 
-def _unpack(stored: _StoredArray) -> NDArray[Any]:
+def _pack(array: NDArray[Any]) -> _StoredArray:
+    data = base64.b64encode(zlib.compress(np.ascontiguousarray(array).tobytes(), 6))
+    return _StoredArray(array.dtype.str, array.shape, data.decode())
+
+
+def _unpack(_kind: type, value: object) -> NDArray[Any]:
     """Unpack an array of the size that it declares.
 
     Raises:
-        ValueError: it is larger than any of an episode, or does not have that size.
-        zlib.error: it is not compressed.
+        ValueError: it is no array, larger than any of an episode, or does not have that size.
     """
+    stored = convert(value, _StoredArray)
     if stored.dtype not in DTYPES or min(stored.shape, default=-1) < 0:
         raise ValueError("it has an array of another kind")
     dtype = np.dtype(stored.dtype)
     size = math.prod(stored.shape) * dtype.itemsize
     if size > MAX_ARRAY:
         raise ValueError(f"it declares an array of {size} bytes")
-    content = zlib.decompressobj().decompress(
-        base64.b64decode(stored.data, validate=True), size + 1
-    )
+    try:
+        packed = base64.b64decode(stored.data, validate=True)
+        content = zlib.decompressobj().decompress(packed, size + 1)
+    except (ValueError, zlib.error) as error:
+        raise ValueError(f"it is damaged: {error}") from error
     if len(content) != size:
         raise ValueError("an array does not have the size that it declares")
     return np.frombuffer(content, dtype).reshape(stored.shape).copy()

@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from minitouch_bench.errors import InfrastructureError, UsageError
-from minitouch_bench.evaluation.engine import EngineHandle, EngineOptions, Note
+from minitouch_bench.evaluation.engine import Engine, EngineOptions, Note
 from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS, ActorSource, EpisodeRunner
 from minitouch_bench.processes import core_count, run_in_workers
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
@@ -16,19 +16,18 @@ from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 def open_local(
     options: EngineOptions,
     note: Note,  # noqa: ARG001 - an opener's signature
-) -> contextlib.AbstractContextManager[EngineHandle]:
+) -> contextlib.AbstractContextManager[Engine]:
     """Open the engine of this machine: see ``engine.ENGINES``."""
     if options.address is not None:
         raise UsageError("--address is a Ray cluster's: add --engine ray")
-    workers = options.workers or core_count()
-    return contextlib.nullcontext(EngineHandle(LocalEngine(workers), workers))
+    return contextlib.nullcontext(LocalEngine(options.workers or core_count()))
 
 
 class LocalEngine:
     """Runs each episode in one of ``workers`` processes."""
 
     def __init__(self, workers: int) -> None:
-        self._workers = workers
+        self.workers = workers
 
     def run(
         self, source: ActorSource, specs: Sequence[EpisodeSpec], attempts: Path | None = None
@@ -42,7 +41,7 @@ class LocalEngine:
             records = run_in_workers(
                 _RunEpisode(EpisodeRunner(source, attempts or Path(folder))),
                 specs,
-                self._workers,
+                self.workers,
                 name=lambda spec: f"episode {spec.key}",
                 attempts=MAX_ATTEMPTS,
             )

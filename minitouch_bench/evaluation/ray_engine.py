@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import Any
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.evaluation.engine import EngineHandle, EngineOptions, Note
+from minitouch_bench.evaluation.engine import Engine, EngineOptions, Note
 from minitouch_bench.evaluation.ray_cluster import check_address, ray_cluster
 from minitouch_bench.evaluation.ray_worker import (
     EpisodeWorker,
@@ -36,7 +36,7 @@ NODE_IN_ERROR = re.compile(r"\bip=([^,)\s]+)")
 """Where Ray's account of a worker that could not be made names the node."""
 
 
-def open_ray(options: EngineOptions, note: Note) -> AbstractContextManager[EngineHandle]:
+def open_ray(options: EngineOptions, note: Note) -> AbstractContextManager[Engine]:
     """Open an engine on a Ray cluster: see ``engine.ENGINES``."""
     if options.address is not None:
         check_address(options.address)
@@ -44,11 +44,10 @@ def open_ray(options: EngineOptions, note: Note) -> AbstractContextManager[Engin
 
 
 @contextmanager
-def _joined(options: EngineOptions, note: Note) -> Iterator[EngineHandle]:
+def _joined(options: EngineOptions, note: Note) -> Iterator[Engine]:
     # A Ray started here has one CPU per core, and a cluster the CPUs that it has.
     with ray_cluster(options.address, options.workers) as ray:
-        engine = RayEngine(ray, options.workers, note)
-        yield EngineHandle(engine, engine.workers)
+        yield RayEngine(ray, options.workers, note)
 
 
 class RayEngine:

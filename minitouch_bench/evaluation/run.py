@@ -14,7 +14,7 @@ from msgspec import UNSET
 from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import HopelessRunError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.engine import EngineHandle
+from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.given_actions import given_path
 from minitouch_bench.evaluation.journal import Journal, read_journal
 from minitouch_bench.evaluation.suites import Suite, why_unofficial
@@ -153,7 +153,7 @@ def _check_empty(directory: Path) -> None:
 def run_episodes(
     request: RunRequest,
     opened: OpenRun,
-    handle: EngineHandle,
+    engine: Engine,
     on_record: Callable[[EpisodeRecord], None],
 ) -> EvaluationRun:
     """Run the episodes that ``opened`` lacks and return the whole run.
@@ -168,12 +168,12 @@ def run_episodes(
     specs = request.specs()
     records = {record.spec: record for record in opened.records}
     missing = [spec for spec in specs if spec not in records]
-    started, clock = datetime.now(UTC), time.monotonic()
+    started, clock, workers = datetime.now(UTC), time.monotonic(), engine.workers
     setup = request.setup
     if opened.directory is not None:
         setup = setup.keep_out_of(opened.directory)
     with _kept(opened) as (journal, attempts):
-        for record in handle.engine.run(setup, missing, attempts):
+        for record in engine.run(setup, missing, attempts):
             if journal is not None and attempts is not None:
                 journal.write_record(record)
                 given_path(attempts, record.spec.key).unlink(missing_ok=True)
@@ -184,7 +184,7 @@ def run_episodes(
     environment = RunEnvironment(
         packages=package_versions(),
         machine={"system": platform.platform(), "processor": _processor()},
-        workers=handle.workers,
+        workers=workers,
         started=started.isoformat(timespec="seconds"),
         wall_s=round(time.monotonic() - clock, 3),
     )

@@ -38,7 +38,7 @@ from minitouch_bench.policies.isolation.confinement import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.isolation.readable import NOTHING, factory_paths
 from minitouch_bench.policies.isolation.sandbox import Sandbox, prepare
-from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.policies.policy import Checkpoint, close_policy
 from minitouch_bench.policies.sources import read_checkpoint
 from minitouch_bench.policies.wire import (
     MAX_PAYLOAD,
@@ -199,10 +199,7 @@ def _import_format(kind: str) -> None:
 
 
 def run_episode(episode: Episode, requests: int, answers: int) -> NoReturn:
-    """Confine this process, answer requests until they close, then exit.
-
-    A policy with a method ``close`` is told of the end: a server wants to know.
-    """
+    """Confine this process, answer requests until they close, then exit."""
     code = 1
     try:
         seed_everything(episode.seed)
@@ -269,9 +266,7 @@ def _serve(episode: Episode, requests: int, answers: int) -> None:
             kind = Frame.REFUSED if refused else Frame.RAISED
             answer = (str(error) if plain else describe(error)).encode(errors="replace")
         write_frame(answers, kind, answer[:MAX_PAYLOAD])
-    close = getattr(policy, "close", None)
-    if callable(close):
-        close()
+    close_policy(policy)
 
 
 def _exit_code(stop: SystemExit) -> int:

@@ -24,6 +24,7 @@ from minitouch_bench.policies.policy import (
     Observation,
     Policy,
     action_size,
+    close_policy,
     zero_observation,
 )
 from minitouch_bench.policies.process import PolicyProcess
@@ -97,10 +98,8 @@ class InProcessPolicy:
         return fit_action(raw, self._size)
 
     def close(self) -> None:
-        """Forget the policy, telling it so if it wants to know."""
-        close = getattr(self._policy, "close", None)
-        if callable(close):
-            close()
+        """Forget the policy."""
+        close_policy(self._policy)
         self._policy = None
 
 

@@ -26,6 +26,12 @@ class Policy(Protocol):
         """Return the action, float32 (4,) or (5,), each number in [-1, 1]: see ``fit_action``."""
 
 
+def close_policy(policy: Policy | None) -> None:
+    """Tell a policy of the end of its episode, if it has a method ``close``: a server wants it."""
+    if callable(close := getattr(policy, "close", None)):
+        close()
+
+
 @dataclass(frozen=True)
 class Checkpoint:
     """What a loader builds a policy from.

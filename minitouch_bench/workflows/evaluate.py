@@ -16,7 +16,7 @@ from minitouch_bench.errors import (
     UsageError,
 )
 from minitouch_bench.evaluation.actions import write_actions
-from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions, open_engine
+from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_episodes
 from minitouch_bench.evaluation.suites import choose_episodes, choose_tasks, find_suite
@@ -99,19 +99,19 @@ def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Evaluat
     """
     if options.output.log is not None:
         check_tracker(options.output.log)
-    engine = open_engine(options.engine, callbacks.note)
+    opening = open_engine(options.engine, callbacks.note)
     request = make_request(options, callbacks)
     output = options.output
     if output.in_memory:
-        with engine as handle:
-            run = play(request, OpenRun(request.header()), handle, callbacks)
+        with opening as engine:
+            run = play(request, OpenRun(request.header()), engine, callbacks)
         return _in_memory(run, run_name(request))
     directory = output.directory or REPORTS / run_name(request)
-    with engine as handle, lock_directory(directory):
+    with opening as engine, lock_directory(directory):
         opened = open_run(request, directory, resume=output.resume, fresh=output.fresh)
         if output.settings:
             write_settings(output.settings, directory)
-        run = play(request, opened, handle, callbacks)
+        run = play(request, opened, engine, callbacks)
         done = save_run(run, directory, output.video)
         if output.log is not None:
             log_run(output.log, done.saved, directory)
@@ -156,7 +156,7 @@ def _file_name(text: str) -> str:
 
 
 def play(
-    request: RunRequest, opened: OpenRun, handle: EngineHandle, callbacks: Callbacks = SILENT
+    request: RunRequest, opened: OpenRun, engine: Engine, callbacks: Callbacks = SILENT
 ) -> EvaluationRun:
     """Run the episodes that are missing; tell the callbacks of those that are done, too."""
     if opened.torn:
@@ -165,7 +165,7 @@ def play(
     for record in opened.records:
         callbacks.episode(record)
     with resumable(opened.directory):
-        return run_episodes(request, opened, handle, callbacks.episode)
+        return run_episodes(request, opened, engine, callbacks.episode)
 
 
 @contextmanager

@@ -9,7 +9,6 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import (
     LOCAL,
     Engine,
-    EngineHandle,
     EngineOptions,
     open_engine,
 )
@@ -102,6 +101,7 @@ class _InOrder:
     """An engine that starts the episodes in another order."""
 
     def __init__(self, engine: Engine, order: Sequence[str]) -> None:
+        self.workers = engine.workers
         self._engine = engine
         self._turns = {key: turn for turn, key in enumerate(order)}
 
@@ -117,7 +117,7 @@ def _play_gate(
     baseline: SavedRun, policy: object, options: RegressOptions, callbacks: Callbacks
 ) -> GateResult:
     """Play the baseline's episodes until the answer is certain, or all."""
-    engine = open_engine(options.engine, callbacks.note)
+    opening = open_engine(options.engine, callbacks.note)
     baseline, left_out = _playable(baseline, callbacks)
     request = _request_like(baseline, policy, options.isolation, callbacks)
     path, output = str(options.baseline), options.output
@@ -125,11 +125,10 @@ def _play_gate(
     root = (baseline.header.seed,)
     order = play_order(baseline.episodes, root)
     gate = SequentialGate(order, options.settings, root)
-    with engine as handle, lock_directory(directory):
+    with opening as engine, lock_directory(directory):
         opened = open_run(request, directory, resume=output.resume, fresh=output.fresh)
         turns = [episode_key(Role.FINAL, episode) for episode in order]
-        ordered = replace(handle, engine=_InOrder(handle.engine, turns))
-        run = _play(request, opened, ordered, gate, callbacks)
+        run = _play(request, opened, _InOrder(engine, turns), gate, callbacks)
         saved = None if run is None else save_run(run, directory).saved
     if saved is not None and not gate.is_certain:
         result = final_result(baseline, saved, (path, str(directory)), options.settings)
@@ -191,7 +190,7 @@ def _request_like(
 def _play(
     request: RunRequest,
     opened: OpenRun,
-    handle: EngineHandle,
+    engine: Engine,
     gate: SequentialGate,
     callbacks: Callbacks,
 ) -> EvaluationRun | None:
@@ -208,7 +207,7 @@ def _play(
             raise _EnoughError
 
     with suppress(_EnoughError):
-        return play(request, opened, handle, replace(callbacks, episode=take))
+        return play(request, opened, engine, replace(callbacks, episode=take))
     return None
 
 

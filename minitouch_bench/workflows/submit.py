@@ -12,7 +12,7 @@ from minitouch_bench.agents.config import trained_steps
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.engine import LOCAL, EngineHandle, EngineOptions, open_engine
+from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.run import RunRequest, open_run
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import (
@@ -166,9 +166,9 @@ class _Packer:
         )
         parts = _Parts({s: self._run_directory(s) for s in suites}, setup.policy, setup.exploration)
         self._check_replaced(parts)
-        with opening as handle:
+        with opening as engine:
             for suite in suites:
-                self._run_suite(suite, setup, handle)
+                self._run_suite(suite, setup, engine)
         return parts
 
     def finished_runs(self) -> "_Parts":
@@ -240,7 +240,7 @@ class _Packer:
     def _run_directory(self, suite: str) -> Path:
         return self.directory / run_place(self.options.training_seed, suite)
 
-    def _run_suite(self, name: str, setup: PolicySetup, handle: EngineHandle) -> None:
+    def _run_suite(self, name: str, setup: PolicySetup, engine: Engine) -> None:
         """Run one suite alone in its directory."""
         suite = find_suite(name)
         # The exploration figure is one of Table 4 alone.
@@ -251,14 +251,14 @@ class _Packer:
             if _is_finished(directory) and not self.options.fresh:
                 self._check_kept(request, directory)
             else:
-                self._play(request, directory, handle)
+                self._play(request, directory, engine)
 
-    def _play(self, request: RunRequest, directory: Path, handle: EngineHandle) -> None:
+    def _play(self, request: RunRequest, directory: Path, engine: Engine) -> None:
         if self.options.fresh:
             clear_run(directory)
         opened = open_run(request, directory, resume=self.options.resume, fresh=False)
         self.callbacks.note(f"suite {request.suite.name}")
-        run = play(request, opened, handle, self.callbacks)
+        run = play(request, opened, engine, self.callbacks)
         write_actions(run.records, directory)
         write_run(run, summarize(run, np.random.default_rng(run.header.seed)), directory)
 

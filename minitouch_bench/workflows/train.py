@@ -7,21 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, config_text, read_config
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
 from minitouch_bench.agents.training import PROGRESS_FILE, Training, TrainingCallbacks
 from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageError
+from minitouch_bench.evaluation.actors import PolicyActor
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.suites import StandardSuite
 from minitouch_bench.files import lock_directory, write_file
 from minitouch_bench.optional import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.policy import Observation
-from minitouch_bench.protocol.seeds import policy_seed
-from minitouch_bench.records import EpisodeSpec, Outcome
+from minitouch_bench.records import Outcome
 from minitouch_bench.reporting.training_page import training_page
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
@@ -184,7 +182,7 @@ class TrainingEvaluator:
     def evaluate(self, actor: TouchActor, deterministic: bool) -> Evaluation:
         """Return the shares of success and touch over the episodes."""
         records = [
-            run_episode(self._environment, _ActorInMemory(actor, deterministic), spec)
+            run_episode(self._environment, PolicyActor(NativePolicy(actor, deterministic)), spec)
             for spec in self._specs
         ]
         touched = np.concatenate([record.trace.contact_ticks > 0 for record in records])
@@ -194,21 +192,3 @@ class TrainingEvaluator:
     def close(self) -> None:
         """Free the world."""
         self._environment.close()
-
-
-class _ActorInMemory:
-    """Drive an episode by a policy that is not in a file yet."""
-
-    def __init__(self, actor: TouchActor, deterministic: bool) -> None:
-        self._policy = NativePolicy(actor, deterministic)
-
-    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
-        """Seed the policy as an evaluation does."""
-        self._policy.reset(policy_seed(spec.seed), spec.task)
-
-    def act(self, observation: Observation) -> NDArray[np.float32]:
-        """Return the next action."""
-        return self._policy.act(observation)
-
-    def close(self) -> None:
-        """Do nothing: there is no process."""

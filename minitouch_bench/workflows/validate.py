@@ -72,8 +72,8 @@ def _prove(verdict: Verdict, options: ValidateOptions, callbacks: Callbacks) -> 
     rerun = options.rerun or (RERUN_BEFORE_FRESH if options.fresh_episodes else 0)
     fresh: FreshProof | None = None
     callbacks.phase("proof", _episode_count(verdict, rerun, options.fresh_episodes))
-    with open_engine(options.engine, callbacks.note) as handle:
-        how = proving.Proving(handle.engine, on_record=callbacks.episode)
+    with open_engine(options.engine, callbacks.note) as engine:
+        how = proving.Proving(engine, on_record=callbacks.episode)
         problems = [*proving.replay(verdict, how)]
         if not problems and rerun:
             problems += proving.run_again(verdict, rerun, how)

@@ -62,15 +62,15 @@ def verify(options: VerifyOptions, callbacks: Callbacks = SILENT) -> Verificatio
     opening = open_engine(options.engine, callbacks.note)
     setup = _find_checkpoints(options, callbacks) if options.rerun else None
     try:
-        with opening as handle:
+        with opening as engine:
             run, problems = open_run(options.run)
             if run is None:
                 return Verification(0, problems)
             callbacks.phase("replaying", len(run.specs))
-            found = replay_run(run, handle.engine, callbacks.episode)
+            found = replay_run(run, engine, callbacks.episode)
             if setup is None or not found.passed:
                 return found
-            return _run_again(run, setup, handle.engine, options, callbacks, found)
+            return _run_again(run, setup, engine, options, callbacks, found)
     except KeyboardInterrupt as error:
         raise InterruptedRunError("interrupted; nothing was changed") from error
 

@@ -4,7 +4,6 @@ from pathlib import Path
 
 from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.engine import EngineHandle
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.run import RunRequest, open_run, run_episodes
 from minitouch_bench.evaluation.suites import find_suite
@@ -41,8 +40,7 @@ def run(
     seen = []
     with lock_directory(directory):
         opened = open_run(wanted, directory, resume=resume, fresh=fresh)
-        handle = EngineHandle(engine or LocalEngine(workers), workers)
-        done = run_episodes(wanted, opened, handle, seen.append)
+        done = run_episodes(wanted, opened, engine or LocalEngine(workers), seen.append)
         write_actions(done.records, directory)
     assert len(seen) == len(done.records) - len(opened.records)
     return done
