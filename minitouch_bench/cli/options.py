@@ -1,6 +1,8 @@
 """The arguments and options that several commands share, and what they become."""
 
 import re
+import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,6 +10,7 @@ import typer
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import ENGINES
+from minitouch_bench.files import MIB, os_errors_as, read_file
 from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
 
@@ -98,16 +101,50 @@ def _take_config(context: typer.Context, path: Path | None) -> None:
     """Take the options that are not on the command line from a file."""
     if path is None or context.resilient_parsing:
         return
-    from minitouch_bench.workflows.options_file import read_settings
-
     parameters = {_long_name(one): one for one in context.command.params}
-    given = read_settings(path, parameters.keys() - {"config", "help"})
+    given = _read_config(path, parameters.keys() - {"config", "help"})
     context.default_map = {
         str(parameters[name].name): value
         if not isinstance(value, list) or parameters[name].multiple
         else ",".join(value)
         for name, value in given.items()
     }
+
+
+def _read_config(path: Path, names: Iterable[str]) -> dict[str, str | bool | list[str]]:
+    """Return the options in a file by name; ``names`` are those that it may have.
+
+    A hyphen in a name is an underscore. Numbers come back as the text that a user would type.
+
+    Raises:
+        UsageError: it is not readable, or an option does not exist or has no such value.
+    """
+    try:
+        with os_errors_as(UsageError, path, "read"):
+            table = tomllib.loads(read_file(path, MIB, follow=True).decode())
+    except ValueError as error:
+        raise UsageError(f"{path} cannot be read as TOML: {error}") from error
+    known = {*names} - {"trust"}
+    found: dict[str, str | bool | list[str]] = {}
+    for key, value in table.items():
+        name = key.replace("-", "_")
+        if name == "trust":
+            raise UsageError(f"{path}: trust is given on the command line alone: add --trust")
+        if name not in known:
+            listed = ", ".join(sorted(known))
+            raise UsageError(f"{path} has no use for '{key}'; its names are {listed}")
+        found[name] = _as_typed(path, key, value)
+    return found
+
+
+def _as_typed(path: Path, key: str, value: object) -> str | bool | list[str]:
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, list) and all(isinstance(one, str | int) for one in value):
+        return [str(one) for one in value]
+    if isinstance(value, str | int | float):
+        return str(value)
+    raise UsageError(f"{path}: '{key}' is no text, number, true or false, or list of them")
 
 
 def settings_used(context: typer.Context) -> dict[str, Any]:

@@ -1,14 +1,16 @@
 """Evaluate a policy on a suite: play its episodes, then derive every file of the run."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from minitouch_bench.conditions import STANDARD, Conditions
+from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import (
     HopelessRunError,
     InfrastructureError,
@@ -20,7 +22,7 @@ from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open
 from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_episodes
 from minitouch_bench.evaluation.suites import choose_episodes, choose_tasks, find_suite
-from minitouch_bench.files import VIDEOS, lock_directory, make_folder
+from minitouch_bench.files import SETTINGS_FILE, VIDEOS, lock_directory, make_folder, write_file
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.records import EvaluationRun, SavedRun
@@ -28,7 +30,6 @@ from minitouch_bench.reporting.report import Report, build_report
 from minitouch_bench.reporting.run_directory import save, write_report, write_run
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.experiment_log import check_tracker, log_run
-from minitouch_bench.workflows.options_file import Settings, write_settings
 from minitouch_bench.workflows.policies import prepare_policies
 
 REPORTS = Path("reports")
@@ -49,7 +50,7 @@ class OutputOptions:
     resume: bool = False
     fresh: bool = False
     video: int = 0
-    settings: Settings = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
     log: str | None = None
 
 
@@ -110,7 +111,8 @@ def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Evaluat
     with opening as engine, lock_directory(directory):
         opened = open_run(request, directory, resume=output.resume, fresh=output.fresh)
         if output.settings:
-            write_settings(output.settings, directory)
+            text = f"# minitouch-bench evaluate --config {SETTINGS_FILE}\n"
+            write_file(directory / SETTINGS_FILE, text + write_toml(output.settings))
         run = play(request, opened, engine, callbacks)
         done = save_run(run, directory, output.video)
         if output.log is not None:
