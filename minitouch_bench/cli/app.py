@@ -44,11 +44,7 @@ COMMANDS: dict[Callable[..., None], str] = {
 }
 """Every command with an example of its use, in the order of the help."""
 
-app = typer.Typer(
-    name="minitouch-bench",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
+app = typer.Typer(name="minitouch-bench", no_args_is_help=True, pretty_exceptions_enable=False)
 for command, example in COMMANDS.items():
     app.command(epilog=f"Example: {example}")(command)
 app.add_typer(leaderboard, name="leaderboard")
@@ -64,8 +60,7 @@ def _print_version(asked: bool) -> None:
 @app.callback()
 def minitouch_bench(
     version: Annotated[
-        bool,
-        typer.Option("--version", callback=_print_version, is_eager=True, help="Print it."),
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print it.")
     ] = False,
 ) -> None:
     """Evaluate touch-driven manipulation policies on the MiniTouch benchmark."""

@@ -23,85 +23,58 @@ def evaluate(
         str | None, typer.Option(metavar="TEXT", help="What reports call the policy.")
     ] = None,
     suite: Annotated[
-        str,
-        typer.Option(help="table4, novel-shapes or smoke.", rich_help_panel=options.EPISODES),
+        str, options.episodes_option(help="table4, novel-shapes or smoke.")
     ] = "table4",
     tasks: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B", help="Only these tasks of the suite.", rich_help_panel=options.EPISODES
-        ),
+        str | None, options.episodes_option(metavar="A,B", help="Only these tasks of the suite.")
     ] = None,
     exploration: options.Exploration = None,
     episodes: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=MAX_EPISODES, help="Episodes per task.", rich_help_panel=options.EPISODES
-        ),
+        int | None, options.episodes_option(min=1, max=MAX_EPISODES, help="Episodes per task.")
     ] = None,
     episodes_from: Annotated[
         list[str] | None,
-        typer.Option(
+        options.episodes_option(
             metavar="TASK/N,N",
             help="Only these episodes, as in pushing/3,17: may be given again; unofficial.",
-            rich_help_panel=options.EPISODES,
         ),
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option(
-            min=0,
-            help="In place of the suite's own: an unofficial run.",
-            rich_help_panel=options.EPISODES,
-        ),
+        options.episodes_option(min=0, help="In place of the suite's own: an unofficial run."),
     ] = None,
     without: Annotated[
         str,
-        typer.Option(
+        options.episodes_option(
             metavar="A,B",
             help=f"Senses that stay as at the reset: {', '.join(SENSES)}. Unofficial.",
-            rich_help_panel=options.EPISODES,
         ),
     ] = "",
     perturb: Annotated[
         str,
-        typer.Option(
-            metavar="A=X,B=X:Y",
-            help=f"{', '.join(CHANGES)}: see docs/conditions.md. Unofficial.",
-            rich_help_panel=options.EPISODES,
+        options.episodes_option(
+            metavar="A=X,B=X:Y", help=f"{', '.join(CHANGES)}: see docs/conditions.md. Unofficial."
         ),
     ] = "",
     output: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="The run's directory; by default reports/POLICY-SUITE.",
-            rich_help_panel=options.OUTPUT,
+        options.output_option(
+            metavar="DIR", help="The run's directory; by default reports/POLICY-SUITE."
         ),
     ] = None,
     video: Annotated[
-        int,
-        typer.Option(
-            min=0, help="Film the first N episodes of each task.", rich_help_panel=options.OUTPUT
-        ),
+        int, options.output_option(min=0, help="Film the first N episodes of each task.")
     ] = 0,
     log: Annotated[
         str | None,
-        typer.Option(
-            metavar="wandb|tensorboard",
-            help="Send the figures and the episodes to a tracker.",
-            rich_help_panel=options.OUTPUT,
+        options.output_option(
+            metavar="wandb|tensorboard", help="Send the figures and the episodes to a tracker."
         ),
     ] = None,
     resume: options.Resume = False,
     fresh: options.Fresh = False,
     as_json: Annotated[
-        bool,
-        typer.Option(
-            "--json",
-            help="Print run.json in place of the tables.",
-            rich_help_panel=options.OUTPUT,
-        ),
+        bool, options.output_option("--json", help="Print run.json in place of the tables.")
     ] = False,
     workers: options.Workers = options.AUTO,
     engine: options.EngineName = "local",

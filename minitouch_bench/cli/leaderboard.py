@@ -25,8 +25,7 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
         bool, typer.Option("--replay", help="Replay the recorded actions of every episode.")
     ] = False,
     rerun: Annotated[
-        int,
-        typer.Option(min=0, help="Run N drawn episodes of each run with the checkpoint, too."),
+        int, typer.Option(min=0, help="Run N drawn episodes of each run with the checkpoint, too.")
     ] = 0,
     fresh_seeds: Annotated[
         int,

@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,11 +21,11 @@ AUTO = "auto"
 NOT_SETTINGS = ("config", "output", "resume", "fresh", "as_json", "trust")
 """Parameters of ``evaluate`` that say where a run goes, or what only a user can say."""
 
-EPISODES = "Episodes"
-OUTPUT = "Output"
-ENGINE = "Engine"
-ISOLATION = "Isolation"
-"""Groups of options in a command's help."""
+episodes_option = partial(typer.Option, rich_help_panel="Episodes")
+output_option = partial(typer.Option, rich_help_panel="Output")
+engine_option = partial(typer.Option, rich_help_panel="Engine")
+isolation_option = partial(typer.Option, rich_help_panel="Isolation")
+"""Options of a group in a command's help."""
 
 POLICIES = (
     f"{', '.join(BUILT_IN)}, a checkpoint ({' '.join(KIND_BY_SUFFIX)}), a directory with one "
@@ -32,69 +33,43 @@ POLICIES = (
 )
 
 Exploration = Annotated[
-    str | None,
-    typer.Option(
-        help="The policy as of the end of the exploration phase.", rich_help_panel=EPISODES
-    ),
+    str | None, episodes_option(help="The policy as of the end of the exploration phase.")
 ]
 Workers = Annotated[
-    str,
-    typer.Option(
-        metavar="N|auto", help="Worker processes; auto: one per core.", rich_help_panel=ENGINE
-    ),
+    str, engine_option(metavar="N|auto", help="Worker processes; auto: one per core.")
 ]
 EngineName = Annotated[
     str,
-    typer.Option(
-        metavar="|".join(ENGINES),
-        help="ray runs episodes on a cluster: see docs/cluster.md.",
-        rich_help_panel=ENGINE,
+    engine_option(
+        metavar="|".join(ENGINES), help="ray runs episodes on a cluster: see docs/cluster.md."
     ),
 ]
 Address = Annotated[
     str | None,
-    typer.Option(
-        metavar="HOST:PORT",
-        help="The Ray cluster; without it Ray starts here.",
-        rich_help_panel=ENGINE,
-    ),
+    engine_option(metavar="HOST:PORT", help="The Ray cluster; without it Ray starts here."),
 ]
 IsolationLevel = Annotated[
-    Isolation,
-    typer.Option(help="See docs/isolation.md; none needs --trust.", rich_help_panel=ISOLATION),
+    Isolation, isolation_option(help="See docs/isolation.md; none needs --trust.")
 ]
 Trust = Annotated[
-    bool,
-    typer.Option(
-        "--trust",
-        help="Run a policy's own Python code on this machine.",
-        rich_help_panel=ISOLATION,
-    ),
+    bool, isolation_option("--trust", help="Run a policy's own Python code on this machine.")
 ]
 ActTimeout = Annotated[
     float,
-    typer.Option(
-        min=0.01,
-        max=MAX_ACT_TIMEOUT_S,
-        help="Seconds a policy may take for one action.",
-        rich_help_panel=ISOLATION,
+    isolation_option(
+        min=0.01, max=MAX_ACT_TIMEOUT_S, help="Seconds a policy may take for one action."
     ),
 ]
 EpisodeTimeout = Annotated[
     float,
-    typer.Option(
+    isolation_option(
         min=0.01,
         max=MAX_ACT_TIMEOUT_S,
         help="Seconds a policy may take in an episode; another number is unofficial.",
-        rich_help_panel=ISOLATION,
     ),
 ]
-Resume = Annotated[
-    bool, typer.Option("--resume", help="Continue the run there.", rich_help_panel=OUTPUT)
-]
-Fresh = Annotated[
-    bool, typer.Option("--fresh", help="Replace the run there.", rich_help_panel=OUTPUT)
-]
+Resume = Annotated[bool, output_option("--resume", help="Continue the run there.")]
+Fresh = Annotated[bool, output_option("--fresh", help="Replace the run there.")]
 
 
 def _take_config(context: typer.Context, path: Path | None) -> None:

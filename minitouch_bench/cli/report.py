@@ -1,5 +1,6 @@
 """``minitouch-bench report``: draw reports of finished runs, side by side."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -8,8 +9,7 @@ import typer
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, notes
 
-CURVE = "Learning curve"
-"""Group of options in the help."""
+curve_option = partial(typer.Option, rich_help_panel="Learning curve")
 
 
 def report(
@@ -26,16 +26,14 @@ def report(
         ),
     ] = None,
     curve: Annotated[
-        bool,
-        typer.Option("--curve", help="Draw the runs over training steps.", rich_help_panel=CURVE),
+        bool, curve_option("--curve", help="Draw the runs over training steps.")
     ] = False,
     steps: Annotated[
         str | None,
-        typer.Option(
+        curve_option(
             metavar="N,N",
             help="Training steps of each run. Without it they are read from the files of the "
             "training, or from a policy's name such as rl_model_10000_steps.",
-            rich_help_panel=CURVE,
         ),
     ] = None,
     latex: Annotated[

@@ -1,5 +1,6 @@
 """``minitouch-bench submit``: evaluate a policy on the official suites and pack the submission."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,7 @@ from minitouch_bench.cli.console import EpisodeProgress, notes
 from minitouch_bench.errors import UsageError
 
 INVALID = 1
-ABOUT = "What the board tells"
+about_option = partial(typer.Option, rich_help_panel="What the board tells")
 
 
 def submit(
@@ -26,50 +27,31 @@ def submit(
         ),
     ] = None,
     suites: Annotated[
-        str,
-        typer.Option(help="table4, or table4,novel-shapes.", rich_help_panel=options.EPISODES),
+        str, options.episodes_option(help="table4, or table4,novel-shapes.")
     ] = "table4",
     exploration: options.Exploration = None,
     training_seed: Annotated[
-        int,
-        typer.Option(
-            min=0,
-            help="Which training run this is; submit each under its own.",
-            rich_help_panel=ABOUT,
-        ),
+        int, about_option(min=0, help="Which training run this is; submit each under its own.")
     ] = 0,
     training_steps: Annotated[
-        int | None,
-        typer.Option(min=0, help="Control steps of the whole training.", rich_help_panel=ABOUT),
+        int | None, about_option(min=0, help="Control steps of the whole training.")
     ] = None,
-    method: Annotated[
-        str | None, typer.Option(help="What the board calls it.", rich_help_panel=ABOUT)
-    ] = None,
-    authors: Annotated[
-        str | None, typer.Option(help="Separated by commas.", rich_help_panel=ABOUT)
-    ] = None,
-    paper: Annotated[str | None, typer.Option(help="An https link.", rich_help_panel=ABOUT)] = None,
-    code: Annotated[str | None, typer.Option(help="An https link.", rich_help_panel=ABOUT)] = None,
+    method: Annotated[str | None, about_option(help="What the board calls it.")] = None,
+    authors: Annotated[str | None, about_option(help="Separated by commas.")] = None,
+    paper: Annotated[str | None, about_option(help="An https link.")] = None,
+    code: Annotated[str | None, about_option(help="An https link.")] = None,
     license_: Annotated[
-        str | None,
-        typer.Option("--license", help="SPDX, such as Apache-2.0.", rich_help_panel=ABOUT),
+        str | None, about_option("--license", help="SPDX, such as Apache-2.0.")
     ] = None,
     modalities: Annotated[
-        str | None,
-        typer.Option(help="vision, touch, or both, separated by commas.", rich_help_panel=ABOUT),
+        str | None, about_option(help="vision, touch, or both, separated by commas.")
     ] = None,
-    remarks: Annotated[
-        str | None, typer.Option("--notes", help="Anything else.", rich_help_panel=ABOUT)
-    ] = None,
-    directory: Annotated[
-        Path, typer.Option(help="Where submissions are.", rich_help_panel=options.OUTPUT)
-    ] = Path("submissions"),
+    remarks: Annotated[str | None, about_option("--notes", help="Anything else.")] = None,
+    directory: Annotated[Path, options.output_option(help="Where submissions are.")] = Path(
+        "submissions"
+    ),
     include_checkpoint: Annotated[
-        bool,
-        typer.Option(
-            help="Copy the checkpoint, so that it can be run again.",
-            rich_help_panel=options.OUTPUT,
-        ),
+        bool, options.output_option(help="Copy the checkpoint, so that it can be run again.")
     ] = True,
     resume: options.Resume = False,
     fresh: options.Fresh = False,

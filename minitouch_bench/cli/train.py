@@ -22,8 +22,7 @@ def train(
     task: Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))],
     *,
     method: Annotated[
-        str | None,
-        typer.Option(help=f"{', '.join(METHODS)}; by default hac."),
+        str | None, typer.Option(help=f"{', '.join(METHODS)}; by default hac.")
     ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Fixes every random draw; by default 0.")

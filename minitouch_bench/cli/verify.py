@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -19,38 +20,24 @@ CHECK_FAILED = 1
 SHOWN = 10
 """Differences that are listed; the rest is counted."""
 
-RERUN = "Running again"
+rerun_option = partial(typer.Option, rich_help_panel="Running again")
 
 
 def verify(
     run: options.RunDirectory,
     *,
     again: Annotated[
-        int,
-        typer.Option(
-            "--rerun",
-            min=0,
-            help="Also run N drawn episodes with the checkpoint.",
-            rich_help_panel=RERUN,
-        ),
+        int, rerun_option("--rerun", min=0, help="Also run N drawn episodes with the checkpoint.")
     ] = 0,
     policy: Annotated[
-        str | None,
-        typer.Option(
-            help="Where the checkpoint is now; by default where it was.", rich_help_panel=RERUN
-        ),
+        str | None, rerun_option(help="Where the checkpoint is now; by default where it was.")
     ] = None,
     exploration: Annotated[
-        str | None,
-        typer.Option(help="Where the exploration checkpoint is now.", rich_help_panel=RERUN),
+        str | None, rerun_option(help="Where the exploration checkpoint is now.")
     ] = None,
     draw: Annotated[
         int | None,
-        typer.Option(
-            min=0,
-            help="Seed of the draw; by default one that nobody can foresee.",
-            rich_help_panel=RERUN,
-        ),
+        rerun_option(min=0, help="Seed of the draw; by default one that nobody can foresee."),
     ] = None,
     workers: options.Workers = options.AUTO,
     engine: options.EngineName = "local",
