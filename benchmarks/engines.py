@@ -15,7 +15,7 @@ from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.ray_engine import RayEngine
-from minitouch_bench.evaluation.suites import StandardSuite
+from minitouch_bench.evaluation.suites import Suite
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EpisodeSpec
 
@@ -28,7 +28,7 @@ POLICY = "random"
 
 def main() -> None:
     """Print the times and rates of both, and the ratio of their rates round by round."""
-    specs = StandardSuite("benchmark", TASKS, EPISODES // len(TASKS), rankable=False).episodes(
+    specs = Suite("benchmark", TASKS, EPISODES // len(TASKS), rankable=False).episodes(
         exploration=False
     )
     begun = time.perf_counter()

@@ -1,7 +1,6 @@
 """The suites, and the episodes they consist of."""
 
 import re
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -21,12 +20,8 @@ NAMED = 6
 """Chosen episodes that a label names; the rest are counted."""
 
 
-class Suite(SuiteSpec, ABC):
+class Suite(SuiteSpec):
     """A suite that can name its episodes."""
-
-    @abstractmethod
-    def assign_object(self, spec: EpisodeSpec) -> EpisodeSpec:
-        """Return the episode with its object filled in."""
 
     def episodes(self, *, exploration: bool, chosen: Sequence[str] = ()) -> tuple[EpisodeSpec, ...]:
         """Return the episodes, task by task; with ``exploration`` those of that role too.
@@ -50,32 +45,23 @@ class Suite(SuiteSpec, ABC):
     def _seed_of(self, task: str, index: int) -> int:
         return episode_seed(self.name, task, index, self.seed)
 
-
-class StandardSuite(Suite):
-    """Each task with its own object; where it draws from a shape set, the seed chooses."""
-
     def assign_object(self, spec: EpisodeSpec) -> EpisodeSpec:
-        """Return the episode with its cube, its train shape, or nothing (Opening)."""
+        """Return the episode with its object filled in.
+
+        That is the task's own cube or nothing (Opening); where the task draws from a shape set,
+        the seed chooses. With ``novel_shapes`` each held-out shape comes once (even indices),
+        beside as many train shapes (odd ones), drawn once from the protocol's name alone.
+        """
         objects = PROTOCOL.task(spec.task).default_objects
-        if objects in ("", CUBE):
+        if not self.novel_shapes and objects in ("", CUBE):
             return replace(spec, shape=objects)
-        shapes = canonical_shape_set().split(objects)
-        return _with_shape(
-            spec, shapes[int(np.random.default_rng(spec.seed).integers(len(shapes)))]
-        )
-
-
-class NovelShapesSuite(Suite):
-    """Each held-out shape once (even indices), beside as many train shapes (odd ones).
-
-    The train shapes are drawn once, without replacement, from the protocol's name alone.
-    """
-
-    def assign_object(self, spec: EpisodeSpec) -> EpisodeSpec:
-        """Return the episode with its shape."""
         shapes = canonical_shape_set()
-        held_out = shapes.split("held-out")
-        train = shapes.split("train")
+        if not self.novel_shapes:
+            drawn = shapes.split(objects)
+            return _with_shape(
+                spec, drawn[int(np.random.default_rng(spec.seed).integers(len(drawn)))]
+            )
+        held_out, train = shapes.split("held-out"), shapes.split("train")
         turn = (spec.index // 2) % len(held_out)
         if spec.index % 2 == 0:
             return _with_shape(spec, held_out[turn])
@@ -87,10 +73,7 @@ def _with_shape(spec: EpisodeSpec, shape: Shape) -> EpisodeSpec:
     return replace(spec, shape=shape.name, family=shape.family, split=shape.split)
 
 
-SUITES: dict[str, Suite] = {
-    spec.name: (NovelShapesSuite if spec.novel_shapes else StandardSuite)(**vars(spec))
-    for spec in PROTOCOL.suites
-}
+SUITES = {spec.name: Suite(**vars(spec)) for spec in PROTOCOL.suites}
 
 
 def find_suite(name: str) -> Suite:

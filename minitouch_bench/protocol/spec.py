@@ -9,10 +9,10 @@ without changing a digest. ``for_people`` marks fields that no episode depends o
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from minitouch_bench.errors import UsageError
 
@@ -210,6 +210,9 @@ class SuiteSpec:
     seed: int = 0
 
 
+Named = TypeVar("Named", TaskSpec, SuiteSpec)
+
+
 @dataclass(frozen=True)
 class ProtocolSpec:
     """The whole protocol. ``shapes`` is the digest of the canonical shape set."""
@@ -228,11 +231,7 @@ class ProtocolSpec:
         Raises:
             UsageError: there is none.
         """
-        for task in self.tasks:
-            if task.name == name:
-                return task
-        names = ", ".join(task.name for task in self.tasks)
-        raise UsageError(f"no task '{name}'; the tasks are {names}")
+        return _named(name, "task", self.tasks)
 
     def suite(self, name: str) -> SuiteSpec:
         """Return the suite called ``name``.
@@ -240,11 +239,7 @@ class ProtocolSpec:
         Raises:
             UsageError: there is none.
         """
-        for suite in self.suites:
-            if suite.name == name:
-                return suite
-        names = ", ".join(suite.name for suite in self.suites)
-        raise UsageError(f"no suite '{name}'; the suites are {names}")
+        return _named(name, "suite", self.suites)
 
     @cache  # noqa: B019  a protocol is a value that lives as long as the program
     def task_digest(self, name: str) -> str:
@@ -264,6 +259,14 @@ class ProtocolSpec:
         """Return the SHA-256 over the digests of all tasks and the suites."""
         tasks = {task.name: self.task_digest(task.name) for task in self.tasks}
         return _sha({"tasks": tasks, "suites": [document(suite) for suite in self.suites]})
+
+
+def _named(name: str, kind: str, known: Sequence[Named]) -> Named:
+    for one in known:
+        if one.name == name:
+            return one
+    names = ", ".join(one.name for one in known)
+    raise UsageError(f"no {kind} '{name}'; the {kind}s are {names}")
 
 
 def document(value: Any) -> Any:

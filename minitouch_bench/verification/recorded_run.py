@@ -134,7 +134,7 @@ def _settings(header: RunHeader) -> Iterator[Problem]:
     if header.suite not in SUITES:
         yield Problem("header.suite", f"there is no suite '{header.suite}'", RUN_AGAIN)
         return
-    suite: Suite = SUITES[header.suite]
+    suite = SUITES[header.suite]
     if not header.tasks or tuple(t for t in suite.tasks if t in header.tasks) != header.tasks:
         what = f"they are not tasks of {suite.name} in its order"
         yield Problem("header.tasks", what, RUN_AGAIN)

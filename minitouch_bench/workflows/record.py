@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.evaluation.suites import StandardSuite
+from minitouch_bench.evaluation.suites import Suite
 from minitouch_bench.optional import require
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
-from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, Outcome
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.workflows import SILENT, Callbacks
@@ -41,14 +41,11 @@ def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> Path:
         PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
         RunDirectoryError: the directory is there already, or cannot be written.
     """
-    if options.task not in TASK_NAMES:
-        raise UsageError(f"no task '{options.task}'; the tasks are {', '.join(TASK_NAMES)}")
-    suite = StandardSuite(
-        RECORDING_SUITE, (options.task,), options.episodes, rankable=False, seed=options.seed
-    )
+    tasks = (PROTOCOL.task(options.task).name,)
+    suite = Suite(RECORDING_SUITE, tasks, options.episodes, rankable=False, seed=options.seed)
     minari = require("minari", "data")
     storages = require("minari.dataset.minari_storage", "data")
-    setup = prepare_policies(options.policy, (options.task,), options.isolation, callbacks)
+    setup = prepare_policies(options.policy, tasks, options.isolation, callbacks)
     environment, runner = MiniTouchEnv(options.task), EpisodeRunner(setup)
     callbacks.phase("recording", options.episodes)
     try:

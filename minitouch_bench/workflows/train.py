@@ -14,7 +14,7 @@ from minitouch_bench.agents.training import PROGRESS_FILE, Training, TrainingCal
 from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicyActor
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.evaluation.suites import StandardSuite
+from minitouch_bench.evaluation.suites import Suite
 from minitouch_bench.files import lock_directory, write_file
 from minitouch_bench.optional import require
 from minitouch_bench.policies.native import NativePolicy
@@ -169,7 +169,7 @@ class TrainingEvaluator:
     """Evaluate policies on the same few episodes each time, in a world of their own."""
 
     def __init__(self, config: TrainingConfig) -> None:
-        suite = StandardSuite(
+        suite = Suite(
             EVALUATION_SUITE,
             (config.task,),
             config.evaluate_episodes,
