@@ -10,7 +10,7 @@ import fast_simplification
 import numpy as np
 import trimesh
 
-from minitouch_bench.simulation.panda_model import MESHES, stock_panda
+from minitouch_bench.simulation.bodies import MESHES, stock_panda
 
 LIGHT_TRIANGLES = 90
 """Triangles kept of each link; at 84 x 84 pixels more cannot be told apart."""

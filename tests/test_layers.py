@@ -15,7 +15,6 @@ LAYERS = (
     "protocol",
     "simulation",
     "shapegen",
-    "sensing",
     "tasks",
     "policies",
     "agents",

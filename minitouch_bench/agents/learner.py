@@ -18,7 +18,7 @@ from minitouch_bench.agents.replay import Batch, Replay
 from minitouch_bench.agents.sac import Sac
 from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor, VisualEncoder
 from minitouch_bench.protocol.spec import TaskSpec, Workspace
-from minitouch_bench.sensing.observation import FORCES, OPENINGS, POSITION
+from minitouch_bench.simulation.observation import FORCES, OPENINGS, POSITION
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import UsageError
 from minitouch_bench.optional import require
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE
-from minitouch_bench.sensing.observation import Observation
+from minitouch_bench.simulation.observation import Observation
 
 
 def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:

@@ -51,7 +51,7 @@ def _print_steps(record: "EpisodeRecord") -> None:
     import numpy as np
     from rich.table import Table
 
-    from minitouch_bench.sensing.observation import FORCES, POSITION
+    from minitouch_bench.simulation.observation import FORCES, POSITION
 
     table = Table(title=f"{record.spec.key}  {record.spec.shape}".rstrip(), title_justify="left")
     for heading in HEADINGS:

@@ -1,6 +1,6 @@
 """The types of the protocol: everything that fixes an episode, as frozen values.
 
-``protocol.minitouch`` holds the values. Simulation, sensing and tasks receive them; no number
+``protocol.minitouch`` holds the values. Simulation and tasks receive them; no number
 of the protocol stands anywhere else. A digest is taken over a value's document, whose keys are
 the fields' names, or ``metadata["key"]`` where a field was renamed: names in code may change
 without changing a digest. ``for_people`` marks fields that no episode depends on.

@@ -9,7 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from minitouch_bench.shapegen.grip_rig import GripRig, open_rig
+from minitouch_bench.shapegen.grips import GripRig, open_rig
 from minitouch_bench.shapegen.mesh import (
     Mesh,
     Points,

@@ -1,1 +1,1 @@
-"""PyBullet behind one class, the Panda arm, and the bodies of the scenes."""
+"""PyBullet behind one class, the Panda arm, the bodies of the scenes, and what is sensed."""

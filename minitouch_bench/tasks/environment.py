@@ -14,18 +14,17 @@ from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Outcome
-from minitouch_bench.sensing.camera import GreyCamera, Shadow
-from minitouch_bench.sensing.observation import (
+from minitouch_bench.simulation.bodies import add_table, stock_panda
+from minitouch_bench.simulation.bullet import View
+from minitouch_bench.simulation.camera import GreyCamera, Shadow
+from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.observation import (
     ContactWatch,
     Observation,
     observation_space,
     read_touch,
 )
-from minitouch_bench.simulation.bodies import add_table
-from minitouch_bench.simulation.bullet import View
-from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import PandaArm, PandaKinematics
-from minitouch_bench.simulation.panda_model import stock_panda
 from minitouch_bench.tasks.action import fit_action
 from minitouch_bench.tasks.objects import ObjectModel
 from minitouch_bench.tasks.table import Objects, make_task, object_pool

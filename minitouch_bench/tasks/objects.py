@@ -12,7 +12,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.tasks import CubeSpec
 from minitouch_bench.shapegen.manifest import ShapeSet, canonical_shape_set
 from minitouch_bench.shapegen.mesh import Mesh
-from minitouch_bench.shapegen.poses import rotation_matrix
+from minitouch_bench.shapegen.poses import Quaternion, product, rotation_matrix
 from minitouch_bench.simulation.bodies import cube_urdf
 from minitouch_bench.simulation.client import PhysicsClient
 
@@ -38,7 +38,7 @@ class ObjectModel:
 
     name: str
     urdf: Path
-    rest: tuple[float, float, float, float]
+    rest: Quaternion
     rest_height: float
     surface: Mesh
     corners: NDArray[np.float64]
@@ -48,7 +48,7 @@ class ObjectModel:
         return client.load_urdf(
             self.urdf,
             (x, y, PROTOCOL.physics.table_top + self.rest_height),
-            _turned(self.rest, yaw),
+            product((0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)), self.rest),
             inertia_from_file=True,
         )
 
@@ -74,20 +74,6 @@ def cube_model(cube: CubeSpec) -> ObjectModel:
     corners = np.array(signs) * half
     surface = Mesh(corners, np.array(_CUBE_FACES, np.int32))
     return ObjectModel(CUBE, cube_urdf(cube), (0.0, 0.0, 0.0, 1.0), half, surface, corners)
-
-
-def _turned(
-    orientation: tuple[float, float, float, float], yaw: float
-) -> tuple[float, float, float, float]:
-    """Return ``orientation`` turned about the world's vertical axis."""
-    x, y, z, w = orientation
-    sine, cosine = math.sin(yaw / 2), math.cos(yaw / 2)
-    return (
-        cosine * x - sine * y,
-        cosine * y + sine * x,
-        cosine * z + sine * w,
-        cosine * w - sine * z,
-    )
 
 
 class ObjectPool:

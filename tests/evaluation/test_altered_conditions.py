@@ -9,7 +9,7 @@ from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actors import AlteredSenses
 from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.sensing.observation import FORCES
+from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.verify import verify_run
 from minitouch_bench.workflows.evaluate import EvaluateOptions, OutputOptions, evaluate

@@ -8,7 +8,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.protocol.spec import TaskSpec, document
 from minitouch_bench.shapegen.manifest import canonical_shape_set
-from minitouch_bench.simulation.panda_model import MESHES
+from minitouch_bench.simulation.bodies import MESHES
 
 
 def digests(protocol):

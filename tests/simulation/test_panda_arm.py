@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.protocol.tasks import FACING_DOOR, POINTING_DOWN
-from minitouch_bench.simulation.bodies import add_table
+from minitouch_bench.simulation.bodies import add_table, light_panda
 from minitouch_bench.simulation.client import PhysicsClient, quaternion_from_euler
 from minitouch_bench.simulation.panda_arm import (
     ARM_JOINTS,
@@ -13,7 +13,6 @@ from minitouch_bench.simulation.panda_arm import (
     PandaArm,
     PandaKinematics,
 )
-from minitouch_bench.simulation.panda_model import light_panda
 from minitouch_bench.tasks.table import TASKS
 
 DOWN = quaternion_from_euler((0.0, -math.pi, math.pi / 2))

@@ -3,7 +3,7 @@ import pytest
 from pybullet import getContactPoints
 
 from minitouch_bench.policies.scripted import make_controller
-from minitouch_bench.sensing.observation import ContactWatch
+from minitouch_bench.simulation.observation import ContactWatch
 
 
 @pytest.mark.parametrize("task", ["playing", "opening", "pick-up"])

@@ -7,7 +7,7 @@ from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.curiosity.curiosity import Curiosity, own_encoder, two_layers
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE
-from minitouch_bench.sensing.observation import FORCES
+from minitouch_bench.simulation.observation import FORCES
 
 
 class HapticCuriosity(Curiosity):

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.policies.scripted.controller import Controller
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.shapegen.grasps import plan_deep_grasp
+from minitouch_bench.shapegen.grips import plan_deep_grasp
 from minitouch_bench.shapegen.mesh import surface_points
 from minitouch_bench.shapegen.poses import rotation_matrix
 from minitouch_bench.tasks.environment import MiniTouchEnv

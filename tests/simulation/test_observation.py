@@ -3,7 +3,7 @@ import pytest
 
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.sensing.observation import (
+from minitouch_bench.simulation.observation import (
     FORCES,
     OPENINGS,
     POSITION,

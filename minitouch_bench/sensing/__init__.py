@@ -1,1 +1,0 @@
-"""What a policy observes: the gray camera and the touch vector."""
