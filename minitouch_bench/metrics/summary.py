@@ -53,12 +53,13 @@ def measure(record: EpisodeRecord) -> EpisodeMetrics:
     )
 
 
-def summarize(run: EvaluationRun, rng: np.random.Generator) -> Summary:
+def summarize(run: EvaluationRun, rng: np.random.Generator | None = None) -> Summary:
     """Estimate every metric of every task of a run, in the run's order of tasks.
 
-    ``rng`` gives one root seed. Each (task, metric) draws from its own stream under it, so
-    an estimate does not depend on which other tasks were run.
+    ``rng`` gives one root seed; without it the run's own seed does. Each (task, metric) draws from
+    its own stream under it, so an estimate does not depend on which other tasks were run.
     """
+    rng = rng or np.random.default_rng(run.header.seed)
     episodes, exploration = measure_run(run), measure_run(run, Role.EXPLORATION)
     summary = summarize_episodes(run.header.tasks, episodes, exploration, rng)
     return replace(summary, tasks=tuple(_with_touch_curve(task, run) for task in summary.tasks))

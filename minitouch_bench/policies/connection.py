@@ -144,7 +144,6 @@ class EpisodePipes:
             TimeoutError: the request was not read, or not answered, in time.
             EOFError: the child closed its end.
             WireError: no frame of this protocol, or bytes that came before the request.
-
         """
         if self._buffer or self._read():
             raise WireError("it answered before it was asked")
@@ -158,7 +157,6 @@ class EpisodePipes:
             TimeoutError: not in time.
             EOFError: the child closed its end.
             WireError: no frame of this protocol.
-
         """
         length, kind = unpack_header(self._take(HEADER.size, deadline))
         return kind, self._take(length, deadline)
@@ -262,7 +260,6 @@ class HostConnection:
         Raises:
             HostGoneError: the host is gone, or silent for so long, or an earlier order was
                 broken off, so that its answer would be taken for this one's.
-
         """
         if self._in_order:
             raise HostGoneError("an earlier order was broken off")

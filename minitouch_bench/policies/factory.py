@@ -27,7 +27,6 @@ def load_factory(checkpoint: Checkpoint) -> Policy:
 
     Raises:
         PolicyLoadError: not trusted, not importable, or what it gives is no policy.
-
     """
     if not checkpoint.trust:
         raise PolicyLoadError(f"'{checkpoint.target}' runs its own code: it needs --trust")

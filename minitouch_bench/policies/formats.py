@@ -72,7 +72,6 @@ def check_permitted(kind: str, target: str, isolation: Isolation, *, trust: bool
 
     Raises:
         PolicyLoadError: it is neither in the sandbox nor trusted.
-
     """
     if FORMATS[kind].runs_code and isolation is not Isolation.SANDBOX and not trust:
         raise PolicyLoadError(
@@ -86,7 +85,6 @@ def find_loader(kind: str) -> Loader:
 
     Raises:
         MissingExtraError: an optional package of the format is not installed.
-
     """
     form = FORMATS[kind]
     for module, extra in form.packages:
@@ -101,7 +99,6 @@ def load_policy(kind: str, checkpoint: Checkpoint) -> Policy:
     Raises:
         PolicyLoadError: the checkpoint is unreadable, unsafe or of the wrong form.
         MissingExtraError: an optional package of the format is not installed.
-
     """
     loader = find_loader(kind)
     try:

@@ -59,7 +59,6 @@ class InProcessPolicy:
             PolicyLoadError: the checkpoint cannot be loaded, or is not trusted.
             MissingExtraError: an optional package is not installed.
             PolicyRaisedError: the policy's own ``reset`` raised.
-
         """
         part = self._source.for_task(task)
         check_permitted(part.kind, part.target, Isolation.NONE, trust=self._trust)
@@ -84,7 +83,6 @@ class InProcessPolicy:
         Raises:
             InvalidActionError: wrong length or type, NaN or infinity.
             PolicyRaisedError: the policy's code raised.
-
         """
         if self._policy is None:
             raise RuntimeError("no episode has begun")
@@ -143,7 +141,6 @@ def try_policy(
         IsolationError: this machine cannot isolate it as asked.
         MissingExtraError: an optional package is not installed.
         InfrastructureError: its host process ended again and again.
-
     """
     if source.kind == "scripted":
         return

@@ -69,7 +69,6 @@ def load_native(checkpoint: Checkpoint) -> NativePolicy:
 
     Raises:
         PolicyLoadError: no such architecture, or weights of other names or shapes.
-
     """
     architecture, action_size = _read_form(checkpoint)
     try:

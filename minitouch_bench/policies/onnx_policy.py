@@ -39,7 +39,6 @@ def load_onnx(checkpoint: Checkpoint) -> OnnxPolicy:
     Raises:
         PolicyLoadError: not ONNX, external data, or inputs and output of other names or shapes.
         MissingExtraError: onnx or onnxruntime is not installed.
-
     """
     onnx = require("onnx", "onnx")
     runtime = require("onnxruntime", "onnx")
@@ -64,7 +63,6 @@ def check_model(onnx: Any, model: Any, target: str) -> None:
 
     Raises:
         PolicyLoadError: saying which.
-
     """
     external = onnx.TensorProto.EXTERNAL
     declared = 0

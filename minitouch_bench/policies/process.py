@@ -100,7 +100,6 @@ class PolicyProcess:
             MissingExtraError: an optional package is not installed.
             PolicyFaultError: the policy's own ``reset`` failed; see its subclasses.
             InfrastructureError: no host process can be started.
-
         """
         part = self._source.for_task(task)
         order = {
@@ -136,7 +135,6 @@ class PolicyProcess:
             PolicyExitError: the child ended; the text has its code and last line.
             PolicyRaisedError: the policy's code raised; the text has type and message.
             InfrastructureError: the host process ended.
-
         """
         if self._pipes is None:
             raise RuntimeError("no episode has begun")
@@ -266,7 +264,6 @@ class PolicyProcess:
 
         Raises:
             InfrastructureError: the host itself has ended.
-
         """
         assert self._host is not None
         pipes, self._pipes = self._pipes, None

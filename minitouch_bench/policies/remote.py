@@ -83,7 +83,6 @@ def load_remote(checkpoint: Checkpoint) -> RemotePolicy:
 
     Raises:
         PolicyLoadError: nobody answers, or in another protocol.
-
     """
     policy = RemotePolicy(checkpoint.target, checkpoint.deterministic)
     try:

@@ -102,7 +102,6 @@ def load_sb3(checkpoint: Checkpoint) -> Sb3Policy:
     Raises:
         PolicyLoadError: no such zip, another algorithm, observation or network than known here.
         MissingExtraError: stable_baselines3 is not installed.
-
     """
     require("stable_baselines3", "sb3")
     check_zip(checkpoint.content, checkpoint.target)
@@ -163,7 +162,6 @@ def _rebuild(
 
     Raises:
         PolicyLoadError: the settings name what only a trusted file may bring.
-
     """
     described = _section(settings, "policy_class")
     policy_class = POLICY_CLASSES.get(str(described.get("__module__")))

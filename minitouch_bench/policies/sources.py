@@ -66,7 +66,6 @@ class PolicySource:
 
         Raises:
             PolicyLoadError: the directory has no file for it.
-
         """
         if self.kind != DIRECTORY:
             return self
@@ -84,7 +83,6 @@ def parse_source(text: str, tasks: Sequence[str] = (), *, trust: bool = False) -
 
     Raises:
         PolicyLoadError: there is no such policy, or it needs ``trust``.
-
     """
     if text in BUILT_IN:
         return PolicySource(text, text, text)
@@ -126,7 +124,6 @@ def read_checkpoint(path: Path) -> bytes:
 
     Raises:
         PolicyLoadError: missing, no plain file, empty, too large or not readable.
-
     """
     if not path.exists():
         raise PolicyLoadError(f"the policy file {path} does not exist")
@@ -194,7 +191,6 @@ def check_zip(content: bytes, target: str) -> None:
 
     Raises:
         PolicyLoadError: saying by how much.
-
     """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -211,7 +207,6 @@ def check_bytes(declared: int, held: int, target: str) -> None:
 
     Raises:
         PolicyLoadError: saying how many.
-
     """
     if declared > min(MAX_FILE_BYTES, MAX_RATIO * held):
         raise PolicyLoadError(

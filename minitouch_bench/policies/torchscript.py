@@ -50,7 +50,6 @@ def load_torchscript(checkpoint: Checkpoint) -> TorchScriptPolicy:
 
     Raises:
         PolicyLoadError: no TorchScript file, or a forward of other arguments.
-
     """
     check_zip(checkpoint.content, checkpoint.target)
     try:

@@ -94,7 +94,6 @@ def unpack_header(header: bytes) -> tuple[int, Frame]:
 
     Raises:
         WireError: too long, or of an unknown kind.
-
     """
     length, kind = HEADER.unpack(header)
     if length > MAX_PAYLOAD or kind not in Frame.__members__.values():
@@ -114,7 +113,6 @@ def read_exactly(descriptor: int, count: int) -> bytes:
 
     Raises:
         EOFError: the other side closed.
-
     """
     parts = bytearray()
     while len(parts) < count:
@@ -136,7 +134,6 @@ def pack_observation(observation: Observation) -> bytes:
 
     Raises:
         ValueError: an array has another shape or type.
-
     """
     image, touch = observation["image"], observation["touch"]
     if image.shape != IMAGE_SHAPE or image.dtype != np.uint8:
@@ -151,7 +148,6 @@ def unpack_observation(payload: bytes) -> dict[str, NDArray[Any]]:
 
     Raises:
         WireError: another number of bytes.
-
     """
     if len(payload) != OBSERVATION_BYTES:
         raise WireError(f"an observation of {len(payload)} bytes, not {OBSERVATION_BYTES}")
@@ -184,7 +180,6 @@ def unpack_action(payload: bytes) -> NDArray[Any]:
 
     Raises:
         WireError: the payload describes no array.
-
     """
     try:
         name, axes = ARRAY_HEADER.unpack_from(payload)

@@ -1,15 +1,14 @@
 """Make shape number i: draw, size, decompose, prove; the same shape whoever asks, and when."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import coacd
 import numpy as np
 
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.shapegen.families import FAMILIES
-from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments, widest_across
+from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments, widest_side
 from minitouch_bench.shapegen.record import Body, decode, encode, quantized
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
@@ -58,10 +57,6 @@ class BuildConfig:
     decomposition: DecompositionConfig = field(default_factory=DecompositionConfig)
     soundness: SoundnessConfig = field(default_factory=SoundnessConfig)
 
-    def document(self) -> dict[str, Any]:
-        """Return the parameters as JSON data, for the manifest."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class MadeShape:
@@ -96,7 +91,8 @@ def make_shape(root: int, index: int, config: BuildConfig) -> MadeShape:
         rng = np.random.default_rng(np.random.SeedSequence([root, index, attempt]))
         try:
             mesh = sized(FAMILIES[family](rng), rng, config)
-            body, density = with_hulls(mesh, rng, config)
+            density = drawn_density(mesh, rng, config)
+            body = weighed(mesh, density, config.decomposition)
             measures = examine(body, config.soundness)
         except UnsoundError as error:
             refused[error.reason.name] = refused.get(error.reason.name, 0) + 1
@@ -119,9 +115,7 @@ def sized(solid: Solid, rng: np.random.Generator, config: BuildConfig) -> Mesh:
         raise UnsoundError(Reason.NOT_CLOSED)
     mesh = in_body_frame(mesh)
     longest = float(mesh.extents.max())
-    planes = ((0, 1), (0, 2), (1, 2))
-    widest = max(widest_across(mesh.vertices[:, plane]) for plane in planes)
-    largest = min(config.widest / widest * longest, config.soundness.longest_side[1])
+    largest = min(config.widest / widest_side(mesh) * longest, config.soundness.longest_side[1])
     if largest < config.shortest_longest_side:
         raise UnsoundError(Reason.TOO_WIDE)
     # Drawn from the upper half more often: small things are quickly too thin or too flat.
@@ -132,16 +126,6 @@ def sized(solid: Solid, rng: np.random.Generator, config: BuildConfig) -> Mesh:
     # The hulls' rest poses are nearly the mesh's: this refuses most flat ones before CoACD.
     list(statically_sound(hull_of(mesh.vertices), config.soundness))
     return mesh
-
-
-def with_hulls(mesh: Mesh, rng: np.random.Generator, config: BuildConfig) -> tuple[Body, float]:
-    """Decompose a mesh and give it a density (kg/m³), and with it mass and inertia.
-
-    Raises:
-        UnsoundError: the density range leaves no mass within bounds.
-    """
-    density = drawn_density(mesh, rng, config)
-    return weighed(mesh, density, config.decomposition), density
 
 
 def drawn_density(mesh: Mesh, rng: np.random.Generator, config: BuildConfig) -> float:

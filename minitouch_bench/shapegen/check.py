@@ -1,7 +1,7 @@
 """Prove a shape set against its manifest; every failure is named, none hides another."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, read_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import BuildConfig
-from minitouch_bench.shapegen.generate import entry_of
+from minitouch_bench.shapegen.generate import Progress, entry_of
 from minitouch_bench.shapegen.likeness import (
     SMALLEST_P,
     descriptor,
@@ -22,8 +22,6 @@ from minitouch_bench.shapegen.likeness import (
 from minitouch_bench.shapegen.manifest import HELD_OUT, Shape, ShapeSet, load_shape_set, splits_of
 from minitouch_bench.shapegen.record import Body, body_files, decode, digest
 from minitouch_bench.shapegen.soundness import UnsoundError, examine
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import json
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -46,12 +46,11 @@ def generate(
         RunDirectoryError: another generator works in the folder, or it holds something else.
         InfrastructureError: the disk is full, or a worker failed.
     """
-    config = BuildConfig()
     header = {
-        "name": set_name(count, root),
+        "name": f"minitouch-{count}" + (f"-seed-{root}" if root else ""),
         "generator": GENERATOR_VERSION,
         "seed": root,
-        "parameters": config.document(),
+        "parameters": asdict(BuildConfig()),
     }
     with lock_directory(folder):
         partial = opened_partial(folder, {**header, "versions": versions(), "count": count})
@@ -59,7 +58,8 @@ def generate(
         progress(count - len(missing), count)
         tasks = [(root, index) for index in missing]
         for done, (position, (entry, record)) in enumerate(
-            run_in_workers(make_entry, tasks, workers, name=_name), start=1
+            run_in_workers(make_entry, tasks, workers, name=lambda task: f"shape {task[1]}"),
+            start=1,
         ):
             write_partial(partial, missing[position], entry, record)
             progress(count - len(missing) + done, count)
@@ -73,21 +73,12 @@ def generate(
     return GenerateResult(folder, content_digest(document), count, refused)
 
 
-def set_name(count: int, root: int) -> str:
-    """Return the name of a generated set; the folder's name is no part of its digest."""
-    return f"minitouch-{count}" + (f"-seed-{root}" if root else "")
-
-
-def _name(task: tuple[int, int]) -> str:
-    return f"shape {task[1]}"
-
-
 def make_entry(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
     """Return entry and record of one shape, for (root, index); runs in a worker."""
     root, index = task
     made = make_shape(root, index, BuildConfig())
     extra = {
-        "name": shape_name(index),
+        "name": f"shape-{index:04d}",
         "family": made.family,
         "attempt": made.attempt,
         "refused": dict(sorted(made.refused.items())),
@@ -147,11 +138,6 @@ def remove_partial(partial: Path) -> None:
     for path in partial.iterdir():
         path.unlink()
     partial.rmdir()
-
-
-def shape_name(index: int) -> str:
-    """Return the name of shape number ``index``."""
-    return f"shape-{index:04d}"
 
 
 def entry_of(body: Body, measures: Measures, density: float, extra: Mapping[str, Any]) -> Any:

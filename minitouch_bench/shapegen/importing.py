@@ -1,7 +1,6 @@
 """Turn OBJ, STL, GLB and URDF objects into a set, or say why each one cannot be."""
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,9 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.files import lock_directory
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import BuildConfig, weighed
-from minitouch_bench.shapegen.generate import entry_of, write_set
+from minitouch_bench.shapegen.generate import Progress, entry_of, write_set
 from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
-from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments, widest_across
+from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments, widest_side
 from minitouch_bench.shapegen.reading import UnreadableError, find_objects, read_object
 from minitouch_bench.shapegen.record import encode, quantized
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
@@ -27,7 +26,6 @@ from minitouch_bench.shapegen.soundness import (
     statically_sound,
 )
 
-Progress = Callable[[int, int], None]
 FAMILY = "imported"
 
 
@@ -192,10 +190,8 @@ def _swollen(parts: list[Solid]) -> list[Solid]:
 def _fitting(mesh: Mesh) -> float:
     """Return the factor that gives the largest size the hand can grip."""
     config = BuildConfig()
-    planes = ((0, 1), (0, 2), (1, 2))
-    widest = max(widest_across(mesh.vertices[:, plane]) for plane in planes)
     largest = config.soundness.longest_side[1] - 0.001
-    return min(config.widest / widest, largest / float(mesh.extents.max()))
+    return min(config.widest / widest_side(mesh), largest / float(mesh.extents.max()))
 
 
 def _proven(mesh: Mesh, config: ImportConfig) -> tuple[dict[str, Any], bytes]:

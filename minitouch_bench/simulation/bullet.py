@@ -77,3 +77,9 @@ class View:
             camera.field_of_view, aspect, camera.near, camera.far
         )
         return cls(tuple(view), tuple(projection))
+
+
+def quaternion_from_euler(angles: Vector) -> tuple[float, float, float, float]:
+    """Return the quaternion (x, y, z, w) of fixed-axis roll, pitch, yaw (rad)."""
+    quaternion: tuple[float, float, float, float] = pybullet.getQuaternionFromEuler(angles)
+    return quaternion

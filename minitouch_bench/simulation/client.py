@@ -297,9 +297,3 @@ class PhysicsClient:
             np.reshape(np.asarray(depth, np.float32), (height, width)),
             np.reshape(np.asarray(seen, np.int32), (height, width)) if bodies else None,
         )
-
-
-def quaternion_from_euler(angles: Vector) -> tuple[float, float, float, float]:
-    """Return the quaternion (x, y, z, w) of fixed-axis roll, pitch, yaw (rad)."""
-    quaternion: tuple[float, float, float, float] = pybullet.getQuaternionFromEuler(angles)
-    return quaternion

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import ArmSpec
 from minitouch_bench.simulation.bodies import light_panda
-from minitouch_bench.simulation.bullet import Pose, Vector
-from minitouch_bench.simulation.client import PhysicsClient, quaternion_from_euler
+from minitouch_bench.simulation.bullet import Pose, Vector, quaternion_from_euler
+from minitouch_bench.simulation.client import PhysicsClient
 
 ARM_JOINTS = (0, 1, 2, 3, 4, 5, 6)
 FINGER_JOINTS = (9, 10)

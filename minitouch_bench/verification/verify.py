@@ -95,8 +95,7 @@ def compare_with_replay(run: RecordedRun, records: list[EpisodeRecord]) -> Itera
         for spec, row in run.rows()
     )
     evaluation = EvaluationRun(run.saved.header, run.saved.environment, replayed)
-    summary = summarize(evaluation, np.random.default_rng(run.saved.header.seed))
-    yield from _documents(run, save(evaluation, summary, run.saved.name))
+    yield from _documents(run, save(evaluation, summarize(evaluation), run.saved.name))
     yield from _files(run)
     if os.path.lexists(run.directory / JOURNAL_FILE):
         yield from _journal(run, replayed)

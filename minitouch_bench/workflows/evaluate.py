@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import (
@@ -106,7 +104,8 @@ def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Evaluat
     if output.in_memory:
         with opening as engine:
             run = play(request, OpenRun(request.header()), engine, callbacks)
-        return _in_memory(run, run_name(request))
+        saved = save(run, summarize(run), run_name(request))
+        return EvaluationResult(saved, build_report([saved]))
     directory = output.directory or REPORTS / run_name(request)
     with opening as engine, lock_directory(directory):
         opened = open_run(request, directory, resume=output.resume, fresh=output.fresh)
@@ -190,7 +189,6 @@ def resumable(directory: Path | None) -> Iterator[None]:
 
 def save_run(run: EvaluationRun, directory: Path, video: int = 0) -> EvaluationResult:
     """Derive every file of a run from its records; film the first ``video`` of each task."""
-    summary = summarize(run, np.random.default_rng(run.header.seed))
     write_actions(run.records, directory)
     videos = [
         film(
@@ -202,11 +200,5 @@ def save_run(run: EvaluationRun, directory: Path, video: int = 0) -> EvaluationR
         for record in run.records
         if record.spec.index < video
     ]
-    saved = write_run(run, summary, directory)
+    saved = write_run(run, summarize(run), directory)
     return EvaluationResult(saved, write_report([saved], directory, videos), directory)
-
-
-def _in_memory(run: EvaluationRun, name: str) -> EvaluationResult:
-    summary = summarize(run, np.random.default_rng(run.header.seed))
-    saved = save(run, summary, name)
-    return EvaluationResult(saved, build_report([saved]))

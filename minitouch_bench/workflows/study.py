@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from itertools import product
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import msgspec
@@ -30,7 +29,6 @@ from minitouch_bench.workflows.evaluate import EvaluateOptions, OutputOptions, e
 from minitouch_bench.workflows.train import TrainingRequest, train
 
 STUDIES = Path("reports") / "studies"
-STUDY_FILE = "study.toml"
 FAILURE_FILE = "failure.txt"
 
 
@@ -139,7 +137,8 @@ def run_study(options: StudyOptions) -> StudyResults:
         for training in options.config.trainings():
             (_place(directory, training) / FAILURE_FILE).unlink(missing_ok=True)
         found = _look(options)
-        for training, failure in _run_left(options, found.left):
+        jobs = [_Job(options.config, directory.resolve(), training) for training in found.left]
+        for training, failure in RUNNERS[options.engine.name](jobs, options.engine):
             if failure:
                 write_file(_place(directory, training) / FAILURE_FILE, failure + "\n")
             found = _look(options)
@@ -153,26 +152,13 @@ class _Job:
     training: StudyTraining
 
 
-def _name(job: _Job) -> str:
-    return job.training.name
-
-
-def _run_left(
-    options: StudyOptions, left: tuple[StudyTraining, ...]
-) -> Iterator[tuple[StudyTraining, str]]:
-    """Yield each training as it ends, with what went wrong."""
-    directory = options.directory.resolve()
-    jobs = [_Job(options.config, directory, training) for training in left]
-    return RUNNERS[options.engine.name](jobs, options.engine)
-
-
 def _run_here(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTraining, str]]:
     workers = engine.workers or core_count()
     while jobs:
         ended = set()
         try:
             for index, failure in run_in_workers(
-                _run, jobs, workers, name=_name, variables=VARIABLES
+                _run, jobs, workers, name=lambda job: job.training.name, variables=VARIABLES
             ):
                 ended.add(index)
                 yield jobs[index].training, failure
@@ -184,21 +170,17 @@ def _run_here(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTr
 
 def _run_on_ray(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTraining, str]]:
     """Leave it to Ray where each training runs; nodes that are lost are made up for by others."""
-    with ray_cluster(engine.address, engine.workers) as ray:
-        yield from _results(ray, jobs)
-
-
-def _results(ray: ModuleType, jobs: list[_Job]) -> Iterator[tuple[StudyTraining, str]]:
     settings = {"num_cpus": 1, "max_retries": 2, "runtime_env": {"env_vars": VARIABLES}}
-    run = ray.remote(**settings)(_run)
-    running = {run.remote(job): job.training for job in jobs}
-    while running:
-        (ended,), _ = ray.wait([*running])
-        training = running.pop(ended)
-        try:
-            yield training, ray.get(ended)
-        except ray.exceptions.RayError as error:
-            yield training, f"its worker was lost ({type(error).__name__})"
+    with ray_cluster(engine.address, engine.workers) as ray:
+        run = ray.remote(**settings)(_run)
+        running = {run.remote(job): job.training for job in jobs}
+        while running:
+            (ended,), _ = ray.wait([*running])
+            training = running.pop(ended)
+            try:
+                yield training, ray.get(ended)
+            except ray.exceptions.RayError as error:
+                yield training, f"its worker was lost ({type(error).__name__})"
 
 
 RUNNERS = {"local": _run_here, "ray": _run_on_ray}

@@ -6,8 +6,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from minitouch_bench.agents.config import trained_steps
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actions import write_actions
@@ -17,8 +15,6 @@ from minitouch_bench.evaluation.run import RunRequest, open_run
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import (
     JOURNAL_FILE,
-    RUN_FILE,
-    clear_run,
     foreign_entries,
     holds_run,
     is_folder,
@@ -102,7 +98,9 @@ def submit(options: SubmitOptions, callbacks: Callbacks = SILENT) -> Packed:
         InfrastructureError, InterruptedRunError: a run is incomplete and can be resumed.
     """
     check_name(options.name)
-    _check_suites(options.suites)
+    if MAIN_SUITE not in options.suites or {*options.suites} - {*SUBMITTED_SUITES}:
+        known, given = ",".join(SUBMITTED_SUITES), ",".join(options.suites)
+        raise UsageError(f"--suites is {MAIN_SUITE}, or {known}, not '{given}'")
     directory = options.directory / options.name
     begun = begun_submission(directory)
     told = _told(options, begun)
@@ -113,13 +111,6 @@ def submit(options: SubmitOptions, callbacks: Callbacks = SILENT) -> Packed:
     packer = _Packer(options, directory, callbacks)
     parts = packer.finished_runs() if options.policy is None else packer.evaluate(options.policy)
     return packer.pack(parts, told)
-
-
-def _check_suites(suites: tuple[str, ...]) -> None:
-    if MAIN_SUITE not in suites or any(suite not in SUBMITTED_SUITES for suite in suites):
-        raise UsageError(
-            f"--suites is {MAIN_SUITE}, or {','.join(SUBMITTED_SUITES)}, not '{','.join(suites)}'"
-        )
 
 
 def _check_apart(options: SubmitOptions, directory: Path) -> None:
@@ -248,19 +239,19 @@ class _Packer:
         request = RunRequest(suite, suite.tasks, suite.episodes_per_task, suite.seed, setup)
         directory = self._run_directory(name)
         with lock_directory(directory):
-            if _is_finished(directory) and not self.options.fresh:
+            is_finished = holds_run(directory) and not (directory / JOURNAL_FILE).exists()
+            if is_finished and not self.options.fresh:
                 self._check_kept(request, directory)
             else:
                 self._play(request, directory, engine)
 
     def _play(self, request: RunRequest, directory: Path, engine: Engine) -> None:
-        if self.options.fresh:
-            clear_run(directory)
-        opened = open_run(request, directory, resume=self.options.resume, fresh=False)
+        options = self.options
+        opened = open_run(request, directory, resume=options.resume, fresh=options.fresh)
         self.callbacks.note(f"suite {request.suite.name}")
         run = play(request, opened, engine, self.callbacks)
         write_actions(run.records, directory)
-        write_run(run, summarize(run, np.random.default_rng(run.header.seed)), directory)
+        write_run(run, summarize(run), directory)
 
     def _check_kept(self, request: RunRequest, directory: Path) -> None:
         """Refuse to keep a finished run that nobody asked to keep, or that is another one."""
@@ -307,10 +298,6 @@ class _Parts:
         sources = [source for source in (self.policy, self.exploration) if source is not None]
         files = [file for source in sources for file in (source, *(p for _, p in source.parts))]
         return {file.digest for file in files if Path(file.target).is_file()}
-
-
-def _is_finished(directory: Path) -> bool:
-    return (directory / RUN_FILE).exists() and not (directory / JOURNAL_FILE).exists()
 
 
 def _check_official(run: SavedRun, path: Path) -> None:

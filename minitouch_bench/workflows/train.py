@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -72,7 +73,7 @@ def train(request: TrainingRequest) -> bool:
         def on_row(row: ProgressRow) -> None:
             request.on_row(row)
             if events is not None:
-                events.add(row)
+                _write_events(events, row)
 
         callbacks = TrainingCallbacks(evaluator.evaluate, on_row, request.should_stop)
         try:
@@ -83,46 +84,27 @@ def train(request: TrainingRequest) -> bool:
                 events.close()
             evaluator.close()
             environment.close()
-        _write_report(request.directory)
+        if (request.directory / PROGRESS_FILE).exists():  # there is a row to draw
+            write_file(request.directory / REPORT_FILE, training_page(request.directory))
     return finished
 
 
-def _write_report(directory: Path) -> None:
-    """Draw the curves so far, if there is a row to draw."""
-    if (directory / PROGRESS_FILE).exists():
-        write_file(directory / REPORT_FILE, training_page(directory))
-
-
-class EventWriter:
-    """Write every number of a row as a scalar at its control step."""
-
-    def __init__(self, directory: Path) -> None:
-        """Open a new file of events.
-
-        Raises:
-            MissingExtraError: tensorboardX is not installed.
-        """
-        tensorboard = require("tensorboardX", "train")
-        self._writer = tensorboard.SummaryWriter(str(directory / EVENTS_DIRECTORY))
-
-    def add(self, row: ProgressRow) -> None:
-        """Write a row."""
-        for name, value in asdict(row).items():
-            if name != "step" and isinstance(value, float | int):
-                self._writer.add_scalar(f"{row.phase}/{name}", value, row.step)
-        self._writer.flush()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._writer.close()
-
-
-def _open_events(request: TrainingRequest) -> EventWriter | None:
+def _open_events(request: TrainingRequest) -> Any:
+    """Return the writer of a new file of events, None where its package is not installed."""
     try:
-        return EventWriter(request.directory)
+        tensorboard = require("tensorboardX", "train")
     except MissingExtraError as error:
         request.note(f"no TensorBoard events are written: {error}")
         return None
+    return tensorboard.SummaryWriter(str(request.directory / EVENTS_DIRECTORY))
+
+
+def _write_events(events: Any, row: ProgressRow) -> None:
+    """Write every number of a row as a scalar at its control step."""
+    for name, value in asdict(row).items():
+        if name != "step" and isinstance(value, float | int):
+            events.add_scalar(f"{row.phase}/{name}", value, row.step)
+    events.flush()
 
 
 def choose_device(name: str) -> torch.device:

@@ -4,8 +4,8 @@ import pytest
 from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.protocol.tasks import CubeSpec
 from minitouch_bench.simulation.bodies import add_table, cube_urdf
-from minitouch_bench.simulation.bullet import INVISIBLE
-from minitouch_bench.simulation.client import PhysicsClient, View, quaternion_from_euler
+from minitouch_bench.simulation.bullet import INVISIBLE, quaternion_from_euler
+from minitouch_bench.simulation.client import PhysicsClient, View
 
 RED = (1.0, 0.0, 0.0, 1.0)
 

@@ -5,7 +5,8 @@ import pytest
 
 from minitouch_bench.protocol.tasks import FACING_DOOR, POINTING_DOWN
 from minitouch_bench.simulation.bodies import add_table, light_panda
-from minitouch_bench.simulation.client import PhysicsClient, quaternion_from_euler
+from minitouch_bench.simulation.bullet import quaternion_from_euler
+from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import (
     ARM_JOINTS,
     END_EFFECTOR,

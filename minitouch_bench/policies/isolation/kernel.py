@@ -14,7 +14,6 @@ def system_call(number: int, *arguments: object) -> int:
 
     Raises:
         OSError: with the kernel's error number.
-
     """
     return _checked(LIBC.syscall(ctypes.c_long(number), *_widened(arguments)))
 
@@ -24,7 +23,6 @@ def prctl(option: int, *arguments: object) -> int:
 
     Raises:
         OSError: with the kernel's error number.
-
     """
     padded = (*arguments, 0, 0, 0, 0)[:4]
     return _checked(LIBC.prctl(ctypes.c_int(option), *_widened(padded)))

@@ -63,7 +63,6 @@ def make_ruleset(
 
     Raises:
         OSError: the kernel refuses it.
-
     """
     handled = (1 << max(count for since, count in FILE_RIGHTS if abi >= since)) - 1
     attributes = RulesetAttributes(
@@ -87,7 +86,6 @@ def restrict_self(ruleset: int, abi: int) -> None:
 
     Raises:
         OSError: the kernel refuses it.
-
     """
     # A policy that is denied the same thing for ever would fill the machine's audit log.
     flags = RESTRICT_SELF_LOG_SAME_EXEC_OFF if abi >= LOG_OFF_FROM_ABI else 0

@@ -44,7 +44,6 @@ class Sandbox:
 
         Raises:
             OSError: the kernel refused a part of it; the process must end then.
-
         """
         confinement.set_limits(self.limits)
         confinement.forget_environment()
@@ -65,7 +64,6 @@ def prepare(
 
     Raises:
         IsolationError: this machine cannot have one, or it does not hold.
-
     """
     machine = platform.machine()
     if machine not in ARCHITECTURES or struct.calcsize("P") != 8:
@@ -92,7 +90,6 @@ def check_holds(sandbox: Sandbox) -> None:
 
     Raises:
         IsolationError: it could not enter, or got out.
-
     """
     try:
         with tempfile.NamedTemporaryFile() as file:

@@ -174,7 +174,6 @@ def make_filter(machine: str, pid: int, *, threads: bool) -> list[Instruction]:
 
     Raises:
         ValueError: the architecture is not known here.
-
     """
     column = ARCHITECTURES.index(machine)
     program = [
@@ -201,7 +200,6 @@ def install(program: Iterable[Instruction]) -> None:
 
     Raises:
         OSError: the kernel refuses it.
-
     """
     code = b"".join(struct.pack("=HBBI", *instruction) for instruction in program)
     header = Program(len(code) // 8, code)
