@@ -10,8 +10,8 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from minitouch_bench.policies.isolation.confinement import HOST_VARIABLES
 from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.isolation.readable import HOST_VARIABLES
 from minitouch_bench.policies.wire import (
     HEADER,
     MAX_PAYLOAD,

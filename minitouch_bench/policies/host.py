@@ -34,7 +34,7 @@ import numpy.random  # loaded lazily otherwise, so again in every child
 
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError, PolicyRaisedError
 from minitouch_bench.policies.formats import FORMATS, check_permitted, find_loader, load_policy
-from minitouch_bench.policies.isolation.confinement import ProcessLimits
+from minitouch_bench.policies.isolation.kernel import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.isolation.readable import NOTHING, factory_paths
 from minitouch_bench.policies.isolation.sandbox import Sandbox, prepare

@@ -1,4 +1,4 @@
-"""Which files a confined policy may read: what Python and its packages need to go on."""
+"""What a confined policy may read: the files and the variables that Python and packages need."""
 
 import importlib.util
 import os
@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import minitouch_bench
 from minitouch_bench.files import RUN_ENTRIES
+from minitouch_bench.processes import ARITHMETIC
 
 SYSTEM = (
     "/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/usr/local/lib64",
@@ -25,6 +26,22 @@ PACKAGE_FOLDERS = ("site-packages", "dist-packages")
 """Names of folders that hold installed packages and nothing else."""
 
 WRITABLE = ("/dev/null",)
+
+KEPT_VARIABLES = frozenset(
+    {
+        *ARITHMETIC, "ORT_DISABLE_TELEMETRY", "PYTHONHASHSEED", "LANG", "LC_ALL", "LC_CTYPE", "TZ",
+    }
+)  # fmt: skip
+"""What a policy's process keeps of its environment."""
+
+HOST_VARIABLES = KEPT_VARIABLES | {
+    "PATH", "HOME", "LD_LIBRARY_PATH", "PYTHONPATH", "PYTHONHOME", "PYTHONPLATLIBDIR",
+    "PYTHONWARNINGS", "VIRTUAL_ENV", "TMPDIR",
+}  # fmt: skip
+"""What the process it is forked from needs beside them, to start Python and import packages.
+
+Keys and tokens of the user must not even be in its memory, which a policy inherits.
+"""
 
 
 def readable_paths() -> tuple[str, ...]:
@@ -93,3 +110,9 @@ def _parts(path: Path, run: Path | None) -> Iterator[Path]:
                 yield from _parts(entry, run)
             else:
                 yield entry
+
+
+def forget_environment() -> None:
+    """Leave nothing in the environment but what numbers depend on."""
+    for name in set(os.environ) - KEPT_VARIABLES:
+        del os.environ[name]

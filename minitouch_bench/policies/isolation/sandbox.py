@@ -9,11 +9,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from minitouch_bench.errors import IsolationError
-from minitouch_bench.policies.isolation import confinement, kernel, landlock, seccomp
+from minitouch_bench.policies.isolation import kernel, landlock, seccomp
 from minitouch_bench.policies.isolation.readable import (
     NOTHING,
     WRITABLE,
     FactoryPaths,
+    forget_environment,
     readable_paths,
 )
 from minitouch_bench.policies.isolation.seccomp import ARCHITECTURES
@@ -34,7 +35,7 @@ class Sandbox:
     machine: str
     abi: int
     ruleset: int
-    limits: confinement.ProcessLimits
+    limits: kernel.ProcessLimits
     threads: bool
 
     def enter(self, kept: tuple[int, ...]) -> None:
@@ -45,18 +46,18 @@ class Sandbox:
         Raises:
             OSError: the kernel refused a part of it; the process must end then.
         """
-        confinement.set_limits(self.limits)
-        confinement.forget_environment()
-        confinement.close_others((*kept, self.ruleset))
+        kernel.set_limits(self.limits)
+        forget_environment()
+        kernel.close_others((*kept, self.ruleset))
         kernel.prctl(kernel.PR_SET_NO_NEW_PRIVS, 1)
-        confinement.drop_capabilities(self.machine)
+        kernel.drop_capabilities(self.machine)
         landlock.restrict_self(self.ruleset, self.abi)
         os.close(self.ruleset)
         seccomp.install(seccomp.make_filter(self.machine, os.getpid(), threads=self.threads))
 
 
 def prepare(
-    allowed: confinement.ProcessLimits, own: FactoryPaths = NOTHING, *, threads: bool = False
+    allowed: kernel.ProcessLimits, own: FactoryPaths = NOTHING, *, threads: bool = False
 ) -> Sandbox:
     """Return a sandbox in which a factory's own paths may be read beside what Python needs.
 
@@ -80,7 +81,7 @@ def prepare(
     except OSError as error:
         raise _unavailable(f"Landlock refused its rules: {error.strerror}") from error
     sandbox = Sandbox(machine, abi, ruleset, allowed, threads)
-    confinement.be_first_to_go()  # children inherit it
+    kernel.be_first_to_go()  # children inherit it
     check_holds(sandbox)
     return sandbox
 

@@ -10,7 +10,7 @@ from minitouch_bench.errors import IsolationError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.policies.isolate import InProcessPolicy, effective_level, isolate, try_policy
 from minitouch_bench.policies.isolation import landlock, sandbox
-from minitouch_bench.policies.isolation.confinement import ProcessLimits
+from minitouch_bench.policies.isolation.kernel import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, weakest
 from minitouch_bench.policies.isolation.readable import readable_paths
 from minitouch_bench.policies.sources import parse_source
