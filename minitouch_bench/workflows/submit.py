@@ -46,7 +46,7 @@ from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES, validate
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
-from minitouch_bench.records import PolicyIdentity, Role, SavedRun
+from minitouch_bench.records import PolicyIdentity, Role, RunHeader
 from minitouch_bench.reporting.run_directory import read_run, write_run
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows import SILENT, Callbacks
@@ -170,10 +170,8 @@ class _Packer:
         if MAIN_SUITE not in by_suite or len(by_suite) != len(runs):
             raise UsageError(f"--run needs one run of {MAIN_SUITE}, and at most one of each suite")
         main = by_suite[MAIN_SUITE][0].header
-        for run, path in by_suite.values():
-            _check_official(run, path)
-            _check_policy(run, path, main.policy)
-        for suite in by_suite:
+        for suite, (run, path) in by_suite.items():
+            _check_submittable(run.header, path, main.policy)
             directory = self._run_directory(suite)
             if holds_run(directory) and not self.options.fresh:
                 raise RunDirectoryError(f"{directory} holds a run.\nAdd --fresh to replace it")
@@ -232,26 +230,22 @@ class _Packer:
         return self.directory / run_place(self.options.training_seed, suite)
 
     def _run_suite(self, name: str, setup: PolicySetup, engine: Engine) -> None:
-        """Run one suite alone in its directory."""
-        suite = find_suite(name)
+        """Run one suite alone in its directory, or keep the finished run that is there."""
+        suite, options = find_suite(name), self.options
         # The exploration figure is one of Table 4 alone.
         setup = setup if name == MAIN_SUITE else replace(setup, exploration=None)
         request = RunRequest(suite, suite.tasks, suite.episodes_per_task, suite.seed, setup)
         directory = self._run_directory(name)
         with lock_directory(directory):
             is_finished = holds_run(directory) and not (directory / JOURNAL_FILE).exists()
-            if is_finished and not self.options.fresh:
+            if is_finished and not options.fresh:
                 self._check_kept(request, directory)
-            else:
-                self._play(request, directory, engine)
-
-    def _play(self, request: RunRequest, directory: Path, engine: Engine) -> None:
-        options = self.options
-        opened = open_run(request, directory, resume=options.resume, fresh=options.fresh)
-        self.callbacks.note(f"suite {request.suite.name}")
-        run = play(request, opened, engine, self.callbacks)
-        write_actions(run.records, directory)
-        write_run(run, summarize(run), directory)
+                return
+            opened = open_run(request, directory, resume=options.resume, fresh=options.fresh)
+            self.callbacks.note(f"suite {name}")
+            run = play(request, opened, engine, self.callbacks)
+            write_actions(run.records, directory)
+            write_run(run, summarize(run), directory)
 
     def _check_kept(self, request: RunRequest, directory: Path) -> None:
         """Refuse to keep a finished run that nobody asked to keep, or that is another one."""
@@ -300,16 +294,12 @@ class _Parts:
         return {file.digest for file in files if Path(file.target).is_file()}
 
 
-def _check_official(run: SavedRun, path: Path) -> None:
-    header = run.header
+def _check_submittable(header: RunHeader, path: Path, main: PolicyIdentity) -> None:
+    """Refuse a run that is no official one, or of another policy than the ``main`` run."""
     if header.suite not in SUBMITTED_SUITES or not header.official:
         reasons = "; ".join(header.unofficial_because) or f"suite {header.suite}"
         raise UsageError(f"{path} is no official run: {reasons}")
-
-
-def _check_policy(run: SavedRun, path: Path, main: PolicyIdentity) -> None:
-    policy = run.header.policy
-    if (policy.kind, policy.digest) != (main.kind, main.digest):
+    if (header.policy.kind, header.policy.digest) != (main.kind, main.digest):
         raise UsageError(f"{path} is the run of another policy than that of {MAIN_SUITE}")
 
 
