@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from minitouch_bench.leaderboard.proof import RANKED_LEVELS
 from minitouch_bench.leaderboard.ranking import Rank, rank
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, Refusal, ScoredSubmission
-from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.leaderboard.twins import exact_twins, near_twins
 from minitouch_bench.metrics.definitions import metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import Estimate
 
 CEILING = "scripted"
 FLOORS = tuple(name for name in BUILT_IN if name != CEILING)
@@ -46,15 +44,6 @@ class BoardRow:
         """What it repeats of others, in words; "" if nothing."""
         found = (("same episodes as", self.twins), ("nearly the actions of", self.near_twins))
         return "; ".join(f"{words} {', '.join(names)}" for words, names in found if names)
-
-    @property
-    def about(self) -> Submission:
-        """What the submission tells."""
-        return self.scored.about
-
-    def estimate(self, task: str, metric: str) -> Estimate | None:
-        """Return an estimate, None where there is none."""
-        return self.scored.estimate(task, metric)
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ def board_csv(board: Board) -> str:
 
 
 def _head(row: BoardRow) -> Row:
-    about = row.about
+    about = row.scored.about
     return (
         about.name,
         CALIBRATION if row.scored.is_calibration else RANKED if row.ranks else UNRANKED,

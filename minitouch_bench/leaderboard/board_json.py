@@ -141,13 +141,13 @@ def board_schema() -> dict[str, Any]:
 def _row(row: BoardRow) -> RowDocument:
     scored = row.scored
     return RowDocument(
-        **{name: getattr(row.about, name) for name in TOLD},
+        **{name: getattr(row.scored.about, name) for name in TOLD},
         proof=scored.level,
         rerun_episodes=scored.rerun_episodes,
         fresh=scored.fresh,
         same_episodes_as=row.twins,
         nearly_same_actions_as=row.near_twins,
-        training_seeds=tuple(seed.seed for seed in row.about.seeds),
+        training_seeds=tuple(seed.seed for seed in row.scored.about.seeds),
         runs=scored.runs,
         ranks=row.ranks,
         figures=scored.figures,

@@ -46,7 +46,7 @@ def _about(board: Board) -> Table:
     heads = ("Method", "Proof", "Modalities", "Training steps", "Training seeds", "Repeats")
     rows = []
     for row in board.rows:
-        about = row.about
+        about = row.scored.about
         cells = (
             about.method,
             row.scored.level.value,

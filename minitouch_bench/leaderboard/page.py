@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +21,16 @@ from minitouch_bench.leaderboard.entries import (
     RunData,
     endings,
 )
-from minitouch_bench.leaderboard.figures import amount, submission_figures
 from minitouch_bench.leaderboard.proof import MEANINGS as PROOF_MEANINGS
 from minitouch_bench.leaderboard.proof import RANKED_LEVELS, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY, ScoredSubmission
-from minitouch_bench.leaderboard.submission import BOARD_TASKS
+from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS, MAIN_SUITE
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Role
-from minitouch_bench.rendering.charts import LegendItem
+from minitouch_bench.rendering.charts import Figure, LegendItem, Plot, step_histograms, touch_chart
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.pages import Card, make_card, render_page
 from minitouch_bench.rendering.svg import draw_share_bar
@@ -228,3 +227,51 @@ def _faults(entry: Entry) -> tuple[FaultGroup, ...]:
         for run in runs
         for key, text in run.faults.items()
     )
+
+
+def submission_figures(entry: Entry) -> tuple[Figure, ...]:
+    """Return how long a submission's episodes last, and its touch over time."""
+    several = "; a line per training seed" if len(entry.seeds) > 1 else ""
+    return (
+        Figure(
+            "episode-steps",
+            "How long episodes last",
+            "Share of the episodes by number of control steps, and by how they ended.",
+            tuple(_steps_plot(entry, task) for task in BOARD_GOALS),
+        ),
+        Figure(
+            "touch-over-time",
+            "Touch over time",
+            "Mean ticks in contact at each control step, over the episodes that reached "
+            f"it{several}.",
+            tuple(_touch_plot(entry, task) for task in BOARD_TASKS),
+        ),
+    )
+
+
+def amount(number: int) -> str:
+    """Write a large number short: 2 M, 1.5 k; one that is not exact with three digits."""
+    for size, unit in ((10**12, "T"), (10**9, "G"), (10**6, "M"), (10**3, "k")):
+        if number >= size:
+            return f"{number / size:.3g}\u202f{unit}"
+    return str(number) if number else "none"
+
+
+def _steps_plot(entry: Entry, task: str) -> Plot:
+    listed = entry.episodes(MAIN_SUITE, Role.FINAL, task)
+    steps = np.concatenate([episodes.values["episode_steps"] for episodes in listed])
+    ended = np.concatenate([endings(episodes, task) for episodes in listed])
+    panel = {ENDING_TONES[ending]: steps[ended == index] for index, ending in enumerate(ENDINGS)}
+    title = task_title(task)
+    what = f"{title}: episodes by control steps and ending"
+    return Plot(title, what, step_histograms({"": panel}, PROTOCOL.task(task).max_steps))
+
+
+def _touch_plot(entry: Entry, task: str) -> Plot:
+    runs = [seed.runs[MAIN_SUITE] for seed in entry.seeds]
+    curves: list[tuple[Sequence[float], Sequence[int]]] = [
+        (run.touch_curves.get(task, ()), ()) for run in runs
+    ]
+    title = task_title(task)
+    what = f"{title}: mean contact ticks at each control step"
+    return Plot(title, what, (touch_chart(curves, PROTOCOL.task(task).max_steps),))

@@ -115,9 +115,9 @@ def file_digests(directory: Path, places: tuple[str, ...]) -> dict[str, str]:
     }
 
 
-def proof_path(directory: Path, proofs: Path | None = None) -> Path:
-    """Return where the proof of a submission lies; by default beside the submissions."""
-    return (proofs or directory.parent / PROOFS) / f"{directory.name}.json"
+def proof_path(directory: Path) -> Path:
+    """Return where the proof of a submission lies: beside the submissions."""
+    return directory.parent / PROOFS / f"{directory.name}.json"
 
 
 def write_proof(proof: Proof, path: Path) -> None:

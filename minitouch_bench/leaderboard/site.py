@@ -1,6 +1,7 @@
 """The static site: an index and a page per submission, each complete in itself."""
 
 import html
+import math
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,22 +10,25 @@ from markupsafe import Markup
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import os_errors_as, read_file, write_file
-from minitouch_bench.leaderboard.board import Board
+from minitouch_bench.leaderboard.board import Board, BoardRow
 from minitouch_bench.leaderboard.board_markdown import notes
-from minitouch_bench.leaderboard.figures import amount, efficiency_plot
 from minitouch_bench.leaderboard.inventory import MAX_VIDEO
-from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, finish_page, video_names
+from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, amount, finish_page, video_names
 from minitouch_bench.leaderboard.proof import MEANINGS, RANKED_LEVELS, ProofLevel
-from minitouch_bench.leaderboard.scores import ScoredSubmission
+from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, ScoredSubmission
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE, MODALITIES
 from minitouch_bench.leaderboard.views import View
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.rendering.charts import Axis, Chart, Dot, Line, Mark, Plot, Tick, share_axis
 from minitouch_bench.rendering.pages import PICTURES, render_page
 from minitouch_bench.rendering.svg import draw_gauge
 from minitouch_bench.rendering.tables import Cell
 
 WIDE, NARROW = 1124, 340
 """Widths of the plot of all submissions, on a desk and on a phone."""
+
+FEW_POINTS = 60
+"""Submissions up to which names and intervals are drawn; more would be a wall of lines."""
 
 PAGES = "submission"
 """Directory of the submissions' pages in the site."""
@@ -87,6 +91,45 @@ def draw_cells(cells: Sequence[Cell], edges: frozenset[int]) -> Markup:
         gauge = draw_gauge(cell.gauge) if cell.gauge else ""
         parts.append(f"<td{key}{first}>{html.escape(cell.text)}{small}{gauge}</td>")
     return Markup("".join(parts))
+
+
+def efficiency_plot(board: Board) -> Plot | None:
+    """Draw mean success against training steps on a logarithmic axis.
+
+    Rows without training are left out; None where that leaves none.
+    """
+    trained = [row for row in board.ranked if row.scored.about.training_steps > 0]
+    if not trained:
+        return None
+    powers = [math.log10(row.scored.about.training_steps) for row in trained]
+    first = math.floor(min(powers))
+    last = max(math.ceil(max(powers)), first + 1)
+    ticks = tuple(Tick(power, amount(10**power)) for power in range(first, last + 1))
+    axis = Axis("Control steps of the whole training", first, last, ticks)
+    few = len(trained) <= FEW_POINTS
+    marks = [
+        mark
+        for power, row in zip(powers, trained, strict=True)
+        for mark in _efficiency_marks(power, row, few)
+    ]
+    chart = Chart(axis, share_axis("Mean success"), tuple(marks), 270)
+    return Plot("", "Mean success against training steps", (chart,))
+
+
+def _efficiency_marks(power: float, row: BoardRow, few: bool) -> list[Mark]:
+    found = row.scored.figures[OVERALL][MEAN_SUCCESS]
+    name, steps = row.name, amount(row.scored.about.training_steps)
+    dot = Dot(
+        power,
+        found.value,
+        "series-0",
+        size=10 if few else 6,
+        label=name if few else "",
+        link=f"submission/{name}.html",
+        title=f"{name}: {found.value:.3f} after {steps} control steps",
+    )
+    interval = Line(((power, found.low), (power, found.high)), "series-0", 1.5, 0.45)
+    return [interval, dot] if few else [dot]
 
 
 def _copy_videos(scored: ScoredSubmission, submissions: Path, pages: Path) -> None:

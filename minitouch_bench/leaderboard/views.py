@@ -7,7 +7,7 @@ from minitouch_bench.leaderboard.board import TOUCH_METRICS, Board, BoardRow, in
 from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scores import GAP_TASKS, MEAN_SUCCESS, OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
-from minitouch_bench.metrics.definitions import METRICS, direction_of, metrics_shown_in
+from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.rendering.tables import (
     ABSENT,
@@ -97,7 +97,7 @@ def _task(board: Board, task: str) -> View:
     shown = metrics_shown_in(ShownIn.TABLE4, task)
     metrics = [ranked_by, *(metric for metric in shown if metric != ranked_by)]
     columns = tuple(
-        Column(METRICS[m].label, unit=f"{METRICS[m].unit} {direction_of(m, task)}".strip())
+        Column(METRICS[m].label, unit=f"{METRICS[m].unit} {METRICS[m].direction_in(task)}".strip())
         for m in metrics
     )
     lead = f"Ranked by {_label(task)}. The columns of Table 4."
@@ -155,7 +155,7 @@ def _lines(board: Board, ranked_by: str, wanted: Sequence[tuple[str, str]]) -> I
 def _cell(kind: str, name: str, row: BoardRow | None, task: str, metric: str) -> Cell:
     if kind == PAPER:
         return paper_cell(task, metric, name)
-    found = row.estimate(task, metric) if row else None
+    found = row.scored.estimate(task, metric) if row else None
     return estimate_cell("success" if metric == MEAN_SUCCESS else metric, found)
 
 
@@ -165,11 +165,11 @@ def _rows(
     """Walk through what a line says before its cells, in the order of a ranking."""
     metric = MEAN_SUCCESS if ranked_by == OVERALL else RANKED_BY[ranked_by]
     for row in in_order(board.ranked, ranked_by, metric):
-        yield RANKED, row.name, row.about.method, row.ranks[ranked_by], row
+        yield RANKED, row.name, row.scored.about.method, row.ranks[ranked_by], row
     for row in in_order(board.unranked, ranked_by, metric):
-        yield UNRANKED, row.name, row.about.method, None, row
+        yield UNRANKED, row.name, row.scored.about.method, None, row
     for row in board.calibration:
-        yield CALIBRATION, row.name, row.about.method, None, row
+        yield CALIBRATION, row.name, row.scored.about.method, None, row
     for name in board.missing_calibration:
         yield CALIBRATION, name, "not submitted yet", None, None
     for method in PAPER_METHODS:

@@ -246,13 +246,3 @@ def metrics_shown_in(table: ShownIn, task: str | None = None) -> tuple[str, ...]
 def ranking_metric(task: str) -> str:
     """Return the metric that sums a task up and ranks it: success, or how much is touched."""
     return "success" if task in GOAL_TASKS else "touch_share"
-
-
-def unit_of(metric: str, task: str) -> str:
-    """Return what a metric counts in a task."""
-    return METRICS[metric].unit_in(task)
-
-
-def direction_of(metric: str, task: str) -> str:
-    """Return UP or DOWN where more or less of a metric is better in a task, else NO_DIRECTION."""
-    return METRICS[metric].direction_in(task)

@@ -16,7 +16,6 @@ from minitouch_bench.regression.comparison import (
 )
 from minitouch_bench.regression.paired_tests import (
     Effect,
-    direction_of,
     holm,
     is_binary,
     measure_effect,
@@ -155,11 +154,11 @@ def guarded_values(
     Errors: UsageError if none has a direction.
     """
     found = [one for one in collect_values(pairs, tasks) if one.metric in settings.metrics]
-    guarded = tuple(one for one in found if direction_of(one) != NO_DIRECTION)
+    guarded = tuple(one for one in found if one.direction != NO_DIRECTION)
     if not guarded:
         names = ", ".join(settings.metrics)
         raise UsageError(f"nothing to judge: in {', '.join(tasks)} {names} cannot get worse")
-    return guarded, tuple(one for one in found if direction_of(one) == NO_DIRECTION)
+    return guarded, tuple(one for one in found if one.direction == NO_DIRECTION)
 
 
 def judge_values(

@@ -28,7 +28,6 @@ from minitouch_bench.regression.differences import (
 from minitouch_bench.regression.gate import Decision, JudgedMetric
 from minitouch_bench.regression.paired_tests import (
     WORSE_SIGNS,
-    direction_of,
     is_binary,
     measure_effect,
 )
@@ -121,7 +120,7 @@ class MetricWatch:
 
     @property
     def _worsenings(self) -> NDArray[np.float64]:
-        return self._seen.differences * WORSE_SIGNS[direction_of(self._seen)]
+        return self._seen.differences * WORSE_SIGNS[self._seen.direction]
 
     def _look(self) -> None:
         evidence = self._evidence()

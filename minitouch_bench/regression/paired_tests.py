@@ -61,11 +61,6 @@ def is_binary(metric: str) -> bool:
     return METRICS[metric].kind is Kind.SHARE
 
 
-def direction_of(values: PairedValues) -> str:
-    """Return UP, DOWN or NO_DIRECTION; that of a mean is the metric's own."""
-    return METRICS[values.metric].direction_in(values.task)
-
-
 def measure_effect(values: PairedValues, root: Root) -> Effect:
     """Estimate the difference of paired values and test it against 0.
 
@@ -82,7 +77,7 @@ def measure_effect(values: PairedValues, root: Root) -> Effect:
         task=values.task,
         metric=values.metric,
         unit=METRICS[values.metric].unit_in(values.task),
-        direction=direction_of(values),
+        direction=values.direction,
         first=float(values.first.mean()),
         second=float(values.second.mean()),
         difference=_in_line(difference, p_value),
@@ -95,7 +90,7 @@ def resolution_of(values: PairedValues) -> Resolution:
     """Return what paired values tell of the episodes that a clear answer takes."""
     if is_binary(values.metric):
         return ShareResolution(count_discordance(values.first, values.second))
-    differences = values.differences * WORSE_SIGNS.get(direction_of(values), 1.0)
+    differences = values.differences * WORSE_SIGNS.get(values.direction, 1.0)
     return MeanResolution(
         n=len(differences),
         worsening=float(differences.mean()),

@@ -55,6 +55,11 @@ class PairedValues:
     second: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @property
+    def direction(self) -> str:
+        """UP or DOWN where more or less is better, else NO_DIRECTION; a mean has its metric's."""
+        return METRICS[self.metric].direction_in(self.task)
+
+    @property
     def differences(self) -> NDArray[np.float64]:
         """Second minus first, float64 (N,)."""
         return self.second - self.first

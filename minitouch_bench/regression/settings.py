@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.metrics.definitions import METRICS, direction_of
+from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.regression.pairing import COMPARED_METRICS, MEAN_METRIC, MEAN_TASK
 from minitouch_bench.rendering.escaping import printable
@@ -166,7 +166,7 @@ def _checked_key(key: str) -> str:
         raise UsageError(f"no task '{printable(task)}'; there are {', '.join(ROWS)}")
     if metric != MEAN_METRIC if task == MEAN_TASK else not METRICS[metric].is_in(task):
         raise UsageError(f"{task} has no {metric}")
-    if not direction_of(metric, task):
+    if not METRICS[metric].direction_in(task):
         raise UsageError(
             f"more {metric} is neither better nor worse in {task}: nothing to tolerate"
         )

@@ -247,17 +247,19 @@ def _curve(index: int, curve: Sequence[float], reached: Sequence[int]) -> Iterat
 # Names
 
 
-def short_names(names: Sequence[str], longest: int = LONGEST_NAME) -> tuple[str, ...]:
+def short_names(names: Sequence[str]) -> tuple[str, ...]:
     """Shorten names to fit beside a chart; names that differ stay different.
 
     A long name loses its end, or its middle where only the end tells it from another one.
     """
-    for kept in (longest - 1, longest // 2 - 1, longest // 4, 0):
-        short = [_elided(name, kept, longest) for name in names]
+    for kept in (LONGEST_NAME - 1, LONGEST_NAME // 2 - 1, LONGEST_NAME // 4, 0):
+        short = [_elided(name, kept, LONGEST_NAME) for name in names]
         if len(set(short)) == len(set(names)):
             return tuple(short)
-    numbered = enumerate(names, start=1)
-    return tuple(f"{_elided(name, longest - 4, longest - 3)} {index}" for index, name in numbered)
+    room = LONGEST_NAME - 3
+    return tuple(
+        f"{_elided(name, room - 1, room)} {index}" for index, name in enumerate(names, start=1)
+    )
 
 
 def _elided(name: str, kept: int, longest: int) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from minitouch_bench.metrics.definitions import METRICS, ranking_metric, unit_of
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.escaping import printable
@@ -134,7 +134,7 @@ def make_card(
     )
     return Card(
         title=title,
-        metric=f"{METRICS[metric].label}, {unit_of(metric, task)}",
+        metric=f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}",
         picture=picture,
         paper=f"{paper.method} in the paper: {paper.printed}" if paper else "",
         values=values,

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from minitouch_bench.metrics.definitions import METRICS, ranking_metric, unit_of
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.records import Estimate, Outcome
 from minitouch_bench.rendering.charts import (
@@ -233,7 +233,7 @@ def _names(sections: Sequence[RunSection]) -> tuple[str, ...]:
 
 def _metric_axis(task: str, metric: str, values: Sequence[float]) -> Axis:
     """Name the axis of a metric and start it at 0; a share runs to 1."""
-    label = f"{METRICS[metric].label}, {unit_of(metric, task)}"
+    label = f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
     return (
         share_axis(label)
         if METRICS[metric].is_share

@@ -52,11 +52,7 @@ def episodes_frame(episodes: Iterable[EpisodeMetrics]) -> "pd.DataFrame":
     A time that does not exist is NaN.
     """
     rows = [
-        (
-            *(getattr(episode, name) for name in _IDENTITY),
-            *(metric.value(episode) for metric in _MEASURED),
-            *(getattr(episode, name) for name in _BESIDE),
-        )
+        (*_episode_row(episode), *(getattr(episode, name) for name in _BESIDE))
         for episode in episodes
     ]
     return make_frame((*EPISODE_COLUMNS, *_BESIDE), rows).astype({"outcome": "str"})
@@ -64,7 +60,14 @@ def episodes_frame(episodes: Iterable[EpisodeMetrics]) -> "pd.DataFrame":
 
 def episodes_csv(episodes: Iterable[EpisodeMetrics]) -> str:
     """Write ``episodes.csv``."""
-    return csv_text(episodes_frame(episodes)[list(EPISODE_COLUMNS)])
+    return _rows_csv(EPISODE_COLUMNS, map(_episode_row, episodes))
+
+
+def _episode_row(episode: EpisodeMetrics) -> Row:
+    return (
+        *(getattr(episode, name) for name in _IDENTITY),
+        *(metric.value(episode) for metric in _MEASURED),
+    )
 
 
 def table4_frame(runs: Sequence[SavedRun]) -> "pd.DataFrame":
@@ -110,10 +113,14 @@ def csv_text(frame: "pd.DataFrame") -> str:
     what does not exist. A text that a spreadsheet would run as a formula gets an apostrophe.
     """
     there = frame.astype(object).where(frame.notna(), None)
+    return _rows_csv(frame.columns, there.to_numpy().tolist())
+
+
+def _rows_csv(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
     written = io.StringIO()
     writer = csv.writer(written, lineterminator="\n")
-    writer.writerow(frame.columns)
-    writer.writerows(map(_cell, row) for row in there.to_numpy().tolist())
+    writer.writerow(columns)
+    writer.writerows(map(_cell, row) for row in rows)
     return written.getvalue()
 
 

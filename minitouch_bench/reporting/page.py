@@ -19,19 +19,15 @@ def to_html(report: Report) -> str:
     return render_page(
         TEMPLATE,
         report=report,
-        cards=report_cards(report),
+        cards=tuple(report_card(report, task) for task in report.tasks),
         figures=report_figures(report),
         split_figures=split_figures(report),
         tones=tuple(series_tone(index) for index in range(len(report.sections))),
     )
 
 
-def report_cards(report: Report) -> tuple[Card, ...]:
-    """Compose the cards of a report, in its order of tasks."""
-    return tuple(_card(report, task) for task in report.tasks)
-
-
-def _card(report: Report, task: str) -> Card:
+def report_card(report: Report, task: str) -> Card:
+    """Compose the card of a task."""
     found = ((section.name, task_summary(section.run, task)) for section in report.sections)
     runs = [(name, summary.estimates if summary else {}) for name, summary in found]
     return make_card(

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from minitouch_bench.metrics.definitions import METRICS, direction_of, metrics_shown_in, unit_of
+from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import NO_DIRECTION, UP, ShownIn
 from minitouch_bench.metrics.summary import MIN_EPISODES, has_both_splits
 from minitouch_bench.records import (
@@ -121,7 +121,7 @@ def _diagnostic_cells(summary: TaskSummary) -> tuple[Cell, ...]:
     for metric in DIAGNOSTIC_METRICS:
         cell = estimate_cell(metric, summary.estimates.get(metric))
         if METRICS[metric].task_units and cell.text != ABSENT:
-            cell = replace(cell, text=f"{cell.text} {unit_of(metric, summary.task)}")
+            cell = replace(cell, text=f"{cell.text} {METRICS[metric].unit_in(summary.task)}")
         cells.append(cell)
     ended = ", ".join(
         f"{title} {summary.outcomes[outcome]}"
@@ -166,7 +166,7 @@ def gap_table(sections: Sequence[RunSection]) -> Table:
             gaps = [result.gaps.get(metric) if result else None for result in results]
             cells = tuple(cell for gap in gaps for cell in gap_cells(task, metric, gap))
             heads = (task_title(task), metric_head(metric, task))
-            rows.append(Row(heads, cells, unit_of(metric, task)))
+            rows.append(Row(heads, cells, METRICS[metric].unit_in(task)))
     return Table(
         title="Novel shapes",
         corner=("Task", "Metric"),
@@ -221,7 +221,7 @@ def verdict(task: str, metric: str, difference: Estimate) -> str:
     """Say in words what the interval of a gap allows to say."""
     if difference.low <= 0 <= difference.high:
         return NO_DIFFERENCE
-    higher, direction = difference.low > 0, direction_of(metric, task)
+    higher, direction = difference.low > 0, METRICS[metric].direction_in(task)
     if direction == NO_DIRECTION:
         return f"{'more' if higher else 'less'} on held-out"
     return f"{'better' if higher == (direction == UP) else 'worse'} on held-out"

@@ -54,10 +54,13 @@ def test_figures_of_one_seed_are_those_of_its_run(submissions, rows):
     for task in run.summary.tasks:
         for metric in ("success", "exploration", "touched"):
             if metric in task.estimates:
-                assert rows["hac"].estimate(task.task, metric) == task.estimates[metric]
+                assert rows["hac"].scored.estimate(task.task, metric) == task.estimates[metric]
         for metric in ("episode_steps", "touch_interaction", "touch_onsets", "time_to_first_touch"):
             if metric in task.estimates:
-                mine, theirs = rows["hac"].estimate(task.task, metric), task.estimates[metric]
+                mine, theirs = (
+                    rows["hac"].scored.estimate(task.task, metric),
+                    task.estimates[metric],
+                )
                 width = theirs.high - theirs.low
                 assert mine.value == pytest.approx(theirs.value, rel=1e-12)
                 assert mine.count == theirs.count
@@ -83,13 +86,13 @@ def test_several_seeds_are_averaged_and_resampled(submissions, rows):
         np.mean([e.success for e in read_run(place).episodes if e.task == "pushing"])
         for place in sorted((submissions / "seeds").glob("seed-*/table4"))
     ]
-    found = rows["seeds"].estimate("pushing", "success")
+    found = rows["seeds"].scored.estimate("pushing", "success")
     assert found.value == pytest.approx(np.mean(rates))
     assert found.count == 3
     assert "training seeds" in found.method
     assert found.low <= min(rates) + 1e-12
     assert found.high >= max(rates) - 1e-12
-    steps = rows["seeds"].estimate("pushing", "episode_steps")
+    steps = rows["seeds"].scored.estimate("pushing", "episode_steps")
     means = [
         np.mean([e.steps for e in read_run(place).episodes if e.task == "pushing"])
         for place in sorted((submissions / "seeds").glob("seed-*/table4"))
@@ -106,8 +109,8 @@ def test_no_share_is_ever_certain(rows):
 
 def test_the_mean_success_is_over_the_three_tasks_with_a_goal(rows):
     row = rows["hac"]
-    parts = [row.estimate(task, "success") for task in GOAL_TASKS]
-    found = row.estimate(OVERALL, MEAN_SUCCESS)
+    parts = [row.scored.estimate(task, "success") for task in GOAL_TASKS]
+    found = row.scored.estimate(OVERALL, MEAN_SUCCESS)
     assert found.value == pytest.approx(np.mean([part.value for part in parts]))
     assert found.low > np.mean([part.low for part in parts])  # three errors do not add up
     assert found.count == 300
@@ -194,7 +197,7 @@ def test_csv_has_a_row_a_figure_and_guards_formulas(board):
 
 
 def with_method(row, method):
-    about = replace(row.about, method=method)
+    about = replace(row.scored.about, method=method)
     return replace(row, scored=replace(row.scored, about=about))
 
 

@@ -4,10 +4,8 @@ import pytest
 
 from minitouch_bench.metrics.definitions import (
     METRICS,
-    direction_of,
     metrics_shown_in,
     ranking_metric,
-    unit_of,
 )
 from minitouch_bench.metrics.metric import DOWN, NO_DIRECTION, UP, ShownIn
 from minitouch_bench.protocol.minitouch import TASK_NAMES
@@ -41,18 +39,18 @@ def test_table4_has_the_rows_of_the_paper_and_what_playing_is_ranked_by():
 
 
 def test_touch_interaction_has_a_direction_in_playing_only():
-    directions = {task: direction_of("touch_interaction", task) for task in TASK_NAMES}
+    directions = {task: METRICS["touch_interaction"].direction_in(task) for task in TASK_NAMES}
     assert directions == {"playing": UP, "pushing": "", "opening": "", "pick-up": ""}
-    assert {direction_of("touch_share", task) for task in TASK_NAMES} == {UP}
+    assert {METRICS["touch_share"].direction_in(task) for task in TASK_NAMES} == {UP}
 
 
 def test_a_task_is_ranked_by_a_share_of_which_more_is_better():
     for task in TASK_NAMES:
-        assert direction_of(ranking_metric(task), task) == UP
+        assert METRICS[ranking_metric(task)].direction_in(task) == UP
         assert METRICS[ranking_metric(task)].is_share
     assert ranking_metric("playing") == "touch_share"
 
 
 def test_a_door_moves_in_radians():
-    assert unit_of("object_movement", "opening") == "rad²"
-    assert unit_of("object_movement", "pushing") == "m²"
+    assert METRICS["object_movement"].unit_in("opening") == "rad²"
+    assert METRICS["object_movement"].unit_in("pushing") == "m²"

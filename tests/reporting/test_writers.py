@@ -9,7 +9,7 @@ from minitouch_bench.rendering.charts import Bar
 from minitouch_bench.rendering.pages import picture_uri
 from minitouch_bench.reporting.figures import report_figures
 from minitouch_bench.reporting.markdown import to_markdown
-from minitouch_bench.reporting.page import report_cards
+from minitouch_bench.reporting.page import report_card
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.terminal import show_report
 
@@ -83,7 +83,8 @@ def test_the_report_on_one_run_has_no_legend_of_runs(hac):
 
 
 def test_cards_show_the_verdict_and_the_paper(hac):
-    cards = report_cards(build_report([hac]))
+    report = build_report([hac])
+    cards = [report_card(report, task) for task in report.tasks]
     assert [card.title for card in cards] == ["Pushing", "Opening", "Pick-up", "Playing"]
     pushing, playing = cards[0], cards[-1]
     assert pushing.paper == "HaC in the paper: 0.733"
