@@ -88,6 +88,7 @@ class TrainingConfig:
 
     ``log``: a recorded dataset that exploration learns from in place of the world; each of its
     steps is then gradient steps alone.
+    ``episode_steps``: control steps after which a training episode is broken off; 0: the task's.
     ``random_steps``: uniformly random actions before learning starts.
     ``updates_per_step``: gradient steps per control step, fractions allowed.
     ``carry``: which networks the task phase takes over from exploration.
@@ -99,6 +100,7 @@ class TrainingConfig:
     seed: int = 0
     objects: str = ""
     log: str = ""
+    episode_steps: int = 0
     random_steps: int = 1000
     updates_per_step: float = 0.5
     replay_size: int = 1_000_000

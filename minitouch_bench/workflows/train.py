@@ -66,7 +66,10 @@ def train(request: TrainingRequest) -> bool:
     torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
     with lock_directory(request.directory):
         _prepare(request)
-        environment = MiniTouchEnv(request.config.task, request.config.objects or None)
+        config = request.config
+        environment = MiniTouchEnv(
+            config.task, config.objects or None, max_steps=config.episode_steps or None
+        )
         evaluator = TrainingEvaluator(request.config)
         events = _open_events(request)
 

@@ -121,6 +121,13 @@ def test_exploration_alone_leaves_both_policies_too(tmp_path):
     assert final == exploration
 
 
+def test_training_episodes_can_be_shorter_than_the_task_s(tmp_path):
+    config = replace(CONFIG, task="playing", episode_steps=3, checkpoint_every=50)
+    assert train(TrainingRequest(config, tmp_path, device="cpu"))
+    rows, _ = outcome(tmp_path)
+    assert sum(int(row["episodes"]) for row in rows) == config.steps // 3
+
+
 def test_other_settings_are_not_mixed_in(undisturbed):
     for request in (
         TrainingRequest(CONFIG, undisturbed),
