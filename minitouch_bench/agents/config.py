@@ -100,7 +100,7 @@ class TrainingConfig:
     seed: int = 0
     objects: str = ""
     log: str = ""
-    episode_steps: int = 0
+    episode_steps: int = 50
     random_steps: int = 1000
     updates_per_step: float = 0.5
     replay_size: int = 1_000_000
@@ -112,8 +112,8 @@ class TrainingConfig:
     evaluate_episodes: int = 10
     checkpoint_every: int = 1000
     exploration: PhaseConfig = PhaseConfig(10_000, target_entropy=0.0)
-    task_phase: PhaseConfig = PhaseConfig(40_000, n_step=5, success_share=0.25)
-    sac: SacConfig = SacConfig()
+    task_phase: PhaseConfig = PhaseConfig(40_000, target_entropy=0.0, success_share=0.25)
+    sac: SacConfig = SacConfig(discount=0.95, encoder_width=0.25)
     curiosity: CuriosityConfig = CuriosityConfig()
 
     def __post_init__(self) -> None:
@@ -154,6 +154,7 @@ def paper_config(task: str) -> TrainingConfig:
     phase = PhaseConfig(10_000, learning_rate=3e-5, reward_scale=100.0)
     return TrainingConfig(
         task,
+        episode_steps=0,
         updates_per_step=1.0,
         exploration=phase,
         task_phase=replace(phase, steps=40_000),

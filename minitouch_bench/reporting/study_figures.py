@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
+from scipy.stats import trim_mean
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import bootstrap_mean
@@ -55,7 +56,7 @@ def study_figures(estimates: pd.DataFrame, curves: pd.DataFrame) -> Iterator[Fig
 
 
 def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
-    """Yield the learning curves: the mean over seeds, and the lowest and highest of them."""
+    """Yield the learning curves: what all seeds of a method show together, step by step."""
     methods = tuple(dict.fromkeys(curves["method"]))
     plots = []
     for task, steps, own in study_parts(curves):
@@ -73,21 +74,26 @@ def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
     if plots:
         text = (
             "While training: success over at least 20 episodes, touch share between two rows. "
-            "Strong: the mean over training seeds; faint: the lowest and the highest."
+            "Strong: the mean over training seeds; thin: their interquartile mean, from four seeds "
+            "on; faint: the lowest and the highest."
         )
         yield Figure("curves", "Learning curves", text, tuple(plots), _legend(methods))
 
 
 def _lines(own: pd.DataFrame, column: str, tone: str) -> Iterator[Line]:
     known = own.dropna(subset=[column])
-    by_step = known.groupby("step")[column].agg(["mean", "min", "max", "count"])
-    for name, opacity in (("mean", 1.0), ("min", 0.35), ("max", 0.35)):
-        if name != "mean" and (by_step["count"] < 2).all():
-            continue
-        steps = by_step.index.to_numpy(float).tolist()
-        points = tuple(zip(steps, by_step[name].tolist(), strict=True))
-        if len(points) > 1:
-            yield Line(points, tone, 1.6 if name == "mean" else 0.8, opacity)
+    by_step = known.groupby("step")[column]
+    seeds = int(by_step.count().max()) if len(known) else 0
+    shown = (
+        (1, by_step.mean(), 1.6, 1.0),
+        (4, by_step.agg(lambda values: trim_mean(values, 0.25)), 0.8, 1.0),
+        (2, by_step.min(), 0.8, 0.35),
+        (2, by_step.max(), 0.8, 0.35),
+    )
+    for least, values, width, opacity in shown:
+        if seeds >= least and len(values) > 1:
+            steps = values.index.to_numpy(float).tolist()
+            yield Line(tuple(zip(steps, values.tolist(), strict=True)), tone, width, opacity)
 
 
 def movement_and_touch(main: pd.DataFrame, methods: tuple[str, ...]) -> Iterator[Figure]:

@@ -7,7 +7,7 @@ import pytest
 
 from minitouch_bench.rendering.charts import Dot, Line
 from minitouch_bench.rendering.figure_files import write_figures
-from minitouch_bench.reporting.study_figures import study_figures
+from minitouch_bench.reporting.study_figures import learning_curves, study_figures
 
 METHODS = ("hac", "rnd")
 
@@ -60,6 +60,22 @@ def marks(figure, kind):
 
 def test_there_is_a_figure_for_each_question(figures):
     assert [*figures] == ["curves", "movement", "lengths", "novel-shapes"]
+
+
+def test_from_four_seeds_on_the_interquartile_mean_stands_beside_the_mean():
+    frame = pd.DataFrame(
+        {
+            "task": "opening", "method": "hac", "seed": seed, "exploration_steps": 1000,
+            "step": step, "touch_share": 0.5, "success": success,
+        }
+        for step in (100, 200)
+        for seed, success in enumerate((0.0, 0.4, 0.4, 0.4, 1.0))
+    )  # fmt: skip
+    (figure,) = learning_curves(frame)
+    heights = [dict(line.points)[100.0] for line in marks(figure, Line)]
+    assert heights == [pytest.approx(0.44), pytest.approx(0.4), 0.0, 1.0]
+    (figure,) = learning_curves(frame[frame["seed"] < 3])
+    assert len(marks(figure, Line)) == 3
 
 
 def test_movement_is_shown_as_of_the_end_of_exploration(figures):

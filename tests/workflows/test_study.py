@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import time
 
 import pandas as pd
 import pytest
@@ -11,7 +12,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.workflows import study
 from minitouch_bench.workflows.study import StudyOptions, read_study, run_study
-from tests.cli.command import run
+from tests.cli.command import finish, run, start
 
 STUDY = """
 methods = ["hac", "rnd"]
@@ -100,6 +101,28 @@ def test_what_is_missing_is_done_alone(finished):
     run_study(StudyOptions(config, finished, on_state=states.append))
     assert [[one.name for one in state.left] for state in states] == [["playing-rnd-60-0"], []]
     assert json.loads((lost / "run.json").read_text())["episodes"] == episodes
+
+
+@pytest.mark.slow
+def test_killed_twice_it_ends_in_the_same_rows(finished, tmp_path):
+    (tmp_path / "small.toml").write_text(
+        STUDY.replace("log_every", "checkpoint_every = 20\nlog_every")
+    )
+    directory = tmp_path / "reports" / "studies" / "small"
+    for method in ("hac", "rnd"):
+        kill_once_there_is(directory / f"playing-{method}-60-0" / "checkpoint.pt", tmp_path)
+    done = run("study", "small.toml", directory=tmp_path)
+    assert done.code == 0, done.err
+    assert (directory / "estimates.csv").read_text() == (finished / "estimates.csv").read_text()
+
+
+def kill_once_there_is(file, directory):
+    process = start("study", "small.toml", directory=directory)
+    while not file.exists():
+        assert process.poll() is None, finish(process).err
+        time.sleep(0.02)
+    process.kill()
+    process.communicate()
 
 
 @pytest.mark.slow
