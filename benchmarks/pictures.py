@@ -7,7 +7,7 @@ from PIL import Image
 
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.table import TASKS
+from minitouch_bench.tasks.registry import TASKS
 
 REPORT_PICTURES = Path("minitouch_bench/rendering/pictures")
 DOCUMENT_PICTURES = Path("docs/pictures")

@@ -16,7 +16,8 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.metrics.definitions import metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
+from minitouch_bench.policies.limits import PolicyLimits
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Estimate, Outcome, RunHeader, SavedRun, TaskSummary
 from minitouch_bench.regression.comparison import Comparison, compare_runs

@@ -13,7 +13,8 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import ENGINES
 from minitouch_bench.files import MIB, os_errors_as, read_file
 from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
+from minitouch_bench.policies.limits import PolicyLimits
 
 MAX_WORKERS = 1024
 MAX_ACT_TIMEOUT_S = 86400.0

@@ -26,7 +26,7 @@ from minitouch_bench.files import (
     holds_run,
     make_folder,
 )
-from minitouch_bench.policies.isolation.options import USUAL_LIMITS
+from minitouch_bench.policies.limits import USUAL_LIMITS
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import (

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from minitouch_bench.leaderboard.proof import RANKED_LEVELS
-from minitouch_bench.leaderboard.ranking import Rank, rank
+from minitouch_bench.leaderboard.ranking import Rank, break_ties, rank
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, Refusal, ScoredSubmission
 from minitouch_bench.leaderboard.twins import exact_twins, near_twins
 from minitouch_bench.metrics.definitions import metrics_shown_in
@@ -114,10 +114,9 @@ def make_board(found: Sequence[ScoredSubmission | Refusal]) -> Board:
 
 
 def in_order(rows: Sequence[BoardRow], key: str, metric: str) -> list[BoardRow]:
-    """Order rows by their rank in a task or OVERALL, rows of one rank by the metric, then name."""
+    """Order rows by their rank in a task or OVERALL; ``break_ties`` orders those of one rank."""
 
-    def standing(row: BoardRow) -> tuple[int, float, str]:
-        best = row.ranks[key].best if row.ranks else 0
-        return best, -row.scored.figures[key][metric].value, row.name
+    def order(row: BoardRow) -> tuple[int, tuple[float, str]]:
+        return row.ranks[key].best if row.ranks else 0, break_ties(row.scored, key, metric)
 
-    return sorted(rows, key=standing)
+    return sorted(rows, key=order)

@@ -16,7 +16,8 @@ from minitouch_bench.leaderboard.twins import Sketch, sketch_of
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.formats import BUILT_IN
-from minitouch_bench.policies.isolation.options import IsolationOptions, limits_of
+from minitouch_bench.policies.isolation.options import IsolationOptions
+from minitouch_bench.policies.limits import limits_of
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, PolicyIdentity, Role, SavedRun
 from minitouch_bench.verification.fresh import (

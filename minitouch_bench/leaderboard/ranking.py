@@ -32,6 +32,11 @@ class Rank:
         return str(self.best)
 
 
+def break_ties(row: ScoredSubmission, key: str, metric: str) -> tuple[float, str]:
+    """Return what orders rows of one rank in a task or OVERALL: the metric, then the name."""
+    return -row.figures[key][metric].value, row.name
+
+
 def rank(rows: Sequence[ScoredSubmission]) -> list[dict[str, Rank]]:
     """Rank submissions in each task and overall; one mapping per row, in their order."""
     ranks: list[dict[str, Rank]] = [{} for _ in rows]

@@ -29,11 +29,8 @@ from minitouch_bench.leaderboard.submission_rules import (
     MAX_STEPS,
     NAME,
     TEXT_PATTERN,
+    TEXT_RULES,
     check_file_name,
-    check_license,
-    check_link,
-    check_name,
-    check_text,
 )
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
 from minitouch_bench.records import Role, Sha256
@@ -199,23 +196,17 @@ def _texts(submission: Submission) -> Iterator[tuple[str, str]]:
     """Walk through what is wrong with the texts, by key."""
     if not submission.method:
         yield "method", "it is empty"
-    yield from _refused("name", check_name, submission.name)
-    yield from _refused("method", check_text, submission.method, MAX_METHOD)
-    for author in submission.authors:
-        yield from _refused("authors", check_text, author, MAX_AUTHOR)
-    yield from _refused("paper", check_link, submission.paper)
-    yield from _refused("code", check_link, submission.code)
-    yield from _refused("license", check_license, submission.license)
-    yield from _refused("notes", check_text, submission.notes, MAX_NOTES)
+    for key, check in TEXT_RULES.items():
+        given = getattr(submission, key)
+        for text in given if isinstance(given, tuple) else (given,):
+            yield from _refused(key, check, text)
     if len(set(submission.modalities)) < len(submission.modalities):
         yield "modalities", "one of them is there twice"
 
 
-def _refused(
-    key: str, check: Callable[..., None], text: str, *limits: int
-) -> Iterator[tuple[str, str]]:
+def _refused(key: str, check: Callable[[str], None], text: str) -> Iterator[tuple[str, str]]:
     try:
-        check(text, *limits)
+        check(text)
     except UsageError as error:
         yield key, str(error)
 

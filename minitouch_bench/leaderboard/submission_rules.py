@@ -2,6 +2,9 @@
 
 import re
 import unicodedata
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import MappingProxyType
 from urllib.parse import urlsplit
 
 from minitouch_bench.errors import UsageError
@@ -107,6 +110,20 @@ def check_link(text: str) -> None:
             f"{_shown(text)} is no link: https://HOST/..., at most {MAX_LINK} ASCII characters, "
             "no user name"
         )
+
+
+TEXT_RULES: Mapping[str, Callable[[str], None]] = MappingProxyType(
+    {
+        "name": check_name,
+        "method": partial(check_text, longest=MAX_METHOD),
+        "authors": partial(check_text, longest=MAX_AUTHOR),
+        "paper": check_link,
+        "code": check_link,
+        "license": check_license,
+        "notes": partial(check_text, longest=MAX_NOTES),
+    }
+)
+"""What each text of ``submission.toml`` must pass; each of the authors by itself."""
 
 
 def _shown(text: str) -> str:

@@ -43,8 +43,9 @@ class OpenLoopPolicy:
             self._sequences = {task: file[task] for task in file.files}
 
     def reset(self, seed: int, task: str) -> None:
-        """Start the task's sequence."""
-        self._actions, self._step = self._sequences[task], 0
+        """Start the task's sequence; without one it holds still from the start."""
+        nothing = np.zeros((0, action_size(task)), np.float32)
+        self._actions, self._step = self._sequences.get(task, nothing), 0
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the next action of the sequence, zeros after its end."""

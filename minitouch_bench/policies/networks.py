@@ -1,6 +1,7 @@
 """The paper's networks: its visual encoder and the SAC actor on image and touch."""
 
 from collections.abc import Callable, Mapping
+from functools import reduce
 
 import torch
 from torch import Tensor, nn
@@ -17,8 +18,12 @@ ENCODER_KERNELS = (8, 4, 3, 2)
 ENCODER_STRIDES = (4, 2, 2, 2)
 """Strides. Table 3 prints 4, 2, 1, 1, but its sizes 20, (8), 4, 2 only come out of these."""
 
-ENCODER_GRID = 2
-"""Height and width of the last feature map (supplement, Table 3)."""
+ENCODER_GRID = reduce(
+    lambda size, layer: (size - layer[0]) // layer[1] + 1,
+    zip(ENCODER_KERNELS, ENCODER_STRIDES, strict=True),
+    PROTOCOL.observation.image_size,
+)
+"""Height and width of the last feature map: 2, as Table 3 of the supplement prints."""
 
 FEATURES = 256
 """Outputs of the encoder's fully-connected layer (supplement, Table 3)."""

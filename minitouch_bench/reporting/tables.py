@@ -5,7 +5,6 @@ from dataclasses import replace
 
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import NO_DIRECTION, UP, ShownIn
-from minitouch_bench.metrics.summary import MIN_EPISODES, has_both_splits
 from minitouch_bench.records import (
     Estimate,
     FamilyResult,
@@ -27,7 +26,8 @@ from minitouch_bench.rendering.tables import (
     metric_head,
 )
 from minitouch_bench.reporting.labels import RunSection, task_title, tasks_in_order
-from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
+from minitouch_bench.reporting.notes import label_notes, table4_notes
+from minitouch_bench.reporting.paper import PAPER_METHODS, paper_cell
 
 TABLE4_METRICS = metrics_shown_in(ShownIn.TABLE4)
 DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
@@ -67,17 +67,6 @@ def table4(sections: Sequence[RunSection]) -> Table:
     return Table("Table 4", ("Metric",), tuple(columns), rows, table4_notes(sections))
 
 
-def table4_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    """Return the notes below Table 4."""
-    return (
-        *label_notes(sections),
-        *_split_notes(sections),
-        "Brackets: 95 % interval, Wilson for shares, bootstrap over episodes for means; "
-        "episode variance only (one training seed).",
-        PAPER_NOTE,
-    )
-
-
 def diagnostics(sections: Sequence[RunSection]) -> Table:
     """Lay out what explains the values of Table 4: contact, time, and how episodes ended."""
     columns = tuple(
@@ -110,11 +99,6 @@ def diagnostics(sections: Sequence[RunSection]) -> Table:
     )
 
 
-def label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    """Return one note for each run that has labels."""
-    return tuple(f"* {one.name}: {'; '.join(one.labels)}." for one in sections if one.labels)
-
-
 def _diagnostic_cells(summary: TaskSummary) -> tuple[Cell, ...]:
     """Write one row of the diagnostics."""
     cells = []
@@ -130,17 +114,6 @@ def _diagnostic_cells(summary: TaskSummary) -> tuple[Cell, ...]:
     )
     faults = str(summary.outcomes.get(Outcome.POLICY_FAULT, 0))
     return (*cells, Cell(ended or ABSENT), Cell(faults))
-
-
-def _split_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    """Say that a value is over both splits of a shape set, where one is."""
-    mixed = [one.run for one in sections if has_both_splits(one.run.episodes)]
-    if not mixed:
-        return ()
-    over = "Values are over all shapes, held-out and train together"
-    if any(run.summary.generalization for run in mixed):
-        return (f"{over}; “Novel shapes” has them apart.",)
-    return (f"{over}; a gap between the two needs {MIN_EPISODES} episodes of each.",)
 
 
 def novel_shapes(sections: Sequence[RunSection]) -> tuple[Table, ...]:

@@ -29,7 +29,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.table import TASKS
+from minitouch_bench.tasks.registry import TASKS
 from minitouch_bench.verification.golden import golden_bits, recorded
 
 EPISODES_PER_TASK = 2

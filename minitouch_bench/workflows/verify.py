@@ -9,7 +9,8 @@ import numpy as np
 from minitouch_bench.errors import IncompleteCheckError, InterruptedRunError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
-from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions, limits_of
+from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
+from minitouch_bench.policies.limits import limits_of
 from minitouch_bench.policies.sources import HUB, parse_source
 from minitouch_bench.records import PolicyIdentity
 from minitouch_bench.reporting.run_directory import read_run

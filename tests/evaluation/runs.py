@@ -8,7 +8,8 @@ from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.run import RunRequest, open_run, run_episodes
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import lock_directory
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
+from minitouch_bench.policies.limits import PolicyLimits
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EvaluationRun
 

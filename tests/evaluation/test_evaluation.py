@@ -9,7 +9,8 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.journal import read_journal
 from minitouch_bench.evaluation.run import open_run
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
-from minitouch_bench.policies.isolation.options import Isolation, limits_of
+from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.limits import limits_of
 from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import Outcome, Role
 from tests.evaluation.runs import digests, request, run

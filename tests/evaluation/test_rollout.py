@@ -9,7 +9,7 @@ from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.records import Outcome, Role
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.table import TASKS
+from minitouch_bench.tasks.registry import TASKS
 from tests.evaluation.runs import request
 
 SPECS = {spec.task: spec for spec in find_suite("smoke").episodes(exploration=False)}

@@ -14,7 +14,7 @@ from minitouch_bench.simulation.panda_arm import (
     PandaArm,
     PandaKinematics,
 )
-from minitouch_bench.tasks.table import TASKS
+from minitouch_bench.tasks.registry import TASKS
 
 DOWN = quaternion_from_euler((0.0, -math.pi, math.pi / 2))
 

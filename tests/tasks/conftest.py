@@ -3,7 +3,7 @@ from collections.abc import Iterator
 import pytest
 
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.table import TASKS
+from minitouch_bench.tasks.registry import TASKS
 
 
 @pytest.fixture(scope="session")

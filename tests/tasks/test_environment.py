@@ -20,7 +20,7 @@ from minitouch_bench.records import Outcome
 from minitouch_bench.simulation.camera import GreyCamera
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 from minitouch_bench.tasks.objects import shape_names
-from minitouch_bench.tasks.table import TASKS
+from minitouch_bench.tasks.registry import TASKS
 from tests.tasks.playback import digest, play, random_actions
 
 ROOT = Path(__file__).parents[2]

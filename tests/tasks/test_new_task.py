@@ -39,7 +39,7 @@ def add_the_task(package: Path) -> None:
     )
     shutil.copy(PEG / "task.py", package / "tasks" / "peg.py")
     edit(
-        package / "tasks" / "table.py",
+        package / "tasks" / "registry.py",
         (
             "from minitouch_bench.tasks.pick_up",
             "from minitouch_bench.tasks.peg import Peg\nfrom minitouch_bench.tasks.pick_up",
@@ -114,6 +114,12 @@ def test_its_episodes_are_evaluated(command, submission):
     outcomes = [one["outcome"] for one in run["episodes"] if one["task"] == "peg"]
     assert outcomes == ["success", "success"]
     command("verify", str(submission / "seed-0" / "table4"))
+
+
+def test_open_loop_has_no_sequence_for_it_and_holds_still(command):
+    command("evaluate", "open-loop", "--tasks", "peg", "--episodes", "1", "--output", "still")
+    (episode,) = json.loads((command.root / "still" / "run.json").read_text())["episodes"]
+    assert episode["outcome"] == "step_limit"
 
 
 def test_it_is_in_the_report(command, submission):

@@ -7,7 +7,7 @@ from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.objects import ObjectPool, cube_model, shape_names
-from minitouch_bench.tasks.table import TASKS
+from minitouch_bench.tasks.registry import TASKS
 from tests.shapegen.conftest import subset
 
 CUBE = cube_model(CubeSpec(0.05, 1.0))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.table import TASKS
+from minitouch_bench.tasks.registry import TASKS
 from minitouch_bench.tasks.task import Placement
 
 TRACES = np.load(Path(__file__).parents[1] / "data" / "release_traces.npz")

@@ -12,7 +12,7 @@ from minitouch_bench.policies.scripted import CONTROLLERS, make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Outcome
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.table import TASKS
+from minitouch_bench.tasks.registry import TASKS
 
 TOUCH_SHARE = 0.95
 """Least share of Playing's control steps in which the scripted policy touches the cube."""
