@@ -49,18 +49,23 @@ class Suite(SuiteSpec):
         """Return the episode with its object filled in.
 
         That is the task's own cube or nothing (Opening); where the task draws from a shape set,
-        the seed chooses. With ``novel_shapes`` each held-out shape comes once (even indices),
-        beside as many train shapes (odd ones), drawn once from the protocol's name alone.
+        the seed chooses.
         """
+        if self.novel_shapes:
+            return self._assign_novel_shape(spec)
         objects = PROTOCOL.task(spec.task).default_objects
-        if not self.novel_shapes and objects in ("", CUBE):
+        if objects in ("", CUBE):
             return replace(spec, shape=objects)
+        shapes = canonical_shape_set().split(objects)
+        drawn = int(np.random.default_rng(spec.seed).integers(len(shapes)))
+        return _with_shape(spec, shapes[drawn])
+
+    def _assign_novel_shape(self, spec: EpisodeSpec) -> EpisodeSpec:
+        """Take each held-out shape once (even indices), beside as many train shapes (odd ones).
+
+        The train shapes are drawn once, without replacement, from the protocol's name alone.
+        """
         shapes = canonical_shape_set()
-        if not self.novel_shapes:
-            drawn = shapes.split(objects)
-            return _with_shape(
-                spec, drawn[int(np.random.default_rng(spec.seed).integers(len(drawn)))]
-            )
         held_out, train = shapes.split("held-out"), shapes.split("train")
         turn = (spec.index // 2) % len(held_out)
         if spec.index % 2 == 0:

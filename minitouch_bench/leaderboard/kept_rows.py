@@ -2,8 +2,8 @@
 
 The rows lie in ``.cache`` below the board and are never committed: anyone who can write there can
 forge a row. A submission is not read again while the sizes, inodes and times of its files and its
-proof stay: whoever can set these can hide a change. Deleting the directory has everything read
-and computed again, and costs nothing else.
+proof stay the same: anyone who can set these can hide a change. If the directory is deleted,
+everything is read and computed again, and nothing else is lost.
 """
 
 import hashlib
@@ -140,7 +140,7 @@ def file_state(directory: Path) -> str:
         found = [(entry.path, entry.stat(follow_symlinks=False)) for entry in walk(directory)]
         if proof.exists():
             found.append((str(proof), proof.stat()))
-    except OSError:  # whoever reads it says what is wrong
+    except OSError:  # the reader of the submission says what is wrong
         return ""
     for path, now in found:
         times = (now.st_mtime_ns, now.st_ctime_ns)

@@ -179,7 +179,7 @@ def mean_intervals(
 ) -> NDArray[np.float64]:
     """Return the 95 % interval of each sample's mean, (N, 2), of values (N, size).
 
-    Corrected for bias and acceleration (BCa), as in ``intervals.bootstrap_mean``.
+    Corrected for bias and acceleration (BCa), as in ``bootstrap_mean``.
 
     With ``mask`` (N, size) the mean is over the marked values alone, which a resample may draw
     more or less often; NaN where nothing is marked. Equal values give a width of 0.

@@ -27,6 +27,7 @@ from minitouch_bench.rendering.charts import (
 )
 from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.reporting.labels import task_title
+from minitouch_bench.reporting.over_runs import TRIMMED
 
 MAIN_SUITE, NOVEL_SHAPES = "table4", "novel-shapes"
 MOVEMENT: Final = "object_movement"
@@ -83,15 +84,17 @@ def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
 def _lines(own: pd.DataFrame, column: str, tone: str) -> Iterator[Line]:
     known = own.dropna(subset=[column])
     by_step = known.groupby("step")[column]
-    seeds = int(by_step.count().max()) if len(known) else 0
     shown = (
-        (1, by_step.mean(), 1.6, 1.0),
-        (4, by_step.agg(lambda values: trim_mean(values, 0.25)), 0.8, 1.0),
-        (2, by_step.min(), 0.8, 0.35),
-        (2, by_step.max(), 0.8, 0.35),
+        (1, "mean", 1.6, 1.0),
+        (4, lambda values: trim_mean(values, TRIMMED), 0.8, 1.0),
+        (2, "min", 0.8, 0.35),
+        (2, "max", 0.8, 0.35),
     )
-    for least, values, width, opacity in shown:
-        if seeds >= least and len(values) > 1:
+    for least_seeds, how, width, opacity in shown:
+        if known["seed"].nunique() < least_seeds:
+            continue
+        values = by_step.agg(how)
+        if len(values) > 1:
             steps = values.index.to_numpy(float).tolist()
             yield Line(tuple(zip(steps, values.tolist(), strict=True)), tone, width, opacity)
 

@@ -33,7 +33,7 @@ class Shadow(NamedTuple):
     radius: float
 
 
-class GreyCamera:
+class GrayCamera:
     """A camera whose unmoving background is kept between pictures."""
 
     def __init__(self, camera: CameraSpec) -> None:
@@ -53,7 +53,7 @@ class GreyCamera:
         image = client.render(self._view, SIZE, SIZE, bodies=True)
         client.paint(moving)
         client.paint(dict.fromkeys(still, INVISIBLE))
-        self._background = _grey(image)
+        self._background = _gray(image)
         self._background_depth = image.depth
         assert image.bodies is not None
         self._background_bodies = image.bodies
@@ -70,7 +70,7 @@ class GreyCamera:
         """Return the picture, uint8 (1, 84, 84): what is visible now, over the background."""
         image = client.render(self._view, SIZE, SIZE)
         hidden = image.depth >= self._background_depth
-        return np.where(hidden, self._shaded(shadows), _grey(image))[np.newaxis]
+        return np.where(hidden, self._shaded(shadows), _gray(image))[np.newaxis]
 
     def _shaded(self, shadows: Sequence[Shadow]) -> NDArray[np.uint8]:
         """Return the background with less light where the shadows fall."""
@@ -84,7 +84,7 @@ class GreyCamera:
         return background.astype(np.uint8)
 
 
-def _grey(image: Image) -> NDArray[np.uint8]:
+def _gray(image: Image) -> NDArray[np.uint8]:
     # Integers, so that every processor rounds alike; in place, since this runs every step.
     total = image.rgb[..., 0] * _RED
     total += image.rgb[..., 1] * _GREEN

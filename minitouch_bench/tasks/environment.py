@@ -16,7 +16,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Outcome
 from minitouch_bench.simulation.bodies import add_table, stock_panda
 from minitouch_bench.simulation.bullet import View
-from minitouch_bench.simulation.camera import GreyCamera, Shadow
+from minitouch_bench.simulation.camera import GrayCamera, Shadow
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.observation import (
     ContactWatch,
@@ -101,7 +101,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self.observation_space = observation_space(spec.force_limit)  # type: ignore[assignment]
         self.client = PhysicsClient()
         self._kinematics = PandaKinematics(spec.arm.posture)
-        self._camera = GreyCamera(spec.camera)
+        self._camera = GrayCamera(spec.camera)
         self._renderer: HumanRenderer | None = None
         self._is_reset = False
 
@@ -118,7 +118,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         if self._conditions != STANDARD:
             self._world = self._conditions.draw(self.np_random.spawn(1)[0])
             camera = task.spec.camera
-            self._camera = GreyCamera(replace(camera, yaw=camera.yaw + self._world.camera))
+            self._camera = GrayCamera(replace(camera, yaw=camera.yaw + self._world.camera))
         model = self._choose_object(options or {})
         for _ in range(OBSERVATION.max_draws):
             self._build(model)

@@ -295,7 +295,7 @@ class _Parts:
 
 
 def _check_submittable(header: RunHeader, path: Path, main: PolicyIdentity) -> None:
-    """Refuse a run that is no official one, or of another policy than the ``main`` run."""
+    """Refuse a run that is not official, or that is of another policy than the ``main`` run."""
     if header.suite not in SUBMITTED_SUITES or not header.official:
         reasons = "; ".join(header.unofficial_because) or f"suite {header.suite}"
         raise UsageError(f"{path} is no official run: {reasons}")

@@ -70,7 +70,7 @@ def train(request: TrainingRequest) -> bool:
         environment = MiniTouchEnv(
             config.task, config.objects or None, max_steps=config.episode_steps or None
         )
-        evaluator = TrainingEvaluator(request.config)
+        evaluator = TrainingEvaluator(config)
         events = _open_events(request)
 
         def on_row(row: ProgressRow) -> None:
@@ -80,7 +80,7 @@ def train(request: TrainingRequest) -> bool:
 
         callbacks = TrainingCallbacks(evaluator.evaluate, on_row, request.should_stop)
         try:
-            training = Training(request.config, environment, request.directory, callbacks, device)
+            training = Training(config, environment, request.directory, callbacks, device)
             finished = training.run()
         finally:
             if events is not None:

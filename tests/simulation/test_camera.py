@@ -4,7 +4,7 @@ import pytest
 from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.simulation.bodies import add_table
 from minitouch_bench.simulation.bullet import View
-from minitouch_bench.simulation.camera import GreyCamera
+from minitouch_bench.simulation.camera import GrayCamera
 from minitouch_bench.simulation.client import PhysicsClient
 
 ABOVE = CameraSpec((0.5, 0.0, 0.0), yaw=0.0, pitch=-89.0, near=0.05, distance=0.7)
@@ -27,7 +27,7 @@ def scene(client):
 def test_the_picture_is_grey_with_the_weights_of_the_eye(client):
     table, _ = scene(client)
     rgb = client.render(View.of(ABOVE), 84, 84).rgb.astype(float)
-    camera = GreyCamera(ABOVE)
+    camera = GrayCamera(ABOVE)
     camera.keep_background(client, table, [])
     picture = camera.capture(client)
     assert (picture.shape, picture.dtype) == ((1, 84, 84), np.uint8)
@@ -37,7 +37,7 @@ def test_the_picture_is_grey_with_the_weights_of_the_eye(client):
 
 def test_what_moves_is_drawn_where_it_is_and_leaves_nothing_behind(client):
     table, thing = scene(client)
-    camera = GreyCamera(ABOVE)
+    camera = GrayCamera(ABOVE)
     camera.keep_background(client, table, [])
     before = camera.capture(client)
     client.set_pose(thing, (0.6, 0.1, 0.03), (0, 0, 0, 1))
@@ -49,7 +49,7 @@ def test_what_moves_is_drawn_where_it_is_and_leaves_nothing_behind(client):
 
 def test_what_is_behind_the_background_is_hidden(client):
     table, thing = scene(client)
-    camera = GreyCamera(ABOVE)
+    camera = GrayCamera(ABOVE)
     camera.keep_background(client, table, [])
     client.set_pose(thing, (0.5, 0.0, -0.08), (0, 0, 0, 1))  # inside the table
     buried = camera.capture(client)

@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import data_equivalence as equal
 from minitouch_bench.errors import InvalidActionError, UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Outcome
-from minitouch_bench.simulation.camera import GreyCamera
+from minitouch_bench.simulation.camera import GrayCamera
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 from minitouch_bench.tasks.objects import shape_names
 from minitouch_bench.tasks.registry import TASKS
@@ -327,7 +327,7 @@ def test_without_a_render_mode_nothing_is_drawn(environments):
         MiniTouchEnv("pushing", render_mode="human")
 
 
-class WholeCamera(GreyCamera):
+class WholeCamera(GrayCamera):
     """Draws everything, each time."""
 
     def keep_background(self, client, table, still):
