@@ -183,9 +183,10 @@ def shift_at_random(image: Tensor, pixels: int, generator: torch.Generator) -> T
         -pixels, pixels + 1, (2, count, 1), generator=generator, device=image.device
     )
     rows = (torch.arange(height, device=image.device) + up).clamp(0, height - 1)
+    rows += height * torch.arange(count, device=image.device)[:, None]
     columns = (torch.arange(width, device=image.device) + left).clamp(0, width - 1)
-    pixel = rows[:, :, None] * width + columns[:, None, :]
-    return image.flatten(1).gather(1, pixel.flatten(1)).view_as(image)
+    moved = image.reshape(-1, width).index_select(0, rows.flatten()).view(count, height, width)
+    return moved.gather(2, columns[:, None].expand_as(moved)).view_as(image)
 
 
 def _step(optimizer: torch.optim.Optimizer, loss: Tensor) -> None:

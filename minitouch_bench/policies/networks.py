@@ -103,7 +103,8 @@ class VisualEncoder(nn.Module):
 
     def forward(self, image: Tensor) -> Tensor:
         """Return features float32 (N, 256) of images uint8 (N, 1, 84, 84)."""
-        maps = self.convolutions(image.float() / 255.0)
+        half = torch.is_autocast_enabled(image.device.type)  # every level has its own bfloat16
+        maps = self.convolutions(image.to(torch.bfloat16 if half else torch.float32) / 255.0)
         features: Tensor = self.projection(maps.flatten(1))
         return features
 
