@@ -39,8 +39,11 @@ def fill(task):
             observation, _ = environment.reset(seed=int(rng.integers(2**31)))
             replay.begin_episode(observation["image"], observation["touch"])
         action = rng.uniform(-1, 1, size).astype(np.float32)
-        observation, reward, terminated, truncated, _ = environment.step(action)
-        replay.add(action, reward, observation["image"], observation["touch"], ended=terminated)
+        observation, reward, terminated, truncated, info = environment.step(action)
+        replay.add(
+            action, reward, observation["image"], observation["touch"],
+            success=bool(info["is_success"]), ended=terminated,
+        )  # fmt: skip
         ended = terminated or truncated
     return environment, replay, STEPS / (time.process_time() - started), observation
 

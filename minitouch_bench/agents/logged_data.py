@@ -15,7 +15,8 @@ def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
     """Fill the replay memory with the episodes of a dataset directory.
 
     Observations are ``image`` uint8 (T + 1, 1, 84, 84) and ``touch`` float32 (T + 1, 11),
-    actions float32 (T, A), as ``minitouch-bench record`` writes them.
+    actions float32 (T, A), as ``minitouch-bench record`` writes them. ``is_success`` in the
+    infos tells the successes; without it they are the steps with a positive reward.
 
     Raises:
         MissingExtraError: Minari is not installed.
@@ -30,6 +31,8 @@ def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
     for episode in episodes:
         _check(path, episode.observations, episode.actions.shape, action_size)
         images, touch = episode.observations["image"], episode.observations["touch"]
+        told = (episode.infos or {}).get("is_success", episode.rewards > 0)
+        successes = told[-len(episode.actions) :]  # a reset may have told, too
         replay.begin_episode(images[0], touch[0])
         for step, action in enumerate(episode.actions):
             replay.add(
@@ -37,6 +40,7 @@ def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
                 float(episode.rewards[step]),
                 images[step + 1],
                 touch[step + 1],
+                success=bool(successes[step]),
                 ended=bool(episode.terminations[step]),
             )
     if replay.rows <= len(episodes):

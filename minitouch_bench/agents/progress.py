@@ -65,13 +65,13 @@ class Tally:
         self.task_reward = 0.0
         self.losses: dict[str, Tensor] = {}
 
-    def add_step(self, reward: float, *, touched: bool, ended: bool) -> None:
+    def add_step(self, reward: float, *, success: bool, touched: bool, ended: bool) -> None:
         """Count a control step."""
         self.steps += 1
         self.touched += touched
         self.task_reward += reward
         self.episodes += ended
-        self.successes += reward > 0
+        self.successes += success
 
     def add_losses(self, losses: dict[str, Tensor]) -> None:
         """Count a gradient step, without waiting for the device."""

@@ -85,11 +85,13 @@ class Replay:
         image: NDArray[np.uint8],
         touch: NDArray[np.float32],
         *,
+        success: bool,
         ended: bool,
     ) -> None:
         """Add an action, the task's reward for it, and the observation it led to.
 
-        ``ended``: the episode ended there for good, not by its step limit.
+        ``success``: the task's goal was reached there. ``ended``: the episode ended there for
+        good, not by its step limit.
         """
         row = (self.rows - 1) % self.capacity
         self._action[row] = action
@@ -97,7 +99,7 @@ class Replay:
         self._ended[row] = ended
         self._last[row] = False
         self._append(image, touch)
-        if reward > 0:
+        if success:
             start = max(self._episode_start, self.rows - 1 - SUCCESS_STEPS)
             self._successes.append((start, self.rows - 1))
 

@@ -102,11 +102,20 @@ class Training:
         else:
             action = self._learner.act(self._observation)
         observation, reward, terminated, truncated, info = self._environment.step(action)
+        success = bool(info["is_success"])
         self._replay.add(
-            action, reward, observation["image"], observation["touch"], ended=terminated
+            action,
+            reward,
+            observation["image"],
+            observation["touch"],
+            success=success,
+            ended=terminated,
         )
         self._tally.add_step(
-            reward, touched=bool(info["contact_ticks"] > 0), ended=terminated or truncated
+            reward,
+            success=success,
+            touched=bool(info["contact_ticks"] > 0),
+            ended=terminated or truncated,
         )
         self._observation = observation
         self.step += 1

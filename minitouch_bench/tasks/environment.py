@@ -160,7 +160,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             onsets=watch.onsets - onsets,
             clipped=bool((given != applied).any()),
         )
-        return self._observe(), self.task.reward(outcome), outcome is not None, truncated, info
+        reward = self.task.reward(self.client, outcome)
+        return self._observe(), reward, outcome is not None, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return ``picture()`` if ``render_mode`` asks for it, else None."""

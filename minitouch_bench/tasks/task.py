@@ -66,8 +66,8 @@ class Task(ABC):
     def outcome(self, client: PhysicsClient) -> Outcome | None:
         """Return how the episode has just ended, None if it goes on."""
 
-    def reward(self, outcome: Outcome | None) -> float:
-        """Return the reward of the step that has just been done."""
+    def reward(self, client: PhysicsClient, outcome: Outcome | None) -> float:
+        """Return the reward of the step that has just been done: sparse, if not overridden."""
         return self.spec.success_reward if outcome is Outcome.SUCCESS else 0.0
 
 

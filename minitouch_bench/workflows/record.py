@@ -92,6 +92,7 @@ def _episode(environment: MiniTouchEnv, played: EpisodeRecord) -> Any:
     images += [environment.step(action)[0]["image"] for action in trace.actions]
     last = np.arange(len(trace.actions)) == len(trace.actions) - 1
     truncated = last & (played.outcome is Outcome.STEP_LIMIT)
+    success = last & (played.outcome is Outcome.SUCCESS)
     return buffers.EpisodeBuffer(
         seed=spec.seed,
         observations={"image": np.stack(images), "touch": trace.touch},
@@ -99,4 +100,5 @@ def _episode(environment: MiniTouchEnv, played: EpisodeRecord) -> Any:
         rewards=trace.rewards.tolist(),
         terminations=(last & ~truncated).tolist(),
         truncations=truncated.tolist(),
+        infos={"is_success": np.concatenate(([False], success))},
     )

@@ -17,7 +17,7 @@ from minitouch_bench.workflows.train import TrainingRequest, train
 LENGTHS = (4, 7)
 
 
-def write_log(path: Path, touch_size=11):
+def write_log(path: Path, touch_size=11, dense=False):
     spaces = gymnasium.spaces
     observation = spaces.Dict(
         {
@@ -35,9 +35,10 @@ def write_log(path: Path, touch_size=11):
                 "touch": rng.normal(size=(length + 1, touch_size)).astype(np.float32),
             },
             actions=rng.uniform(-1, 1, (length, 4)).astype(np.float32),
-            rewards=[0.0] * (length - 1) + [25.0],
+            rewards=[float(dense)] * (length - 1) + [25.0],
             terminations=[False] * (length - 1) + [True],
             truncations=[False] * length,
+            infos={"is_success": np.arange(length + 1) == length} if dense else None,
         )
         storage.update_episodes([episode])
     storage.update_metadata({"dataset_id": "robot-v0", "minari_version": minari.__version__})
@@ -49,6 +50,14 @@ def test_the_memory_holds_every_recorded_step(tmp_path):
     fill_from_log(replay, tmp_path / "log", 4)
     assert replay.rows == sum(LENGTHS) + len(LENGTHS)
     assert len(replay.episode_actions()) == LENGTHS[-1]
+
+
+@pytest.mark.parametrize("dense", [False, True])
+def test_a_success_is_what_the_log_calls_one(tmp_path, dense):
+    write_log(tmp_path / "log", dense=dense)
+    replay = Replay(100, 11, 4, compress=True)
+    fill_from_log(replay, tmp_path / "log", 4)
+    assert replay.state()["successes"] == [(0, 4), (5, 12)]
 
 
 def test_a_log_of_another_form_is_refused(tmp_path):

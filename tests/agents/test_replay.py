@@ -24,7 +24,7 @@ def fill(replay, episodes):
             row = replay.rows
             replay.add(
                 np.full(4, row - 1, np.float32), reward if last else 0.0,
-                picture(row), touch(row), ended=ended and last,
+                picture(row), touch(row), success=reward > 0 and last, ended=ended and last,
             )  # fmt: skip
 
 

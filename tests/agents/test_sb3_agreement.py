@@ -56,7 +56,7 @@ def train_ours(seed):
         else:
             action = sac.act(*tensors(observation), noise)[0].numpy()
         observation, reward, _, ended, _ = environment.step(2.0 * action)
-        replay.add(action, float(reward), NOTHING, observation, ended=False)
+        replay.add(action, float(reward), NOTHING, observation, success=False, ended=False)
         if ended:
             observation, _ = environment.reset()
             replay.begin_episode(NOTHING, observation)

@@ -21,6 +21,7 @@ from minitouch_bench.simulation.camera import GrayCamera
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 from minitouch_bench.tasks.objects import shape_names
 from minitouch_bench.tasks.registry import TASKS
+from minitouch_bench.tasks.task import TabletopTask
 from tests.tasks.playback import digest, play, random_actions
 
 ROOT = Path(__file__).parents[2]
@@ -90,6 +91,17 @@ def test_info_has_the_same_keys_and_numpy_values_at_reset_and_step(environment):
     assert (first["ticks"], first["outcome"], first["first_touch_tick"]) == (0, 0, -1)
     assert second["ticks"] > 0
     assert first["is_success"] == first["success"] == False  # noqa: E712  numpy's
+
+
+def test_a_task_can_pay_for_what_it_measures(monkeypatch):
+    def height(task, client, outcome):
+        return float(task.object_state(client)[2])
+
+    monkeypatch.setattr(TabletopTask, "reward", height)
+    environment = MiniTouchEnv("playing")
+    environment.reset(seed=0)
+    _, reward, *_, info = environment.step(zero(environment))
+    assert reward == info["object_state"][2] != 0.0
 
 
 def test_a_step_or_a_picture_before_the_first_reset_says_so():

@@ -10,7 +10,7 @@ from minitouch_bench.workflows.record import RecordOptions, record
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    return record(RecordOptions("random", "pushing", tmp_path_factory.mktemp("data") / "log", 2))
+    return record(RecordOptions("scripted", "pushing", tmp_path_factory.mktemp("data") / "log", 2))
 
 
 def test_minari_reads_what_was_recorded(dataset):
@@ -22,6 +22,7 @@ def test_minari_reads_what_was_recorded(dataset):
         assert episode.observations["touch"].shape == (steps + 1, 11)
         ends = episode.terminations | episode.truncations
         assert np.flatnonzero(ends).tolist() == [steps - 1]
+        assert np.flatnonzero(episode.infos["is_success"]).tolist() == [steps]
     first, second = (episode.observations["image"][0] for episode in episodes)
     assert not np.array_equal(first, second)
 
@@ -31,6 +32,7 @@ def test_a_training_reads_it_too(dataset):
     fill_from_log(replay, dataset, 4)
     steps = [len(one.actions) for one in minari.MinariDataset(dataset).iterate_episodes()]
     assert replay.rows == sum(steps) + 2
+    assert [end for _, end in replay.state()["successes"]] == [steps[0], replay.rows - 1]
 
 
 def test_a_dataset_is_not_overwritten(dataset):
