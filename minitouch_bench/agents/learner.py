@@ -178,8 +178,7 @@ class Learner:
             "rng": self.rng.bit_generator.state,
         }
         if self.curiosity is not None:
-            state["curiosity"] = self.curiosity.state_dict()
-            state["curiosity_optimizer"] = self.curiosity.optimizer.state_dict()
+            state |= self.curiosity.state()
         return state
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -192,5 +191,4 @@ class Learner:
         self.noise.set_state(state["noise"].cpu())
         self.rng.bit_generator.state = state["rng"]
         if self.curiosity is not None:
-            self.curiosity.load_state_dict(state["curiosity"])
-            self.curiosity.optimizer.load_state_dict(state["curiosity_optimizer"])
+            self.curiosity.load_state(state)

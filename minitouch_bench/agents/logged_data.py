@@ -14,7 +14,7 @@ from minitouch_bench.simulation.observation import Observation
 def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
     """Fill the replay memory with the episodes of a dataset directory.
 
-    Observations are ``image`` uint8 (T + 1, 1, 84, 84) and ``touch`` float32 (T + 1, 11),
+    Observations are ``image`` uint8 (T + 1, 1, H, W) and ``touch`` float32 (T + 1, 11),
     actions float32 (T, A), as ``minitouch-bench record`` writes them. ``is_success`` in the
     infos tells the successes; without it they are the steps with a positive reward.
 

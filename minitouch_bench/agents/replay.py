@@ -23,7 +23,7 @@ _COLUMNS = ("_touch", "_action", "_reward", "_ended", "_last")
 class Batch:
     """N transitions on the learner's device, ``n_step`` control steps long.
 
-    ``image``, ``next_image`` uint8 (N, 1, 84, 84); ``touch``, ``next_touch`` float32
+    ``image``, ``next_image`` uint8 (N, 1, H, W); ``touch``, ``next_touch`` float32
     (N, 11), as the environment gives them; ``action`` float32 (N, A); ``task_reward``
     float32 (N,), discounted and summed over the steps; ``discount`` float32 (N,), what a
     value of the reached state counts; ``ended`` bool (N,), whether the episode ended there

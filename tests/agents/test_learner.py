@@ -1,9 +1,15 @@
 """A learner: what it saves acts as what it learned."""
 
+import copy
+
+import numpy as np
 import torch
 
-from minitouch_bench.agents.config import SacConfig, TrainingConfig
+from minitouch_bench.agents import learner as learners
+from minitouch_bench.agents.config import CuriosityConfig, SacConfig, TrainingConfig
+from minitouch_bench.agents.curiosity.curiosity import Curiosity
 from minitouch_bench.agents.learner import Learner
+from minitouch_bench.agents.replay import Replay
 from minitouch_bench.policies.networks import ENCODER_CHANNELS
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from tests.agents.batches import random_batch
@@ -21,3 +27,41 @@ def test_a_narrow_encoder_is_saved_as_the_tables_and_acts_the_same():
     assert learner.sac.encoder.convolutions[0].out_channels < ENCODER_CHANNELS[0]
     assert saved.encoder.convolutions[0].out_channels == ENCODER_CHANNELS[0]
     torch.testing.assert_close(action, torch.tanh(mean), atol=1e-5, rtol=0)
+
+
+class TouchCounts(Curiosity):
+    """Pays for touching where little was touched yet: no network, no optimizer."""
+
+    def __init__(self, config, _action_size):
+        super().__init__(config)
+        self.register_buffer("counts", torch.zeros(2))
+
+    def update(self, batch):
+        self.counts += torch.bincount(self._cells(batch), minlength=2)
+        return {}
+
+    def surprise(self, batch):
+        return self.counts[self._cells(batch)].rsqrt()
+
+    def _cells(self, batch):
+        return (batch.next_touch[:, -1] > 0).long()
+
+
+def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeypatch):
+    monkeypatch.setattr(learners, "make_curiosity", lambda _, *settings: TouchCounts(*settings))
+    config = TrainingConfig("pushing", sac=SacConfig(batch_size=4), curiosity=CuriosityConfig())
+    replay, rng = Replay(100, 11, 4, compress=True), np.random.default_rng(0)
+    image = rng.integers(0, 256, (1, 84, 84), dtype=np.uint8)
+    replay.begin_episode(image, np.zeros(11, np.float32))
+    for _ in range(20):
+        touch, action = (rng.normal(size=size).astype(np.float32) for size in (11, 4))
+        replay.add(action, 0.0, image, touch, success=False, ended=False)
+    first, other = (
+        Learner(config, PROTOCOL.task("pushing"), torch.device("cpu")) for _ in range(2)
+    )
+    first.update(replay)
+    other.load_state(copy.deepcopy(first.state()))
+    losses = [one.update(replay) for one in (first, other)]
+    assert losses[0] == losses[1]
+    assert losses[0]["intrinsic_reward"] > 0
+    assert other.curiosity.counts.sum() == 8

@@ -1,6 +1,7 @@
-"""What every curiosity is: a model that learns from batches, and a reward from its errors."""
+"""What every curiosity is: a model that learns from batches, and a reward from its surprise."""
 
 from abc import ABC, abstractmethod
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -12,10 +13,11 @@ from minitouch_bench.policies.networks import HIDDEN_UNITS, VisualEncoder
 
 
 class Curiosity(nn.Module, ABC):
-    """A model of something in the world, paid where it is wrong.
+    """What an agent has learned from, paid where a transition is new to it.
 
-    A subclass says what is modeled (``losses``) and what surprise is (``surprise``).
-    Batches are one control step long and hold normalized touch.
+    A subclass says how it learns (``update``) and what surprise is (``surprise``). What it
+    learns is a parameter or a buffer, so that checkpoints hold it. Batches are one control
+    step long and hold normalized touch.
     """
 
     def __init__(self, config: CuriosityConfig) -> None:
@@ -27,28 +29,17 @@ class Curiosity(nn.Module, ABC):
         self.register_buffer("seen", torch.zeros((), dtype=torch.float64))
         self.register_buffer("mean", torch.zeros((), dtype=torch.float64))
         self.register_buffer("squares", torch.zeros((), dtype=torch.float64))
-        self.optimizer: torch.optim.Optimizer
 
     def begin(self) -> None:
-        """Make the optimizer, once every network is in place on its device."""
-        trained = [one for one in self.parameters() if one.requires_grad]
-        self.optimizer = torch.optim.Adam(trained, self.config.learning_rate, fused=True)
+        """Get ready to learn, once everything is in place on its device."""
 
     @abstractmethod
-    def loss(self, batch: Batch) -> Tensor:
-        """Return the model's loss, a scalar."""
+    def update(self, batch: Batch) -> dict[str, Tensor]:
+        """Learn from a batch and return what is worth a curve, by name."""
 
     @abstractmethod
     def surprise(self, batch: Batch) -> Tensor:
-        """Return how wrong the model is about each transition, float32 (N,), >= 0."""
-
-    def update(self, batch: Batch) -> dict[str, Tensor]:
-        """Do one gradient step and return the losses by name."""
-        loss = self.loss(batch)
-        self.optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        self.optimizer.step()
-        return {"curiosity_loss": loss.detach()}
+        """Return how new each transition is, float32 (N,), >= 0."""
 
     @torch.no_grad()
     def reward(self, batch: Batch) -> Tensor:
@@ -71,6 +62,49 @@ class Curiosity(nn.Module, ABC):
         self.squares += values.var(correction=0) * count + delta**2 * self.seen * count / total
         self.mean += delta * count / total
         self.seen += count
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that later steps depend on."""
+        return {"curiosity": self.state_dict()}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Go on from what ``state`` returned; other keys are left alone."""
+        self.load_state_dict(state["curiosity"])
+
+
+class Predictor(Curiosity):
+    """Networks that predict something of the world, paid where they are wrong.
+
+    A subclass says what they are to learn (``loss``) and where they are wrong (``surprise``).
+    """
+
+    optimizer: torch.optim.Optimizer
+
+    def begin(self) -> None:
+        """Make the optimizer."""
+        trained = [one for one in self.parameters() if one.requires_grad]
+        self.optimizer = torch.optim.Adam(trained, self.config.learning_rate, fused=True)
+
+    @abstractmethod
+    def loss(self, batch: Batch) -> Tensor:
+        """Return the networks' loss, a scalar."""
+
+    def update(self, batch: Batch) -> dict[str, Tensor]:
+        """Do one gradient step and return the loss."""
+        loss = self.loss(batch)
+        self.optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self.optimizer.step()
+        return {"curiosity_loss": loss.detach()}
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that later steps depend on."""
+        return super().state() | {"curiosity_optimizer": self.optimizer.state_dict()}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Go on from what ``state`` returned; other keys are left alone."""
+        super().load_state(state)
+        self.optimizer.load_state_dict(state["curiosity_optimizer"])
 
     def encode(self, encoder: nn.Module, image: Tensor) -> Tensor:
         """Return features of pictures, float32 (N, F)."""

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Curiosity, own_encoder, two_layers
+from minitouch_bench.agents.curiosity.curiosity import Predictor, own_encoder, two_layers
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import FEATURES
 
@@ -12,7 +12,7 @@ MEMBERS = 5
 """Models in the ensemble (Pathak et al. 2019)."""
 
 
-class Disagreement(Curiosity):
+class Disagreement(Predictor):
     """Predict the next features with five models; pay where they differ.
 
     r = mean_k var_m g_m(phi(x), a)_k (Pathak et al. 2019, exploration-by-disagreement).

@@ -4,13 +4,13 @@ import torch
 from torch import Tensor, nn
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Curiosity, own_encoder, two_layers
+from minitouch_bench.agents.curiosity.curiosity import Predictor, own_encoder, two_layers
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE
 from minitouch_bench.simulation.observation import FORCES
 
 
-class HapticCuriosity(Curiosity):
+class HapticCuriosity(Predictor):
     """Predict the finger forces of the reached state from its picture.
 
     r = mean_k (f_k(x') - h'_k)^2, where x' is the picture and h' the forces of the reached

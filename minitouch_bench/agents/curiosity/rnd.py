@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Curiosity
+from minitouch_bench.agents.curiosity.curiosity import Predictor
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import TOUCH_SIZE, FirstConvolution
 from minitouch_bench.policies.policy import IMAGE_SHAPE
@@ -15,7 +15,7 @@ WHITENED_LIMIT = 5.0
 """Whitened pixels are clipped to this (Burda et al. 2019)."""
 
 
-class RandomDistillation(Curiosity):
+class RandomDistillation(Predictor):
     """Predict what a fixed random network says of the reached state.
 
     r = mean_k (f(o')_k - t(o')_k)^2, t random and fixed, o' the whitened picture (Burda et
