@@ -157,7 +157,7 @@ def test_wrong_options_are_refused():
         mt.evaluate("zero", isolation="strong")
     with pytest.raises(UsageError, match="no task 'flying'"):
         mt.evaluate("zero", tasks=["flying"])
-    with pytest.raises(UsageError, match="no engine 'cloud'; the engines are local"):
+    with pytest.raises(UsageError, match="no engine 'cloud' here; there are local"):
         mt.evaluate("zero", engine="cloud")
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.engine import ENGINES
+from minitouch_bench.evaluation.engine import ENGINES, STUDY_ENGINES
 from minitouch_bench.files import MIB, os_errors_as, read_file
 from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
@@ -39,15 +39,21 @@ Exploration = Annotated[
 Workers = Annotated[
     str, engine_option(metavar="N|auto", help="Worker processes; auto: one per core.")
 ]
-EngineName = Annotated[
-    str,
-    engine_option(
-        metavar="|".join(ENGINES), help="ray runs episodes on a cluster: see docs/cluster.md."
-    ),
-]
+
+
+def _engine_names(names: Iterable[str]) -> Any:
+    about = "; ".join(f"{name}: {ENGINES[name].about}" for name in names)
+    return engine_option(metavar="|".join(names), help=f"{about}.")
+
+
+EngineName = Annotated[str, _engine_names(ENGINES)]
+StudyEngine = Annotated[str, _engine_names(STUDY_ENGINES)]
 Address = Annotated[
     str | None,
-    engine_option(metavar="HOST:PORT", help="The Ray cluster; without it Ray starts here."),
+    engine_option(
+        metavar="HOST:PORT",
+        help="; ".join(f"{n}: {one.address}" for n, one in ENGINES.items() if one.address) + ".",
+    ),
 ]
 IsolationLevel = Annotated[
     Isolation, isolation_option(help="See docs/isolation.md; none needs --trust.")

@@ -16,7 +16,7 @@ def study(
         Path | None, typer.Option(help="By default reports/studies/NAME, after the file.")
     ] = None,
     workers: options.Workers = "1",
-    engine: options.EngineName = "local",
+    engine: options.StudyEngine = "local",
     address: options.Address = None,
 ) -> None:
     """Train and evaluate a grid of methods, tasks and seeds; started again, it goes on.

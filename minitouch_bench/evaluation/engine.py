@@ -49,16 +49,51 @@ LOCAL = EngineOptions()
 Note = Callable[[str], None]
 """Takes one line for the user."""
 
-ENGINES: Mapping[str, str] = {
-    "local": "minitouch_bench.evaluation.local_engine:open_local",
-    "ray": "minitouch_bench.evaluation.ray_engine:open_ray",
-}
-"""By name, the function that opens the engine, as ``module:name``.
 
-It takes ``EngineOptions`` and a ``Note``, and raises ``UsageError`` where an option has no
-meaning for the engine. It returns a context manager that yields the ``Engine`` and ends what
-was started for it.
-"""
+@dataclass(frozen=True)
+class EngineEntry:
+    """What an engine runs by, as ``module:name``, and what users read of it.
+
+    ``episodes`` takes ``EngineOptions`` and a ``Note``, and returns a context manager that yields
+    the ``Engine`` and ends what was started for it. ``trainings`` runs those of a study; "" where
+    it runs none. ``address`` says what ``--address`` is to it; "" where it has none.
+    """
+
+    about: str
+    episodes: str
+    trainings: str = ""
+    address: str = ""
+
+
+ENGINES: Mapping[str, EngineEntry] = {
+    "local": EngineEntry(
+        "on this machine",
+        episodes="minitouch_bench.evaluation.local_engine:open_local",
+        trainings="minitouch_bench.workflows.study:train_here",
+    ),
+    "ray": EngineEntry(
+        "on a Ray cluster, see docs/cluster.md",
+        episodes="minitouch_bench.evaluation.ray_engine:open_ray",
+        trainings="minitouch_bench.workflows.study:train_on_ray",
+        address="the cluster; without it Ray starts here",
+    ),
+}
+STUDY_ENGINES = tuple(name for name, entry in ENGINES.items() if entry.trainings)
+
+
+def find_engine(options: EngineOptions, names: Sequence[str] = tuple(ENGINES)) -> EngineEntry:
+    """Return the engine asked for, one of ``names``.
+
+    Raises:
+        UsageError: there is none of that name, or an option has no meaning for it.
+    """
+    if options.name not in names:
+        raise UsageError(f"no engine '{options.name}' here; there are {', '.join(names)}")
+    entry = ENGINES[options.name]
+    if options.address is not None and not entry.address:
+        having = " or ".join(name for name in names if ENGINES[name].address)
+        raise UsageError(f"--address is for another engine: add --engine {having}")
+    return entry
 
 
 def open_engine(
@@ -72,7 +107,5 @@ def open_engine(
     Raises:
         UsageError: no such engine, or an option has no meaning for it.
     """
-    if options.name not in ENGINES:
-        raise UsageError(f"no engine '{options.name}'; the engines are {', '.join(ENGINES)}")
-    opener: Any = look_up(ENGINES[options.name])
+    opener: Any = look_up(find_engine(options).episodes)
     return opener(options, note)  # type: ignore[no-any-return]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from minitouch_bench.errors import InfrastructureError, UsageError
+from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.engine import Engine, EngineOptions, Note
 from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS, ActorSource, EpisodeRunner
 from minitouch_bench.processes import core_count, run_in_workers
@@ -18,8 +18,6 @@ def open_local(
     note: Note,  # noqa: ARG001 - an opener's signature
 ) -> contextlib.AbstractContextManager[Engine]:
     """Open the engine of this machine: see ``engine.ENGINES``."""
-    if options.address is not None:
-        raise UsageError("--address is a Ray cluster's: add --engine ray")
     return contextlib.nullcontext(LocalEngine(options.workers or core_count()))
 
 

@@ -16,10 +16,11 @@ from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, apply_set
 from minitouch_bench.agents.training import EXPLORATION_FILE
 from minitouch_bench.documents import fault_in_words
 from minitouch_bench.errors import JobFailedError, MiniTouchError, UsageError
-from minitouch_bench.evaluation.engine import EngineOptions
+from minitouch_bench.evaluation.engine import STUDY_ENGINES, EngineOptions, find_engine
 from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import RUN_FILE, lock_directory, write_file
+from minitouch_bench.optional import look_up
 from minitouch_bench.policies.sources import TRAINED_FILE
 from minitouch_bench.processes import ONE_THREAD, core_count, run_in_workers
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
@@ -125,20 +126,18 @@ def run_study(options: StudyOptions) -> StudyResults:
     of the study tries it again.
 
     Raises:
-        UsageError: no such engine.
+        UsageError: no such engine, or an option has no meaning for it.
         MissingExtraError, InfrastructureError: Ray is not installed, or no cluster answers.
         RunDirectoryError: the directory is in use or cannot be written.
     """
     directory = options.directory
-    if options.engine.name not in RUNNERS:
-        names = ", ".join(RUNNERS)
-        raise UsageError(f"no engine '{options.engine.name}' for studies; there are {names}")
+    run_trainings: Any = look_up(find_engine(options.engine, STUDY_ENGINES).trainings)
     with lock_directory(directory):
         for training in options.config.trainings():
             (_place(directory, training) / FAILURE_FILE).unlink(missing_ok=True)
         found = _look(options)
         jobs = [_Job(options.config, directory.resolve(), training) for training in found.left]
-        for training, failure in RUNNERS[options.engine.name](jobs, options.engine):
+        for training, failure in run_trainings(jobs, options.engine):
             if failure:
                 write_file(_place(directory, training) / FAILURE_FILE, failure + "\n")
             found = _look(options)
@@ -152,7 +151,8 @@ class _Job:
     training: StudyTraining
 
 
-def _run_here(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTraining, str]]:
+def train_here(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTraining, str]]:
+    """Train in worker processes, and yield each training that has ended with what went wrong."""
     workers = engine.workers or core_count()
     while jobs:
         ended = set()
@@ -168,8 +168,8 @@ def _run_here(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTr
         jobs = [job for index, job in enumerate(jobs) if index not in ended]
 
 
-def _run_on_ray(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTraining, str]]:
-    """Leave it to Ray where each training runs; nodes that are lost are made up for by others."""
+def train_on_ray(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTraining, str]]:
+    """Do the same where Ray finds room; nodes that are lost are made up for by others."""
     settings = {"num_cpus": 1, "max_retries": 2, "runtime_env": {"env_vars": VARIABLES}}
     with ray_cluster(engine.address, engine.workers) as ray:
         run = ray.remote(**settings)(_run)
@@ -181,10 +181,6 @@ def _run_on_ray(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[Study
                 yield training, ray.get(ended)
             except ray.exceptions.RayError as error:
                 yield training, f"its worker was lost ({type(error).__name__})"
-
-
-RUNNERS = {"local": _run_here, "ray": _run_on_ray}
-"""What runs a study's trainings, by the engine's name."""
 
 
 def _run(job: _Job) -> str:

@@ -176,7 +176,7 @@ def test_there_are_two_engines(tmp_path):
     options = StudyOptions(
         read_study(tmp_path / "s.toml"), tmp_path / "out", EngineOptions("slurm")
     )
-    with pytest.raises(UsageError, match="no engine 'slurm' for studies; there are local, ray"):
+    with pytest.raises(UsageError, match="no engine 'slurm' here; there are local, ray"):
         run_study(options)
 
 
