@@ -49,7 +49,7 @@ class Conditions:
     def __post_init__(self) -> None:
         if self.without != tuple(sense for sense in SENSES if sense in self.without):
             raise ValueError(f"senses are {', '.join(SENSES)}, each once and in this order")
-        for name, allowed in _ALLOWED.items():
+        for name, allowed in PERTURBATIONS.items():
             low, high = _as_range(getattr(self, name))
             if not allowed.low <= low <= high <= allowed.high:
                 raise ValueError(f"{name} is {allowed.low:g} to {allowed.high:g} {allowed.unit}")
@@ -67,7 +67,7 @@ class Conditions:
     def in_words(self) -> tuple[str, ...]:
         """Return what is different, for people."""
         changed = (
-            f"{name} {text.replace(':', ' to ')} {_ALLOWED[name.replace('-', '_')].unit}"
+            f"{name} {text.replace(':', ' to ')} {PERTURBATIONS[name.replace('-', '_')].unit}"
             for name, text in self._changed()
         )
         return (*(f"without {sense}" for sense in self.without), *changed)
@@ -80,7 +80,7 @@ class Conditions:
 
     def _changed(self) -> Iterator[tuple[str, str]]:
         """Yield what is not as usual, as it is spelled on the command line, with its value."""
-        for name in _ALLOWED:
+        for name in PERTURBATIONS:
             value = getattr(self, name)
             if value != getattr(STANDARD, name):
                 low, high = _as_range(value)
@@ -88,19 +88,21 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class _Allowed:
+class Perturbation:
+    """The values that a condition may have, and their unit."""
+
     low: float
     high: float
     unit: str
 
 
-_ALLOWED: Mapping[str, _Allowed] = MappingProxyType(
+PERTURBATIONS: Mapping[str, Perturbation] = MappingProxyType(
     {
-        "noise": _Allowed(0.0, 255.0, "gray levels"),
-        "force_noise": _Allowed(0.0, 1000.0, "N"),
-        "mass": _Allowed(0.01, 100.0, "times"),
-        "friction": _Allowed(0.01, 100.0, "times"),
-        "camera": _Allowed(-180.0, 180.0, "degrees"),
+        "noise": Perturbation(0.0, 255.0, "gray levels"),
+        "force_noise": Perturbation(0.0, 1000.0, "N"),
+        "mass": Perturbation(0.01, 100.0, "times"),
+        "friction": Perturbation(0.01, 100.0, "times"),
+        "camera": Perturbation(-180.0, 180.0, "degrees"),
     }
 )
 
@@ -113,7 +115,7 @@ def _spelled(name: str) -> str:
     return name.replace("_", "-")
 
 
-CHANGES: Final = tuple(map(_spelled, _ALLOWED))
+CHANGES: Final = tuple(map(_spelled, PERTURBATIONS))
 """What can be changed, as it is spelled on the command line."""
 
 STANDARD: Final = Conditions()

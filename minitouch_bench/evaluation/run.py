@@ -39,7 +39,16 @@ from minitouch_bench.records import (
     RunHeader,
 )
 
-PACKAGES = ("minitouch-bench", "pybullet", "gymnasium", "numpy", "torch")
+PACKAGES = (
+    "minitouch-bench",
+    "pybullet",
+    "gymnasium",
+    "numpy",
+    "torch",
+    "onnxruntime",
+    "stable-baselines3",
+)
+"""What a run's numbers may depend on; those that are installed stand in ``run.json``."""
 
 HOPELESS_AFTER = 10
 """A run whose first episodes, this many, are all policy faults ends there."""

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.policies.isolation.readable import HOST_VARIABLES
+from minitouch_bench.policies.isolation.readable import HOST_SETTINGS, HOST_VARIABLES
 from minitouch_bench.policies.wire import (
     HEADER,
     MAX_PAYLOAD,
@@ -21,7 +21,6 @@ from minitouch_bench.policies.wire import (
     plain_line,
     unpack_header,
 )
-from minitouch_bench.processes import ARITHMETIC
 
 KEPT_OUTPUT = 4096
 """Bytes kept of what a process prints, the last ones."""
@@ -32,16 +31,6 @@ MAX_DRAIN = 2**20
 
 CLOSE_S = 2.0
 """Time in which a host must end by itself once its orders have ended."""
-
-HOST_SETTINGS = {
-    **ARITHMETIC,
-    "ORT_DISABLE_TELEMETRY": "1",
-    "PYTHONHASHSEED": "0",
-}
-"""Environment of a host: no thread may exist before it forks, and no set may iterate by chance.
-
-From 1.29 on, onnxruntime's Linux packages start a thread that reports models to Microsoft.
-"""
 
 
 class OutputPipe:

@@ -45,7 +45,7 @@ class NativePolicy:
 
 
 def to_tensors(observation: Observation) -> tuple[Tensor, Tensor]:
-    """Return image uint8 (1, 1, 84, 84) and touch float32 (1, 11)."""
+    """Return image uint8 (1, 1, H, W) and touch float32 (1, 11)."""
     image = torch.from_numpy(observation["image"]).unsqueeze(0)
     touch = torch.from_numpy(observation["touch"]).unsqueeze(0)
     return image, touch

@@ -81,7 +81,8 @@ def _blocks(maps: Tensor, size: int) -> Tensor:
 class VisualEncoder(nn.Module):
     """Map a gray image to 256 features (supplement, Table 3).
 
-    Feature maps: 84 -> 20 -> 9 (printed as 8) -> 4 -> 2 pixels, LeakyReLU after each layer.
+    The paper's feature maps: 84 -> 20 -> 9 (printed as 8) -> 4 -> 2 pixels. LeakyReLU after
+    each layer.
     ``width`` scales the numbers of channels; 1 is the table's.
     """
 
@@ -102,7 +103,7 @@ class VisualEncoder(nn.Module):
         )
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return features float32 (N, 256) of images uint8 (N, 1, 84, 84)."""
+        """Return features float32 (N, 256) of images uint8 (N, 1, H, W)."""
         half = torch.is_autocast_enabled(image.device.type)  # every level has its own bfloat16
         maps = self.convolutions(image.to(torch.bfloat16 if half else torch.float32) / 255.0)
         features: Tensor = self.projection(maps.flatten(1))
@@ -147,7 +148,7 @@ class TouchActor(nn.Module):
     def forward(self, image: Tensor, touch: Tensor) -> Tensor:
         """Return the deterministic action tanh(mean), float32 (N, A) in (-1, 1).
 
-        ``image`` uint8 (N, 1, 84, 84), ``touch`` float32 (N, 11).
+        ``image`` uint8 (N, 1, H, W), ``touch`` float32 (N, 11).
         """
         mean, _ = self.gaussian(image, touch)
         return torch.tanh(mean)

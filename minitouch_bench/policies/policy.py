@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
 Observation = Mapping[str, NDArray[Any]]
-"""``image`` uint8 (1, 84, 84) and ``touch`` float32 (11,)."""
+"""``image`` uint8 ``IMAGE_SHAPE`` and ``touch`` float32 ``TOUCH_SHAPE``."""
 
 IMAGE_SHAPE = (1, PROTOCOL.observation.image_size, PROTOCOL.observation.image_size)
 TOUCH_SHAPE = (PROTOCOL.observation.touch_size,)

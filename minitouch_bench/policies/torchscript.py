@@ -25,7 +25,7 @@ def last_line(error: Exception) -> str:
 
 
 class TorchScriptPolicy:
-    """Run ``forward(image uint8 (1, 1, 84, 84), touch float32 (1, 11)) -> (1, A)``."""
+    """Run ``forward(image uint8 (1, 1, H, W), touch float32 (1, 11)) -> (1, A)``."""
 
     def __init__(self, module: Any) -> None:
         self._module = module

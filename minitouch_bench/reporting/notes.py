@@ -1,8 +1,9 @@
-"""The notes below the tables of a report: what a reader must know of their values."""
+"""The notes below every table of a report: what a reader must know of its values."""
 
 from collections.abc import Sequence
 
 from minitouch_bench.metrics.summary import MIN_EPISODES, has_both_splits
+from minitouch_bench.rendering.tables import ABSENT
 from minitouch_bench.reporting.labels import RunSection
 from minitouch_bench.reporting.paper import CAVEAT, CITATION, MARK, OTHER_UNIT, PAPER_METHODS
 
@@ -10,6 +11,9 @@ PAPER_NOTE = (
     f"{', '.join(PAPER_METHODS)}: the paper's own values, {CAVEAT} ({CITATION}). "
     f"{MARK} {OTHER_UNIT}: the paper does not say what it counts, so it is compared with nothing."
 )
+
+NO_DIFFERENCE = "no difference seen"
+"""The verdict on a gap whose interval holds 0."""
 
 
 def table4_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
@@ -20,6 +24,36 @@ def table4_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
         "Brackets: 95 % interval, Wilson for shares, bootstrap over episodes for means; "
         "episode variance only (one training seed).",
         PAPER_NOTE,
+    )
+
+
+def diagnostics_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
+    """Return the notes below the diagnostics."""
+    return (
+        *label_notes(sections),
+        "First touch: mean over the episodes that touched. Object movement: variance over "
+        "the episode of the object's position, or of the door's angle.",
+    )
+
+
+def gap_notes(sections: Sequence[RunSection], rows: int) -> tuple[str, ...]:
+    """Return the notes below the gaps between held-out and train shapes."""
+    return (
+        *label_notes(sections),
+        "Held-out: shapes that training never sees. Gap: held-out minus train. Brackets: 95 % "
+        "interval, Wilson for a share and Newcombe for the gap of two, else bootstrap over "
+        "episodes.",
+        f"“{NO_DIFFERENCE}”: the interval holds 0, which does not prove that there is none. "
+        f"Each of the {rows} rows is judged by itself: where there is no gap at all, one "
+        "interval in 20 still misses 0.",
+    )
+
+
+def family_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
+    """Return the notes below the values of each family of shapes."""
+    return (
+        *label_notes(sections),
+        f"n: episodes. {ABSENT}: the run has no such shape in that split.",
     )
 
 

@@ -26,15 +26,19 @@ from minitouch_bench.rendering.tables import (
     metric_head,
 )
 from minitouch_bench.reporting.labels import RunSection, task_title, tasks_in_order
-from minitouch_bench.reporting.notes import label_notes, table4_notes
+from minitouch_bench.reporting.notes import (
+    NO_DIFFERENCE,
+    diagnostics_notes,
+    family_notes,
+    gap_notes,
+    table4_notes,
+)
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_cell
 
 TABLE4_METRICS = metrics_shown_in(ShownIn.TABLE4)
 DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
 
 OUTCOME_TITLES = {outcome: outcome.value.replace("_", " ") for outcome in Outcome}
-
-NO_DIFFERENCE = "no difference seen"
 
 
 def task_summary(run: SavedRun, task: str) -> TaskSummary | None:
@@ -91,11 +95,7 @@ def diagnostics(sections: Sequence[RunSection]) -> Table:
             Column("Policy faults"),
         ),
         rows=tuple(rows),
-        notes=(
-            *label_notes(sections),
-            "First touch: mean over the episodes that touched. Object movement: variance over "
-            "the episode of the object's position, or of the door's angle.",
-        ),
+        notes=diagnostics_notes(sections),
     )
 
 
@@ -145,15 +145,7 @@ def gap_table(sections: Sequence[RunSection]) -> Table:
         corner=("Task", "Metric"),
         columns=tuple(columns),
         rows=tuple(rows),
-        notes=(
-            *label_notes(sections),
-            "Held-out: shapes that training never sees. Gap: held-out minus train. Brackets: 95 % "
-            "interval, Wilson for a share and Newcombe for the gap of two, else bootstrap over "
-            "episodes.",
-            f"“{NO_DIFFERENCE}”: the interval holds 0, which does not prove that there is none. "
-            f"Each of the {len(rows)} rows is judged by itself: where there is no gap at all, one "
-            "interval in 20 still misses 0.",
-        ),
+        notes=gap_notes(sections, len(rows)),
     )
 
 
@@ -178,10 +170,7 @@ def family_table(sections: Sequence[RunSection]) -> Table:
         corner=("Family",) if single else ("Family", "Policy"),
         columns=tuple(columns),
         rows=tuple(rows),
-        notes=(
-            *label_notes(sections),
-            f"n: episodes. {ABSENT}: the run has no such shape in that split.",
-        ),
+        notes=family_notes(sections),
     )
 
 

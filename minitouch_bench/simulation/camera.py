@@ -1,4 +1,4 @@
-"""The static gray camera, 84 x 84 pixels.
+"""The static gray camera, SIZE x SIZE pixels.
 
 What never moves in an episode is drawn once, at the reset; each step draws only what moves
 and lays it over that background by depth. The picture is the same as one drawn whole, and
@@ -60,14 +60,14 @@ class GrayCamera:
         self._is_table = image.bodies == table
 
     def visible_bodies(self, client: PhysicsClient) -> NDArray[np.int32]:
-        """Return the body seen at each pixel, int32 (84, 84)."""
+        """Return the body seen at each pixel, int32 (SIZE, SIZE)."""
         image = client.render(self._view, SIZE, SIZE, bodies=True)
         assert image.bodies is not None
         hidden = image.depth >= self._background_depth
         return np.where(hidden, self._background_bodies, image.bodies)
 
     def capture(self, client: PhysicsClient, shadows: Sequence[Shadow] = ()) -> NDArray[np.uint8]:
-        """Return the picture, uint8 (1, 84, 84): what is visible now, over the background."""
+        """Return the picture, uint8 (1, SIZE, SIZE): what is visible now, over the background."""
         image = client.render(self._view, SIZE, SIZE)
         hidden = image.depth >= self._background_depth
         return np.where(hidden, self._shaded(shadows), _gray(image))[np.newaxis]
@@ -99,7 +99,7 @@ def seen_on_plane(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the x and y (m) at which each pixel's ray meets the plane z = ``height`` (m).
 
-    float64 (84, 84) each. Elementwise arithmetic only, so that every processor agrees.
+    float64 (SIZE, SIZE) each. Elementwise arithmetic only, so that every processor agrees.
     """
     yaw, pitch = math.radians(camera.yaw), math.radians(camera.pitch)
     forward = (-math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch))

@@ -32,7 +32,7 @@ def read_touch(arm: PandaArm, force_limit: float) -> NDArray[np.float32]:
 
 
 Observation = dict[str, NDArray[Any]]
-"""``image``: uint8 (1, 84, 84), gray; ``touch``: float32 (11,), see ``read_touch``."""
+"""``image``: uint8 (1, H, W), gray; ``touch``: float32 (11,), see ``read_touch``."""
 
 
 def observation_space(force_limit: float) -> spaces.Dict:

@@ -1,1 +1,1 @@
-"""The four tasks as Gymnasium environments."""
+"""The tasks as Gymnasium environments."""

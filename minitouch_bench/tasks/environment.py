@@ -1,4 +1,4 @@
-"""One Gymnasium environment for all four tasks."""
+"""One Gymnasium environment for all tasks."""
 
 from dataclasses import replace
 from typing import Any, NoReturn
@@ -42,11 +42,11 @@ OBSERVATION = PROTOCOL.observation
 
 
 class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
-    """A task seen through the 84 x 84 camera and the touch vector.
+    """A task seen through the gray camera and the touch vector.
 
-    Observations: ``image`` uint8 (1, 84, 84), ``touch`` float32 (11,). Actions: float32
-    (4,), Opening (5,), in [-1, 1]; values outside are clipped and reported in ``info``, and 4
-    or 5 numbers are accepted everywhere (see ``fit_action``).
+    Observations: ``image`` uint8 (1, H, W), ``touch`` float32 (11,). Actions: float32 (4,),
+    Opening (5,), in [-1, 1]; values outside are clipped and reported in ``info``, and 4 or 5
+    numbers are accepted everywhere (see ``fit_action``).
 
     ``objects``: "cube" (the task's own), a split of the canonical shape set ("train",
     "held-out", "all"), the names of its shapes, or a set of your own as

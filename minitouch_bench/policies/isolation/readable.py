@@ -27,11 +27,13 @@ PACKAGE_FOLDERS = ("site-packages", "dist-packages")
 
 WRITABLE = ("/dev/null",)
 
-KEPT_VARIABLES = frozenset(
-    {
-        *ARITHMETIC, "ORT_DISABLE_TELEMETRY", "PYTHONHASHSEED", "LANG", "LC_ALL", "LC_CTYPE", "TZ",
-    }
-)  # fmt: skip
+HOST_SETTINGS = {**ARITHMETIC, "ORT_DISABLE_TELEMETRY": "1", "PYTHONHASHSEED": "0"}
+"""Set in a host: no thread may exist before it forks, and no set may iterate by chance.
+
+From 1.29 on, onnxruntime's Linux packages start a thread that reports models to Microsoft.
+"""
+
+KEPT_VARIABLES = frozenset({*HOST_SETTINGS, "LANG", "LC_ALL", "LC_CTYPE", "TZ"})
 """What a policy's process keeps of its environment."""
 
 HOST_VARIABLES = KEPT_VARIABLES | {
