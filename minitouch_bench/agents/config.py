@@ -12,7 +12,7 @@ from minitouch_bench.agents.curiosity import METHODS
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
-HAPTICS = ("forces", "compressed", "magnitude", "contact")
+HAPTICS = ("forces", "contact")
 """What of the finger forces ``hac`` predicts: see ``agents.curiosity.hac``."""
 
 CONFIG_FILE = "config.toml"
@@ -69,7 +69,7 @@ class CuriosityConfig:
     """How the intrinsic reward is computed.
 
     ``width`` scales the channels of the curiosity's own encoder. ``normalize`` divides the
-    reward by its running standard deviation. ``haptics``, ``members`` and
+    reward by its running standard deviation. ``haptics``, ``standardize`` and
     ``from_previous`` are ``hac``'s alone.
     """
 
@@ -78,7 +78,7 @@ class CuriosityConfig:
     normalize: bool = True
     bfloat16: bool = True
     haptics: str = "forces"
-    members: int = 1
+    standardize: bool = False
     from_previous: bool = False
 
 

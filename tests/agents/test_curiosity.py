@@ -48,10 +48,10 @@ def test_touch_does_not_count_elsewhere(method):
 
 
 @pytest.mark.parametrize("haptics", HAPTICS)
-@pytest.mark.parametrize("members", [1, 3])
+@pytest.mark.parametrize("standardize", [False, True])
 @pytest.mark.parametrize("from_previous", [False, True])
-def test_every_form_of_haptic_curiosity(haptics, members, from_previous):
-    config = replace(CONFIG, haptics=haptics, members=members, from_previous=from_previous)
+def test_every_form_of_haptic_curiosity(haptics, standardize, from_previous):
+    config = replace(CONFIG, haptics=haptics, standardize=standardize, from_previous=from_previous)
     curiosity, batch = make("hac", config), random_batch()
     curiosity.update(batch)
     assert torch.isfinite(curiosity.reward(batch)).all()
@@ -60,10 +60,22 @@ def test_every_form_of_haptic_curiosity(haptics, members, from_previous):
     assert same != from_previous
 
 
-def test_the_sign_of_a_force_does_not_change_its_magnitude():
-    curiosity, batch = make("hac", replace(CONFIG, haptics="magnitude")), random_batch()
-    flipped = replace(batch, next_touch=-batch.next_touch)
-    assert torch.equal(curiosity.haptics(batch), curiosity.haptics(flipped))
+@pytest.mark.parametrize(("standardize", "rare_first"), [(False, False), (True, True)])
+def test_a_rare_touch_outweighs_forces_that_are_always_random(standardize, rare_first):
+    curiosity = make("hac", replace(CONFIG, standardize=standardize))
+    pressed = torch.arange(8) < 4
+    picture = (255 * pressed.byte())[:, None, None, None].expand(8, 1, 84, 84).contiguous()
+    batch = replace(random_batch(), next_image=picture)
+
+    def felt(seed):
+        signs = torch.randn(8, 11, generator=torch.Generator().manual_seed(seed)).sign()
+        return replace(batch, next_touch=torch.where(pressed[:, None], 5.0 * signs, 0.0))
+
+    for seed in range(200):
+        curiosity.update(felt(seed))
+    random_forces = curiosity.surprise(felt(200))[:4].mean()
+    light_touch = curiosity.surprise(replace(batch, next_touch=torch.full((8, 11), 0.5)))[4:]
+    assert (light_touch.min() > random_forces) == rare_first
 
 
 def test_rewards_are_divided_by_their_standard_deviation_so_far():

@@ -1,13 +1,19 @@
 """Haptics-based curiosity: the touch that a picture does not let expect (the paper's method)."""
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.curiosity.curiosity import Predictor, own_encoder, two_layers
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE
 from minitouch_bench.simulation.observation import FORCES
+
+LOG_VARIANCE_BOUNDS = (-4.6, 4.0)
+"""Of a predicted force: its standard deviation stays above 0.1 of ``force_scale``, 1 N."""
+
+MOST_SURPRISE = 25.0
+"""Five standard deviations count as much as any more."""
 
 
 class HapticCuriosity(Predictor):
@@ -20,49 +26,55 @@ class HapticCuriosity(Predictor):
     Decisions, where the paper is silent:
 
     - Forces alone are predicted: position and opening are seen in every picture.
-    - ``haptics``: ``forces`` in units of ``force_scale``; ``compressed``, asinh of each
-      component; ``magnitude``, log(1 + |f|) of each finger, whose sign cannot flip;
-      ``contact``, tanh |f| of each finger, which a hard press does not change any more.
-    - ``members`` > 1: an ensemble; r is the variance of its predictions, which falls to 0
-      where more data teach nothing more (as in Pathak et al. 2019).
+    - ``haptics``: ``forces`` in units of ``force_scale``, or ``contact``, tanh |f| of each
+      finger, which a hard press does not change any more.
+    - ``standardize``: the spread s_k of each force is predicted too, by the likelihood of a
+      normal distribution (Kendall and Gal 2017), and r = mean_k min((f_k - h'_k)^2 / s_k^2, 25):
+      forces that are always random, as when the door is pressed, do not outweigh rare ones.
     - ``from_previous``: the prediction sees the picture before the action, and the action.
     """
 
     def __init__(self, config: CuriosityConfig, action_size: int) -> None:
         super().__init__(config)
         self.encoder = own_encoder(config)
-        outputs = 2 if config.haptics in ("magnitude", "contact") else 6
         inputs = FEATURES + (TOUCH_SIZE + action_size if config.from_previous else 0)
-        self.heads = nn.ModuleList(two_layers(inputs, outputs) for _ in range(config.members))
+        outputs = 2 if config.haptics == "contact" else 6
+        self.head = two_layers(inputs, 2 * outputs if config.standardize else outputs)
 
     def loss(self, batch: Batch) -> Tensor:
-        """Return the mean squared error of every member."""
-        return (self._predictions(batch) - self.haptics(batch)).square().mean()
+        """Return the mean squared error, or the negative log likelihood (less a constant)."""
+        prediction = self._prediction(batch)
+        if not self.config.standardize:
+            return (prediction - self.haptics(batch)).square().mean()
+        square, log_variance = self._standardized(prediction, batch)
+        return 0.5 * (square + log_variance).mean()
 
     def surprise(self, batch: Batch) -> Tensor:
-        """Return the squared error, or of an ensemble the variance of its predictions."""
-        predictions = self._predictions(batch)
-        if len(self.heads) > 1:
-            return predictions.var(dim=0, correction=0).mean(dim=1)
-        return (predictions[0] - self.haptics(batch)).square().mean(dim=1)
+        """Return the squared error, with ``standardize`` in units of the predicted variance."""
+        prediction = self._prediction(batch)
+        if not self.config.standardize:
+            return (prediction - self.haptics(batch)).square().mean(dim=1)
+        square, _ = self._standardized(prediction, batch)
+        return square.clamp(max=MOST_SURPRISE).mean(dim=1)
+
+    def _standardized(self, prediction: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Return squared errors in units of their variance, and its logarithm, each (N, 6 or 2)."""
+        mean, log_variance = prediction.chunk(2, dim=1)
+        log_variance = log_variance.clamp(*LOG_VARIANCE_BOUNDS)
+        return (mean - self.haptics(batch)).square() / log_variance.exp(), log_variance
 
     def haptics(self, batch: Batch) -> Tensor:
         """Return what is to be predicted, float32 (N, 6) or (N, 2)."""
         forces = batch.next_touch[:, FORCES]
-        match self.config.haptics:
-            case "compressed":
-                return torch.asinh(forces)
-            case "magnitude":
-                return torch.log1p(forces.reshape(-1, 2, 3).norm(dim=2))
-            case "contact":
-                return torch.tanh(forces.reshape(-1, 2, 3).norm(dim=2))
+        if self.config.haptics == "contact":
+            return torch.tanh(forces.reshape(-1, 2, 3).norm(dim=2))
         return forces
 
-    def _predictions(self, batch: Batch) -> Tensor:
-        """Return every member's prediction, float32 (members, N, 6 or 2)."""
+    def _prediction(self, batch: Batch) -> Tensor:
         if self.config.from_previous:
             seen = self.encode(self.encoder, batch.image)
             seen = torch.cat((seen, batch.touch, batch.action), dim=1)
         else:
             seen = self.encode(self.encoder, batch.next_image)
-        return torch.stack([head(seen) for head in self.heads])
+        prediction: Tensor = self.head(seen)
+        return prediction
