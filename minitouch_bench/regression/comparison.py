@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.metric import NO_DIRECTION
@@ -98,7 +98,7 @@ def compare_runs(runs: Sequence[SavedRun], paths: Sequence[str]) -> Comparison:
         ComparedRun(letter, name, path, run_labels(run))
         for letter, name, path, run in zip(LETTERS, run_names(runs), paths, runs, strict=False)
     ]
-    paired = [pair_runs(runs[0], other) for other in runs[1:]]
+    paired = [pair_runs(*_in_shared_roles(runs[0], other)) for other in runs[1:]]
     root = (runs[0].header.seed,)
     values = [collect_values(pairs, tasks_in_order(runs)) for pairs in paired]
     effects = [[measure_effect(one, root) for one in own] for own in values]
@@ -124,6 +124,13 @@ def compare_runs(runs: Sequence[SavedRun], paths: Sequence[str]) -> Comparison:
             )
         ),
     )
+
+
+def _in_shared_roles(first: SavedRun, second: SavedRun) -> tuple[SavedRun, SavedRun]:
+    """Return two runs, without the exploration episodes that only one of them has."""
+    if first.exploration_episodes and second.exploration_episodes:
+        return first, second
+    return replace(first, exploration_episodes=()), replace(second, exploration_episodes=())
 
 
 def find_changes(pairs: Sequence[EpisodePair], paths: tuple[str, str]) -> tuple[OutcomeChange, ...]:
@@ -159,6 +166,11 @@ def differences_of_making(first: SavedRun, second: SavedRun) -> tuple[str, ...]:
     ]
     return (
         *(f"{task} is left out: its rules differ" for task in map(printable, left_out)),
+        *(
+            f"exploration is left out: '{printable(run.name)}' has none"
+            for run, other in ((first, second), (second, first))
+            if other.exploration_episodes and not run.exploration_episodes
+        ),
         *differences_of_isolation(first.header, second.header),
         *_in_words(found),
     )

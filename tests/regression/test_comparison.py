@@ -48,6 +48,18 @@ def test_a_clear_difference_is_seen_in_its_direction():
     assert [one.verdict for one in turned if one.effect.metric == "success"] == ["B is better"] * 4
 
 
+def test_exploration_that_one_run_lacks_is_left_out_and_named():
+    explored = replace(GOOD, name="explored", exploration_episodes=GOOD.episodes)
+    for pair in ((explored, BAD), (BAD, explored)):
+        found = compared(*pair).pairs[0]
+        assert "exploration is left out: 'bad' has none" in found.notes
+        assert "exploration" not in {one.effect.metric for one in found.metrics}
+        assert "success" in {one.effect.metric for one in found.metrics}
+    both = compared(explored, replace(BAD, exploration_episodes=BAD.episodes)).pairs[0]
+    assert "exploration" in {one.effect.metric for one in both.metrics}
+    assert not any("left out" in note for note in both.notes)
+
+
 def test_more_of_a_metric_without_direction_is_neither_better_nor_worse():
     few, many = (
         make_saved({task: values(flags(30, 60), touch=np.full(60, ticks)) for task in TASKS}, name)
