@@ -28,7 +28,8 @@ class PhaseConfig:
 
     ``steps``: control steps. ``temperature``: SAC's alpha, fixed; 0 learns it, starting from
     ``initial_temperature``, so that the policy's entropy is ``target_entropy`` (nats per
-    action number). ``n_step``: rewards summed before the critic takes over.
+    action number), or within ``entropy_steps`` control steps of the phase falls evenly from it
+    to ``final_target_entropy``; with 0 such steps it stays. ``n_step``: rewards summed before the critic takes over.
     ``success_share``: share of each batch that comes from the last steps before a success.
     """
 
@@ -37,9 +38,16 @@ class PhaseConfig:
     temperature: float = 0.0
     initial_temperature: float = 0.1
     target_entropy: float = -1.0
+    final_target_entropy: float = -1.0
+    entropy_steps: int = 0
     reward_scale: float = 1.0
     n_step: int = 1
     success_share: float = 0.0
+
+    def target_entropy_at(self, step: int) -> float:
+        """Return the target entropy after ``step`` control steps of the phase."""
+        fallen = min(step / self.entropy_steps, 1.0) if self.entropy_steps else 0.0
+        return self.target_entropy + fallen * (self.final_target_entropy - self.target_entropy)
 
 
 @dataclass(frozen=True)

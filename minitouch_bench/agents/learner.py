@@ -126,12 +126,15 @@ class Learner:
         """Return a uniformly random action, float32 (A,)."""
         return self.rng.uniform(-1.0, 1.0, self.sac.action_size).astype(np.float32)
 
-    def update(self, replay: Replay) -> dict[str, Tensor]:
+    def update(self, replay: Replay, step: int) -> dict[str, Tensor]:
         """Draw a batch, and do one gradient step on the phase's reward.
+
+        ``step``: control steps of the phase so far.
 
         While exploring that is the curiosity's, which goes on beyond an episode's end: an
         end that takes all further reward away would punish success.
         """
+        self.sac.target_entropy = self.phase.target_entropy_at(step)
         batch = self._batch(replay)
         if not self.exploring or self.curiosity is None:
             reward = self.phase.reward_scale * batch.task_reward

@@ -68,6 +68,7 @@ class Sac(nn.Module):
     def begin_phase(self, phase: PhaseConfig) -> None:
         """Take a phase's settings, with fresh optimizers."""
         self.phase = phase
+        self.target_entropy = phase.target_entropy
         start = phase.temperature or phase.initial_temperature
         with torch.no_grad():
             self.log_temperature.fill_(math.log(start))
@@ -122,7 +123,7 @@ class Sac(nn.Module):
 
         entropy = -log_prob.detach().mean()
         if self.phase.temperature == 0.0:
-            missing = self.phase.target_entropy * self.action_size - entropy
+            missing = self.target_entropy * self.action_size - entropy
             _step(self.temperature_optimizer, -self.log_temperature * missing)
 
         self._follow()

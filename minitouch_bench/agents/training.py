@@ -86,7 +86,7 @@ class Training:
             else:
                 self._control_step()
             for _ in range(self._updates_due()):
-                self._tally.add_losses(self._learner.update(self._replay))
+                self._tally.add_losses(self._learner.update(self._replay, self._phase_step))
             self._keep_records()
         self._finish()
         return True
@@ -95,6 +95,11 @@ class Training:
     def _is_from_log(self) -> bool:
         """Tell whether the step under way is one of an exploration of recorded data."""
         return bool(self.config.log) and self._learner.exploring
+
+    @property
+    def _phase_step(self) -> int:
+        """Return the control steps of the phase under way so far."""
+        return self.step - (0 if self._learner.exploring else self.config.exploration_steps)
 
     def _control_step(self) -> None:
         if not self.config.log and self.step < self.config.random_steps:
