@@ -60,7 +60,7 @@ def main():
         config = replace(preset(TASK_NAMES[-1]), method=method)
         learner = Learner(config, environment.task.spec, torch.device("cpu"))
         act = cpu_ms(ACTIONS, lambda one=learner: one.act(observation))
-        update = cpu_ms(UPDATES, lambda one=learner: one.update(replay))
+        update = cpu_ms(UPDATES, lambda one=learner: one.update(replay, 0))
         print(f"{method}: {act:.1f} ms an action, {update:.0f} ms a gradient step")
 
 

@@ -28,9 +28,10 @@ class PhaseConfig:
 
     ``steps``: control steps. ``temperature``: SAC's alpha, fixed; 0 learns it, starting from
     ``initial_temperature``, so that the policy's entropy is ``target_entropy`` (nats per
-    action number), or within ``entropy_steps`` control steps of the phase falls evenly from it
-    to ``final_target_entropy``; with 0 such steps it stays. ``n_step``: rewards summed before the critic takes over.
-    ``success_share``: share of each batch that comes from the last steps before a success.
+    action number). Over the phase's first ``entropy_steps`` control steps the target moves
+    evenly to ``final_target_entropy``; with 0 it stays. ``n_step``: rewards summed before the
+    critic takes over. ``success_share``: share of each batch that comes from the last steps
+    before a success.
     """
 
     steps: int

@@ -31,6 +31,12 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path):
     assert read_config(file, base) == replace(base, seed=5, sac=sac)
 
 
+def test_the_target_entropy_falls_evenly_and_then_stays():
+    phase = PhaseConfig(100, target_entropy=0.0, final_target_entropy=-3.0, entropy_steps=60)
+    assert [phase.target_entropy_at(step) for step in (0, 20, 60, 100)] == [0.0, -1.0, -3.0, -3.0]
+    assert replace(phase, entropy_steps=0).target_entropy_at(100) == 0.0
+
+
 @pytest.mark.parametrize(
     ("text", "word"),
     [

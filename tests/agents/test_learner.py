@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from minitouch_bench.agents import learner as learners
-from minitouch_bench.agents.config import CuriosityConfig, SacConfig, TrainingConfig
+from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
 from minitouch_bench.agents.curiosity.curiosity import Curiosity
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
@@ -27,6 +27,30 @@ def test_a_narrow_encoder_is_saved_as_the_tables_and_acts_the_same():
     assert learner.sac.encoder.convolutions[0].out_channels < ENCODER_CHANNELS[0]
     assert saved.encoder.convolutions[0].out_channels == ENCODER_CHANNELS[0]
     torch.testing.assert_close(action, torch.tanh(mean), atol=1e-5, rtol=0)
+
+
+def filled_replay():
+    replay, rng = Replay(100, 11, 4, compress=True), np.random.default_rng(0)
+    image = rng.integers(0, 256, (1, 84, 84), dtype=np.uint8)
+    replay.begin_episode(image, np.zeros(11, np.float32))
+    for _ in range(20):
+        touch, action = (rng.normal(size=size).astype(np.float32) for size in (11, 4))
+        replay.add(action, 0.0, image, touch, success=False, ended=False)
+    return replay
+
+
+def test_a_target_entropy_far_below_the_policys_lowers_the_temperature():
+    phase = PhaseConfig(10, target_entropy=5.0, final_target_entropy=-50.0, entropy_steps=10)
+    config = TrainingConfig("pushing", "sac", sac=SacConfig(batch_size=4), task_phase=phase)
+    learner, replay = (
+        Learner(config, PROTOCOL.task("pushing"), torch.device("cpu")),
+        filled_replay(),
+    )
+    first, risen, last = (
+        float(learner.update(replay, step)["temperature"]) for step in (0, 10, 10)
+    )
+    assert risen > first
+    assert last < risen
 
 
 class TouchCounts(Curiosity):
@@ -50,18 +74,13 @@ class TouchCounts(Curiosity):
 def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeypatch):
     monkeypatch.setattr(learners, "make_curiosity", lambda _, *settings: TouchCounts(*settings))
     config = TrainingConfig("pushing", sac=SacConfig(batch_size=4), curiosity=CuriosityConfig())
-    replay, rng = Replay(100, 11, 4, compress=True), np.random.default_rng(0)
-    image = rng.integers(0, 256, (1, 84, 84), dtype=np.uint8)
-    replay.begin_episode(image, np.zeros(11, np.float32))
-    for _ in range(20):
-        touch, action = (rng.normal(size=size).astype(np.float32) for size in (11, 4))
-        replay.add(action, 0.0, image, touch, success=False, ended=False)
+    replay = filled_replay()
     first, other = (
         Learner(config, PROTOCOL.task("pushing"), torch.device("cpu")) for _ in range(2)
     )
-    first.update(replay)
+    first.update(replay, 1)
     other.load_state(copy.deepcopy(first.state()))
-    losses = [one.update(replay) for one in (first, other)]
+    losses = [one.update(replay, 2) for one in (first, other)]
     assert losses[0] == losses[1]
     assert losses[0]["intrinsic_reward"] > 0
     assert other.curiosity.counts.sum() == 8
