@@ -20,7 +20,7 @@ def read_curve(file: Path) -> pd.DataFrame:
     task = next(name for name in TASK_NAMES if file.stem.startswith(f"{name}-"))
     method, _, seed = file.stem.removeprefix(f"{task}-").rpartition("-")
     rows = pd.read_csv(file)
-    steps = int(rows.loc[rows["phase"] == "exploration", "step"].max())
+    steps = rows.loc[rows["phase"] == "exploration", "step"].max()
     kept = rows[["step", "touch_share"]].assign(success=episode_success(rows))
     return kept.assign(task=task, method=method, seed=int(seed), exploration_steps=steps)
 
@@ -28,6 +28,8 @@ def read_curve(file: Path) -> pd.DataFrame:
 def main() -> None:
     """Draw all curves, a plot per task and length of exploration."""
     curves = pd.concat(map(read_curve, sorted((DOCS / "curves").glob("*.csv"))))
+    longest = curves.groupby("task")["exploration_steps"].transform("max")
+    curves["exploration_steps"] = curves["exploration_steps"].fillna(longest).astype(int)  # sac
     for path in write_figures(tuple(learning_curves(curves)), DOCS / "pictures"):
         if path.suffix == ".pdf":
             path.unlink()
