@@ -121,7 +121,13 @@ class TrainingConfig:
     evaluate_episodes: int = 10
     checkpoint_every: int = 1000
     exploration: PhaseConfig = PhaseConfig(10_000, target_entropy=0.0)
-    task_phase: PhaseConfig = PhaseConfig(40_000, target_entropy=0.0, success_share=0.25)
+    task_phase: PhaseConfig = PhaseConfig(
+        40_000,
+        target_entropy=0.0,
+        final_target_entropy=-3.0,
+        entropy_steps=60_000,
+        success_share=0.25,
+    )
     sac: SacConfig = SacConfig(discount=0.95, encoder_width=0.25)
     curiosity: CuriosityConfig = CuriosityConfig()
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +52,8 @@ EPISODES_ONLY = "one training seed: its interval is over episodes only"
 PAPER_ORDER = ("hac", "rnd-touch", "rnd")
 """Our names of the paper's three methods, from the best down (its Table 4)."""
 SIGNIFICANT = 0.05
+ORDERS = 100_000
+"""Ways to deal values to two methods that are all tried; with more, as many are drawn."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ def write_study(results: StudyResults) -> None:
     write_file(directory / "estimates.csv", estimates.to_csv(index=False))
     write_file(directory / "curves.csv", curves.to_csv(index=False))
     tables = tuple(_tables(estimates))
-    orders = tuple(_orders(estimates))
+    orders = tuple(paper_orders(estimates))
     figures = tuple(study_figures(estimates, curves))
     write_figures(figures, directory / "figures")
     sources = [latex.table_source(table, table.title) for table in tables]
@@ -199,17 +201,18 @@ def _cell(part: pd.DataFrame, task: str, method: str, metric: str) -> Cell:
     return estimate_cell(metric.split(",", maxsplit=1)[0], over_seeds(own))
 
 
-def _orders(estimates: pd.DataFrame) -> Iterator[str]:
+def paper_orders(estimates: pd.DataFrame) -> Iterator[str]:
     """Say of each task and each two neighbors in the paper's order whether it holds here.
 
+    Once for exploration, once for what the task is ranked by. ``estimates``: see ``write_study``.
     Mann and Whitney's exact test over training seeds, one-sided: three seeds each can just
     reach p = 0.05.
     """
     main = estimates[estimates["suite"] == MAIN_SUITE]
     for task, steps, part in study_parts(main):
-        metric = ranking_metric(task)
-        own = part[part["metric"] == metric]
-        for better, worse in pairwise(PAPER_ORDER):
+        pairs = product(("exploration", ranking_metric(task)), pairwise(PAPER_ORDER))
+        for metric, (better, worse) in pairs:
+            own = part[part["metric"] == metric]
             values = [own.loc[own["method"] == one, "value"].tolist() for one in (better, worse)]
             if all(values):
                 yield (
@@ -219,16 +222,20 @@ def _orders(estimates: pd.DataFrame) -> Iterator[str]:
 
 
 def _judged(better: Sequence[float], worse: Sequence[float]) -> str:
+    means = f"{np.mean(better):.3f} against {np.mean(worse):.3f}"
+    seeds = f"{len(better)} and {len(worse)} seeds"
+    if min(len(better), len(worse)) < 2:
+        return f"cannot be told ({means}, {seeds})"
+    every_order = stats.PermutationMethod(ORDERS, rng=np.random.default_rng(0))
     p = {
-        side: float(stats.mannwhitneyu(better, worse, alternative=side).pvalue)
+        side: stats.mannwhitneyu(better, worse, alternative=side, method=every_order).pvalue
         for side in ("greater", "less")
     }
-    means = f"{np.mean(better):.3f} against {np.mean(worse):.3f}"
     if p["greater"] <= SIGNIFICANT:
         return f"holds ({means}, p = {p['greater']:.3f})"
     if p["less"] <= SIGNIFICANT:
         return f"does not hold ({means}, p = {p['less']:.3f})"
-    return f"cannot be told ({means}, p = {p['greater']:.3f}, {len(better)} and {len(worse)} seeds)"
+    return f"cannot be told ({means}, p = {p['greater']:.3f}, {seeds})"
 
 
 def state_lines(results: StudyResults) -> list[str]:
