@@ -104,7 +104,7 @@ class VisualEncoder(nn.Module):
 
     def forward(self, image: Tensor) -> Tensor:
         """Return features float32 (N, 256) of images uint8 (N, 1, H, W)."""
-        half = torch.is_autocast_enabled(image.device.type)  # every level has its own bfloat16
+        half = torch.is_autocast_enabled(image.device.type)  # which holds 0 to 255 exactly
         maps = self.convolutions(image.to(torch.bfloat16 if half else torch.float32) / 255.0)
         features: Tensor = self.projection(maps.flatten(1))
         return features

@@ -53,7 +53,7 @@ PAPER_ORDER = ("hac", "rnd-touch", "rnd")
 """Our names of the paper's three methods, from the best down (its Table 4)."""
 SIGNIFICANT = 0.05
 ORDERS = 100_000
-"""Ways to deal values to two methods that are all tried; with more, as many are drawn."""
+"""The test tries every assignment of the values to two methods, or draws this many of them."""
 
 
 @dataclass(frozen=True)
