@@ -2,15 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from minitouch_bench.files import RUN_FILE, write_file
-from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in, ranking_metric
+from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.intervals import bootstrap_mean
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.records import Estimate, SavedRun, Summary
@@ -43,17 +41,12 @@ from minitouch_bench.reporting.study_figures import (
     TRAIN,
     over_seeds,
     study_figures,
-    study_parts,
 )
+from minitouch_bench.reporting.study_orders import episode_values, judge_orders, orders_table
 from minitouch_bench.reporting.training_page import episode_success
 
 TEMPLATE = Path(__file__).parent / "templates" / "study.html.j2"
 EPISODES_ONLY = "one training seed: its interval is over episodes only"
-PAPER_ORDER = ("hac", "rnd-touch", "rnd")
-"""Our names of the paper's three methods, from the best down (its Table 4)."""
-SIGNIFICANT = 0.05
-ORDERS = 100_000
-"""The test tries every assignment of the values to two methods, or draws this many of them."""
 
 
 @dataclass(frozen=True)
@@ -82,32 +75,37 @@ class StudyResults:
 
 
 def write_study(results: StudyResults) -> None:
-    """Write ``estimates.csv``, ``curves.csv``, the figures, ``tables.tex`` and the report.
+    """Write ``estimates.csv``, ``curves.csv``, ``orders.csv``, figures, ``tables.tex``, report.
 
     Raises:
         RunDirectoryError: a file cannot be read or written.
     """
-    estimates, curves = _estimates(results), _curves(results)
+    (estimates, values), curves = _estimates(results), _curves(results)
     directory = results.directory
     write_file(directory / "estimates.csv", estimates.to_csv(index=False))
     write_file(directory / "curves.csv", curves.to_csv(index=False))
-    tables = tuple(_tables(estimates))
-    orders = tuple(paper_orders(estimates))
+    orders = judge_orders(values)
+    write_file(directory / "orders.csv", orders.to_csv(index=False))
+    tables = (*_tables(estimates), *((orders_table(orders),) if len(orders) else ()))
     figures = tuple(study_figures(estimates, curves))
     write_figures(figures, directory / "figures")
     sources = [latex.table_source(table, table.title) for table in tables]
     write_file(directory / "tables.tex", "\n".join(sources))
-    write_file(directory / "report.md", _markdown(results, tables, orders))
+    write_file(directory / "report.md", _markdown(results, tables))
     page = render_page(
-        TEMPLATE, results=results, name=directory.resolve().name, tables=tables, orders=orders,
-        figures=figures, note=PAPER_NOTE, state=state_lines(results)[0],
+        TEMPLATE, results=results, name=directory.resolve().name, tables=tables, figures=figures,
+        note=PAPER_NOTE, state=state_lines(results)[0],
     )  # fmt: skip
     write_file(directory / "report.html", page)
 
 
-def _estimates(results: StudyResults) -> pd.DataFrame:
-    """Return a row per training, suite, and metric of its evaluation."""
-    rows = []
+def _estimates(results: StudyResults) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return a row per training, suite, and metric of its evaluation; and one per episode.
+
+    The second has the episodes of the main suite alone, as ``judge_orders`` takes them.
+    """
+    rows, values = [], []
+    fields = [*StudyTraining.__dataclass_fields__]
     for training in results.done:
         for file in sorted((results.directory / training.name).glob(f"*/{RUN_FILE}")):
             run = read_run(file.parent)
@@ -119,8 +117,14 @@ def _estimates(results: StudyResults) -> pd.DataFrame:
             ]
             found = [*_on_both_splits(run.summary), *_while_exploring(run)]
             rows += [(*head, metric, e.value, e.low, e.high, e.count) for metric, e in found]
-    columns = [*StudyTraining.__dataclass_fields__, "suite"]
-    return pd.DataFrame(rows, columns=[*columns, "metric", "value", "low", "high", "episodes"])
+            if run.header.suite == MAIN_SUITE:
+                values += [(*vars(training).values(), *one) for one in episode_values(run)]
+    return (
+        pd.DataFrame(
+            rows, columns=[*fields, "suite", "metric", "value", "low", "high", "episodes"]
+        ),
+        pd.DataFrame(values, columns=[*fields, "metric", "episode", "value"]),
+    )
 
 
 def _on_both_splits(summary: Summary) -> Iterator[tuple[str, Estimate]]:
@@ -201,43 +205,6 @@ def _cell(part: pd.DataFrame, task: str, method: str, metric: str) -> Cell:
     return estimate_cell(metric.split(",", maxsplit=1)[0], over_seeds(own))
 
 
-def paper_orders(estimates: pd.DataFrame) -> Iterator[str]:
-    """Say of each task and each two neighbors in the paper's order whether it holds here.
-
-    Once for exploration, once for what the task is ranked by. ``estimates``: see ``write_study``.
-    Mann and Whitney's exact test over training seeds, one-sided: three seeds each can just
-    reach p = 0.05.
-    """
-    main = estimates[estimates["suite"] == MAIN_SUITE]
-    for task, steps, part in study_parts(main):
-        pairs = product(("exploration", ranking_metric(task)), pairwise(PAPER_ORDER))
-        for metric, (better, worse) in pairs:
-            own = part[part["metric"] == metric]
-            values = [own.loc[own["method"] == one, "value"].tolist() for one in (better, worse)]
-            if all(values):
-                yield (
-                    f"{task_title(task)}, {steps:,} steps of exploration: {better} > {worse} in "
-                    f"{METRICS[metric].label.lower()} {_judged(*values)}"
-                )
-
-
-def _judged(better: Sequence[float], worse: Sequence[float]) -> str:
-    means = f"{np.mean(better):.3f} against {np.mean(worse):.3f}"
-    seeds = f"{len(better)} and {len(worse)} seeds"
-    if min(len(better), len(worse)) < 2:
-        return f"cannot be told ({means}, {seeds})"
-    every_order = stats.PermutationMethod(ORDERS, rng=np.random.default_rng(0))
-    p = {
-        side: stats.mannwhitneyu(better, worse, alternative=side, method=every_order).pvalue
-        for side in ("greater", "less")
-    }
-    if p["greater"] <= SIGNIFICANT:
-        return f"holds ({means}, p = {p['greater']:.3f})"
-    if p["less"] <= SIGNIFICANT:
-        return f"does not hold ({means}, p = {p['less']:.3f})"
-    return f"cannot be told ({means}, p = {p['greater']:.3f}, {seeds})"
-
-
 def state_lines(results: StudyResults) -> list[str]:
     """Say in a line each how far a study is, and which trainings failed."""
     number = len(results.done) + len(results.failed) + len(results.left)
@@ -256,13 +223,10 @@ def _time_left(results: StudyResults) -> str:
     return f"; those left train for about {hours * len(results.left):.1f} hours, one at a time"
 
 
-def _markdown(results: StudyResults, tables: Sequence[Table], orders: Sequence[str]) -> str:
+def _markdown(results: StudyResults, tables: Sequence[Table]) -> str:
     parts = [f"# Study {escape(results.directory.resolve().name)}", ""]
     parts += [f"- {escape(line)}" for line in state_lines(results)]
     for table in tables:
         parts += ["", f"## {table.title}", "", *table_lines(table), ""]
         parts += [f"- {escape(note)}" for note in table.notes]
-    if orders:
-        parts += ["", "## The order of the paper's methods", ""]
-        parts += [f"- {escape(order)}" for order in orders]
     return "\n".join(parts) + "\n"

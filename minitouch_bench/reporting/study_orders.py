@@ -1,0 +1,160 @@
+"""Whether a study shows the paper's order of methods, cell by cell of its Table 4."""
+
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from itertools import product
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
+from minitouch_bench.metrics.metric import DOWN
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import SavedRun
+from minitouch_bench.rendering.tables import Cell, Column, Row, Table, format_value
+from minitouch_bench.reporting.labels import task_title
+from minitouch_bench.reporting.study_figures import study_parts
+
+PAIRS: Final = (("hac", "rnd-touch"), ("rnd-touch", "rnd"), ("hac", "sac"))
+"""The better and the worse method. The first two are the order of the paper's Table 4."""
+
+SIGNIFICANT = 0.05
+MOST_ORDERS = 100_000
+"""Over seeds: every assignment of the values to two methods is tried, or this many draws of it."""
+EPISODE_ORDERS = 9_999
+"""Over episodes: so many random exchanges of the two methods' values."""
+
+NOTES = (
+    "Over seeds: Mann and Whitney's exact test, which tells what another training would show; "
+    "three seeds each can just reach p = 0.050. On the same episodes: permutation test of paired "
+    "episodes, each one's mean over the seeds, which tells of these trainings alone. One-sided, "
+    "not corrected for their number; > is: better than.",
+    "The paper's Table 4 orders hac, rnd-touch and rnd; hac > sac is a question of this project.",
+)
+
+
+def episode_values(run: SavedRun) -> Iterator[tuple[str, int, float]]:
+    """Yield metric, index of the episode and value, for what orders the methods in a run."""
+    for role, episodes in run.by_role():
+        for episode in episodes:
+            for name in _ordered_metrics(episode.task):
+                value = METRICS[name].value(episode)
+                if METRICS[name].role is role and value is not None:
+                    yield name, episode.index, float(value)
+
+
+def _ordered_metrics(task: str) -> tuple[str, ...]:
+    """Return the rows of Table 4 that have a direction and a unit the paper shares."""
+    if task in GOAL_TASKS:
+        return "exploration", "success", "episode_steps"
+    return (ranking_metric(task),)
+
+
+def judge_orders(values: pd.DataFrame) -> pd.DataFrame:
+    """Return a row per task, length of exploration, metric and pair that the study has.
+
+    ``values`` has a row per training, metric and episode: task, method, seed,
+    exploration_steps, metric, episode, value. A p-value is nan where one seed cannot tell;
+    ``p_*_reversed`` is that of the opposite order.
+    """
+    rows = []
+    for task, steps, part in study_parts(values):
+        for metric, pair in product(_ordered_metrics(task), PAIRS):
+            own = part[part["metric"] == metric]
+            tables = [_by_episode(own[own["method"] == method]) for method in pair]
+            if any(table.empty for table in tables):
+                continue
+            sign = -1.0 if METRICS[metric].direction_in(task) == DOWN else 1.0
+            better, worse = (sign * table for table in tables)
+            rows.append(
+                (
+                    task, steps, metric, *pair,
+                    *(float(table.mean(axis=1).mean()) for table in tables),
+                    *(table.shape[1] for table in tables),
+                    *_p_over_seeds(better.mean().tolist(), worse.mean().tolist()),
+                    *_p_on_episodes(better.mean(axis=1), worse.mean(axis=1)),
+                )
+            )  # fmt: skip
+    columns = (
+        "task", "exploration_steps", "metric", "better", "worse", "better_value", "worse_value",
+        "better_seeds", "worse_seeds", "p_seeds", "p_seeds_reversed", "p_episodes",
+        "p_episodes_reversed",
+    )  # fmt: skip
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _by_episode(own: pd.DataFrame) -> pd.DataFrame:
+    """Return the values of one method, (episodes, seeds)."""
+    return own.pivot_table("value", "episode", "seed")
+
+
+def _p_over_seeds(better: Sequence[float], worse: Sequence[float]) -> tuple[float, float]:
+    if min(len(better), len(worse)) < 2:
+        return float("nan"), float("nan")
+    every_order = stats.PermutationMethod(MOST_ORDERS, rng=np.random.default_rng(0))
+    greater, less = (
+        stats.mannwhitneyu(better, worse, alternative=side, method=every_order).pvalue
+        for side in ("greater", "less")
+    )
+    return float(greater), float(less)
+
+
+def _p_on_episodes(better: pd.Series, worse: pd.Series) -> tuple[float, float]:
+    one, other = better.align(worse, join="inner")
+    if one.equals(other):
+        return 1.0, 1.0
+    greater, less = (
+        stats.permutation_test(
+            (one.to_numpy(), other.to_numpy()), _mean_difference, permutation_type="samples",
+            vectorized=True, alternative=side, n_resamples=EPISODE_ORDERS,
+            rng=np.random.default_rng(0),
+        ).pvalue
+        for side in ("greater", "less")
+    )  # fmt: skip
+    return float(greater), float(less)
+
+
+def _mean_difference(
+    one: NDArray[np.float64], other: NDArray[np.float64], axis: int
+) -> NDArray[np.float64]:
+    mean: NDArray[np.float64] = np.mean(one - other, axis=axis)
+    return mean
+
+
+def orders_table(orders: pd.DataFrame) -> Table:
+    """Return what ``judge_orders`` found as a table."""
+    rows = []
+    for found in orders.to_dict("records"):
+        metric = found["metric"]
+        cells = (
+            Cell(f"{found['better']} > {found['worse']}"),
+            *(
+                Cell(f"{format_value(metric, found[f'{side}_value'])} ({found[f'{side}_seeds']})")
+                for side in ("better", "worse")
+            ),
+            *(Cell(_verdict(found, over)) for over in ("seeds", "episodes")),
+        )
+        task = f"{task_title(found['task'])}, {found['exploration_steps']:,} steps"
+        rows.append(Row((task, METRICS[metric].label), cells))
+    columns = (
+        Column("Order", is_text=True),
+        Column("First (seeds)"),
+        Column("Second (seeds)"),
+        Column("Over training seeds", is_text=True),
+        Column("On the same episodes", is_text=True),
+    )
+    title = "The order of the paper's methods"
+    return Table(title, ("Task, exploration", "Metric"), columns, tuple(rows), NOTES)
+
+
+def _verdict(found: Mapping[Hashable, Any], over: str) -> str:
+    p, p_reversed = found[f"p_{over}"], found[f"p_{over}_reversed"]
+    if np.isnan(p):
+        return "cannot be told: one seed"
+    if p <= SIGNIFICANT:
+        return f"holds, p = {p:.4f}"
+    if p_reversed <= SIGNIFICANT:
+        return f"does not hold: the opposite does, p = {p_reversed:.4f}"
+    return f"cannot be told, p = {p:.4f}"
