@@ -23,9 +23,11 @@ def compare(
 ) -> None:
     """Compare runs episode by episode: differences, intervals, verdicts, changed outcomes."""
     from minitouch_bench.regression.comparison import compare_runs
-    from minitouch_bench.regression.documents import comparison_json
-    from minitouch_bench.regression.markdown import comparison_markdown
-    from minitouch_bench.regression.terminal import show_comparison
+    from minitouch_bench.regression.writers import (
+        comparison_json,
+        comparison_markdown,
+        show_comparison,
+    )
     from minitouch_bench.reporting.run_directory import read_run
 
     comparison = compare_runs([read_run(run) for run in runs], list(map(str, runs)))

@@ -78,9 +78,8 @@ def regress(
     if candidate is not None and (output is not None or resume or fresh or trust):
         raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
     from minitouch_bench.evaluation.engine import EngineOptions
-    from minitouch_bench.regression.documents import gate_json
     from minitouch_bench.regression.settings import with_flags
-    from minitouch_bench.regression.terminal import show_result
+    from minitouch_bench.regression.writers import gate_json, show_result
     from minitouch_bench.workflows import regress as workflow
     from minitouch_bench.workflows.evaluate import OutputOptions
 

@@ -35,6 +35,11 @@ class ComparedRun:
     path: str
     labels: tuple[str, ...] = ()
 
+    @classmethod
+    def of(cls, title: str, run: SavedRun, path: str) -> "ComparedRun":
+        """Return a finished run under a title."""
+        return cls(title, printable(run.name), path, run_labels(run))
+
 
 @dataclass(frozen=True)
 class ComparedMetric:

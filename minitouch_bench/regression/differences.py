@@ -39,6 +39,11 @@ class Discordance:
         return (self.won - self.lost) / self.n
 
     @property
+    def mirrored(self) -> "Discordance":
+        """The same with the runs in the other order."""
+        return Discordance(self.n, self.won, self.lost)
+
+    @property
     def p_value(self) -> float:
         """The exact McNemar test's, two-sided."""
         return float(mcnemar_p(self.lost, self.won))
@@ -77,7 +82,7 @@ def tango(found: Discordance, quantile: float = NORMAL_QUANTILE) -> Estimate:
     Source: T. Tango, "Equivalence test and confidence interval for the difference in
     proportions for the paired-sample design", Stat. Med. 17 (1998).
     """
-    low, high = _lower_end(found, quantile), _upper_end(found, quantile)
+    low, high = _lower_end(found, quantile), -_lower_end(found.mirrored, quantile)
     return Estimate(found.difference, low, high, found.n, TANGO)
 
 
@@ -102,20 +107,15 @@ def score_statistic(
     return statistic
 
 
-def _statistic(found: Discordance, difference: float) -> float:
-    counts = np.array([found.lost], float), np.array([found.won], float)
-    return float(score_statistic(*counts, found.n, difference)[0])
-
-
 def _lower_end(found: Discordance, quantile: float) -> float:
     if found.difference == -1.0:
         return -1.0
-    return last_true(lambda at: _statistic(found, at) > quantile, -1.0, found.difference)
+    lost, won = np.array([found.lost], float), np.array([found.won], float)
 
+    def is_rejected(difference: float) -> bool:
+        return bool(score_statistic(lost, won, found.n, difference)[0] > quantile)
 
-def _upper_end(found: Discordance, quantile: float) -> float:
-    mirrored = Discordance(found.n, lost=found.won, won=found.lost)
-    return -_lower_end(mirrored, quantile)
+    return last_true(is_rejected, -1.0, found.difference)
 
 
 def last_true(
@@ -204,7 +204,7 @@ def _bootstrap_t(
         return Estimate(own, own, own, differences.size, BOOTSTRAP_T), 0.0
     scale = math.sqrt(float(np.mean(distances**2)))
     sample = np.concatenate((differences, (median + scale, median - scale)))
-    mean, error = float(sample.mean()), _standard_error(sample)
+    mean, error = float(sample.mean()), float(sample.std(ddof=1) / np.sqrt(sample.size))
     pivots = np.concatenate(
         [_pivots(sample - mean, count, rng) for count in _blocks(resamples, sample.size)]
     )
@@ -241,10 +241,6 @@ def _reach(differences: NDArray[np.float64]) -> float:
     """Return the mean difference if all that may differ did so by the most that was seen."""
     share = wilson(int(np.count_nonzero(differences)), differences.size)
     return share.high * float(np.abs(differences).max())
-
-
-def _standard_error(sample: NDArray[np.float64]) -> float:
-    return float(sample.std(ddof=1) / np.sqrt(sample.size))
 
 
 def _blocks(resamples: int, size: int) -> list[int]:

@@ -32,7 +32,7 @@ from minitouch_bench.regression.pairing import (
 from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.labels import reproduce_command, run_labels, tasks_in_order
+from minitouch_bench.reporting.labels import reproduce_command, tasks_in_order
 
 FAILED = 1
 """Exit code of a regression, and with ``strict`` of an inconclusive gate."""
@@ -130,10 +130,8 @@ def judge_runs(
         )
     changes = find_changes(pairs, paths)
     return GateResult(
-        baseline=ComparedRun("baseline", printable(baseline.name), paths[0], run_labels(baseline)),
-        candidate=ComparedRun(
-            "candidate", printable(candidate.name), paths[1], run_labels(candidate)
-        ),
+        baseline=ComparedRun.of("baseline", baseline, paths[0]),
+        candidate=ComparedRun.of("candidate", candidate, paths[1]),
         decision=overall([one.decision for one in judged]),
         settings=settings,
         identical=identical,

@@ -208,8 +208,7 @@ def evidence_of_worsening(worsenings: NDArray[np.float64]) -> float:
 def share_sequence(found: Discordance, alpha: float) -> Estimate:
     """Estimate a share's worsening by an interval that holds at every look, with 1 - alpha."""
     wanted = math.log(2.0 / alpha)
-    mirrored = Discordance(found.n, lost=found.won, won=found.lost)
-    low, high = _least_worsening(found, wanted), -_least_worsening(mirrored, wanted)
+    low, high = _least_worsening(found, wanted), -_least_worsening(found.mirrored, wanted)
     return Estimate(-found.difference, low, high, found.n, BETTING)
 
 

@@ -7,7 +7,6 @@ import math
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,25 +31,9 @@ FEWEST_FOR_A_MEAN = 10
 """Episodes below which no bound of a mean is believed."""
 
 
-class Resolution(Protocol):
-    """What a sample tells of the episodes that a clear answer takes."""
-
-    def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> int | None:
-        """Return the episodes that show the difference, None for none or too many.
-
-        They show it significantly, and as larger than ``beyond``.
-        """
-
-    def episodes_to_exclude(self, margin: float) -> int | None:
-        """Return the episodes that show the worsening to be below ``margin``, or None."""
-
-    def detectable(self, alpha: float) -> float | None:
-        """Return the smallest difference that as many episodes show, None for none."""
-
-
 @dataclass(frozen=True)
 class ShareResolution:
-    """Of shares, from the pairs that differ.
+    """What the pairs that differ, of shares, tell of the episodes that a clear answer takes.
 
     Source: the exact unconditional power of McNemar's test and of Tango's score test; beyond
     EXACT_UP_TO episodes R. J. Connor, "Sample size for testing differences in proportions
@@ -60,7 +43,10 @@ class ShareResolution:
     found: Discordance
 
     def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> int | None:
-        """Count for the exact McNemar test at level ``alpha``."""
+        """Return the episodes that show the difference, None for none or too many.
+
+        They show it by the exact McNemar test at level ``alpha``, and as larger than ``beyond``.
+        """
         lost, won = self._rates()
         if abs(lost - won) <= beyond:
             return None
@@ -68,7 +54,7 @@ class ShareResolution:
         return _least(lambda n: mcnemar_power(n, lost, won, alpha, beyond) >= POWER, guess)
 
     def episodes_to_exclude(self, margin: float) -> int | None:
-        """Count for the 95 % score interval."""
+        """Return the episodes whose score interval excludes a worsening of ``margin``, or None."""
         lost, won = self._rates()
         room = margin + won - lost
         if room <= 0.0:
@@ -78,7 +64,10 @@ class ShareResolution:
         return _least(lambda n: exclusion_power(n, lost, won, margin) >= POWER, guess)
 
     def detectable(self, alpha: float) -> float | None:
-        """Search with the share of pairs that differ as it is, or larger where it must be."""
+        """Return the smallest difference that as many episodes show, None for none.
+
+        The share of pairs that differ stays as it is, or is larger where it must be.
+        """
         differing = sum(self._rates())
 
         def is_seen(difference: float) -> bool:
@@ -99,7 +88,7 @@ class ShareResolution:
 
 @dataclass(frozen=True)
 class MeanResolution:
-    """Of means, from ``n`` paired differences: their mean as a worsening, and their deviation.
+    """The same of means, by ``n`` paired differences: their mean as a worsening, their deviation.
 
     Source: W. C. Guenther, "Sample size formulas for normal theory t tests", Am. Stat. 35
     (1981).
@@ -110,7 +99,7 @@ class MeanResolution:
     deviation: float
 
     def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> int | None:
-        """Count for a paired t test at level ``alpha``; signs alone need a few as well."""
+        """Return the episodes for a paired t test; signs alone need a few as well."""
         found = self._episodes(abs(self.worsening), _two_sided(alpha))
         larger = self._episodes(abs(self.worsening) - beyond, 0.0)
         if found is None or larger is None:
@@ -118,12 +107,12 @@ class MeanResolution:
         return max(found, larger, math.ceil(math.log2(2.0 / alpha)))
 
     def episodes_to_exclude(self, margin: float) -> int | None:
-        """Count for a 95 % interval."""
+        """Return the episodes whose 95 % interval excludes a worsening of ``margin``, or None."""
         found = self._episodes(margin - self.worsening, NORMAL_QUANTILE)
         return None if found is None else max(found, FEWEST_FOR_A_MEAN)
 
     def detectable(self, alpha: float) -> float | None:
-        """Invert the number of episodes; without any variation nothing can be said."""
+        """Return the smallest difference that as many episodes show; None without any variation."""
         quantile = _two_sided(alpha)
         freedom = self.n - _overhead(quantile)
         if freedom <= 0.0 or self.deviation == 0.0:
@@ -135,6 +124,9 @@ class MeanResolution:
             return None
         needed = ((quantile + POWER_QUANTILE) * self.deviation / distance) ** 2
         return _as_count(needed + _overhead(quantile))
+
+
+Resolution = ShareResolution | MeanResolution
 
 
 def mcnemar_power(n: int, lost: float, won: float, alpha: float, beyond: float = 0.0) -> float:

@@ -35,8 +35,7 @@ from minitouch_bench.regression.gate import (
 from minitouch_bench.regression.metric_watch import AlphaParts, MetricWatch
 from minitouch_bench.regression.pairing import EpisodePair, episode_key, refuse_other_episode
 from minitouch_bench.regression.settings import GateSettings
-from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.labels import reproduce_command, run_labels
+from minitouch_bench.reporting.labels import reproduce_command
 
 
 def play_order(episodes: Sequence[EpisodeMetrics], root: Root) -> tuple[EpisodeMetrics, ...]:
@@ -119,18 +118,16 @@ class SequentialGate:
             other = self._waiting.pop(episode_key(Role.FINAL, own), None)
             if other is None:
                 break
-            self._count(EpisodePair(Role.FINAL, own, other))
+            pair = EpisodePair(Role.FINAL, own, other)
+            refuse_other_episode(pair)
+            self._pairs.append(pair)
+            for watch in self._watches:
+                watch.add(pair)
         return self.is_certain
 
     def judged(self) -> tuple[JudgedMetric, ...]:
         """Return what is known of each metric that has an episode, at an early stop."""
         return tuple(watch.judged() for watch in self._watches if watch.count)
-
-    def _count(self, pair: EpisodePair) -> None:
-        refuse_other_episode(pair)
-        self._pairs.append(pair)
-        for watch in self._watches:
-            watch.add(pair)
 
 
 def early_result(
@@ -139,7 +136,7 @@ def early_result(
     """Return the result of a gate that is certain; ``header`` is the candidate's."""
     rest = shlex.join(["--output", candidate.path, "--resume"])
     return GateResult(
-        baseline=ComparedRun("baseline", printable(baseline.name), path, run_labels(baseline)),
+        baseline=ComparedRun.of("baseline", baseline, path),
         candidate=candidate,
         decision=gate.decision,
         settings=gate.settings,

@@ -29,9 +29,7 @@ from minitouch_bench.records import (
     SavedRun,
 )
 from minitouch_bench.regression.comparison import ComparedRun
-from minitouch_bench.regression.documents import gate_junit
 from minitouch_bench.regression.gate import GateResult, judge_runs
-from minitouch_bench.regression.markdown import gate_markdown
 from minitouch_bench.regression.pairing import episode_key
 from minitouch_bench.regression.sequential import (
     SequentialGate,
@@ -40,6 +38,7 @@ from minitouch_bench.regression.sequential import (
     play_order,
 )
 from minitouch_bench.regression.settings import STANDARD, GateSettings
+from minitouch_bench.regression.writers import gate_junit, gate_markdown
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.workflows import SILENT, Callbacks

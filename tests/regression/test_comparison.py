@@ -9,10 +9,8 @@ from rich.console import Console
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.regression.comparison import compare_runs
-from minitouch_bench.regression.documents import comparison_json
-from minitouch_bench.regression.markdown import comparison_markdown
 from minitouch_bench.regression.paired_tests import holm
-from minitouch_bench.regression.terminal import show_comparison
+from minitouch_bench.regression.writers import comparison_json, comparison_markdown, show_comparison
 from tests.regression.pairs import draw, flags, make_saved, values
 from tests.reporting.conftest import HOSTILE
 

@@ -9,12 +9,10 @@ import pytest
 from rich.console import Console
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.regression.documents import gate_json, gate_junit
 from minitouch_bench.regression.gate import Decision, judge_runs, overall
-from minitouch_bench.regression.markdown import gate_markdown
 from minitouch_bench.regression.settings import GateSettings, Tolerance
 from minitouch_bench.regression.tables import result_line
-from minitouch_bench.regression.terminal import show_result
+from minitouch_bench.regression.writers import gate_json, gate_junit, gate_markdown, show_result
 from tests.regression.pairs import flags, make_saved, values
 from tests.reporting.conftest import HOSTILE
 
