@@ -134,16 +134,15 @@ class Learner:
         While exploring that is the curiosity's, which goes on beyond an episode's end: an
         end that takes all further reward away would punish success.
         """
-        self.sac.target_entropy = self.phase.target_entropy_at(step)
         batch = self._batch(replay)
         if not self.exploring or self.curiosity is None:
             reward = self.phase.reward_scale * batch.task_reward
             batch = replace(batch, discount=batch.discount * ~batch.ended)
-            return self.sac.update(batch, reward, self.noise)
+            return self.sac.update(batch, reward, self.noise, step)
         losses = self.curiosity.update(batch)
         reward = self.phase.reward_scale * self.curiosity.reward(batch)
         losses["intrinsic_reward"] = reward.mean()
-        return losses | self.sac.update(batch, reward, self.noise)
+        return losses | self.sac.update(batch, reward, self.noise, step)
 
     def _batch(self, replay: Replay) -> Batch:
         batch = replay.sample(

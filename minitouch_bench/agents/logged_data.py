@@ -1,6 +1,7 @@
 """Episodes that somebody recorded: a robot, a policy, a person (Minari's dataset format)."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +16,7 @@ def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
     """Fill the replay memory with the episodes of a dataset directory.
 
     Observations are ``image`` uint8 (T + 1, 1, H, W) and ``touch`` float32 (T + 1, 11),
-    actions float32 (T, A), as ``minitouch-bench record`` writes them. ``is_success`` in the
-    infos tells the successes; without it they are the steps with a positive reward.
+    actions float32 (T, A), as ``minitouch-bench record`` writes them.
 
     Raises:
         MissingExtraError: Minari is not installed.
@@ -31,8 +31,7 @@ def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
     for episode in episodes:
         _check(path, episode.observations, episode.actions.shape, action_size)
         images, touch = episode.observations["image"], episode.observations["touch"]
-        told = (episode.infos or {}).get("is_success", episode.rewards > 0)
-        successes = told[-len(episode.actions) :]  # a reset may have told, too
+        successes = _successes(episode)
         replay.begin_episode(images[0], touch[0])
         for step, action in enumerate(episode.actions):
             replay.add(
@@ -45,6 +44,15 @@ def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
             )
     if replay.rows <= len(episodes):
         raise UsageError(f"{path} holds no control step")
+
+
+def _successes(episode: Any) -> Any:
+    """Return whether each step reached the goal, (T,): what ``is_success`` in the infos says.
+
+    Without it a step did that has a positive reward. Rewards of another kind need ``is_success``.
+    """
+    told = (episode.infos or {}).get("is_success")
+    return episode.rewards > 0 if told is None else told[-len(episode.actions) :]  # no reset's
 
 
 def _check(

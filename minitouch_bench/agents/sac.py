@@ -68,7 +68,6 @@ class Sac(nn.Module):
     def begin_phase(self, phase: PhaseConfig) -> None:
         """Take a phase's settings, with fresh optimizers."""
         self.phase = phase
-        self.target_entropy = phase.target_entropy
         start = phase.temperature or phase.initial_temperature
         with torch.no_grad():
             self.log_temperature.fill_(math.log(start))
@@ -92,11 +91,13 @@ class Sac(nn.Module):
         """Return stochastic actions float32 (N, A) in (-1, 1)."""
         return self._sample(self._encode(self.encoder, image), touch, generator)[0]
 
-    def update(self, batch: Batch, reward: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
+    def update(
+        self, batch: Batch, reward: Tensor, generator: torch.Generator, step: int
+    ) -> dict[str, Tensor]:
         """Do one gradient step of critics, actor, temperature and targets.
 
-        ``reward`` float32 (N,), of the whole transition. Returns the losses and what else
-        is worth a curve, as scalars.
+        ``reward`` float32 (N,), of the whole transition. ``step``: control steps of the phase so
+        far. Returns the losses and what else is worth a curve, as scalars.
         """
         alpha = self.log_temperature.detach().exp()
         features = self._encode(self.encoder, self._shifted(batch.image, generator))
@@ -123,7 +124,7 @@ class Sac(nn.Module):
 
         entropy = -log_prob.detach().mean()
         if self.phase.temperature == 0.0:
-            missing = self.target_entropy * self.action_size - entropy
+            missing = self.phase.target_entropy_at(step) * self.action_size - entropy
             _step(self.temperature_optimizer, -self.log_temperature * missing)
 
         self._follow()

@@ -1,7 +1,7 @@
 """The tables of a board: one view per question, drawn alike by Markdown and the site."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from minitouch_bench.leaderboard.board import TOUCH_METRICS, Board, BoardRow, in_order
 from minitouch_bench.leaderboard.ranking import Rank
@@ -31,14 +31,17 @@ EPISODE_VARIANCE = "episode variance only (one training seed)"
 
 @dataclass(frozen=True)
 class Line:
-    """A row of a view. ``row`` is None for the paper's and for a calibration not yet run."""
+    """A line of a view; without ``cells`` yet, what it says before them.
+
+    ``row`` is None for the paper's and for a calibration not yet run.
+    """
 
     kind: str
     name: str
     note: str
     rank: Rank | None
     row: BoardRow | None
-    cells: tuple[Cell, ...]
+    cells: tuple[Cell, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -111,10 +114,8 @@ def _touch(board: Board) -> View:
         Column(METRICS[metric].label, task_title(task), METRICS[metric].unit)
         for task, metric in wanted
     )
-    lead = (
-        "What the fingers did: the share of episodes with any contact, the contacts begun, and "
-        "the time to the first one over the episodes that touched. In the overall order."
-    )
+    meanings = (f"{METRICS[name].label}: {METRICS[name].meaning}." for name in TOUCH_METRICS)
+    lead = " ".join(("What the fingers did, in the overall order.", *meanings))
     return View(TOUCH, "Touch", lead, columns, tuple(_lines(board, OVERALL, wanted)))
 
 
@@ -129,9 +130,9 @@ def _novel(board: Board) -> View:
         "train. In the overall order."
     )
     lines = (
-        Line(kind, name, note, rank, row, tuple(_gap_cells(row)))
-        for kind, name, note, rank, row in _rows(board, OVERALL)
-        if kind != PAPER
+        replace(line, cells=tuple(_gap_cells(line.row)))
+        for line in _heads(board, OVERALL)
+        if line.kind != PAPER
     )
     return View(NOVEL, "Novel shapes", lead, columns, tuple(lines))
 
@@ -146,34 +147,32 @@ def _lines(board: Board, ranked_by: str, wanted: Sequence[tuple[str, str]]) -> I
 
     A method of the paper without any value has no line.
     """
-    for kind, name, note, rank, row in _rows(board, ranked_by):
-        cells = tuple(_cell(kind, name, row, task, metric) for task, metric in wanted)
-        if kind != PAPER or any(cell.text != ABSENT for cell in cells):
-            yield Line(kind, name, note, rank, row, cells)
+    for line in _heads(board, ranked_by):
+        cells = tuple(_cell(line, task, metric) for task, metric in wanted)
+        if line.kind != PAPER or any(cell.text != ABSENT for cell in cells):
+            yield replace(line, cells=cells)
 
 
-def _cell(kind: str, name: str, row: BoardRow | None, task: str, metric: str) -> Cell:
-    if kind == PAPER:
-        return paper_cell(task, metric, name)
-    found = row.scored.estimate(task, metric) if row else None
+def _cell(line: Line, task: str, metric: str) -> Cell:
+    if line.kind == PAPER:
+        return paper_cell(task, metric, line.name)
+    found = line.row.scored.estimate(task, metric) if line.row else None
     return estimate_cell("success" if metric == MEAN_SUCCESS else metric, found)
 
 
-def _rows(
-    board: Board, ranked_by: str
-) -> Iterator[tuple[str, str, str, Rank | None, BoardRow | None]]:
-    """Walk through what a line says before its cells, in the order of a ranking."""
+def _heads(board: Board, ranked_by: str) -> Iterator[Line]:
+    """Walk through the lines without their cells, in the order of a ranking."""
     metric = MEAN_SUCCESS if ranked_by == OVERALL else RANKED_BY[ranked_by]
     for row in in_order(board.ranked, ranked_by, metric):
-        yield RANKED, row.name, row.scored.about.method, row.ranks[ranked_by], row
+        yield Line(RANKED, row.name, row.scored.about.method, row.ranks[ranked_by], row)
     for row in in_order(board.unranked, ranked_by, metric):
-        yield UNRANKED, row.name, row.scored.about.method, None, row
+        yield Line(UNRANKED, row.name, row.scored.about.method, None, row)
     for row in board.calibration:
-        yield CALIBRATION, row.name, row.scored.about.method, None, row
+        yield Line(CALIBRATION, row.name, row.scored.about.method, None, row)
     for name in board.missing_calibration:
-        yield CALIBRATION, name, "not submitted yet", None, None
+        yield Line(CALIBRATION, name, "not submitted yet", None, None)
     for method in PAPER_METHODS:
-        yield PAPER, method, CAVEAT, None, None
+        yield Line(PAPER, method, CAVEAT, None, None)
 
 
 def _label(task: str) -> str:

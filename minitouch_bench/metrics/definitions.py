@@ -1,7 +1,8 @@
 """Every metric in one table.
 
 Columns of ``episodes.csv``, estimates of ``run.json`` and its schema, rows of Table 4, columns
-of the diagnostics and of the leaderboard all follow from METRICS. A new metric is an entry
+of the diagnostics and of the leaderboard, and what a submission's episodes are checked for, all
+follow from METRICS. A new metric is an entry
 here, and a field of ``records.EpisodeMetrics`` if it is measured in each episode; the field
 makes a new version of ``run.json`` (``records.RUN_VERSION``), and older runs are not read.
 """
@@ -12,12 +13,14 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.metrics.metric import DOWN, UP, Kind, Metric, ShownIn
+from minitouch_bench.metrics.metric import DOWN, UP, Bounds, Kind, Metric, ShownIn
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
-from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, Role
+from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, Outcome, Role
 
 FORCE_COMPONENTS = slice(5, 11)
 """Columns of the touch vector that hold the two fingers' forces, N."""
+
+FINGERS = 2
 
 
 def _touch_variance(record: EpisodeRecord) -> float:
@@ -36,6 +39,15 @@ def _first_touch_tick(record: EpisodeRecord) -> int | None:
 def _time_to_first_touch(episode: EpisodeMetrics) -> float | None:
     tick = episode.first_touch_tick
     return None if tick is None else tick / PROTOCOL.physics.tick_rate
+
+
+def _touched(episode: EpisodeMetrics) -> bool:
+    return episode.touch_interaction > 0
+
+
+def _possible_steps(episode: EpisodeMetrics) -> Bounds:
+    least = 0 if episode.outcome is Outcome.POLICY_FAULT else 1
+    return least, PROTOCOL.task(episode.task).max_steps
 
 
 def _axis_variances(
@@ -87,6 +99,7 @@ _TABLE = (
         number_format=".1f",
         meaning="length of an episode, failures included",
         measure=lambda record: len(record.trace.actions),
+        possible=_possible_steps,
         field="steps",
         needs_goal=True,
         shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
@@ -112,6 +125,7 @@ _TABLE = (
         number_format=".2f",
         meaning="sum of the task's rewards",
         measure=lambda record: float(record.trace.rewards.sum(dtype=np.float64)),
+        possible=lambda e: PROTOCOL.task(e.task).possible_return(e.steps, success=e.success),
         field="episode_return",
     ),
     Metric(
@@ -124,6 +138,7 @@ _TABLE = (
         number_format=".1f",
         meaning="physics ticks with a finger in contact with the object",
         measure=lambda record: int(record.trace.contact_ticks.sum(dtype=np.int64)),
+        possible=lambda e: (0, e.ticks),
         shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
     Metric(
@@ -144,7 +159,7 @@ _TABLE = (
         source="D",
         number_format=".3f",
         meaning="episodes with any contact",
-        derive=lambda episode: episode.touch_interaction > 0,
+        derive=_touched,
         kind=Kind.SHARE,
         shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
     ),
@@ -157,6 +172,7 @@ _TABLE = (
         number_format=".1f",
         meaning="contacts begun",
         measure=lambda record: int(record.trace.onsets.sum(dtype=np.int64)),
+        possible=lambda e: (_touched(e), FINGERS * e.touch_interaction),
         shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
     ),
     Metric(
@@ -168,6 +184,7 @@ _TABLE = (
         number_format=".1f",
         meaning="control steps with contact",
         measure=lambda record: int(np.count_nonzero(record.trace.contact_ticks)),
+        possible=lambda e: (_touched(e), min(e.steps, e.touch_interaction)),
     ),
     Metric(
         name="touch_variance",
@@ -200,6 +217,7 @@ _TABLE = (
         number_format=".2f",
         meaning="simulated time to the first contact, episodes that touched",
         measure=_first_touch_tick,
+        possible=lambda e: (0, e.ticks - 1) if _touched(e) else None,
         field="first_touch_tick",
         derive=_time_to_first_touch,
         shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
@@ -213,6 +231,7 @@ _TABLE = (
         number_format=".2f",
         meaning="simulated time of an episode",
         measure=lambda record: int(record.trace.ticks.sum(dtype=np.int64)),
+        possible=lambda e: (e.steps, e.steps * PROTOCOL.control.max_ticks),
         field="ticks",
         derive=lambda episode: episode.ticks / PROTOCOL.physics.tick_rate,
         shown_in=frozenset({ShownIn.DIAGNOSTICS}),
@@ -226,6 +245,7 @@ _TABLE = (
         number_format=".1f",
         meaning="actions beyond -1 to 1, which are clipped",
         measure=lambda record: int(np.count_nonzero(record.trace.clipped)),
+        possible=lambda e: (0, e.steps),
         shown_in=frozenset({ShownIn.DIAGNOSTICS}),
     ),
 )

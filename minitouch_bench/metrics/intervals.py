@@ -29,7 +29,9 @@ RESAMPLES = 10_000
 DRAWS_PER_BLOCK = 2**20
 """Episodes drawn at a time, so that memory stays at some 16 MB however many there are."""
 
-PERCENTILES = (0.025, 0.975)
+INTERVAL_ENDS = (0.025, 0.975)
+"""The quantiles between which a 95 % interval lies."""
+
 MANTISSA = 52
 """Bits after the first one of a float64."""
 
@@ -206,7 +208,7 @@ def stratified_intervals(
     for start in range(0, len(found), COLUMNS_PER_BLOCK):
         block = slice(start, start + COLUMNS_PER_BLOCK)
         means = np.mean([_means(v[block], w) for v, w in zip(strata, weights, strict=True)], axis=0)
-        found[block] = _at(np.sort(means, axis=1), np.tile(PERCENTILES, (len(means), 1)))
+        found[block] = _at(np.sort(means, axis=1), np.tile(INTERVAL_ENDS, (len(means), 1)))
     return found
 
 

@@ -1,6 +1,7 @@
 """What a metric is: how it is measured, estimated and written, and where it is shown."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 
@@ -44,6 +45,11 @@ class ShownIn(StrEnum):
 Value = float | None
 """A metric's value in one episode; None where the episode has none."""
 
+Bounds = tuple[float, float] | None
+"""The least and the greatest value that is possible; None where there can be none."""
+
+NON_NEGATIVE: Bounds = (0.0, math.inf)
+
 
 @dataclasses.dataclass(frozen=True)
 class Metric:
@@ -56,8 +62,9 @@ class Metric:
 
     ``measure`` reads a finished episode and fills ``field`` of EpisodeMetrics, by default the one
     of the metric's name. ``derive`` gives the metric's value in a measured episode, by default
-    what that field holds. A metric has one of the two, or both. ``column`` holds the value in
-    ``episodes.csv``, "" for a metric that has none there.
+    what that field holds. A metric has one of the two, or both. ``possible`` gives what the field
+    can hold beside what the others do: a submission with another value is refused. ``column``
+    holds the value in ``episodes.csv``, "" for a metric that has none there.
 
     ``role``: whose episodes are counted. ``needs_goal``: only tasks with a goal have the metric.
     """
@@ -69,6 +76,7 @@ class Metric:
     number_format: str
     meaning: str
     measure: Callable[[EpisodeRecord], Value] | None = None
+    possible: Callable[[EpisodeMetrics], Bounds] = lambda _: NON_NEGATIVE
     field: str = ""
     column: str = ""
     derive: Callable[[EpisodeMetrics], Value] | None = None
@@ -84,8 +92,26 @@ class Metric:
         """Return the metric's value in one episode; a share's is true or false."""
         if self.derive is not None:
             return self.derive(episode)
-        found: Value = getattr(episode, self.field or self.name)
+        found: Value = getattr(episode, self.measured_field)
         return found
+
+    @property
+    def measured_field(self) -> str:
+        """The field of EpisodeMetrics that ``measure`` fills."""
+        return self.field or self.name
+
+    def contradiction(self, episode: EpisodeMetrics) -> str:
+        """Say in words what is measured and not possible; "" if nothing."""
+        if self.measure is None:
+            return ""
+        found: Value = getattr(episode, self.measured_field)
+        bounds = self.possible(episode)
+        if found is None or bounds is None:
+            fits = found is bounds
+        else:
+            fits = bounds[0] <= found <= bounds[1]
+        said = "None" if found is None else f"{found:g}"
+        return "" if fits else f"{self.measured_field} is {said}, not {_in_words(bounds)}"
 
     @property
     def is_share(self) -> bool:
@@ -119,3 +145,12 @@ class Metric:
         if self.kind is Kind.SHARE:
             return wilson(int(sum(values)), len(values))
         return bootstrap_mean(values, rng)
+
+
+def _in_words(bounds: Bounds) -> str:
+    if bounds is None:
+        return "None"
+    low, high = bounds
+    if low == high:
+        return f"{low:g}"
+    return f"{low:g} or more" if high == math.inf else f"{low:g} to {high:g}"

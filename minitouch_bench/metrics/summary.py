@@ -36,7 +36,7 @@ def measure(record: EpisodeRecord) -> EpisodeMetrics:
     """
     spec = record.spec
     measured = {
-        metric.field or metric.name: metric.measure(record)
+        metric.measured_field: metric.measure(record)
         for metric in METRICS.values()
         if metric.measure is not None
     }

@@ -1,10 +1,12 @@
-"""Native checkpoints: a safetensors file with the architecture's id in its metadata."""
+"""Native checkpoints: a safetensors file whose metadata says what the weights are."""
 
 import json
 import struct
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import safetensors.torch
 import torch
@@ -14,11 +16,26 @@ from torch import Tensor
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.files import write_file
 from minitouch_bench.policies.networks import ARCHITECTURES, TouchActor
-from minitouch_bench.policies.policy import Checkpoint, Observation
+from minitouch_bench.policies.policy import IMAGE_SHAPE, Checkpoint, Observation
 from minitouch_bench.tasks.action import ACTION_SIZES
 
 METADATA_KEY = "minitouch"
 MAX_HEADER_BYTES = 2**20
+
+UNSAID_IMAGE_SHAPE = (1, 84, 84)
+"""What the first checkpoints were trained on, which do not say it."""
+
+
+@dataclass(frozen=True)
+class NativeForm:
+    """What the metadata says: whose weights these are, and which pictures they were trained on.
+
+    Another size of picture can fit the same weights, which then see other maps.
+    """
+
+    architecture: str
+    action_size: int
+    image_shape: tuple[int, ...] = UNSAID_IMAGE_SHAPE
 
 
 class NativePolicy:
@@ -59,36 +76,37 @@ def as_array(action: Tensor) -> NDArray[Any]:
 
 def save_native(actor: TouchActor, path: Path) -> None:
     """Write an actor as a native checkpoint."""
-    form = {"architecture": actor.architecture, "action_size": actor.action_size}
+    form = NativeForm(actor.architecture, actor.action_size, IMAGE_SHAPE)
     tensors = {name: value.contiguous() for name, value in actor.state_dict().items()}
-    write_file(path, safetensors.torch.save(tensors, {METADATA_KEY: json.dumps(form)}))
+    write_file(path, safetensors.torch.save(tensors, {METADATA_KEY: json.dumps(asdict(form))}))
 
 
 def load_native(checkpoint: Checkpoint) -> NativePolicy:
     """Build the actor that the file's metadata names and fill in its weights.
 
     Raises:
-        PolicyLoadError: no such architecture, or weights of other names or shapes.
+        PolicyLoadError: no such architecture, trained on other pictures, or weights of other
+            names or shapes.
     """
-    architecture, action_size = _read_form(checkpoint)
+    form = _read_form(checkpoint)
     try:
         tensors = safetensors.torch.load(checkpoint.content)
     except (safetensors.SafetensorError, ValueError) as error:
         raise PolicyLoadError(f"{checkpoint.target} is damaged: {error}") from error
     with torch.device("meta"):  # shapes only: random weights would be drawn for nothing
-        actor = ARCHITECTURES[architecture](action_size)
+        actor = ARCHITECTURES[form.architecture](form.action_size)
     wanted = {name: tuple(value.shape) for name, value in actor.state_dict().items()}
     found = {name: tuple(value.shape) for name, value in tensors.items()}
     if wanted != found:
         wrong = sorted(set(wanted.items()) ^ set(found.items()))[0][0]
         raise PolicyLoadError(
-            f"{checkpoint.target} does not hold the weights of '{architecture}': see '{wrong}'"
+            f"{checkpoint.target} does not hold the weights of '{form.architecture}': see '{wrong}'"
         )
     actor.load_state_dict({name: value.float() for name, value in tensors.items()}, assign=True)
     return NativePolicy(actor, checkpoint.deterministic)
 
 
-def _read_form(checkpoint: Checkpoint) -> tuple[str, int]:
+def _read_form(checkpoint: Checkpoint) -> NativeForm:
     try:
         (length,) = struct.unpack_from("<Q", checkpoint.content)
         if length > min(MAX_HEADER_BYTES, len(checkpoint.content)):
@@ -97,16 +115,20 @@ def _read_form(checkpoint: Checkpoint) -> tuple[str, int]:
                 f"{length} bytes"
             )
         header = json.loads(checkpoint.content[8 : 8 + length])
-        form = json.loads(header["__metadata__"][METADATA_KEY])
-        architecture, action_size = form["architecture"], form["action_size"]
+        form = msgspec.json.decode(header["__metadata__"][METADATA_KEY], type=NativeForm)
     except (struct.error, ValueError, KeyError, TypeError, RecursionError) as error:
         raise PolicyLoadError(
             f"{checkpoint.target} is no native checkpoint: no '{METADATA_KEY}' entry in its "
             "metadata. Write it with minitouch_bench.policies.native.save_native"
         ) from error
-    if architecture not in ARCHITECTURES or action_size not in ACTION_SIZES:
+    if form.architecture not in ARCHITECTURES or form.action_size not in ACTION_SIZES:
         raise PolicyLoadError(
-            f"{checkpoint.target} asks for architecture {architecture!r} with "
-            f"{action_size!r} actions; known: {', '.join(ARCHITECTURES)} with 4 or 5"
+            f"{checkpoint.target} asks for architecture {form.architecture!r} with "
+            f"{form.action_size} actions; known: {', '.join(ARCHITECTURES)} with 4 or 5"
         )
-    return architecture, action_size
+    if form.image_shape != IMAGE_SHAPE:
+        raise PolicyLoadError(
+            f"{checkpoint.target} was trained on images of shape {form.image_shape}; "
+            f"those of this protocol have {IMAGE_SHAPE}"
+        )
+    return form

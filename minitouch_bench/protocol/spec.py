@@ -3,7 +3,7 @@
 ``protocol.minitouch`` holds the values. Simulation and tasks receive them; no number
 of the protocol stands anywhere else. A digest is taken over a value's document, whose keys are
 the fields' names, or ``metadata["key"]`` where a field was renamed: names in code may change
-without changing a digest. ``for_people`` marks fields that no episode depends on.
+without changing a digest. ``undigested`` marks fields that no episode depends on.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ from minitouch_bench.errors import UsageError
 
 Rgba = tuple[float, float, float, float]
 
-FOR_PEOPLE: Mapping[str, Any] = {"for_people": True}
+UNDIGESTED: Mapping[str, Any] = {"undigested": True}
 
 
 @dataclass(frozen=True)
@@ -166,10 +166,10 @@ class TaskSpec:
 
     name: str
     revision: int
-    title: str = field(metadata=FOR_PEOPLE)
-    goal: str = field(metadata=FOR_PEOPLE)
-    portrait: CameraSpec = field(metadata=FOR_PEOPLE)
-    movement_unit: str = field(default="m²", metadata=FOR_PEOPLE)
+    title: str = field(metadata=UNDIGESTED)
+    goal: str = field(metadata=UNDIGESTED)
+    portrait: CameraSpec = field(metadata=UNDIGESTED)
+    movement_unit: str = field(default="m²", metadata=UNDIGESTED)
     workspace: Workspace
     camera: CameraSpec
     arm: ArmSpec
@@ -180,6 +180,8 @@ class TaskSpec:
     shadows: bool = True
     max_steps: int = 200
     success_reward: float = 25.0
+    step_rewards: tuple[float, float] = field(default=(0.0, 0.0), metadata=UNDIGESTED)
+    """The least and the greatest that a step pays beside ``success_reward``: 0 if it is sparse."""
 
     @property
     def gym_id(self) -> str:
@@ -195,6 +197,12 @@ class TaskSpec:
     def has_goal(self) -> bool:
         """Whether an episode can succeed."""
         return bool(self.goal)
+
+    def possible_return(self, steps: int, *, success: bool) -> tuple[float, float]:
+        """Return the least and the greatest that the rewards of an episode can add up to."""
+        paid = self.success_reward if success else 0.0
+        low, high = (paid + steps * reward for reward in self.step_rewards)
+        return low, high
 
 
 @dataclass(frozen=True)
@@ -270,12 +278,12 @@ def _named(name: str, kind: str, known: Sequence[Named]) -> Named:
 
 
 def document(value: Any) -> Any:
-    """Return a value as JSON holds it, without the fields for people."""
+    """Return a value as JSON holds it, without the undigested fields."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {
             f.metadata.get("key", f.name): document(getattr(value, f.name))
             for f in dataclasses.fields(value)
-            if not f.metadata.get("for_people")
+            if not f.metadata.get("undigested")
         }
     if isinstance(value, tuple | list):
         return [document(item) for item in value]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.intervals import RESAMPLES, stream
+from minitouch_bench.metrics.intervals import INTERVAL_ENDS, RESAMPLES, stream
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Estimate, SavedRun
 from minitouch_bench.rendering.charts import (
@@ -40,8 +40,6 @@ from minitouch_bench.reporting.tables import find_estimate
 
 TRIMMED = 0.25
 """Share of the scores that is left out at each end."""
-
-PERCENTILES = (2.5, 97.5)
 
 Floats = NDArray[np.float64]
 
@@ -79,7 +77,7 @@ def interquartile_mean(scores: Scores) -> Estimate:
     """Estimate the mean of the middle half of the scores."""
     value = float(stats.trim_mean(scores.values, TRIMMED))
     drawn = [stats.trim_mean(one, TRIMMED, axis=1) for one in scores.resampled]
-    ends = [np.percentile(one, PERCENTILES) for one in drawn]
+    ends = [np.quantile(one, INTERVAL_ENDS) for one in drawn]
     low, high = (
         min(value, *(float(one[0]) for one in ends)),
         max(value, *(float(one[1]) for one in ends)),
@@ -93,7 +91,7 @@ def performance_profile(scores: Scores, thresholds: Floats) -> Floats:
     lows, highs = [shares], [shares]
     for resampled in scores.resampled:
         drawn = np.array([(resampled > one).mean(axis=1) for one in thresholds])
-        low, high = np.percentile(drawn, PERCENTILES, axis=1)
+        low, high = np.quantile(drawn, INTERVAL_ENDS, axis=1)
         lows.append(low)
         highs.append(high)
     return np.stack([shares, np.min(lows, axis=0), np.max(highs, axis=0)])

@@ -32,7 +32,7 @@ def test_same_seed_same_bits():
         noise = generator()
         for seed in range(3):
             batch = random_batch(seed=seed)
-            sac.update(batch, batch.task_reward, noise)
+            sac.update(batch, batch.task_reward, noise, 0)
     assert torch.equal(weights(first), weights(second))
 
 
@@ -40,7 +40,9 @@ def test_critics_learn_the_reward_where_nothing_follows():
     sac, batch, noise = make(PhaseConfig(10, learning_rate=1e-3)), random_batch(), generator()
     over = torch.zeros(8)
     final = type(batch)(**{**vars(batch), "discount": over})
-    losses = [float(sac.update(final, final.task_reward, noise)["critic_loss"]) for _ in range(25)]
+    losses = [
+        float(sac.update(final, final.task_reward, noise, 0)["critic_loss"]) for _ in range(25)
+    ]
     assert losses[-1] < 0.5 * losses[0]
 
 
@@ -49,7 +51,7 @@ def test_the_actors_loss_leaves_encoder_and_critics_alone():
     sac.actor_optimizer.param_groups[0]["lr"] = 1e-3
     before = weights(sac.encoder), weights(sac.critics), weights(sac.actor)
     batch = random_batch()
-    sac.update(batch, batch.task_reward, generator())
+    sac.update(batch, batch.task_reward, generator(), 0)
     assert torch.equal(weights(sac.encoder), before[0])
     assert torch.equal(weights(sac.critics), before[1])
     assert not torch.equal(weights(sac.actor), before[2])
@@ -59,13 +61,13 @@ def test_the_actors_loss_leaves_encoder_and_critics_alone():
 def test_temperature_falls_where_there_is_entropy_to_spare(target, falls):
     sac, batch = make(PhaseConfig(10, target_entropy=target)), random_batch()
     before = sac.log_temperature.item()
-    sac.update(batch, batch.task_reward, generator())
+    sac.update(batch, batch.task_reward, generator(), 0)
     assert (sac.log_temperature.item() < before) == falls
 
 
 def test_a_fixed_temperature_stays():
     sac, batch = make(PhaseConfig(10, temperature=0.3)), random_batch()
-    losses = sac.update(batch, batch.task_reward, generator())
+    losses = sac.update(batch, batch.task_reward, generator(), 0)
     assert losses["temperature"] == pytest.approx(0.3)
     assert sac.log_temperature.exp().item() == pytest.approx(0.3)
 

@@ -65,7 +65,7 @@ def train_ours(seed):
                 rng, CONFIG.batch_size,
                 n_step=1, discount=0.99, success_share=0.0, device=torch.device("cpu"),
             )  # fmt: skip
-            sac.update(batch, batch.task_reward, noise)
+            sac.update(batch, batch.task_reward, noise, 0)
 
     def act(observation):
         with torch.no_grad():

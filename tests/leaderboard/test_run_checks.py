@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import pytest
@@ -55,17 +56,39 @@ def test_an_honest_episode_of_any_length_passes_at_both_ends(steps):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"outcome": Outcome.SUCCESS}, "the return is 0, not 25"),
+        ({"outcome": Outcome.SUCCESS}, "episode_return is 0, not 25"),
         ({"task": "playing"}, "nothing can leave"),
         ({"task": "playing", "outcome": Outcome.SUCCESS}, "has no goal"),
         ({"outcome": Outcome.STEP_LIMIT}, "ended at the step limit after 20"),
-        ({"steps": 0}, "0 steps"),
-        ({"clipped_actions": 21}, "21 clipped"),
-        ({"touch_interaction": 2001}, "2001 ticks of contact"),
-        ({"touch_interaction": 5}, "some of its figures of contact are 0"),
-        ({"first_touch_tick": 3}, "first touch is 3"),
-        ({"touch_variance": -1.0}, "a variance is below 0"),
+        ({"steps": 0}, "steps is 0, not 1 to 200"),
+        ({"clipped_actions": 21}, "clipped_actions is 21, not 0 to 20"),
+        ({"touch_interaction": 2001}, "touch_interaction is 2001, not 0 to 2000"),
+        ({"touch_interaction": 5}, "touch_steps is 0, not 1 to 5"),
+        ({"touch_interaction": 5}, "first_touch_tick is None, not 0 to 1999"),
+        ({"first_touch_tick": 3}, "first_touch_tick is 3, not None"),
+        ({"touch_variance": -1.0}, "touch_variance is -1, not 0 or more"),
+        ({"object_movement": math.nan}, "object_movement is nan"),
     ],
 )
 def test_what_no_episode_can_be_is_named(change, words):
     assert any(words in what for what in contradictions(replace(FAILED, **change)))
+
+
+@pytest.mark.parametrize("metric", [one for one in METRICS.values() if one.measure is not None])
+def test_every_measured_metric_has_values_that_no_episode_can_have(metric):
+    impossible = replace(FAILED, **{metric.measured_field: -1})
+    assert f"{metric.measured_field} is -1" in "; ".join(contradictions(impossible))
+
+
+def test_the_return_of_a_dense_reward_is_between_its_steps_bounds(monkeypatch):
+    pushing = PROTOCOL.task("pushing")
+    dense = replace(pushing, step_rewards=(-0.5, 0.1))
+    tasks = tuple(dense if task is pushing else task for task in PROTOCOL.tasks)
+    protocol = replace(PROTOCOL, tasks=tasks)
+    assert protocol.digest() == PROTOCOL.digest()
+    monkeypatch.setattr("minitouch_bench.metrics.definitions.PROTOCOL", protocol)
+    won = replace(FAILED, outcome=Outcome.SUCCESS)
+    for possible in (replace(FAILED, episode_return=-10.0), replace(won, episode_return=27.0)):
+        assert not list(contradictions(possible))
+    for impossible in (replace(FAILED, episode_return=2.5), replace(won, episode_return=14.5)):
+        assert any("episode_return" in what for what in contradictions(impossible))

@@ -74,6 +74,20 @@ def test_native_files_of_another_form_are_refused(light):
     refused("native", written({**form, "action_size": 10**9}), "with 4 or 5")
     refused("native", written({**form, "action_size": 4}), "does not hold the weights")
     refused("native", written(form, extra=torch.zeros(1)), "see 'extra'")
+    larger = {**form, "image_shape": [1, 96, 96]}
+    refused("native", written(larger), r"trained on images of shape \(1, 96, 96\)")
+
+
+def test_native_files_that_do_not_say_their_images_were_trained_on_84_pixels(
+    light, observation, expected
+):
+    content = (light / "policy.safetensors").read_bytes()
+    metadata = {"minitouch": '{"architecture": "hac-actor-v1", "action_size": 5}'}
+    unsaid = safetensors.torch.save(safetensors.torch.load(content), metadata)
+    assert b"[1, 84, 84]" in content
+    policy = load_policy("native", Checkpoint("x", unsaid))
+    policy.reset(0, "opening")
+    assert np.array_equal(policy.act(observation), expected)
 
 
 def test_torchscript_files_of_another_form_are_refused():
