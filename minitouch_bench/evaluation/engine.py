@@ -1,10 +1,10 @@
-"""Engines: what runs the episodes of a run, and the one table of them."""
+"""Engines: what runs episodes and other jobs, and the one table of them."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.optional import look_up
@@ -49,19 +49,27 @@ LOCAL = EngineOptions()
 Note = Callable[[str], None]
 """Takes one line for the user."""
 
+Job = TypeVar("Job")
+RunJobs = Callable[[EngineOptions, Callable[[Job], str], Sequence[Job]], Iterator[tuple[Job, str]]]
+"""Calls a function on each job, each in a process with one thread and the processor's own kernels.
+
+Yields each job that has ended with what went wrong, "" if nothing did. ``str(job)`` names it.
+"""
+
 
 @dataclass(frozen=True)
 class EngineEntry:
     """What an engine runs by, as ``module:name``, and what users read of it.
 
     ``episodes`` takes ``EngineOptions`` and a ``Note``, and returns a context manager that yields
-    the ``Engine`` and ends what was started for it. ``trainings`` runs those of a study; "" where
-    it runs none. ``address`` says what ``--address`` is to it; "" where it has none.
+    the ``Engine`` and ends what was started for it. ``jobs`` is a ``RunJobs``, for the trainings
+    of a study; "" where it runs none. ``address`` says what ``--address`` is to it; "" where it
+    has none.
     """
 
     about: str
     episodes: str
-    trainings: str = ""
+    jobs: str = ""
     address: str = ""
 
 
@@ -69,16 +77,16 @@ ENGINES: Mapping[str, EngineEntry] = {
     "local": EngineEntry(
         "on this machine",
         episodes="minitouch_bench.evaluation.local_engine:open_local",
-        trainings="minitouch_bench.workflows.study:train_here",
+        jobs="minitouch_bench.evaluation.local_engine:run_jobs",
     ),
     "ray": EngineEntry(
         "on a Ray cluster, see docs/cluster.md",
         episodes="minitouch_bench.evaluation.ray_engine:open_ray",
-        trainings="minitouch_bench.workflows.study:train_on_ray",
+        jobs="minitouch_bench.evaluation.ray_engine:run_jobs",
         address="the cluster; without it Ray starts here",
     ),
 }
-STUDY_ENGINES = tuple(name for name, entry in ENGINES.items() if entry.trainings)
+STUDY_ENGINES = tuple(name for name, entry in ENGINES.items() if entry.jobs)
 
 
 def find_engine(options: EngineOptions, names: Sequence[str] = tuple(ENGINES)) -> EngineEntry:
@@ -109,3 +117,13 @@ def open_engine(
     """
     opener: Any = look_up(find_engine(options).episodes)
     return opener(options, note)  # type: ignore[no-any-return]
+
+
+def find_job_runner(options: EngineOptions) -> RunJobs[Any]:
+    """Return what runs jobs on the engine asked for.
+
+    Raises:
+        UsageError: no such engine, or an option has no meaning for it.
+    """
+    runner: Any = look_up(find_engine(options, STUDY_ENGINES).jobs)
+    return runner  # type: ignore[no-any-return]

@@ -1,15 +1,15 @@
-"""Episodes on this machine, in worker processes."""
+"""Episodes and other jobs on this machine, in worker processes."""
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.evaluation.engine import Engine, EngineOptions, Note
+from minitouch_bench.errors import InfrastructureError, JobFailedError
+from minitouch_bench.evaluation.engine import Engine, EngineOptions, Job, Note
 from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS, ActorSource, EpisodeRunner
-from minitouch_bench.processes import core_count, run_in_workers
+from minitouch_bench.processes import ONE_THREAD, core_count, run_in_workers
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 
@@ -58,3 +58,22 @@ class _RunEpisode:
             return self.runner.run(spec)
         except Exception as error:
             raise InfrastructureError(f"{type(error).__name__}: {error}") from error
+
+
+def run_jobs(
+    options: EngineOptions, function: Callable[[Job], str], jobs: Sequence[Job]
+) -> Iterator[tuple[Job, str]]:
+    """Run jobs in worker processes; one whose worker died three times has failed."""
+    left = list(jobs)
+    while left:
+        ended = set()
+        try:
+            for index, failure in run_in_workers(
+                function, left, options.workers or core_count(), name=str, variables=ONE_THREAD
+            ):
+                ended.add(index)
+                yield left[index], failure
+        except JobFailedError as error:  # the others go on
+            ended.add(error.index)
+            yield left[error.index], str(error)
+        left = [job for index, job in enumerate(left) if index not in ended]

@@ -107,7 +107,7 @@ class Metric:
         found: Value = getattr(episode, self.measured_field)
         bounds = self.possible(episode)
         if found is None or bounds is None:
-            fits = found is bounds
+            fits = found is None and bounds is None
         else:
             fits = bounds[0] <= found <= bounds[1]
         said = "None" if found is None else f"{found:g}"

@@ -4,7 +4,7 @@ What is done is read off the files, so that a killed study goes on where it was.
 """
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from itertools import product
 from pathlib import Path
@@ -15,14 +15,11 @@ import msgspec
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, apply_settings, make_config
 from minitouch_bench.agents.training import EXPLORATION_FILE
 from minitouch_bench.documents import fault_in_words
-from minitouch_bench.errors import JobFailedError, MiniTouchError, UsageError
-from minitouch_bench.evaluation.engine import STUDY_ENGINES, EngineOptions, find_engine
-from minitouch_bench.evaluation.ray_cluster import ray_cluster
+from minitouch_bench.errors import MiniTouchError, UsageError
+from minitouch_bench.evaluation.engine import EngineOptions, find_job_runner
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import RUN_FILE, lock_directory, write_file
-from minitouch_bench.optional import look_up
 from minitouch_bench.policies.sources import TRAINED_FILE
-from minitouch_bench.processes import ONE_THREAD, core_count, run_in_workers
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.study import StudyResults, StudyTraining, write_study
 from minitouch_bench.workflows import ignore
@@ -99,12 +96,6 @@ def read_study(path: Path) -> StudyConfig:
 
 ONE_AT_A_TIME = EngineOptions(workers=1)
 
-VARIABLES = ONE_THREAD
-"""Environment of a training: one thread, and the processor's own kernels.
-
-The slower kernels that all machines share are the evaluation's, which has workers of its own.
-"""
-
 
 @dataclass(frozen=True)
 class StudyOptions:
@@ -131,15 +122,15 @@ def run_study(options: StudyOptions) -> StudyResults:
         RunDirectoryError: the directory is in use or cannot be written.
     """
     directory = options.directory
-    run_trainings: Any = look_up(find_engine(options.engine, STUDY_ENGINES).trainings)
+    run_jobs = find_job_runner(options.engine)
     with lock_directory(directory):
         for training in options.config.trainings():
             (_place(directory, training) / FAILURE_FILE).unlink(missing_ok=True)
         found = _look(options)
         jobs = [_Job(options.config, directory.resolve(), training) for training in found.left]
-        for training, failure in run_trainings(jobs, options.engine):
+        for job, failure in run_jobs(options.engine, _run, jobs):
             if failure:
-                write_file(_place(directory, training) / FAILURE_FILE, failure + "\n")
+                write_file(_place(directory, job.training) / FAILURE_FILE, failure + "\n")
             found = _look(options)
     return found
 
@@ -150,37 +141,8 @@ class _Job:
     directory: Path
     training: StudyTraining
 
-
-def train_here(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTraining, str]]:
-    """Train in worker processes, and yield each training that has ended with what went wrong."""
-    workers = engine.workers or core_count()
-    while jobs:
-        ended = set()
-        try:
-            for index, failure in run_in_workers(
-                _run, jobs, workers, name=lambda job: job.training.name, variables=VARIABLES
-            ):
-                ended.add(index)
-                yield jobs[index].training, failure
-        except JobFailedError as error:  # its worker died three times; the others go on
-            ended.add(error.index)
-            yield jobs[error.index].training, str(error)
-        jobs = [job for index, job in enumerate(jobs) if index not in ended]
-
-
-def train_on_ray(jobs: list[_Job], engine: EngineOptions) -> Iterator[tuple[StudyTraining, str]]:
-    """Do the same where Ray finds room; nodes that are lost are made up for by others."""
-    settings = {"num_cpus": 1, "max_retries": 2, "runtime_env": {"env_vars": VARIABLES}}
-    with ray_cluster(engine.address, engine.workers) as ray:
-        run = ray.remote(**settings)(_run)
-        running = {run.remote(job): job.training for job in jobs}
-        while running:
-            (ended,), _ = ray.wait([*running])
-            training = running.pop(ended)
-            try:
-                yield training, ray.get(ended)
-            except ray.exceptions.RayError as error:
-                yield training, f"its worker was lost ({type(error).__name__})"
+    def __str__(self) -> str:
+        return self.training.name
 
 
 def _run(job: _Job) -> str:

@@ -1,20 +1,17 @@
-"""The far side of the Ray engine: what goes to a node of the cluster, and what runs there."""
+"""The far side of an engine on other machines: what goes there, and what runs there."""
 
 import hashlib
 import os
 import platform
-import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from minitouch_bench.cache import cache_file
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
 from minitouch_bench.evaluation.run import package_versions
-from minitouch_bench.optional import require
 from minitouch_bench.policies.sources import PolicySource, read_checkpoint
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
@@ -105,15 +102,25 @@ class Machine:
     protocol_digest: str
     parts: dict[str, str]
 
+    def refusal(self, asked: "Machine") -> str:
+        """Say why this machine cannot play what another one asks for; "" if it can."""
+        ours, theirs = self.parts.get(PACKAGE, ""), asked.parts.get(PACKAGE, "")
+        if ours != theirs:
+            return f"it has minitouch-bench {ours}, and {theirs} is asked for"
+        if self.protocol_digest != asked.protocol_digest:
+            return (
+                f"its protocol is {self.protocol_digest[:12]}, and {asked.protocol_digest[:12]} "
+                "is asked for: another code, shape set or simulator"
+            )
+        return ""
 
-@dataclass(frozen=True)
-class WorkerReport:
-    """A worker's answer when it has been placed; with a ``problem`` it can run nothing."""
-
-    node_id: str
-    address: str
-    machine: Machine
-    problem: str = ""
+    def unlike(self, other: "Machine") -> str:
+        """Say in what this machine differs from another that plays the same protocol."""
+        return ", ".join(
+            f"{name} {value} (here {other.parts.get(name, 'missing')})"
+            for name, value in self.parts.items()
+            if value != other.parts.get(name)
+        )
 
 
 def this_machine() -> Machine:
@@ -141,23 +148,20 @@ class EpisodeWorker:
     _runner: EpisodeRunner
     _old_names: dict[str, str]
 
-    def prepare(self, asked: Machine, payload: list[Any]) -> WorkerReport:
-        """Check that this machine plays the protocol asked for, and unpack the policies.
+    def prepare(self, asked: Machine, fetch: Callable[[], WorkerPayload]) -> str:
+        """Unpack the policies; return why this machine cannot run the episodes, "" if it can.
 
-        ``payload`` holds Ray's reference to it: another version could not even read it.
+        The payload is fetched where versions agree: another one could not even read it.
         """
-        ray = require("ray", "ray")
-        here = this_machine()
-        problem = _difference(here, asked)
-        if not problem:
-            try:
-                content = ray.get(payload[0])
-                source, self._old_names = unpack(content)
-                self._runner = EpisodeRunner(source, attempts_here(content))
-            except Exception as error:
-                problem = f"{type(error).__name__}: {error}"
-        address = f"{ray.util.get_node_ip_address()} ({socket.gethostname()})"
-        return WorkerReport(ray.get_runtime_context().get_node_id(), address, here, problem)
+        if problem := this_machine().refusal(asked):
+            return problem
+        try:
+            payload = fetch()
+            source, self._old_names = unpack(payload)
+            self._runner = EpisodeRunner(source, attempts_here(payload))
+        except Exception as error:
+            return f"{type(error).__name__}: {error}"
+        return ""
 
     def run(self, spec: EpisodeSpec) -> EpisodeRecord | str:
         """Return the episode's record, or what went wrong with this machine in words."""
@@ -172,15 +176,3 @@ class EpisodeWorker:
         for new, old in self._old_names.items():
             text = text.replace(new, old)
         return text
-
-
-def _difference(here: Machine, asked: Machine) -> str:
-    ours, theirs = asked.parts.get(PACKAGE, ""), here.parts.get(PACKAGE, "")
-    if ours != theirs:
-        return f"it has minitouch-bench {theirs}, and {ours} is asked for"
-    if here.protocol_digest != asked.protocol_digest:
-        return (
-            f"its protocol is {here.protocol_digest[:12]}, and {asked.protocol_digest[:12]} is "
-            "asked for: another code, shape set or simulator"
-        )
-    return ""

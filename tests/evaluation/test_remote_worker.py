@@ -1,14 +1,16 @@
 """Checkpoints on the way to machines that do not have them."""
 
 import hashlib
+from dataclasses import replace
 
 import pytest
 
 from minitouch_bench.cache import VARIABLE
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.ray_worker import pack, unpack
+from minitouch_bench.evaluation.remote_worker import EpisodeWorker, pack, this_machine, unpack
 from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.records import EpisodeSpec, Outcome, Role
 
 
 @pytest.fixture
@@ -80,3 +82,21 @@ def test_a_checkpoint_that_changed_meanwhile_is_not_sent(tmp_path, content):
         file.write_bytes(content)
     with pytest.raises(PolicyLoadError, match=r"was changed since|does not exist"):
         pack(setup)
+
+
+def test_a_worker_runs_what_it_was_sent_or_says_why_it_cannot():
+    here, worker = this_machine(), EpisodeWorker()
+    payload = pack(PolicySetup(parse_source("zero")))
+    other = replace(here, protocol_digest="0" * 64)
+    assert "its protocol is" in worker.prepare(other, lambda: payload)
+    newer = replace(here, parts={**here.parts, "minitouch-bench": "99"})
+    assert "and 99 is asked for" in worker.prepare(newer, lambda: payload)
+    assert here.unlike(newer) == f"minitouch-bench {here.parts['minitouch-bench']} (here 99)"
+
+    def fail():
+        raise OSError("no such payload")
+
+    assert worker.prepare(here, fail) == "OSError: no such payload"
+    assert worker.prepare(here, lambda: payload) == ""
+    record = worker.run(EpisodeSpec(Role.FINAL, "opening", 0, 7))
+    assert record.outcome is Outcome.STEP_LIMIT
