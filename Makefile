@@ -5,7 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: evaluate test prove regress leaderboard check format bench schemas pictures clean
+.PHONY: evaluate test prove regress leaderboard check format bench schemas tables pictures clean
 
 evaluate: $(READY)
 	$(BIN)/minitouch-bench evaluate scripted --suite smoke --fresh
@@ -40,6 +40,10 @@ bench: $(READY)
 
 schemas: $(READY)
 	$(BIN)/python -m benchmarks.schemas
+
+# The CSV files and report.md of each stored submission, which follow from its run.json.
+tables: $(READY)
+	$(BIN)/python -m benchmarks.stored_tables
 
 pictures: $(READY)
 	$(BIN)/python -m benchmarks.pictures

@@ -10,6 +10,7 @@ from minitouch_bench.cli.console import EpisodeProgress, data_console, notes
 from minitouch_bench.conditions import CHANGES, SENSES, parse_conditions
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.protocol.minitouch import PROTOCOL
 
 FINISHED_WITH_FAULTS = 4
 
@@ -23,8 +24,8 @@ def evaluate(
         str | None, typer.Option(metavar="TEXT", help="What reports call the policy.")
     ] = None,
     suite: Annotated[
-        str, options.episodes_option(help="table4, novel-shapes or smoke.")
-    ] = "table4",
+        str, options.episodes_option(help=f"{', '.join(s.name for s in PROTOCOL.suites)}.")
+    ] = PROTOCOL.suites[0].name,
     tasks: Annotated[
         str | None, options.episodes_option(metavar="A,B", help="Only these tasks of the suite.")
     ] = None,

@@ -1,6 +1,6 @@
 """The board as data: every writer draws the same rows."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from minitouch_bench.leaderboard.proof import RANKED_LEVELS
@@ -44,6 +44,33 @@ class BoardRow:
         """What it repeats of others, in words; "" if nothing."""
         found = (("same episodes as", self.twins), ("nearly the actions of", self.near_twins))
         return "; ".join(f"{words} {', '.join(names)}" for words, names in found if names)
+
+
+@dataclass(frozen=True)
+class Fact:
+    """What a board tells of a row beside its figures: a column of its CSV and of its Markdown."""
+
+    name: str
+    label: str
+    of: Callable[[BoardRow], str | int | tuple[str, ...]]
+    is_text: bool = True
+
+
+FACTS = (
+    Fact("method", "Method", lambda row: row.scored.about.method),
+    Fact("proof", "Proof", lambda row: row.scored.level.value),
+    Fact("modalities", "Modalities", lambda row: row.scored.about.modalities),
+    Fact(
+        "training_steps",
+        "Training steps",
+        lambda row: row.scored.about.training_steps,
+        is_text=False,
+    ),
+    Fact(
+        "training_seeds", "Training seeds", lambda row: len(row.scored.about.seeds), is_text=False
+    ),
+    Fact("repeats", "Repeats", lambda row: row.repeats),
+)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """``leaderboard.csv``: one row per value, in long form."""
 
-from minitouch_bench.leaderboard.board import Board, BoardRow
+from minitouch_bench.leaderboard.board import FACTS, Board, BoardRow
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, NOVEL_SHAPES, OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import MAIN_SUITE
 from minitouch_bench.leaderboard.views import CALIBRATION, PAPER, RANKED, UNRANKED
@@ -10,12 +10,7 @@ from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
 COLUMNS = (
     "name",
     "kind",
-    "method",
-    "proof",
-    "modalities",
-    "training_steps",
-    "training_seeds",
-    "repeats",
+    *(fact.name for fact in FACTS),
     "suite",
     "task",
     "metric",
@@ -37,7 +32,7 @@ def board_csv(board: Board) -> str:
         rows += _figures(row)
         rows += _gaps(row)
     for method in PAPER_METHODS:
-        head: Row = (method, PAPER, "", "", "", None, None, "")
+        head: Row = (method, PAPER, *[None] * len(FACTS))
         for (task, metric), printed in paper_values(method).items():
             value, none = float(printed.text), (None,) * 3
             rows.append((*head, "", task, metric, value, *none, printed.remark, None, None))
@@ -45,17 +40,9 @@ def board_csv(board: Board) -> str:
 
 
 def _head(row: BoardRow) -> Row:
-    about = row.scored.about
-    return (
-        about.name,
-        CALIBRATION if row.scored.is_calibration else RANKED if row.ranks else UNRANKED,
-        about.method,
-        row.scored.level.value,
-        " ".join(about.modalities),
-        about.training_steps,
-        len(about.seeds),
-        row.repeats,
-    )
+    kind = CALIBRATION if row.scored.is_calibration else RANKED if row.ranks else UNRANKED
+    told = (fact.of(row) for fact in FACTS)
+    return row.name, kind, *(" ".join(one) if isinstance(one, tuple) else one for one in told)
 
 
 def _figures(row: BoardRow) -> list[Row]:

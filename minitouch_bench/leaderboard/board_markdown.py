@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from minitouch_bench.leaderboard.board import CEILING, FLOORS, Board
+from minitouch_bench.leaderboard.board import CEILING, FACTS, FLOORS, Board
 from minitouch_bench.leaderboard.scores import Refusal
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, View
 from minitouch_bench.rendering.markdown import escape, table_lines
@@ -43,21 +43,17 @@ def notes() -> tuple[str, ...]:
 
 
 def _about(board: Board) -> Table:
-    heads = ("Method", "Proof", "Modalities", "Training steps", "Training seeds", "Repeats")
-    rows = []
-    for row in board.rows:
-        about = row.scored.about
-        cells = (
-            about.method,
-            row.scored.level.value,
-            ", ".join(about.modalities) or "none",
-            str(about.training_steps),
-            str(len(about.seeds)),
-            row.repeats or ABSENT,
-        )
-        rows.append(Row((about.name,), tuple(map(Cell, cells))))
-    columns = tuple(Column(head, is_text=not head.startswith("Training")) for head in heads)
-    return Table("Submissions", ("Submission",), columns, tuple(rows))
+    rows = tuple(
+        Row((row.name,), tuple(_cell(fact.of(row)) for fact in FACTS)) for row in board.rows
+    )
+    columns = tuple(Column(one.label, is_text=one.is_text) for one in FACTS)
+    return Table("Submissions", ("Submission",), columns, rows)
+
+
+def _cell(told: str | int | tuple[str, ...]) -> Cell:
+    if isinstance(told, tuple):
+        return Cell(", ".join(told) or "none")
+    return Cell(str(told) or ABSENT)
 
 
 def _left_out(title: str, refusals: Sequence[Refusal]) -> list[str]:
