@@ -88,7 +88,7 @@ def evaluate(
     """Run a policy through a suite and write its Table-4 report."""
     from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.reporting.run_directory import run_json
-    from minitouch_bench.reporting.terminal import show_report
+    from minitouch_bench.reporting.writers import show_report
     from minitouch_bench.workflows import evaluate as workflow
 
     asked = workflow.EvaluateOptions(

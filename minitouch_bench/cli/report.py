@@ -45,7 +45,7 @@ def report(
 ) -> None:
     """Show finished runs in one Table-4 report, and write it as pages, LaTeX and figures."""
     from minitouch_bench.reporting.report import table4_latex
-    from minitouch_bench.reporting.terminal import show_report
+    from minitouch_bench.reporting.writers import show_report
     from minitouch_bench.workflows import report as workflow
 
     asked = workflow.ReportOptions(

@@ -8,7 +8,7 @@ from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, View
 from minitouch_bench.rendering.markdown import escape, table_lines
 from minitouch_bench.rendering.tables import ABSENT, Cell, Column, Row, Table
 from minitouch_bench.reporting.labels import listed
-from minitouch_bench.reporting.notes import PAPER_NOTE
+from minitouch_bench.reporting.paper import PAPER_NOTE
 
 SHOWN_REASONS = 3
 

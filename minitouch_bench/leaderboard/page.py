@@ -32,13 +32,13 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Role
 from minitouch_bench.rendering.charts import Figure, LegendItem, Plot, step_histograms, touch_chart
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.pages import Card, make_card, render_page
+from minitouch_bench.rendering.pages import render_page
 from minitouch_bench.rendering.svg import draw_share_bar
 from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell, metric_head
 from minitouch_bench.reporting.labels import FaultGroup, group_faults, task_title
-from minitouch_bench.reporting.page import paper_reference
 from minitouch_bench.reporting.report import Video
 from minitouch_bench.reporting.tables import TABLE4_METRICS, gap_cells
+from minitouch_bench.reporting.writers import Card, make_card
 
 TEMPLATES = Path(__file__).parent / "templates"
 STYLES = ("board.css",)
@@ -109,14 +109,8 @@ def _rank_text(rank: Rank) -> str:
 
 
 def _card(scored: ScoredSubmission, task: str, rank: str) -> Card:
-    return make_card(
-        task,
-        task_title(task),
-        [(scored.name, scored.figures[task])],
-        paper=paper_reference(task),
-        picture=f"../pictures/{task}.png",
-        rank=rank,
-    )
+    runs = [(scored.name, scored.figures[task])]
+    return make_card(task, runs, f"../pictures/{task}.png", rank)
 
 
 def _legend(scored: ScoredSubmission) -> Iterator[LegendItem]:

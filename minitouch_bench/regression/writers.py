@@ -31,7 +31,7 @@ from minitouch_bench.regression.tables import (
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.markdown import code_span, escape, table_lines
 from minitouch_bench.reporting.tables import OUTCOME_TITLES
-from minitouch_bench.reporting.terminal import draw_table
+from minitouch_bench.reporting.writers import draw_table
 
 SHOWN_CHANGES, SUMMARY_CHANGES = 20, 50
 """Changed episodes that a screen and a result's page list; the JSON has all of them."""

@@ -139,12 +139,13 @@ def share_axis(label: str) -> Axis:
     return Axis(label, 0.0, 1.0, SHARE_TICKS)
 
 
-def value_axis(label: str, highest: float, intervals: int = 4) -> Axis:
-    """Return an axis from 0 to a round number that is no smaller than ``highest``."""
-    step = _round_step(highest / intervals)
-    count = max(1, math.ceil(highest / step - 1e-9))
-    ticks = tuple(Tick(step * i, f"{step * i:.12g}") for i in range(count + 1))
-    return Axis(label, 0.0, step * count, ticks)
+def value_axis(label: str, highest: float, intervals: int = 4, lowest: float = 0.0) -> Axis:
+    """Return an axis of round numbers from ``lowest`` or below to ``highest`` or above."""
+    step = _round_step((highest - lowest) / intervals)
+    first = math.floor(lowest / step + 1e-9)
+    last = max(first + 1, math.ceil(highest / step - 1e-9))
+    ticks = tuple(Tick(step * i, f"{step * i:.12g}") for i in range(first, last + 1))
+    return Axis(label, step * first, step * last, ticks)
 
 
 def step_axis(last: int) -> Axis:

@@ -25,6 +25,12 @@ OTHER_UNIT = "other unit"
 MARK = "†"
 """Stands behind such a value in tables, where there is no room for more."""
 
+PAPER_NOTE = (
+    f"{', '.join(PAPER_METHODS)}: the paper's own values, {CAVEAT} ({CITATION}). "
+    f"{MARK} {OTHER_UNIT}: the paper does not say what it counts, so it is compared with nothing."
+)
+"""Stands below every table with values of the paper."""
+
 _METRICS_OF_UNKNOWN_UNIT = ("touch_interaction",)
 """No unit we tried reproduces the paper's values: random actions reach 550 to 990 ticks in the
 released package, above the paper's best method in Playing."""

@@ -45,9 +45,8 @@ from minitouch_bench.reporting.frames import (
     generalization_frame,
     table4_frame,
 )
-from minitouch_bench.reporting.markdown import to_markdown
-from minitouch_bench.reporting.page import to_html
 from minitouch_bench.reporting.report import ALONE, AcrossRuns, Report, build_report, find_videos
+from minitouch_bench.reporting.writers import to_html, to_markdown
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,7 @@ from minitouch_bench.rendering.tables import (
     metric_head,
 )
 from minitouch_bench.reporting.labels import task_title
-from minitouch_bench.reporting.notes import PAPER_NOTE
-from minitouch_bench.reporting.paper import PAPER_METHODS, paper_cell
+from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
 from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.reporting.study_figures import (
     EXPLORING,

@@ -1,10 +1,11 @@
-"""The tables of a report as data: Table 4, the diagnostics, and novel shapes."""
+"""The tables of a report as data, with their notes: Table 4, the diagnostics, novel shapes."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import NO_DIRECTION, UP, ShownIn
+from minitouch_bench.metrics.summary import MIN_EPISODES, has_both_splits
 from minitouch_bench.records import (
     Estimate,
     FamilyResult,
@@ -26,17 +27,13 @@ from minitouch_bench.rendering.tables import (
     metric_head,
 )
 from minitouch_bench.reporting.labels import RunSection, task_title, tasks_in_order
-from minitouch_bench.reporting.notes import (
-    NO_DIFFERENCE,
-    diagnostics_notes,
-    family_notes,
-    gap_notes,
-    table4_notes,
-)
-from minitouch_bench.reporting.paper import PAPER_METHODS, paper_cell
+from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
 
 TABLE4_METRICS = metrics_shown_in(ShownIn.TABLE4)
 DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
+
+NO_DIFFERENCE = "no difference seen"
+"""The verdict on a gap whose interval holds 0."""
 
 OUTCOME_TITLES = {outcome: outcome.value.replace("_", " ") for outcome in Outcome}
 
@@ -68,7 +65,30 @@ def table4(sections: Sequence[RunSection]) -> Table:
         Row((metric_head(metric),), tuple(row), METRICS[metric].unit)
         for metric, row in cells.items()
     )
-    return Table("Table 4", ("Metric",), tuple(columns), rows, table4_notes(sections))
+    notes = (
+        *_label_notes(sections),
+        *_split_notes(sections),
+        "Brackets: 95 % interval, Wilson for shares, bootstrap over episodes for means; "
+        "episode variance only (one training seed).",
+        PAPER_NOTE,
+    )
+    return Table("Table 4", ("Metric",), tuple(columns), rows, notes)
+
+
+def _label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
+    """Return one note for each run that has labels."""
+    return tuple(f"* {one.name}: {'; '.join(one.labels)}." for one in sections if one.labels)
+
+
+def _split_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
+    """Say that a value is over both splits of a shape set, where one is."""
+    mixed = [one.run for one in sections if has_both_splits(one.run.episodes)]
+    if not mixed:
+        return ()
+    over = "Values are over all shapes, held-out and train together"
+    if any(run.summary.generalization for run in mixed):
+        return (f"{over}; “Novel shapes” has them apart.",)
+    return (f"{over}; a gap between the two needs {MIN_EPISODES} episodes of each.",)
 
 
 def diagnostics(sections: Sequence[RunSection]) -> Table:
@@ -95,7 +115,11 @@ def diagnostics(sections: Sequence[RunSection]) -> Table:
             Column("Policy faults"),
         ),
         rows=tuple(rows),
-        notes=diagnostics_notes(sections),
+        notes=(
+            *_label_notes(sections),
+            "First touch: mean over the episodes that touched. Object movement: variance over "
+            "the episode of the object's position, or of the door's angle.",
+        ),
     )
 
 
@@ -145,7 +169,15 @@ def gap_table(sections: Sequence[RunSection]) -> Table:
         corner=("Task", "Metric"),
         columns=tuple(columns),
         rows=tuple(rows),
-        notes=gap_notes(sections, len(rows)),
+        notes=(
+            *_label_notes(sections),
+            "Held-out: shapes that training never sees. Gap: held-out minus train. Brackets: 95 % "
+            "interval, Wilson for a share and Newcombe for the gap of two, else bootstrap over "
+            "episodes.",
+            f"“{NO_DIFFERENCE}”: the interval holds 0, which does not prove that there is none. "
+            f"Each of the {len(rows)} rows is judged by itself: where there is no gap at all, one "
+            "interval in 20 still misses 0.",
+        ),
     )
 
 
@@ -170,7 +202,10 @@ def family_table(sections: Sequence[RunSection]) -> Table:
         corner=("Family",) if single else ("Family", "Policy"),
         columns=tuple(columns),
         rows=tuple(rows),
-        notes=family_notes(sections),
+        notes=(
+            *_label_notes(sections),
+            f"n: episodes. {ABSENT}: the run has no such shape in that split.",
+        ),
     )
 
 

@@ -14,8 +14,8 @@ from minitouch_bench.rendering.charts import (
     LegendItem,
     Line,
     Plot,
-    Tick,
     share_axis,
+    value_axis,
 )
 from minitouch_bench.rendering.pages import render_page
 from minitouch_bench.rendering.palette import series_tone
@@ -104,7 +104,8 @@ def _share_plot(
 
 
 def _value_plot(rows: pd.DataFrame, caption: str, column: str) -> Plot:
-    axis = _axis(caption, rows[column].dropna().tolist())
+    values = [0.0, *rows[column].dropna().tolist()]
+    axis = value_axis(caption, max(values), lowest=min(values))
     return _plot(rows, caption, axis, [_line(rows["step"], rows[column], TRAINING)])
 
 
@@ -117,7 +118,7 @@ def _plot(rows: pd.DataFrame, caption: str, axis: Axis, lines: Sequence[Line | N
     if 0 < len(exploration) < len(rows):
         switch = float(exploration.iloc[-1])
         marks.append(Line(((switch, axis.low), (switch, axis.high)), "muted", 0.8))
-    x = _axis("Control steps", [0, last])
+    x = value_axis("Control steps", last)
     return Plot(
         caption, f"{caption} over {last} control steps", (Chart(x, axis, tuple(marks), HEIGHT),)
     )
@@ -129,14 +130,3 @@ def _line(steps: "pd.Series[int]", values: "pd.Series[float]", tone: str) -> Lin
     points = zip(steps[known].tolist(), values[known].tolist(), strict=True)
     found = tuple((float(step), float(value)) for step, value in points)
     return Line(found, tone) if found else None
-
-
-def _axis(label: str, values: Sequence[float]) -> Axis:
-    """Return an axis of round numbers that holds 0 and every value."""
-    low, high = min([0.0, *values]), max([0.0, *values])
-    span = (high - low) or 1.0
-    size = 10.0 ** math.floor(math.log10(span / 4))
-    step = next(factor * size for factor in (1, 2, 2.5, 5, 10) if factor * size >= span / 4)
-    first, last = math.floor(low / step), max(math.ceil(high / step), math.floor(low / step) + 1)
-    ticks = tuple(Tick(step * i, f"{step * i:.6g}") for i in range(first, last + 1))
-    return Axis(label, step * first, step * last, ticks)

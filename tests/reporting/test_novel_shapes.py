@@ -19,8 +19,6 @@ from minitouch_bench.rendering.tables import ABSENT
 from minitouch_bench.reporting.figures import split_figures
 from minitouch_bench.reporting.frames import DIFFERENCE, csv_text, generalization_frame
 from minitouch_bench.reporting.labels import describe_runs
-from minitouch_bench.reporting.markdown import to_markdown
-from minitouch_bench.reporting.page import to_html
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.run_directory import (
     parse_run,
@@ -32,7 +30,7 @@ from minitouch_bench.reporting.run_directory import (
 )
 from minitouch_bench.reporting.run_directory import save as saved_form
 from minitouch_bench.reporting.tables import novel_shapes, table4, verdict
-from minitouch_bench.reporting.terminal import show_report
+from minitouch_bench.reporting.writers import show_report, to_html, to_markdown
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes, without_success
 

@@ -7,7 +7,6 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.intervals import wilson
 from minitouch_bench.reporting.curve import ONE_TRAINING, curve_csv, curve_points
 from minitouch_bench.reporting.labels import describe_runs
-from minitouch_bench.reporting.markdown import to_markdown
 from minitouch_bench.reporting.over_runs import (
     RunOrigin,
     group_methods,
@@ -15,8 +14,8 @@ from minitouch_bench.reporting.over_runs import (
     performance_profile,
     resample_scores,
 )
-from minitouch_bench.reporting.page import to_html
 from minitouch_bench.reporting.report import AcrossRuns, build_report
+from minitouch_bench.reporting.writers import to_html, to_markdown
 from tests.reporting.synthetic import make_run, save
 
 

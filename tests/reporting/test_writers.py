@@ -8,10 +8,8 @@ from rich.console import Console
 from minitouch_bench.rendering.charts import Bar
 from minitouch_bench.rendering.pages import picture_uri
 from minitouch_bench.reporting.figures import report_figures
-from minitouch_bench.reporting.markdown import to_markdown
-from minitouch_bench.reporting.page import report_card
 from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.terminal import show_report
+from minitouch_bench.reporting.writers import report_card, show_report, to_markdown
 
 
 def test_markdown_has_tables_labels_faults_and_the_command(hac, scripted):

@@ -1,0 +1,228 @@
+"""A report in its three forms: ``report.md``, the page ``report.html``, and on a terminal."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rich.console import Console, Group, JustifyMethod, RenderableType
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import Estimate
+from minitouch_bench.rendering.markdown import code_span, escape, table_lines
+from minitouch_bench.rendering.pages import picture_uri, render_page
+from minitouch_bench.rendering.palette import series_tone
+from minitouch_bench.rendering.tables import Cell, Column, Row, Table, estimate_cell
+from minitouch_bench.reporting.figures import report_figures, split_figures
+from minitouch_bench.reporting.labels import RunSection, fault_lines, task_title
+from minitouch_bench.reporting.paper import PAPER_METHODS, paper_value
+from minitouch_bench.reporting.report import Report
+from minitouch_bench.reporting.tables import task_summary
+
+TEMPLATE = Path(__file__).parent / "templates" / "report.html.j2"
+
+BESIDE_SUCCESS = ("episode_steps", "touch_interaction")
+BESIDE_TOUCH = ("touched", "time_to_first_touch")
+"""What a card shows beside the value that sums its task up."""
+
+PAPER_WIDTH = 9
+"""Characters of a terminal in a column of the paper's values."""
+
+
+def to_markdown(report: Report) -> str:
+    """Write a report as Markdown."""
+    parts = [f"# {escape(report.title)}", ""]
+    for section in report.sections:
+        parts += _headline(section)
+    for table in (
+        report.table4,
+        *report.tables_over_runs,
+        *report.novel_shapes,
+        report.diagnostics,
+    ):
+        parts += ["", f"## {table.title}", "", *table_lines(table), ""]
+        parts += [f"- {escape(note)}" for note in table.notes]
+    if any(section.faults for section in report.sections):
+        parts += ["", "## Policy faults", ""]
+        for section in report.sections:
+            parts += [f"- {escape(line)}" for line in fault_lines(section)]
+    parts += ["", "## What was run"]
+    for section in report.sections:
+        parts += ["", *_facts(section)]
+    if report.videos:
+        parts += ["", "## Videos", ""]
+        parts += [f"- [{escape(video.caption)}](<{video.address}>)" for video in report.videos]
+    return "\n".join(parts) + "\n"
+
+
+def _headline(section: RunSection) -> list[str]:
+    """Say what a run is, and its labels."""
+    header = section.run.header
+    kind = "official" if header.official else "unofficial"
+    lines = [
+        f"**{escape(section.name)}**: suite {escape(header.suite)}, {kind}, "
+        f"protocol {escape(header.protocol)} ({code_span(header.protocol_digest[:12])})"
+    ]
+    lines += [f"> {escape(label)}" for label in section.labels]
+    return [lines[0], "", *(f"{line}  " for line in lines[1:]), ""]
+
+
+def _facts(section: RunSection) -> list[str]:
+    """List what was run and on what, and the command that repeats it."""
+    header, environment = section.run.header, section.run.environment
+    packages = ", ".join(f"{name} {version}" for name, version in environment.packages.items())
+    machine = ", ".join(f"{key}: {value}" for key, value in environment.machine.items())
+    policy = header.policy
+    episodes = section.episodes if header.chosen else f"{header.episodes} episodes a task"
+    facts = {
+        "Policy": f"{escape(policy.name)} ({escape(policy.kind)}), {code_span(policy.source)}",
+        "Policy digest": code_span(policy.digest) if policy.digest else "built in",
+        "Protocol": f"{escape(header.protocol)}, {code_span(header.protocol_digest)}",
+        "Suite": f"{escape(header.suite)}, seed {header.seed}, {episodes}",
+        "Isolation": f"{escape(header.isolation)}, {header.act_timeout_s:g} s an action",
+        "Packages": escape(packages),
+        "Machine": escape(machine),
+        "Started": f"{escape(environment.started)}, {environment.wall_s:.0f} s, "
+        f"{environment.workers} workers",
+        "Repeat it": code_span(section.command),
+    }
+    return [f"**{escape(section.name)}**", "", *(f"- {k}: {v}" for k, v in facts.items() if v)]
+
+
+def to_html(report: Report) -> str:
+    """Write a report as one self-contained page that opens offline."""
+    return render_page(
+        TEMPLATE,
+        report=report,
+        cards=tuple(report_card(report, task) for task in report.tasks),
+        figures=report_figures(report),
+        split_figures=split_figures(report),
+        tones=tuple(series_tone(index) for index in range(len(report.sections))),
+    )
+
+
+@dataclass(frozen=True)
+class CardValue:
+    """The value of one run, and further ones beside it by label."""
+
+    name: str
+    tone: str
+    cell: Cell
+    beside: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Card:
+    """One task. ``picture`` is its picture's address, "" for none; ``rank`` "" where unranked."""
+
+    title: str
+    metric: str
+    picture: str
+    paper: str
+    values: tuple[CardValue, ...]
+    rank: str = ""
+
+
+def report_card(report: Report, task: str) -> Card:
+    """Compose the card of a task."""
+    found = ((section.name, task_summary(section.run, task)) for section in report.sections)
+    runs = [(name, summary.estimates if summary else {}) for name, summary in found]
+    return make_card(task, runs, picture_uri(task))
+
+
+def make_card(
+    task: str, runs: Sequence[tuple[str, Mapping[str, Estimate]]], picture: str, rank: str = ""
+) -> Card:
+    """Compose a task's card of ``runs``: names, and estimates by metric.
+
+    What the paper's own method reached stands beside them, and is marked on their gauges.
+    """
+    metric = ranking_metric(task)
+    printed = paper_value(task, metric, PAPER_METHODS[0])
+    paper = printed.text if printed and printed.is_our_unit else ""
+    beside = BESIDE_SUCCESS if task in GOAL_TASKS else BESIDE_TOUCH
+    values = tuple(
+        CardValue(
+            name=name,
+            tone=series_tone(index),
+            cell=estimate_cell(metric, estimates.get(metric), float(paper) if paper else None),
+            beside=tuple((METRICS[one].label, _with_unit(one, estimates)) for one in beside),
+        )
+        for index, (name, estimates) in enumerate(runs)
+    )
+    return Card(
+        title=task_title(task),
+        metric=f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}",
+        picture=picture,
+        paper=f"{PAPER_METHODS[0]} in the paper: {paper}" if paper else "",
+        values=values,
+        rank=rank,
+    )
+
+
+def _with_unit(metric: str, estimates: Mapping[str, Estimate]) -> str:
+    """Write a value beside the verdict; a time with its unit."""
+    estimate = estimates.get(metric)
+    unit = " s" if estimate and METRICS[metric].unit == "s" else ""
+    return estimate_cell(metric, estimate).text + unit
+
+
+def show_report(report: Report, console: Console) -> None:
+    """Print the tables; the blocks of one stand below each other."""
+    parts: list[RenderableType] = []
+    parts += [draw_table(report.table4.block(group)) for group, _ in report.table4.groups]
+    parts += [*_notes(report.table4), Text()]
+    for table in report.tables_over_runs:
+        parts += [draw_table(table), *_notes(table), Text()]
+    for table in report.novel_shapes:
+        for group, _ in table.groups:
+            parts.append(draw_table(replace(table.block(group), title=f"{table.title}: {group}")))
+        parts += [*_notes(table), Text()]
+    parts += [draw_table(table) for table in _by_policy(report.diagnostics)]
+    parts += _notes(report.diagnostics)
+    if any(section.faults for section in report.sections):
+        parts += [Text(), Text("Policy faults", style="bold red")]
+    parts += [Text(line) for section in report.sections for line in fault_lines(section)]
+    console.print(Group(*parts))
+
+
+def _notes(table: Table) -> list[Text]:
+    """Return the notes below a table."""
+    return [Text(note, style="dim") for note in table.notes]
+
+
+def _by_policy(table: Table) -> Iterator[Table]:
+    """Turn the diagnostics on their side, one table a policy: figures down, tasks across."""
+    for policy in dict.fromkeys(row.heads[-1] for row in table.rows):
+        rows = [row for row in table.rows if row.heads[-1] == policy]
+        yield Table(
+            title=f"{table.title}: {policy}",
+            corner=("",),
+            columns=tuple(Column(row.heads[0], is_text=True) for row in rows),
+            rows=tuple(
+                Row(
+                    (f"{column.label} ({column.unit})" if column.unit else column.label,),
+                    tuple(Cell(row.cells[index].text) for row in rows),
+                )
+                for index, column in enumerate(table.columns)
+            ),
+        )
+
+
+def draw_table(table: Table) -> RichTable:
+    """Draw a table; text is never read as markup."""
+    drawn = RichTable(title=Text(table.title, style="bold"), title_justify="left", box=None)
+    for head in table.corner:
+        drawn.add_column(Text(head), no_wrap=True)
+    for column in table.columns:
+        style = "dim" if column.is_paper else ""
+        head = f"{column.label} (paper)" if column.is_paper else column.label
+        justify: JustifyMethod = "left" if column.is_text else "right"
+        # On a narrow screen "(paper)" goes below the name, and leaves room for our intervals.
+        width = PAPER_WIDTH if column.is_paper else None
+        drawn.add_column(Text(head), justify=justify, style=style, overflow="fold", max_width=width)
+    for row in table.rows:
+        drawn.add_row(*map(Text, row.heads), *(Text(str(cell)) for cell in row.cells))
+    return drawn
