@@ -66,9 +66,9 @@ def check(
 def show_stats(folder: Folder) -> None:
     """Print the distribution of a set and the test of its split."""
     from minitouch_bench.shapegen.manifest import load_shape_set
-    from minitouch_bench.shapegen.stats import set_stats, stats_text
+    from minitouch_bench.shapegen.stats import stats_text
 
-    typer.echo(stats_text(set_stats(load_shape_set(folder))))
+    typer.echo(stats_text(load_shape_set(folder)))
 
 
 @app.command()
@@ -78,8 +78,8 @@ def preview(folder: Folder, output: Output) -> None:
     from minitouch_bench.shapegen.manifest import load_shape_set
 
     with progress_bar("pictures") as progress:
-        files = workflow.preview(load_shape_set(folder), output, progress)
-    for path in (*files.sheets, files.page):
+        written = workflow.preview(load_shape_set(folder), output, progress)
+    for path in written:
         typer.echo(path)
 
 

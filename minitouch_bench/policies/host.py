@@ -7,7 +7,7 @@ socket on which every packet is one JSON object::
      private, memory_bytes, cpu_s} + three descriptors
         -> {"pid": 123}  or  {"error": "...", "class": "PolicyLoadError"}
     {"do": "stop", "grace_s": 0.2}
-        -> {"status": -9, "killed": true}   status as in Popen.returncode, null without a child
+        -> {"status": -9, "killed": true}   status as in Popen.returncode, 0 without a child
 
 The descriptors are the child's own pipe ends, for requests, for answers and for what it prints,
 so that nothing of one episode can be left in the pipes of the next.
@@ -85,9 +85,11 @@ class Host:
             if not packet:
                 break
             order = json.loads(packet)
-            answer = (
-                self._start(order, descriptors) if order["do"] == "start" else self._stop(order)
-            )
+            if order["do"] == "start":
+                answer = self._start(order, descriptors)
+            else:
+                status, killed = self._end_child(order["grace_s"])
+                answer = {"status": status, "killed": killed}
             self._control.sendall(json.dumps(answer).encode())
         self._end_child(0.0)
 
@@ -147,12 +149,6 @@ class Host:
                 os._exit(1)
         self._child = child
         return child
-
-    def _stop(self, order: dict[str, Any]) -> dict[str, Any]:
-        if not self._child:
-            return {"status": None, "killed": False}
-        status, killed = self._end_child(order["grace_s"])
-        return {"status": status, "killed": killed}
 
     def _end_child(self, grace_s: float) -> tuple[int, bool]:
         """Give the child so long to exit by itself, then kill it with all it started.

@@ -272,7 +272,7 @@ class PolicyProcess:
                 pipes.hang_up()
             answer = self._host.order({"do": "stop", "grace_s": grace_s}, STOP_TIMEOUT_S)
             last_line = "" if pipes is None else pipes.output.last_line()
-            return _Ending(answer["status"] or 0, answer["killed"], last_line)
+            return _Ending(answer["status"], answer["killed"], last_line)
         except HostGoneError as error:
             self._drop_host()
             raise InfrastructureError(f"the policy's host process ended ({error})") from error

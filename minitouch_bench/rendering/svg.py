@@ -142,7 +142,7 @@ def draw_plot(plot: Plot, width: int = WIDTH, kind: str = "") -> Markup:
     return Markup(
         f'<svg class="drawing{" " + kind if kind else ""}" '
         f'viewBox="0 0 {width} {_n(layout.height)}" '
-        f'role="img" aria-label="{_escape(plot.description)}">{"".join(parts)}</svg>'
+        f'role="img" aria-label="{html.escape(plot.description)}">{"".join(parts)}</svg>'
     )
 
 
@@ -156,7 +156,7 @@ def draw_share_bar(parts: Sequence[tuple[str, str, int]], description: str) -> M
     for tone, name, count in parts:
         share = 100 * count / total
         if count:
-            said = _escape(f"{name}: {count} of {total}")
+            said = html.escape(f"{name}: {count} of {total}")
             drawn.append(
                 f'<rect class="area {tone}" x="{_n(x)}%" width="{_n(max(share - 0.25, 0.1))}%" '
                 f'height="16" rx="2"><title>{said}</title></rect>'
@@ -165,7 +165,7 @@ def draw_share_bar(parts: Sequence[tuple[str, str, int]], description: str) -> M
                 drawn.append(f'<text x="{_n(x)}%" dx="1" y="27">{count}</text>')
         x += share
     return Markup(
-        f'<svg class="drawing bar" role="img" aria-label="{_escape(description)}">'
+        f'<svg class="drawing bar" role="img" aria-label="{html.escape(description)}">'
         f"{''.join(drawn)}</svg>"
     )
 
@@ -200,7 +200,7 @@ def _grid(frame: Frame) -> Iterator[str]:
         height = (frame.top + frame.bottom) / 2
         yield (
             f'<text class="middle" transform="translate(10 {_n(height)}) rotate(-90)">'
-            f"{_escape(chart.y.label)}</text>"
+            f"{html.escape(chart.y.label)}</text>"
         )
 
 
@@ -231,8 +231,8 @@ def _dot(frame: Frame, dot: Dot) -> Iterator[str]:
     if dot.label:
         drawn += _text(x + dot.size, y + 4, dot.label, "ink")
     if dot.title:
-        drawn = f"<g><title>{_escape(dot.title)}</title>{drawn}</g>"
-    yield f'<a href="{_escape(dot.link)}">{drawn}</a>' if dot.link else drawn
+        drawn = f"<g><title>{html.escape(dot.title)}</title>{drawn}</g>"
+    yield f'<a href="{html.escape(dot.link)}">{drawn}</a>' if dot.link else drawn
 
 
 def _outline(shape: Shape, x: float, y: float, r: float) -> str:
@@ -249,11 +249,7 @@ def _path(kind: str, path: str) -> str:
 
 
 def _text(x: float, y: float, text: str, kind: str) -> str:
-    return f'<text class="{kind}" x="{_n(x)}" y="{_n(y)}">{_escape(text)}</text>'
-
-
-def _escape(text: str) -> str:
-    return html.escape(text)
+    return f'<text class="{kind}" x="{_n(x)}" y="{_n(y)}">{html.escape(text)}</text>'
 
 
 def _n(value: float) -> str:

@@ -1,7 +1,8 @@
 """Make shape number i: draw, size, decompose, prove; the same shape whoever asks, and when."""
 
-from collections.abc import Mapping
+from collections import Counter
 from dataclasses import dataclass, field
+from typing import Any
 
 import coacd
 import numpy as np
@@ -9,7 +10,15 @@ import numpy as np
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.shapegen.families import FAMILIES
 from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments, widest_side
-from minitouch_bench.shapegen.record import Body, decode, encode, quantized
+from minitouch_bench.shapegen.poses import RestPose
+from minitouch_bench.shapegen.record import (
+    Body,
+    body_files,
+    decode,
+    digest,
+    encode,
+    quantized,
+)
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
     Measures,
@@ -58,35 +67,24 @@ class BuildConfig:
     soundness: SoundnessConfig = field(default_factory=SoundnessConfig)
 
 
-@dataclass(frozen=True)
-class MadeShape:
-    """A sound shape and how it came about; ``refused`` counts the draws before it by reason."""
-
-    index: int
-    family: str
-    attempt: int
-    density: float
-    body: Body
-    measures: Measures
-    refused: Mapping[str, int]
-
-
 def family_of(index: int) -> str:
     """Return the family of shape number ``index``: they take turns."""
     names = tuple(FAMILIES)
     return names[index % len(names)]
 
 
-def make_shape(root: int, index: int, config: BuildConfig) -> MadeShape:
-    """Make shape ``index`` of the set with seed ``root``.
+def make_shape(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
+    """Return the manifest's entry and the record of a shape, of (seed of the set, index).
 
-    Every attempt has its own random stream, so nothing depends on other shapes.
+    Every attempt has its own random stream, so nothing depends on other shapes. ``refused`` in
+    the entry counts the draws before it by reason. Runs in a worker.
 
     Raises:
         InfrastructureError: no attempt gave a sound shape.
     """
-    family = family_of(index)
-    refused: dict[str, int] = {}
+    root, index = task
+    config, family = BuildConfig(), family_of(index)
+    refused: Counter[str] = Counter()
     for attempt in range(config.attempts):
         rng = np.random.default_rng(np.random.SeedSequence([root, index, attempt]))
         try:
@@ -95,12 +93,52 @@ def make_shape(root: int, index: int, config: BuildConfig) -> MadeShape:
             body = weighed(mesh, density, config.decomposition)
             measures = examine(body, config.soundness)
         except UnsoundError as error:
-            refused[error.reason.name] = refused.get(error.reason.name, 0) + 1
+            refused[error.reason.name] += 1
             continue
-        return MadeShape(index, family, attempt, density, body, measures, refused)
+        own = {
+            "name": f"shape-{index:04d}",
+            "family": family,
+            "attempt": attempt,
+            "refused": dict(sorted(refused.items())),
+        }
+        return {**own, **entry_of(body, measures, density)}, encode(body)
     raise InfrastructureError(
         f"shape {index} ({family}): no sound shape in {config.attempts} draws"
     )
+
+
+def entry_of(body: Body, measures: Measures, density: float) -> dict[str, Any]:
+    """Return the manifest's entry of a body, without name, split and place in the pack.
+
+    SI units; measures are rounded, mass and poses are not, since simulations start from them.
+    """
+    x, y, z = body.visual.extents.tolist()
+    return {
+        "mass_kg": body.mass,
+        "density": round(density, 3),
+        "extents_m": [round(side, 6) for side in (x, y, z)],
+        "volume_m3": round(measures.volume, 12),
+        "convexity": round(measures.convexity, 5),
+        "genus": measures.genus,
+        "wall_m": round(measures.wall, 5),
+        "faces": len(body.visual.faces),
+        "hulls": len(body.hulls),
+        "hull_vertices": sum(len(hull.vertices) for hull in body.hulls),
+        "misfit": round(measures.misfit, 5),
+        "outside_m": round(measures.outside, 5),
+        "lifted": round(measures.lifted, 4),
+        "poses": [_pose(pose) for pose in measures.poses],
+        "sha256": digest(encode(body)),
+        "files_sha256": body_files(body).sha256,
+    }
+
+
+def _pose(pose: RestPose) -> dict[str, Any]:
+    return {
+        "quaternion": list(pose.quaternion),
+        "height_m": pose.height,
+        "probability": round(pose.probability, 5),
+    }
 
 
 def sized(solid: Solid, rng: np.random.Generator, config: BuildConfig) -> Mesh:

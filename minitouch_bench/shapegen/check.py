@@ -11,8 +11,8 @@ import numpy as np
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, read_file
 from minitouch_bench.processes import run_in_workers
-from minitouch_bench.shapegen.build import BuildConfig
-from minitouch_bench.shapegen.generate import Progress, entry_of
+from minitouch_bench.shapegen.build import BuildConfig, entry_of
+from minitouch_bench.shapegen.generate import Progress
 from minitouch_bench.shapegen.likeness import (
     SMALLEST_P,
     descriptor,
@@ -158,7 +158,7 @@ def examine_record(record: bytes) -> tuple[str, dict[str, Any]]:
         measures = examine(body, BuildConfig().soundness)
     except UnsoundError as error:
         return str(error), {}
-    return "", entry_of(body, measures, 0.0, {})
+    return "", entry_of(body, measures, 0.0)
 
 
 def _likeness_problems(shapes: ShapeSet, bodies: list[Body]) -> tuple[list[str], float | None]:

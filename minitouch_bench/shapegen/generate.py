@@ -2,6 +2,8 @@
 
 import json
 import platform
+import shutil
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -14,9 +16,7 @@ from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import BuildConfig, make_shape
 from minitouch_bench.shapegen.families import GENERATOR_VERSION
 from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, content_digest, splits_of
-from minitouch_bench.shapegen.poses import RestPose
-from minitouch_bench.shapegen.record import Body, body_files, digest, encode
-from minitouch_bench.shapegen.soundness import Measures
+from minitouch_bench.shapegen.record import digest
 
 PARTIAL, PLAN = ".partial", "plan.json"
 Progress = Callable[[int, int], None]
@@ -58,33 +58,16 @@ def generate(
         progress(count - len(missing), count)
         tasks = [(root, index) for index in missing]
         for done, (position, (entry, record)) in enumerate(
-            run_in_workers(make_entry, tasks, workers, name=lambda task: f"shape {task[1]}"),
+            run_in_workers(make_shape, tasks, workers, name=lambda task: f"shape {task[1]}"),
             start=1,
         ):
             write_partial(partial, missing[position], entry, record)
             progress(count - len(missing) + done, count)
         made = [found for i in range(count) if (found := read_partial(partial, i)) is not None]
         document = write_set(folder, header, made)
-        remove_partial(partial)
-    refused: dict[str, int] = {}
-    for entry, _ in made:
-        for reason, number in entry["refused"].items():
-            refused[reason] = refused.get(reason, 0) + number
+        shutil.rmtree(partial)
+    refused = sum((Counter(entry["refused"]) for entry, _ in made), Counter[str]())
     return GenerateResult(folder, content_digest(document), count, refused)
-
-
-def make_entry(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
-    """Return entry and record of one shape, for (root, index); runs in a worker."""
-    root, index = task
-    made = make_shape(root, index, BuildConfig())
-    extra = {
-        "name": f"shape-{index:04d}",
-        "family": made.family,
-        "attempt": made.attempt,
-        "refused": dict(sorted(made.refused.items())),
-    }
-    entry = entry_of(made.body, made.measures, made.density, extra)
-    return entry, encode(made.body)
 
 
 def opened_partial(folder: Path, plan: dict[str, Any]) -> Path:
@@ -131,48 +114,6 @@ def read_partial(partial: Path, index: int) -> tuple[dict[str, Any], bytes] | No
     except (OSError, ValueError):
         return None
     return (entry, record) if entry.get("sha256") == digest(record) else None
-
-
-def remove_partial(partial: Path) -> None:
-    """Delete what a finished generation no longer needs."""
-    for path in partial.iterdir():
-        path.unlink()
-    partial.rmdir()
-
-
-def entry_of(body: Body, measures: Measures, density: float, extra: Mapping[str, Any]) -> Any:
-    """Return the manifest's entry of a body, without name, split and place in the pack.
-
-    SI units; measures are rounded, mass and poses are not, since simulations start from them.
-    """
-    x, y, z = body.visual.extents.tolist()
-    return {
-        **extra,
-        "mass_kg": body.mass,
-        "density": round(density, 3),
-        "extents_m": [round(side, 6) for side in (x, y, z)],
-        "volume_m3": round(measures.volume, 12),
-        "convexity": round(measures.convexity, 5),
-        "genus": measures.genus,
-        "wall_m": round(measures.wall, 5),
-        "faces": len(body.visual.faces),
-        "hulls": len(body.hulls),
-        "hull_vertices": sum(len(hull.vertices) for hull in body.hulls),
-        "misfit": round(measures.misfit, 5),
-        "outside_m": round(measures.outside, 5),
-        "lifted": round(measures.lifted, 4),
-        "poses": [_pose(pose) for pose in measures.poses],
-        "sha256": digest(encode(body)),
-        "files_sha256": body_files(body).sha256,
-    }
-
-
-def _pose(pose: RestPose) -> dict[str, Any]:
-    return {
-        "quaternion": list(pose.quaternion),
-        "height_m": pose.height,
-        "probability": round(pose.probability, 5),
-    }
 
 
 def versions() -> dict[str, str]:

@@ -12,8 +12,8 @@ import trimesh
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import lock_directory
 from minitouch_bench.processes import run_in_workers
-from minitouch_bench.shapegen.build import BuildConfig, weighed
-from minitouch_bench.shapegen.generate import Progress, entry_of, write_set
+from minitouch_bench.shapegen.build import BuildConfig, entry_of, weighed
+from minitouch_bench.shapegen.generate import Progress, write_set
 from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
 from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments, widest_side
 from minitouch_bench.shapegen.reading import UnreadableError, find_objects, read_object
@@ -207,7 +207,7 @@ def _proven(mesh: Mesh, config: ImportConfig) -> tuple[dict[str, Any], bytes]:
     low, high = (mass / volume for mass in build.soundness.mass)
     density = float(np.clip(config.density, low * 1.0001, high * 0.9999))
     body = weighed(mesh, density, build.decomposition)
-    return entry_of(body, examine(body, build.soundness), density, {}), encode(body)
+    return entry_of(body, examine(body, build.soundness), density), encode(body)
 
 
 def _name(source: str) -> str:

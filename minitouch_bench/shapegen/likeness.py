@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations, product
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from minitouch_bench.shapegen.mesh import Mesh, Points, face_normals, solid_moments
 from minitouch_bench.shapegen.record import Body
@@ -104,7 +105,7 @@ def aligned_iou(first: Mesh, second: Mesh) -> float:
     """Return the best IoU of two solids in their body frames over the 24 turns of a cube."""
     solid = to_solid(first)
     best = 0.0
-    for turn in _cube_turns():
+    for turn in np.rint(Rotation.create_group("O").as_matrix()):
         turned = second.moved(turn, np.zeros(3))
         if np.abs(turned.extents - first.extents).max() > 0.006:
             continue
@@ -112,16 +113,6 @@ def aligned_iou(first: Mesh, second: Mesh) -> float:
         shared = float((solid ^ other).volume())
         best = max(best, shared / (float(solid.volume()) + float(other.volume()) - shared))
     return best
-
-
-def _cube_turns() -> list[Points]:
-    turns = []
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            matrix = np.eye(3)[list(order)] * np.array(signs)[:, None]
-            if np.linalg.det(matrix) > 0:
-                turns.append(matrix)
-    return turns
 
 
 def split_p_value(

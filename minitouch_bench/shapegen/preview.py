@@ -5,7 +5,6 @@ import html
 import io
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,16 +32,8 @@ TRAIN_COLOR = (0.36, 0.58, 0.82, 1.0)
 HELD_OUT_COLOR = (0.93, 0.58, 0.26, 1.0)
 
 
-@dataclass(frozen=True)
-class PreviewFiles:
-    """The pictures and the page that were written."""
-
-    sheets: tuple[Path, ...]
-    page: Path
-
-
-def preview(shapes: ShapeSet, folder: Path, progress: Progress = lambda *_: None) -> PreviewFiles:
-    """Write one sheet per family and split, and ``index.html`` with every shape.
+def preview(shapes: ShapeSet, folder: Path, progress: Progress = lambda *_: None) -> list[Path]:
+    """Write one sheet per family and split, then ``index.html`` with every shape.
 
     Raises:
         InfrastructureError: the folder cannot be written.
@@ -52,7 +43,7 @@ def preview(shapes: ShapeSet, folder: Path, progress: Progress = lambda *_: None
         for done, shape in enumerate(shapes.shapes, start=1):
             pictures[shape.name] = _picture(client, shape)
             progress(done, len(shapes.shapes))
-    sheets = []
+    written = []
     with os_errors_as(InfrastructureError, folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
         for family in sorted({shape.family for shape in shapes.shapes}):
@@ -62,10 +53,10 @@ def preview(shapes: ShapeSet, folder: Path, progress: Progress = lambda *_: None
                     path = folder / f"{family}-{split}.png"
                     title = f"{family}, {split}: {len(chosen)}"
                     replace_file(path, _png(_sheet(chosen, pictures, title)))
-                    sheets.append(path)
+                    written.append(path)
         page = folder / "index.html"
         replace_file(page, _page(shapes, pictures).encode())
-    return PreviewFiles(tuple(sheets), page)
+    return [*written, page]
 
 
 def _picture(client: PhysicsClient, shape: Shape) -> Picture:

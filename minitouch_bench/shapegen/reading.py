@@ -50,10 +50,14 @@ def read_object(path: Path) -> Mesh:
         UnreadableError: it is no mesh, too large, empty, or has vertices that are not finite.
     """
     if path.suffix.lower() == ".urdf":
-        meshes = [_scaled(read_object(name), scale) for name, scale in _urdf_meshes(path)]
+        meshes = [(read_object(name), scale) for name, scale in _urdf_meshes(path)]
         if not meshes:
             raise UnreadableError("the URDF names no mesh")
-        return _joined(meshes)
+        joined: Any = trimesh.util.append_faces(
+            [mesh.vertices * np.array(scale) for mesh, scale in meshes],
+            [mesh.faces for mesh, _ in meshes],
+        )
+        return Mesh(joined[0], joined[1].astype(np.int32))
     _check_size(path)
     try:
         with warnings.catch_warnings():
@@ -92,20 +96,6 @@ def _welded(mesh: Mesh) -> Mesh:
         (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     )
     return Mesh(points, faces[kept])
-
-
-def _joined(meshes: list[Mesh]) -> Mesh:
-    offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
-    return Mesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate([m.faces + o for m, o in zip(meshes, offsets, strict=True)]).astype(
-            np.int32
-        ),
-    )
-
-
-def _scaled(mesh: Mesh, scale: tuple[float, ...]) -> Mesh:
-    return Mesh(mesh.vertices * np.array(scale), mesh.faces)
 
 
 def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, tuple[float, ...]]]:

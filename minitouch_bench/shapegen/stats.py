@@ -1,9 +1,9 @@
 """What a set is made of: counts, sizes, masses, hulls, likeness, and whether the split is fair."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minitouch_bench.shapegen.likeness import (
     biased_split,
@@ -30,92 +30,67 @@ QUANTITIES: Mapping[str, Callable[[Shape], float]] = {
 """Each quantity of the table, from a shape."""
 
 
-@dataclass(frozen=True)
-class Row:
-    """One quantity over some shapes: mean, extremes and three quantiles."""
-
-    name: str
-    group: str
-    mean: float
-    quantiles: tuple[float, float, float, float, float]
+BY_FAMILY = ("hulls", "convexity", "mass, g")
+"""Quantities that are told of each family, too."""
 
 
-@dataclass(frozen=True)
-class SetStats:
-    """The distribution of a set.
+def stats_text(shapes: ShapeSet) -> str:
+    """Measure a set and return its statistics as a plain table.
 
-    ``families``: (train, held-out) counts. ``nearest``: median and least distance (mm, earth
-    mover's between distance histograms) from a shape to its nearest, by "train to train" and
-    "held-out to train". ``p_values``: permutation test of the split and of biased ones.
-    """
-
-    rows: tuple[Row, ...]
-    families: dict[str, tuple[int, int]]
-    nearest: dict[str, tuple[float, float]]
-    p_values: dict[str, float]
-
-
-def set_stats(shapes: ShapeSet) -> SetStats:
-    """Measure a set.
+    Quantities: mean, extremes and three quantiles, of all shapes and by family. Nearest: median
+    and least distance from a shape to its nearest, earth mover's between distance histograms.
 
     Raises:
         UsageError: a record is damaged.
     """
     listed = shapes.shapes
-    rows = [_row(listed, name, "all") for name in QUANTITIES]
-    families = sorted({shape.family for shape in listed})
-    counts = {}
-    for family in families:
-        members = [shape for shape in listed if shape.family == family]
-        rows += [_row(members, name, family) for name in ("hulls", "convexity", "mass, g")]
-        held = sum(shape.split == HELD_OUT for shape in members)
-        counts[family] = (len(members) - held, held)
-    descriptors = np.array([descriptor(shape.body()) for shape in listed])
-    return SetStats(
-        tuple(rows), counts, _nearest(listed, descriptors), _p_values(listed, descriptors)
-    )
-
-
-def stats_text(stats: SetStats) -> str:
-    """Return the statistics as a plain table."""
+    by_family = {
+        family: [shape for shape in listed if shape.family == family]
+        for family in sorted({shape.family for shape in listed})
+    }
     lines = [f"{'quantity':20} {'of':10} {'mean':>9} {'min':>9} {'5 %':>9} {'median':>9} "
              f"{'95 %':>9} {'max':>9}"]  # fmt: skip
-    for row in stats.rows:
-        numbers = " ".join(f"{number:9.3f}" for number in (row.mean, *row.quantiles))
-        lines.append(f"{row.name:20} {row.group:10} {numbers}")
+    lines += [_quantity_line(name, "all", listed) for name in QUANTITIES]
+    for family, members in by_family.items():
+        lines += [_quantity_line(name, family, members) for name in BY_FAMILY]
     lines += ["", f"{'family':20} {TRAIN:>9} {HELD_OUT:>9}"]
-    lines += [f"{name:20} {a:9d} {b:9d}" for name, (a, b) in stats.families.items()]
+    for family, members in by_family.items():
+        held = sum(shape.split == HELD_OUT for shape in members)
+        lines.append(f"{family:20} {len(members) - held:9d} {held:9d}")
+    descriptors = np.array([descriptor(shape.body()) for shape in listed])
     lines += ["", f"{'nearest shape, mm':20} {'median':>9} {'least':>9}"]
-    lines += [f"{name:20} {a:9.3f} {b:9.3f}" for name, (a, b) in stats.nearest.items()]
+    lines += _nearest_lines(listed, descriptors)
     lines += ["", "permutation test that train and held-out are one kind"]
-    lines += [f"{name:40} p = {p:.4f}" for name, p in stats.p_values.items()]
+    lines += _split_lines(listed, descriptors)
     return "\n".join(lines)
 
 
-def _row(shapes: Sequence[Shape], name: str, group: str) -> Row:
+def _quantity_line(name: str, group: str, shapes: Sequence[Shape]) -> str:
     values = np.array([float(QUANTITIES[name](shape)) for shape in shapes])
-    low, five, median, ninety_five, high = np.quantile(values, (0, 0.05, 0.5, 0.95, 1)).tolist()
-    return Row(name, group, float(values.mean()), (low, five, median, ninety_five, high))
+    numbers = (values.mean(), *np.quantile(values, (0, 0.05, 0.5, 0.95, 1)))
+    return f"{name:20} {group:10} " + " ".join(f"{number:9.3f}" for number in numbers)
 
 
-def _nearest(shapes: Sequence[Shape], descriptors: Points) -> dict[str, tuple[float, float]]:
+def _held_out(shapes: Sequence[Shape]) -> NDArray[np.bool_] | None:
+    """Return which shapes are held out; None where a split has too few to compare."""
+    held = np.array([shape.split == HELD_OUT for shape in shapes])
+    return held if min(held.sum(), (~held).sum()) >= 2 else None
+
+
+def _nearest_lines(shapes: Sequence[Shape], descriptors: Points) -> Iterator[str]:
+    if (held := _held_out(shapes)) is None:
+        return
     gaps = histogram_gaps(descriptors) * 1000.0
     np.fill_diagonal(gaps, np.inf)
-    held = np.array([shape.split == HELD_OUT for shape in shapes])
-    if held.sum() < 2 or (~held).sum() < 2:
-        return {}
-    pairs = {"train to train": (~held, ~held), "held-out to train": (held, ~held)}
-    found = {}
-    for name, (rows, columns) in pairs.items():
-        least = gaps[np.ix_(rows, columns)].min(axis=1)
-        found[name] = (float(np.median(least)), float(least.min()))
-    return found
+    for name, rows in (("train to train", ~held), ("held-out to train", held)):
+        least = gaps[np.ix_(rows, ~held)].min(axis=1)
+        yield f"{name:20} {np.median(least):9.3f} {least.min():9.3f}"
 
 
-def _p_values(shapes: Sequence[Shape], descriptors: Points) -> dict[str, float]:
-    held = np.array([shape.split == HELD_OUT for shape in shapes])
-    if held.sum() < 2 or (~held).sum() < 2:
-        return {}
+def _split_lines(shapes: Sequence[Shape], descriptors: Points) -> Iterator[str]:
+    """Test the set's split, and beside it splits that were biased on purpose."""
+    if (held := _held_out(shapes)) is None:
+        return
     families = [shape.family for shape in shapes]
     convexity = np.array([float(shape.entry["convexity"]) for shape in shapes])
     mass = np.array([shape.mass for shape in shapes])
@@ -125,7 +100,6 @@ def _p_values(shapes: Sequence[Shape], descriptors: Points) -> dict[str, float]:
             splits[f"biased on purpose: {label}, strength {bias}"] = biased_split(
                 values, families, bias, np.random.default_rng(0)
             )
-    return {
-        name: split_p_value(descriptors, labels, families, np.random.default_rng(0))
-        for name, labels in splits.items()
-    }
+    for name, labels in splits.items():
+        p_value = split_p_value(descriptors, labels, families, np.random.default_rng(0))
+        yield f"{name:40} p = {p_value:.4f}"

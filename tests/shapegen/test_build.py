@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from minitouch_bench.processes import run_in_workers
-from minitouch_bench.shapegen.build import family_of
+from minitouch_bench.shapegen.build import family_of, make_shape
 from minitouch_bench.shapegen.families import FAMILIES
-from minitouch_bench.shapegen.generate import make_entry
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.shapegen.solids import to_mesh
 
@@ -39,7 +38,7 @@ def test_families_take_turns() -> None:
 
 def made_again(indices: list[int]) -> list[dict[str, Any]]:
     """Make shapes in workers, whose arithmetic is the same on every processor."""
-    made = dict(run_in_workers(make_entry, [(0, i) for i in indices], workers=2, name=str))
+    made = dict(run_in_workers(make_shape, [(0, i) for i in indices], workers=2, name=str))
     return [made[place][0] for place in range(len(indices))]
 
 

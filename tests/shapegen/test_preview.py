@@ -4,25 +4,25 @@ from PIL import Image
 
 from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.shapegen.preview import preview
-from minitouch_bench.shapegen.stats import set_stats, stats_text
+from minitouch_bench.shapegen.stats import stats_text
 
 
 def test_sheets_and_page_show_every_shape(small_set: Path, tmp_path: Path) -> None:
     shapes = load_shape_set(small_set)
-    files = preview(shapes, tmp_path / "pictures")
-    page = files.page.read_text()
+    *sheets, index = preview(shapes, tmp_path / "pictures")
+    page = index.read_text()
     assert page.count("<figure") == 16
     assert "http" not in page
     groups = {(shape.family, shape.split) for shape in shapes.shapes}
-    assert len(files.sheets) == len(groups)
-    with Image.open(files.sheets[0]) as sheet:
+    assert len(sheets) == len(groups)
+    with Image.open(sheets[0]) as sheet:
         low, high = sheet.convert("L").getextrema()
     assert low < 100
     assert high == 255
 
 
 def test_the_statistics_name_every_family_and_the_split(small_set: Path) -> None:
-    text = stats_text(set_stats(load_shape_set(small_set)))
+    text = stats_text(load_shape_set(small_set))
     assert "stacked" in text
     assert "the set's split" in text
     assert "biased on purpose: heavier, strength 1.0" in text
