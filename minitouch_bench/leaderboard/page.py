@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,7 @@ from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.pages import render_page
 from minitouch_bench.rendering.svg import draw_share_bar
 from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell, metric_head
-from minitouch_bench.reporting.labels import FaultGroup, group_faults, task_title
+from minitouch_bench.reporting.labels import group_faults, task_title
 from minitouch_bench.reporting.report import Video
 from minitouch_bench.reporting.tables import TABLE4_METRICS, gap_cells
 from minitouch_bench.reporting.writers import Card, make_card
@@ -213,7 +213,7 @@ def _seconds(value: float) -> float:
     return round(round(value * rate) / rate, 3)
 
 
-def _faults(entry: Entry) -> tuple[FaultGroup, ...]:
+def _faults(entry: Entry) -> Mapping[str, Sequence[str]]:
     """Return each fault's text with its episodes, which a run names where there are several."""
     runs = [run for seed in entry.seeds for run in seed.runs.values()]
     return group_faults(

@@ -2,7 +2,7 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from minitouch_bench.errors import UsageError
@@ -16,20 +16,15 @@ SHOWN_EPISODES = 12
 
 
 @dataclass(frozen=True)
-class FaultGroup:
-    """What a policy did wrong, and in which episodes."""
-
-    text: str
-    episodes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class RunSection:
-    """One run in a report: its name there, its labels, faults and command line."""
+    """One run in a report: its name there, its labels, faults and command line.
+
+    ``faults``: what its policy did wrong, and in which episodes.
+    """
 
     name: str
     labels: tuple[str, ...]
-    faults: tuple[FaultGroup, ...]
+    faults: Mapping[str, Sequence[str]]
     command: str
     run: SavedRun
 
@@ -85,23 +80,23 @@ def run_names(runs: Sequence[SavedRun]) -> tuple[str, ...]:
     )
 
 
-def group_faults(faults: Iterable[tuple[str, str]]) -> tuple[FaultGroup, ...]:
-    """Tell equal faults once; ``faults``: episode and text."""
+def group_faults(faults: Iterable[tuple[str, str]]) -> Mapping[str, Sequence[str]]:
+    """Return the episodes of each fault by its text; ``faults``: episode and text."""
     episodes: dict[str, list[str]] = {}
     for key, text in faults:
         episodes.setdefault(printable(text), []).append(printable(key))
-    return tuple(FaultGroup(text, tuple(keys)) for text, keys in episodes.items())
+    return episodes
 
 
 def fault_lines(section: RunSection) -> list[str]:
     """Return a line per fault of a run: what went wrong, how often and in which episodes."""
     lines = []
-    for fault in section.faults:
-        count = len(fault.episodes)
+    for text, episodes in section.faults.items():
+        count = len(episodes)
         times = f"{count} {'episode' if count == 1 else 'episodes'}"
-        shown = ", ".join(fault.episodes[:SHOWN_EPISODES])
+        shown = ", ".join(episodes[:SHOWN_EPISODES])
         rest = f" and {count - SHOWN_EPISODES} more" if count > SHOWN_EPISODES else ""
-        lines.append(f"{section.name}: {fault.text} ({times}: {shown}{rest})")
+        lines.append(f"{section.name}: {text} ({times}: {shown}{rest})")
     return lines
 
 
