@@ -98,7 +98,7 @@ def changes_table(changes: Sequence[OutcomeChange], titles: tuple[str, str]) -> 
         columns=(
             Column(titles[0], is_text=True),
             Column(titles[1], is_text=True),
-            Column(f"Replay of {titles[1]}", is_text=True),
+            Column(f"Replay of {titles[1]}", is_text=True, is_code=True),
         ),
         rows=tuple(
             Row(

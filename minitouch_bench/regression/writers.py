@@ -9,28 +9,11 @@ from xml.etree import ElementTree
 from rich.console import Console, Group, RenderableType
 from rich.text import Text
 
+from minitouch_bench.regression import tables
 from minitouch_bench.regression.comparison import Comparison, OutcomeChange
 from minitouch_bench.regression.gate import Decision, GateResult, JudgedMetric
-from minitouch_bench.regression.tables import (
-    changes_table,
-    comparison_lines,
-    comparison_notes,
-    comparison_tables,
-    decision_text,
-    difference_text,
-    effect_head,
-    episodes_line,
-    gate_notes,
-    gate_table,
-    gate_tables,
-    next_line,
-    p_text,
-    result_line,
-    run_line,
-)
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.markdown import code_span, escape, table_lines
-from minitouch_bench.reporting.tables import OUTCOME_TITLES
 from minitouch_bench.reporting.writers import draw_table
 
 SHOWN_CHANGES, SUMMARY_CHANGES = 20, 50
@@ -51,14 +34,14 @@ SUITE = "minitouch-bench regress"
 
 def show_comparison(comparison: Comparison, console: Console) -> None:
     """Print a comparison; text is never read as markup."""
-    parts: list[RenderableType] = [Text(run_line(run)) for run in comparison.runs]
+    parts: list[RenderableType] = [Text(tables.run_line(run)) for run in comparison.runs]
     for one in comparison.pairs:
         title = f"{one.second} against {one.first}"
         parts += [Text(), Text(title, style="bold underline")]
-        parts += [Text(line) for line in comparison_lines(one)]
-        parts += [draw_table(table) for table in comparison_tables(one)]
+        parts += [Text(line) for line in tables.comparison_lines(one)]
+        parts += [draw_table(table) for table in tables.comparison_tables(one)]
         parts += _changes_on_screen(one.changes, (one.first, one.second))
-    parts += [Text(), *(Text(note, style="dim") for note in comparison_notes(comparison))]
+    parts += [Text(), *(Text(note, style="dim") for note in tables.comparison_notes(comparison))]
     console.print(Group(*parts))
 
 
@@ -66,20 +49,20 @@ def show_result(result: GateResult, console: Console) -> None:
     """Print a gate's result; the last two lines are PASS or FAIL, and what to type next."""
     titles = (result.baseline.title, result.candidate.title)
     parts: list[RenderableType] = [
-        Text(run_line(result.baseline)),
-        Text(run_line(result.candidate)),
+        Text(tables.run_line(result.baseline)),
+        Text(tables.run_line(result.candidate)),
         Text(),
-        *(draw_table(table) for table in gate_tables(result)),
+        *(draw_table(table) for table in tables.gate_tables(result)),
         *_changes_on_screen(result.changes, titles),
         Text(),
-        *(Text(note, style="dim") for note in gate_notes(result)),
+        *(Text(note, style="dim") for note in tables.gate_notes(result)),
         Text(),
     ]
     console.print(Group(*parts))
-    if line := episodes_line(result):
+    if line := tables.episodes_line(result):
         console.print(Text(line), soft_wrap=True)
-    console.print(Text(result_line(result), style=STYLES[result.decision]), soft_wrap=True)
-    console.print(Text(next_line(result)), soft_wrap=True)
+    console.print(Text(tables.result_line(result), style=STYLES[result.decision]), soft_wrap=True)
+    console.print(Text(tables.next_line(result)), soft_wrap=True)
 
 
 def _changes_on_screen(
@@ -90,7 +73,7 @@ def _changes_on_screen(
     more = len(changes) - SHOWN_CHANGES
     parts: list[RenderableType] = [
         Text(),
-        draw_table(changes_table(changes[:SHOWN_CHANGES], titles)),
+        draw_table(tables.changes_table(changes[:SHOWN_CHANGES], titles)),
     ]
     if more > 0:
         parts.append(Text(f"and {more} more; --json has all of them", style="dim"))
@@ -100,29 +83,32 @@ def _changes_on_screen(
 def comparison_markdown(comparison: Comparison) -> str:
     """Write a comparison as a page."""
     parts = ["# Comparison of runs", ""]
-    parts += [f"- {escape(run_line(run))}" for run in comparison.runs]
+    parts += [f"- {escape(tables.run_line(run))}" for run in comparison.runs]
     for one in comparison.pairs:
         titles = (one.first, one.second)
         parts += ["", f"## {titles[1]} against {titles[0]}"]
-        for line in comparison_lines(one):
+        for line in tables.comparison_lines(one):
             parts += ["", escape(line)]
-        for table in comparison_tables(one):
+        for table in tables.comparison_tables(one):
             parts += ["", f"### {escape(table.title)}", "", *table_lines(table)]
         parts += ["", "### Episodes that ended in another way", ""]
         parts += _markdown_changes(one.changes, titles, len(one.changes))
-    parts += ["", *(f"- {escape(note)}" for note in comparison_notes(comparison))]
+    parts += ["", *(f"- {escape(note)}" for note in tables.comparison_notes(comparison))]
     return "\n".join(parts) + "\n"
 
 
 def gate_markdown(result: GateResult) -> str:
     """Write a result as a section of a page, such as a GitHub step summary."""
-    parts = [f"## {MARKS[result.decision]} minitouch-bench {escape(result_line(result))}", ""]
-    parts += [f"- {escape(run_line(run))}" for run in (result.baseline, result.candidate)]
-    if line := episodes_line(result):
+    parts = [
+        f"## {MARKS[result.decision]} minitouch-bench {escape(tables.result_line(result))}",
+        "",
+    ]
+    parts += [f"- {escape(tables.run_line(run))}" for run in (result.baseline, result.candidate)]
+    if line := tables.episodes_line(result):
         parts.append(f"- {escape(line)}")
     parts.append(f"- next: {code_span(result.next_command)}")
-    parts += ["", *table_lines(gate_table(result)), ""]
-    parts += [f"- {escape(note)}" for note in gate_notes(result)]
+    parts += ["", *table_lines(tables.gate_table(result)), ""]
+    parts += [f"- {escape(note)}" for note in tables.gate_notes(result)]
     if result.changes:
         title = f"{len(result.changes)} episodes ended in another way"
         titles = (result.baseline.title, result.candidate.title)
@@ -135,18 +121,9 @@ def gate_markdown(result: GateResult) -> str:
 def _markdown_changes(
     changes: Sequence[OutcomeChange], titles: tuple[str, str], most: int
 ) -> list[str]:
-    """List the changed episodes; the command stands in a code span, ready to copy."""
     if not changes:
         return ["None."]
-    lines = table_lines(changes_table((), titles))
-    for change in changes[:most]:
-        cells = (
-            change.episode,
-            OUTCOME_TITLES[change.first],
-            OUTCOME_TITLES[change.second],
-        )
-        command = code_span(change.replays[1]).replace("|", "\\|")
-        lines.append(f"| {' | '.join(map(escape, cells))} | {command} |")
+    lines = table_lines(tables.changes_table(changes[:most], titles))
     if len(changes) > most:
         lines += ["", f"and {len(changes) - most} more."]
     return lines
@@ -198,12 +175,12 @@ def gate_junit(result: GateResult) -> str:
         ("baseline", result.baseline.path),
         ("candidate", result.candidate.path),
         ("alpha", f"{result.settings.alpha:g}"),
-        ("result", result_line(result)),
+        ("result", tables.result_line(result)),
     ):
         ElementTree.SubElement(properties, "property", {"name": name, "value": printable(value)})
     for one, kind in zip(result.judged, kinds, strict=True):
         _add_case(suite, one, kind)
-    lines = [episodes_line(result), *gate_notes(result), next_line(result)]
+    lines = [tables.episodes_line(result), *tables.gate_notes(result), tables.next_line(result)]
     ElementTree.SubElement(suite, "system-out").text = "\n".join(
         printable(line) for line in lines if line
     )
@@ -221,15 +198,16 @@ def _kind(judged: JudgedMetric, result: GateResult) -> str:
 
 def _add_case(suite: ElementTree.Element, judged: JudgedMetric, kind: str) -> None:
     effect = judged.effect
-    difference = difference_text(effect)
+    difference = tables.difference_text(effect)
     names = {"classname": f"minitouch.{effect.task}", "name": effect.metric, "time": "0"}
     case = ElementTree.SubElement(suite, "testcase", names)
     found = ElementTree.SubElement(case, kind)
     if kind != "system-out":
-        found.set("message", printable(f"{decision_text(judged)}: {difference}"))
+        found.set("message", printable(f"{tables.decision_text(judged)}: {difference}"))
     if kind == "failure":
         found.set("type", judged.decision.value)
     found.text = printable(
-        f"{effect_head(effect)}: candidate minus baseline {difference}, "
-        f"tolerance {judged.tolerance:g}, p {p_text(judged.p_adjusted)}, {effect.count} episodes"
+        f"{tables.effect_head(effect)}: candidate minus baseline {difference}, "
+        f"tolerance {judged.tolerance:g}, p {tables.p_text(judged.p_adjusted)}, "
+        f"{effect.count} episodes"
     )

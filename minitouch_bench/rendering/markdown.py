@@ -38,7 +38,11 @@ def table_lines(table: Table) -> list[str]:
         first = [escape(head) for head in row.heads]
         if row.unit:
             first[-1] += f"<br>{escape(row.unit)}"
-        lines.append(_line([*first, *(escape(str(cell)) for cell in row.cells)]))
+        cells = (
+            code_span(str(cell)).replace("|", "\\|") if column.is_code else escape(str(cell))
+            for cell, column in zip(row.cells, table.columns, strict=True)
+        )
+        lines.append(_line([*first, *cells]))
     return lines
 
 

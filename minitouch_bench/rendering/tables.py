@@ -41,7 +41,8 @@ class Cell:
 class Column:
     """A column: ``group`` names the block it belongs to, "" for none.
 
-    ``is_text`` marks a column of words, which may be broken into lines.
+    ``is_text`` marks a column of words, which may be broken into lines, ``is_code`` one of
+    commands to copy.
     """
 
     label: str
@@ -49,6 +50,7 @@ class Column:
     unit: str = ""
     is_paper: bool = False
     is_text: bool = False
+    is_code: bool = False
 
 
 @dataclass(frozen=True)
