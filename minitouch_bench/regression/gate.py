@@ -168,10 +168,12 @@ def judge_values(
     found = []
     for values, effect, p_value in zip(guarded, effects, adjusted, strict=True):
         allowed = settings.tolerance(effect.task, effect.metric).absolute(effect.first)
+        # The interval of a share is good for any number of episodes.
+        is_believed = effect.count >= FEWEST_FOR_A_MEAN or is_binary(effect.metric)
         decision, needed = Decision.INCONCLUSIVE, None
         if effect.worsening > allowed and p_value <= settings.alpha:
             decision = Decision.REGRESSION
-        elif effect.worst <= allowed and _has_enough(effect):
+        elif effect.worst <= allowed and is_believed:
             decision = Decision.PASSED
         else:
             needed = _needed(values, effect, allowed, settings.alpha / len(effects))
@@ -191,11 +193,6 @@ def episodes_needed(judged: Sequence[JudgedMetric]) -> int | None:
     counts = [one.episodes_needed for one in judged if one.decision is Decision.INCONCLUSIVE]
     known = [count for count in counts if count is not None]
     return max(known) if known and len(known) == len(counts) else None
-
-
-def _has_enough(effect: Effect) -> bool:
-    """Tell whether an interval may be believed; that of a share is good for any number."""
-    return effect.count >= FEWEST_FOR_A_MEAN or is_binary(effect.metric)
 
 
 def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) -> int | None:

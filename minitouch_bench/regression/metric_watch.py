@@ -109,8 +109,10 @@ class MetricWatch:
         """Return the effect over the episodes seen; p and a share's interval hold at any stop."""
         effect = measure_effect(self._seen, self._root)
         if self._is_binary:
-            sequence = share_sequence(self._discordance, ALPHA)
-            effect = replace(effect, difference=_as_difference(sequence))
+            worsening = share_sequence(self._discordance, ALPHA)
+            low, high = -worsening.high, -worsening.low
+            difference = replace(worsening, value=-worsening.value, low=low, high=high)
+            effect = replace(effect, difference=difference)
         p_value = min(1.0, self._alpha.tests * math.exp(-self._highest_evidence))
         return JudgedMetric(replace(effect, p_value=p_value), p_value, self._allowed, self.decision)
 
@@ -168,11 +170,6 @@ class MetricWatch:
         worst = Discordance(planned, found.lost + left_to_lose, found.won)
         if -worst.difference <= self._allowed and -tango(worst).low <= self._allowed:
             self.decision = Decision.PASSED
-
-
-def _as_difference(worsening: Estimate) -> Estimate:
-    """Return a share's worsening as second minus first."""
-    return replace(worsening, value=-worsening.value, low=-worsening.high, high=-worsening.low)
 
 
 def evidence_of_loss(found: Discordance, margin: float = 0.0) -> float:

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
@@ -28,9 +27,6 @@ from minitouch_bench.reporting.frames import csv_text, make_frame
 from minitouch_bench.reporting.labels import task_title, tasks_in_order
 from minitouch_bench.reporting.over_runs import ROOT, RunOrigin
 from minitouch_bench.reporting.tables import find_estimate
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 STEPS = re.compile(r"[-_ ]?(?:(\d+)[-_ ]?steps?|steps?[-_ ]?(\d+))", re.IGNORECASE)
 """A number of steps in a name, as in ``rl_model_10000_steps``."""
@@ -163,8 +159,7 @@ def curve_csv(points: Sequence[CurvePoint]) -> str:
         for point in points for task in _tasks(points)
         if (found := point.estimate(task)) is not None
     ]  # fmt: skip
-    frame: pd.DataFrame = make_frame(columns, rows)
-    return csv_text(frame)
+    return csv_text(make_frame(columns, rows))
 
 
 def _tasks(points: Sequence[CurvePoint]) -> tuple[str, ...]:

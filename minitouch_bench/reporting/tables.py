@@ -192,7 +192,8 @@ def family_table(sections: Sequence[RunSection]) -> Table:
             columns += [Column(split, group), Column("n", group)]
     single = len(runs) == 1
     rows = []
-    for family in sorted({name for run in runs for name in _families(run)}):
+    results = [result for run in runs for result in run.summary.generalization]
+    for family in sorted({name for result in results for name in result.families}):
         for section in sections:
             heads = (printable(family),) if single else (printable(family), section.marked_name)
             cells = (cell for task in tasks for cell in _family_cells(section.run, task, family))
@@ -255,11 +256,6 @@ def _family_group(runs: Sequence[SavedRun], task: str) -> str:
     metric = METRICS[next(result.family_metric for result in found if result)]
     unit = "" if metric.is_share else f" ({metric.unit})"
     return f"{task_title(task)}: {metric.label.lower()}{unit}"
-
-
-def _families(run: SavedRun) -> tuple[str, ...]:
-    """Return the families that a run has, in any task."""
-    return _in_order(result.families for result in run.summary.generalization)
 
 
 def _tasks(runs: Sequence[SavedRun]) -> tuple[str, ...]:
