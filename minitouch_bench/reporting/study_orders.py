@@ -17,8 +17,8 @@ from minitouch_bench.rendering.tables import Cell, Column, Row, Table, format_va
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.study_figures import study_parts
 
-PAIRS: Final = (("hac", "rnd-touch"), ("rnd-touch", "rnd"), ("hac", "sac"))
-"""The better and the worse method. The first two are the order of the paper's Table 4."""
+PAIRS: Final = (("hac", "rnd-touch"), ("rnd-touch", "rnd"), ("hac", "rnd"), ("hac", "sac"))
+"""The better and the worse method. All but the last are in the order of the paper's Table 4."""
 
 SIGNIFICANT = 0.05
 MOST_ORDERS = 100_000

@@ -161,7 +161,7 @@ def sized(solid: Solid, rng: np.random.Generator, config: BuildConfig) -> Mesh:
     side = config.shortest_longest_side + share * (largest - config.shortest_longest_side)
     mesh = Mesh(quantized(mesh.vertices * (side / longest)), mesh.faces)
     check_mesh(mesh, config.soundness)
-    # The hulls' rest poses are nearly the mesh's: this refuses most flat ones before CoACD.
+    # The hulls' stable poses are nearly the mesh's: this refuses most flat ones before CoACD.
     list(statically_sound(hull_of(mesh.vertices), config.soundness))
     return mesh
 

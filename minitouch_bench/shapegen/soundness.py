@@ -199,7 +199,7 @@ def examine(body: Body, config: SoundnessConfig) -> Measures:
 
 
 def statically_sound(hull: Mesh, config: SoundnessConfig) -> Iterator[RestPose]:
-    """Yield the rest poses of a hull, all of them low and wide enough for the fingers.
+    """Yield the stable poses of a hull, all of them low and wide enough for the fingers.
 
     Raises:
         UnsoundError: there are fewer than two, or one is too flat or too wide.

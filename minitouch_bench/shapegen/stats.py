@@ -24,7 +24,7 @@ QUANTITIES: Mapping[str, Callable[[Shape], float]] = {
     "hulls": lambda shape: shape.entry["hulls"],
     "hull misfit": lambda shape: shape.entry["misfit"],
     "hull outside, mm": lambda shape: shape.entry["outside_m"] * 1000.0,
-    "rest poses": lambda shape: len(shape.poses),
+    "stable poses": lambda shape: len(shape.poses),
     "grip trials lifted": lambda shape: shape.entry["lifted"],
 }
 """Each quantity of the table, from a shape."""
