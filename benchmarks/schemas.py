@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from minitouch_bench.leaderboard.board_json import board_schema
+from minitouch_bench.leaderboard.board import board_schema
 from minitouch_bench.leaderboard.submission import submission_schema
 from minitouch_bench.reporting.run_directory import run_schema
 

@@ -8,7 +8,6 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, notes
-from minitouch_bench.errors import InterruptedRunError
 
 if TYPE_CHECKING:
     from minitouch_bench.verification.doctor import Check
@@ -28,13 +27,10 @@ def doctor(
 
     count = options.worker_count(workers) or core_count()
     checks: list[Check] = []
-    try:
-        with notes.status("examining") as status:
-            for check in examine(count):
-                checks.append(check)
-                status.update(f"{check.name}: {check.verdict}")
-    except KeyboardInterrupt as error:
-        raise InterruptedRunError("interrupted") from error
+    with notes.status("examining") as status:
+        for check in examine(count):
+            checks.append(check)
+            status.update(f"{check.name}: {check.verdict}")
     failed = [check.name for check in checks if check.verdict is Verdict.FAIL]
     if as_json:
         print(json.dumps({"healthy": not failed, "checks": [asdict(c) for c in checks]}, indent=1))

@@ -7,8 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.conditions import STANDARD, Conditions
+from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import Actor
-from minitouch_bench.policies.isolate import effective_level, isolate
+from minitouch_bench.policies.in_memory import keep_in_memory
+from minitouch_bench.policies.isolate import effective_level, isolate, try_policy
 from minitouch_bench.policies.isolation.options import (
     SANDBOXED,
     Isolation,
@@ -17,7 +20,8 @@ from minitouch_bench.policies.isolation.options import (
 )
 from minitouch_bench.policies.policy import Observation, Policy, close_policy
 from minitouch_bench.policies.scripted import Controller, make_controller
-from minitouch_bench.policies.sources import PolicySource
+from minitouch_bench.policies.sources import PolicySource, parse_source
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.simulation.observation import FORCES
@@ -125,3 +129,57 @@ class PolicySetup:
             return ScriptedActor()
         policy = isolate(source, self.isolation, deterministic=role is Role.FINAL)
         return PolicyActor(policy, self.conditions)
+
+
+def prepare_policies(
+    policy: object,
+    tasks: tuple[str, ...],
+    isolation: IsolationOptions = SANDBOXED,
+    note: Note = lambda _: None,
+    *,
+    exploration: object | None = None,
+    name: str | None = None,
+    conditions: Conditions = STANDARD,
+) -> PolicySetup:
+    """Find the policies and load each once, so that a bad file is refused before any episode.
+
+    A policy is what the command line takes, or an object. ``name`` is what reports call the
+    policy; by default its own name. ``note`` takes a line for the user.
+
+    Raises:
+        UsageError: an option has no meaning here.
+        PolicyError, IsolationError, MissingExtraError: a policy cannot be used.
+    """
+    if isolation.level is Isolation.NONE and not isolation.trust:
+        raise UsageError("--isolation none runs the policy in this very process: add --trust")
+    source = _find_policy(policy, tasks, isolation, note)
+    if source.kind == "scripted" and conditions.change_the_senses:
+        raise UsageError("the scripted policy has no senses to change: it reads the simulator")
+    if name is not None:
+        source = replace(source, name=name)
+    if exploration is None:
+        return PolicySetup(source, isolation=isolation, conditions=conditions)
+    goals = tuple(task for task in tasks if task in GOAL_TASKS)
+    if not goals:
+        raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
+    explorer = _find_policy(exploration, goals, isolation, note, deterministic=False)
+    return PolicySetup(source, explorer, isolation, conditions)
+
+
+def _find_policy(
+    policy: object,
+    tasks: tuple[str, ...],
+    isolation: IsolationOptions,
+    note: Note,
+    *,
+    deterministic: bool = True,
+) -> PolicySource:
+    if isinstance(policy, str | Path):
+        source = parse_source(str(policy), tasks, trust=isolation.trust)
+    else:
+        source = keep_in_memory(policy)
+    level = effective_level(source, isolation.level)
+    if source.kind == "remote" and level is not isolation.level:
+        note(f"a policy server needs the network: its client has isolation {level}")
+    try_policy(source, tasks, isolation, deterministic=deterministic)
+    return source

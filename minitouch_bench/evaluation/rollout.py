@@ -1,5 +1,7 @@
 """One episode: the only place where a policy and a simulated world meet."""
 
+import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -8,13 +10,15 @@ from numpy.typing import NDArray
 
 from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import PolicyFaultError, PolicyKilledError, PolicyLoadError
-from minitouch_bench.evaluation.given_actions import GivenActions, given_path
+from minitouch_bench.files import MIB, open_plain, read_file
 from minitouch_bench.policies.policy import Observation
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 
 MAX_ATTEMPTS = 3
 """An episode that meets an infrastructure fault is tried again with its seed, twice."""
+
+NOT_REPEATED = "tried again, it did not repeat its actions"
 
 
 class Actor(Protocol):
@@ -47,6 +51,61 @@ class ActorSource(Protocol):
 
     def make_actor(self, role: Role) -> Actor:
         """Return a new actor for the episodes of a role."""
+
+
+class GivenActions:
+    """The longest sequence of actions that any attempt at an episode gave.
+
+    An attempt can fail for no fault of the policy: its process is killed, its worker dies, the
+    run is interrupted. A policy could use another attempt for another try. So each action is in
+    a file before it is applied, and stays there until the episode's record is in the journal.
+    ``path`` names the file; None: only the attempts of this process are known.
+    """
+
+    def __init__(self, size: int, path: Path | None = None) -> None:
+        self._given: list[bytes] = []
+        self._count = 0
+        self._file = -1
+        if path is None:
+            return
+        self._file = open_plain(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        row = size * np.dtype(np.float32).itemsize
+        content = read_file(path, MIB)
+        whole = len(content) - len(content) % row  # a full disk can cut the last one short
+        os.ftruncate(self._file, whole)
+        self._given = [content[at : at + row] for at in range(0, whole, row)]
+
+    def __enter__(self) -> "GivenActions":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file >= 0:
+            os.close(self._file)
+
+    def begin_attempt(self) -> None:
+        """Expect the first action again."""
+        self._count = 0
+
+    def add(self, action: NDArray[np.float32]) -> None:
+        """Note the next action.
+
+        Raises:
+            PolicyFaultError: an earlier attempt gave another one here.
+            OSError: the disk is full.
+        """
+        row = np.asarray(action, "<f4").tobytes()
+        if self._count == len(self._given):
+            if self._file >= 0:
+                os.write(self._file, row)
+            self._given.append(row)
+        elif row != self._given[self._count]:
+            raise PolicyFaultError(NOT_REPEATED)
+        self._count += 1
+
+
+def given_path(folder: Path, key: str) -> Path:
+    """Return where the actions of an episode are, by its key, as ``pushing-17``."""
+    return folder / key.replace("/", "-")
 
 
 class EpisodeRunner:
@@ -95,11 +154,10 @@ def run_episode(
     killed to get another chance: it must repeat the actions ``given`` in any earlier attempt.
     """
     given = given or GivenActions(environment.task.spec.action_size)
-    attempt = _attempt(environment, actor, spec, given)
-    for _ in range(MAX_ATTEMPTS - 1):
+    for _ in range(MAX_ATTEMPTS):
+        attempt = _attempt(environment, actor, spec, given)
         if not attempt.killed:
             break
-        attempt = _attempt(environment, actor, spec, given)
     return attempt.record
 
 
@@ -113,8 +171,8 @@ def _attempt(
 ) -> _Attempt:
     options = {"object": spec.shape} if spec.shape else None
     observation, info = environment.reset(seed=spec.seed, options=options)
-    recorder = _Recorder(environment.task.spec.action_size, observation, info)
-    outcome = None
+    touch, infos, rewards = [observation["touch"]], [info], []
+    outcome, fault = None, None
     given.begin_attempt()
     try:
         actor.reset(environment, spec)
@@ -122,43 +180,37 @@ def _attempt(
             action = actor.act(observation)
             given.add(action)
             observation, reward, _, _, info = environment.step(action)
-            recorder.add(observation, reward, info)
+            touch.append(observation["touch"])
+            infos.append(info)
+            rewards.append(reward)
             outcome = OUTCOMES[info["outcome"]]
-    except (PolicyFaultError, PolicyLoadError) as fault:
-        record = EpisodeRecord(spec, Outcome.POLICY_FAULT, recorder.trace(), str(fault))
-        return _Attempt(record, isinstance(fault, PolicyKilledError))
-    return _Attempt(EpisodeRecord(spec, outcome, recorder.trace()), killed=False)
+    except (PolicyFaultError, PolicyLoadError) as error:
+        outcome, fault = Outcome.POLICY_FAULT, error
+    trace = _trace(environment.task.spec.action_size, touch, infos, rewards)
+    record = EpisodeRecord(spec, outcome, trace, str(fault or ""))
+    return _Attempt(record, isinstance(fault, PolicyKilledError))
 
 
-class _Recorder:
-    """Collect what ``EpisodeTrace`` holds, step by step."""
+def _trace(
+    action_size: int,
+    touch: Sequence[NDArray[np.float32]],
+    infos: Sequence[Mapping[str, Any]],
+    rewards: Sequence[float],
+) -> EpisodeTrace:
+    """Return what was measured; ``touch`` and ``infos`` begin with those of the reset."""
+    steps = infos[1:]
 
-    def __init__(self, action_size: int, observation: Observation, info: dict[str, Any]) -> None:
-        self._action_size = action_size
-        self._touch = [observation["touch"]]
-        self._object_states = [info["object_state"]]
-        self._steps: list[dict[str, Any]] = []
-        self._rewards: list[float] = []
+    def column(name: str, dtype: type[np.generic]) -> NDArray[Any]:
+        return np.array([step[name] for step in steps], dtype)
 
-    def add(self, observation: Observation, reward: float, info: dict[str, Any]) -> None:
-        self._touch.append(observation["touch"])
-        self._object_states.append(info["object_state"])
-        self._rewards.append(reward)
-        self._steps.append(info)
-
-    def trace(self) -> EpisodeTrace:
-        actions = [step["action"] for step in self._steps]
-        return EpisodeTrace(
-            actions=np.array(actions, np.float32).reshape(-1, self._action_size),
-            clipped=self._column("clipped", np.bool_),
-            rewards=np.array(self._rewards, np.float32),
-            ticks=self._column("ticks", np.int16),
-            contact_ticks=self._column("contact_ticks", np.int16),
-            onsets=self._column("onsets", np.int16),
-            touch=np.array(self._touch, np.float32),
-            object_state=np.array(self._object_states, np.float64),
-            first_touch_tick=int(self._steps[-1]["first_touch_tick"]) if self._steps else -1,
-        )
-
-    def _column(self, name: str, dtype: type[np.generic]) -> NDArray[Any]:
-        return np.array([step[name] for step in self._steps], dtype)
+    return EpisodeTrace(
+        actions=column("action", np.float32).reshape(-1, action_size),
+        clipped=column("clipped", np.bool_),
+        rewards=np.array(rewards, np.float32),
+        ticks=column("ticks", np.int16),
+        contact_ticks=column("contact_ticks", np.int16),
+        onsets=column("onsets", np.int16),
+        touch=np.array(touch, np.float32),
+        object_state=np.array([info["object_state"] for info in infos], np.float64),
+        first_touch_tick=int(steps[-1]["first_touch_tick"]) if steps else -1,
+    )

@@ -15,8 +15,8 @@ from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import HopelessRunError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
-from minitouch_bench.evaluation.given_actions import given_path
 from minitouch_bench.evaluation.journal import Journal, read_journal
+from minitouch_bench.evaluation.rollout import given_path
 from minitouch_bench.evaluation.suites import Suite, why_unofficial
 from minitouch_bench.files import (
     ATTEMPTS,

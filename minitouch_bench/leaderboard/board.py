@@ -1,16 +1,26 @@
-"""The board as data: every writer draws the same rows."""
+"""The board as data: what ``leaderboard.json`` holds, and what every other writer draws.
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+Its schema is published as ``docs/leaderboard.schema.json``.
+"""
 
-from minitouch_bench.leaderboard.proof import RANKED_LEVELS
-from minitouch_bench.leaderboard.ranking import Rank, break_ties, rank
-from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, Refusal, ScoredSubmission
-from minitouch_bench.leaderboard.twins import exact_twins, near_twins
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from minitouch_bench.documents import schema_of
+from minitouch_bench.leaderboard.entries import Ending
+from minitouch_bench.leaderboard.proof import RANKED_LEVELS, FreshProof, ProofLevel
+from minitouch_bench.leaderboard.ranking import Rank, rank
+from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
+from minitouch_bench.leaderboard.submission import MAIN_SUITE, run_place
+from minitouch_bench.leaderboard.twins import Sketch, exact_twins, near_twins
 from minitouch_bench.metrics.definitions import metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.records import Count, Estimate, Gap, Sha256
+from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
+from minitouch_bench.reporting.run_directory import with_task_names
 
 CEILING = "scripted"
 FLOORS = tuple(name for name in BUILT_IN if name != CEILING)
@@ -22,128 +32,206 @@ TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
 
 
 @dataclass(frozen=True)
-class BoardRow:
-    """One submission on the board. ``ranks`` by task and OVERALL, where the row has any.
+class PublishedValue:
+    """A value of the paper's Table 4, from other episodes and object sets; never ranked.
 
-    ``twins`` are other submissions with the very same episodes, bit for bit; ``near_twins``
-    those whose actions are nearly the same.
+    Where ``is_our_unit`` is false the paper does not say what it counts: never compare it with an
+    estimate of the board.
     """
 
-    scored: ScoredSubmission
+    task: str
+    metric: str
+    value: float
+    is_our_unit: bool
+
+
+@dataclass(frozen=True)
+class PublishedMethod:
+    """A method of the paper's Table 4."""
+
+    method: str
+    values: tuple[PublishedValue, ...]
+
+
+@dataclass(frozen=True)
+class BoardRow:
+    """A submission: what it tells, how well it is proved, and its figures.
+
+    ``same_episodes_as`` names the submissions with the very same episodes, bit for bit,
+    ``nearly_same_actions_as`` those with nearly the same actions; ``runs``
+    has the digest of each run. ``ranks`` by task and "overall", empty for a calibration policy;
+    ``figures`` by task (or "overall") and metric, in the units that ``docs/metrics.md`` gives;
+    ``novel_shapes`` by task: the metric that ranks it on held-out and on train shapes, and
+    held-out minus train. ``endings``: number of episodes by how they ended.
+    """
+
+    name: str
+    method: str
+    authors: tuple[str, ...]
+    paper: str
+    code: str
+    license: str
+    training_steps: Count
+    modalities: tuple[str, ...]
+    notes: str
+    proof: ProofLevel
+    rerun_episodes: Count
+    fresh: FreshProof | None
+    same_episodes_as: tuple[str, ...]
+    nearly_same_actions_as: tuple[str, ...]
+    training_seeds: tuple[Count, ...]
+    runs: Mapping[str, Sha256]
     ranks: Mapping[str, Rank]
-    twins: tuple[str, ...] = ()
-    near_twins: tuple[str, ...] = ()
+    figures: Mapping[str, Mapping[str, Estimate]]
+    novel_shapes: Mapping[str, Gap]
+    endings: Mapping[str, Mapping[Ending, Count]]
 
     @property
-    def name(self) -> str:
-        """The submission's name."""
-        return self.scored.name
+    def is_calibration(self) -> bool:
+        """Whether it is one of the built-in policies, which are shown and never ranked."""
+        return self.name in BUILT_IN
+
+    @property
+    def is_ranked(self) -> bool:
+        """Whether it has a rank."""
+        return self.proof in RANKED_LEVELS and not self.is_calibration
 
     @property
     def repeats(self) -> str:
         """What it repeats of others, in words; "" if nothing."""
-        found = (("same episodes as", self.twins), ("nearly the actions of", self.near_twins))
+        found = (
+            ("same episodes as", self.same_episodes_as),
+            ("nearly the actions of", self.nearly_same_actions_as),
+        )
         return "; ".join(f"{words} {', '.join(names)}" for words, names in found if names)
+
+    def estimate(self, task: str, metric: str) -> Estimate | None:
+        """Return an estimate, None where there is none."""
+        return self.figures.get(task, {}).get(metric)
 
 
 @dataclass(frozen=True)
-class Fact:
-    """What a board tells of a row beside its figures: a column of its CSV and of its Markdown."""
+class LeftOut:
+    """A submission that is not on the board, with every reason."""
 
     name: str
-    label: str
-    of: Callable[[BoardRow], str | int | tuple[str, ...]]
-    is_text: bool = True
-
-
-FACTS = (
-    Fact("method", "Method", lambda row: row.scored.about.method),
-    Fact("proof", "Proof", lambda row: row.scored.level.value),
-    Fact("modalities", "Modalities", lambda row: row.scored.about.modalities),
-    Fact(
-        "training_steps",
-        "Training steps",
-        lambda row: row.scored.about.training_steps,
-        is_text=False,
-    ),
-    Fact(
-        "training_seeds", "Training seeds", lambda row: len(row.scored.about.seeds), is_text=False
-    ),
-    Fact("repeats", "Repeats", lambda row: row.repeats),
-)
+    reasons: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Board:
-    """Everything a writer needs: ``ranked`` from the best down, ``calibration`` in its order.
+    """The leaderboard of one protocol: ``ranked`` from the best down.
 
-    ``unranked``: submissions that nobody has run again, from the best figures down.
+    ``calibration`` are the built-in policies, which are never ranked, ``missing_calibration``
+    those without a submission. ``other_protocol``: submissions of another protocol; ``refused``:
+    submissions that do not pass.
     """
 
+    format: Literal["minitouch-leaderboard"]
+    version: Literal[2]
     protocol: str
     protocol_digest: str
     ranked: tuple[BoardRow, ...]
     unranked: tuple[BoardRow, ...]
     calibration: tuple[BoardRow, ...]
     missing_calibration: tuple[str, ...]
-    refusals: tuple[Refusal, ...]
+    paper: tuple[PublishedMethod, ...]
+    other_protocol: tuple[LeftOut, ...]
+    refused: tuple[LeftOut, ...]
 
     @property
     def rows(self) -> tuple[BoardRow, ...]:
         """The rows of this protocol, ranked ones first."""
         return (*self.ranked, *self.unranked, *self.calibration)
 
-    @property
-    def apart(self) -> tuple[Refusal, ...]:
-        """The submissions of another protocol."""
-        return tuple(refusal for refusal in self.refusals if refusal.is_other_protocol)
 
-    @property
-    def refused(self) -> tuple[Refusal, ...]:
-        """The submissions that do not pass."""
-        return tuple(refusal for refusal in self.refusals if not refusal.is_other_protocol)
+def board_schema() -> dict[str, Any]:
+    """Return the JSON schema of ``leaderboard.json``."""
+    return with_task_names(schema_of(Board, "The MiniTouch leaderboard"))
 
 
-def make_board(found: Sequence[ScoredSubmission | Refusal]) -> Board:
+@dataclass(frozen=True)
+class ScoredSubmission:
+    """A submission's row without what other submissions change, and what else a board needs.
+
+    ``values`` by task: of each training seed, the episodes' values in the metric that ranks the
+    task. ``sketches``: see ``twins.sketch_of``; only a proof has them. ``videos`` are paths in
+    the submission. ``page`` is its page, with marks where ranks and twins stand.
+    """
+
+    row: BoardRow
+    values: Mapping[str, tuple[tuple[float, ...], ...]]
+    sketches: Mapping[str, Sketch]
+    videos: tuple[str, ...]
+    page: str = ""
+
+
+@dataclass(frozen=True)
+class Refusal(LeftOut):
+    """A submission that did not pass, or that was made under another protocol."""
+
+    is_other_protocol: bool
+
+
+def make_board(found: Iterable[ScoredSubmission | Refusal]) -> Board:
     """Rank the submissions of one protocol."""
+    listed = list(found)
+    refusals = [one for one in listed if isinstance(one, Refusal)]
     scored = sorted(
-        (one for one in found if isinstance(one, ScoredSubmission)), key=lambda one: one.name
+        (one for one in listed if isinstance(one, ScoredSubmission)), key=lambda one: one.row.name
     )
-    submitted = [one for one in scored if not one.is_calibration]
-    contenders = [one for one in submitted if one.level in RANKED_LEVELS]
-    others = [one for one in submitted if one.level not in RANKED_LEVELS]
-    calibration = {one.name: one for one in scored if one.is_calibration}
-    exact, near = exact_twins(scored), near_twins(scored)
-
-    def row(one: ScoredSubmission, ranks: Mapping[str, Rank]) -> BoardRow:
-        twins = exact.get(one.name, ())
-        others = tuple(name for name in near.get(one.name, ()) if name not in twins)
-        return BoardRow(one, ranks, twins, others)
-
-    ranked = [row(one, ranks) for one, ranks in zip(contenders, rank(contenders), strict=True)]
+    ranks = iter(rank([one.values for one in scored if one.row.is_ranked]))
+    exact = exact_twins({one.row.name: _main_digests(one.row) for one in scored})
+    near = near_twins({one.row.name: tuple(one.sketches.values()) for one in scored})
+    rows = []
+    for row in (one.row for one in scored):
+        same = exact.get(row.name, ())
+        rows.append(
+            replace(
+                row,
+                same_episodes_as=same,
+                nearly_same_actions_as=tuple(n for n in near.get(row.name, ()) if n not in same),
+                ranks=next(ranks) if row.is_ranked else {},
+            )
+        )
+    calibration = {row.name: row for row in rows if row.is_calibration}
+    submitted = in_order([row for row in rows if not row.is_calibration], OVERALL)
     return Board(
+        format="minitouch-leaderboard",
+        version=2,
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
-        ranked=tuple(in_order(ranked, OVERALL, MEAN_SUCCESS)),
-        unranked=tuple(
-            in_order(
-                [row(one, {}) for one in others],
-                OVERALL,
-                MEAN_SUCCESS,
-            )
-        ),
-        calibration=tuple(
-            row(calibration[name], {}) for name in CALIBRATION if name in calibration
-        ),
+        ranked=tuple(row for row in submitted if row.is_ranked),
+        unranked=tuple(row for row in submitted if not row.is_ranked),
+        calibration=tuple(calibration[name] for name in CALIBRATION if name in calibration),
         missing_calibration=tuple(name for name in CALIBRATION if name not in calibration),
-        refusals=tuple(one for one in found if isinstance(one, Refusal)),
+        paper=tuple(map(_published, PAPER_METHODS)),
+        other_protocol=_left_out(one for one in refusals if one.is_other_protocol),
+        refused=_left_out(one for one in refusals if not one.is_other_protocol),
     )
 
 
-def in_order(rows: Sequence[BoardRow], key: str, metric: str) -> list[BoardRow]:
-    """Order rows by their rank in a task or OVERALL; ``break_ties`` orders those of one rank."""
+def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
+    """Order rows by their rank in a task or OVERALL; in one rank by the metric, then the name."""
 
-    def order(row: BoardRow) -> tuple[int, tuple[float, str]]:
-        return row.ranks[key].best if row.ranks else 0, break_ties(row.scored, key, metric)
+    def order(row: BoardRow) -> tuple[int, float, str]:
+        best = row.ranks[key].best if row.ranks else 0
+        return best, -row.figures[key][RANKED_BY[key]].value, row.name
 
     return sorted(rows, key=order)
+
+
+def _main_digests(row: BoardRow) -> list[str]:
+    return [row.runs[run_place(seed, MAIN_SUITE)] for seed in row.training_seeds]
+
+
+def _published(method: str) -> PublishedMethod:
+    values = (
+        PublishedValue(task, metric, float(printed.text), printed.is_our_unit)
+        for (task, metric), printed in paper_values(method).items()
+    )
+    return PublishedMethod(method, tuple(values))
+
+
+def _left_out(refusals: Iterable[Refusal]) -> tuple[LeftOut, ...]:
+    return tuple(LeftOut(one.name, one.reasons) for one in refusals)

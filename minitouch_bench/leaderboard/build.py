@@ -4,35 +4,35 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from minitouch_bench.documents import write_json
 from minitouch_bench.errors import UsageError
-from minitouch_bench.files import write_file
-from minitouch_bench.leaderboard.board import make_board
-from minitouch_bench.leaderboard.board_csv import board_csv
-from minitouch_bench.leaderboard.board_json import board_json
-from minitouch_bench.leaderboard.board_markdown import board_markdown
+from minitouch_bench.files import list_videos, write_file
+from minitouch_bench.leaderboard.board import (
+    BoardRow,
+    LeftOut,
+    Refusal,
+    ScoredSubmission,
+    make_board,
+)
+from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.entries import Entry, count_endings, make_entry
 from minitouch_bench.leaderboard.kept_rows import KeptRows
 from minitouch_bench.leaderboard.page import submission_page
-from minitouch_bench.leaderboard.scores import (
-    RANKED_BY,
-    Figures,
-    Refusal,
-    ScoredSubmission,
-    score,
-    score_gaps,
-)
+from minitouch_bench.leaderboard.scores import RANKED_BY, score, score_gaps
 from minitouch_bench.leaderboard.site import write_site
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE
 from minitouch_bench.leaderboard.validation import Depth, validate
 from minitouch_bench.leaderboard.views import views
 from minitouch_bench.processes import core_count, run_in_workers
 from minitouch_bench.records import Role
+from minitouch_bench.rendering.escaping import printable
 
 MANY = 64
 """Submissions from which on the start of worker processes is worth its second."""
 
-TOGETHER = 16
-"""Submissions that are scored together: one set of resamples serves them all."""
+TOLD = ("name", "method", "authors", "paper", "code", "license", "training_steps", "modalities",
+        "notes")  # fmt: skip
+"""What a row repeats of its submission."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Built:
 
     ranked: int
     apart: int
-    refused: tuple[Refusal, ...]
+    refused: tuple[LeftOut, ...]
     new: int
 
 
@@ -61,18 +61,19 @@ def build_board(
     digests = {path: rows.digest(path) for path in find_submissions(submissions)}
     kept = {path: rows.find(digest) for path, digest in digests.items()}
     missing = [path for path, row in kept.items() if row is None]
-    for path, row in zip(missing, _score_all(missing), strict=True):
+    for path, row in zip(missing, score_submissions(missing), strict=True):
         kept[path] = row
         rows.keep(digests[path], row)
     log(f"{len(digests)} submissions, {len(missing)} new or changed")
-    board = make_board([row for row in kept.values() if row is not None])
+    board = make_board(row for row in kept.values() if row is not None)
     tables = views(board)
     write_file(output / "leaderboard.md", board_markdown(board, tables))
     write_file(output / "leaderboard.csv", board_csv(board))
-    write_file(output / "leaderboard.json", board_json(board))
-    write_site(board, tables, submissions, output)
+    write_file(output / "leaderboard.json", write_json(board))
+    scored = [row for row in kept.values() if isinstance(row, ScoredSubmission)]
+    write_site(board, tables, scored, submissions, output)
     rows.finish()
-    return Built(len(board.ranked), len(board.apart), board.refused, len(missing))
+    return Built(len(board.ranked), len(board.other_protocol), board.refused, len(missing))
 
 
 def find_submissions(directory: Path) -> list[Path]:
@@ -91,51 +92,47 @@ def find_submissions(directory: Path) -> list[Path]:
 
 
 def score_submissions(directories: Sequence[Path]) -> list[ScoredSubmission | Refusal]:
-    """Check submissions and estimate all that a board shows of them."""
-    found = [_read(directory) for directory in directories]
-    entries = [one for one in found if isinstance(one, Entry)]
-    figures = iter(score(entries))
-    return [_scored(one, next(figures)) if isinstance(one, Entry) else one for one in found]
-
-
-def _score_all(directories: Sequence[Path]) -> list[ScoredSubmission | Refusal]:
-    """Score many submissions on every core, few of them here."""
+    """Check submissions and estimate all that a board shows of them; many on every core."""
     if len(directories) < MANY:
-        return score_submissions(directories)
-    starts = range(0, len(directories), TOGETHER)
-    jobs = [directories[start : start + TOGETHER] for start in starts]
-    found = dict(run_in_workers(score_submissions, jobs, core_count(), name=_name))
-    return [row for index in range(len(jobs)) for row in found[index]]
+        return [_score(directory) for directory in directories]
+    found = dict(run_in_workers(_score, directories, core_count(), name=str))
+    return [found[index] for index in range(len(directories))]
 
 
-def _name(directories: Sequence[Path]) -> str:
-    return f"{directories[0].name} to {directories[-1].name}"
-
-
-def _read(directory: Path) -> Entry | Refusal:
+def _score(directory: Path) -> ScoredSubmission | Refusal:
     verdict = validate(directory, Depth.BOARD)
     if verdict.passed:
-        return make_entry(verdict)
+        return _scored(make_entry(verdict))
     reasons = tuple(map(str, verdict.problems))
-    return Refusal(verdict.directory.name, reasons, verdict.is_other_protocol)
+    return Refusal(printable(directory.name), reasons, verdict.is_other_protocol)
 
 
-def _scored(entry: Entry, figures: Figures) -> ScoredSubmission:
+def _scored(entry: Entry) -> ScoredSubmission:
+    about, runs = entry.verdict.submission, entry.verdict.runs
     listed = {task: entry.episodes(MAIN_SUITE, Role.FINAL, task) for task in BOARD_TASKS}
-    scored = ScoredSubmission(
-        about=entry.submission,
-        level=entry.level,
+    row = BoardRow(
+        **{name: getattr(about, name) for name in TOLD},
+        proof=entry.level,
         rerun_episodes=entry.proof.rerun_episodes if entry.proof else 0,
         fresh=entry.proof.fresh if entry.proof else None,
-        sketches=entry.proof.sketches if entry.proof else {},
-        runs={run.place: run.digest for seed in entry.seeds for run in seed.runs.values()},
-        figures=figures,
-        gaps=score_gaps(entry),
+        same_episodes_as=(),
+        nearly_same_actions_as=(),
+        training_seeds=tuple(seed.seed for seed in about.seeds),
+        runs={place: run.digest for place, run in runs.items()},
+        ranks={},
+        figures=score(entry),
+        novel_shapes=score_gaps(entry),
         endings={task: count_endings(own, task) for task, own in listed.items()},
+    )
+    directory = entry.verdict.directory
+    videos = [video for place in runs for video in list_videos(directory / place)]
+    scored = ScoredSubmission(
+        row,
         values={
             task: tuple(tuple(one.values[RANKED_BY[task]].tolist()) for one in own)
             for task, own in listed.items()
         },
-        videos=entry.videos,
+        sketches=entry.proof.sketches if entry.proof else {},
+        videos=tuple(video.relative_to(directory).as_posix() for video in videos),
     )
     return replace(scored, page=submission_page(entry, scored))

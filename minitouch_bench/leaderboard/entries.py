@@ -1,28 +1,19 @@
 """A checked submission with its episodes: a column per metric, and how each one ended."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.files import list_videos
 from minitouch_bench.leaderboard.proof import Proof, ProofLevel, find_proof, level_of
-from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
+from minitouch_bench.leaderboard.submission import TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import (
-    EpisodeMetrics,
-    Outcome,
-    Role,
-    RunEnvironment,
-    RunHeader,
-    SavedRun,
-)
+from minitouch_bench.records import EpisodeMetrics, Outcome, Role
 
 OUTCOMES = tuple(Outcome)
 BOARD_METRICS = tuple(
@@ -59,104 +50,63 @@ class Episodes:
 
 
 @dataclass(frozen=True)
-class RunData:
-    """One run: its header, its episodes by role and task, and the touch curves by task."""
-
-    place: str
-    digest: str
-    header: RunHeader
-    environment: RunEnvironment
-    episodes: Mapping[tuple[Role, str], Episodes]
-    touch_curves: Mapping[str, tuple[float, ...]]
-    faults: Mapping[str, str]
-
-
-@dataclass(frozen=True)
-class SeedData:
-    """One training seed: its files and its runs by suite."""
-
-    seed: TrainingSeed
-    runs: Mapping[str, RunData]
-
-
-@dataclass(frozen=True)
 class Entry:
-    """A submission that may stand on the board. ``videos`` are paths in its directory."""
+    """A submission that may stand on the board, with its proof and the episodes of its runs.
 
-    directory: Path
-    submission: Submission
-    level: ProofLevel
+    ``columns`` holds them by the run's path, their role and their task.
+    """
+
+    verdict: Verdict
     proof: Proof | None
-    seeds: tuple[SeedData, ...]
-    videos: tuple[str, ...]
+    level: ProofLevel
+    columns: Mapping[tuple[str, Role, str], Episodes]
+
+    @property
+    def seeds(self) -> tuple[TrainingSeed, ...]:
+        """The training seeds."""
+        return self.verdict.submission.seeds
 
     def all_have(self, suite: str, role: Role, task: str) -> bool:
         """Tell whether every training seed has these episodes."""
-        return all(
-            suite in seed.runs and (role, task) in seed.runs[suite].episodes for seed in self.seeds
-        )
+        return all((seed.runs.get(suite), role, task) in self.columns for seed in self.seeds)
 
     def episodes(self, suite: str, role: Role, task: str) -> tuple[Episodes, ...]:
         """Return these episodes of every training seed."""
-        return tuple(seed.runs[suite].episodes[role, task] for seed in self.seeds)
+        return tuple(self.columns[seed.runs[suite], role, task] for seed in self.seeds)
+
+    def values(self, suite: str, role: Role, task: str, metric: str) -> tuple[Floats, ...]:
+        """Return a metric's values in these episodes, of every training seed."""
+        return tuple(one.values[metric] for one in self.episodes(suite, role, task))
 
 
 def make_entry(verdict: Verdict) -> Entry:
-    """Compact a submission that passed, with its proof.
+    """Find the proof of a submission that passed, and put its episodes into columns.
 
     Raises:
         RunDirectoryError: the proof's file is something else.
     """
-    assert verdict.submission is not None
-    seeds = tuple(
-        SeedData(
-            seed,
-            {suite: _run(verdict.runs[place], place) for suite, place in seed.runs.items()},
-        )
-        for seed in verdict.submission.seeds
-    )
-    places = [place for seed in verdict.submission.seeds for place in seed.runs.values()]
-    videos = tuple(
-        path.relative_to(verdict.directory).as_posix()
-        for place in places
-        for path in list_videos(verdict.directory / place)
-    )
+    rows: dict[tuple[str, Role, str], list[EpisodeMetrics]] = {}
+    for place, saved in verdict.runs.items():
+        for role, episodes in saved.by_role():
+            for row in episodes:
+                rows.setdefault((place, role, row.task), []).append(row)
+    columns = {key: _columns(own) for key, own in rows.items()}
     proof = find_proof(verdict)
-    level = level_of(verdict, proof)
-    return Entry(verdict.directory, verdict.submission, level, proof, seeds, videos)
+    return Entry(verdict, proof, level_of(verdict, proof), columns)
 
 
-def _run(saved: SavedRun, place: str) -> RunData:
-    episodes: dict[tuple[Role, str], Episodes] = {}
-    for role, rows in saved.by_role():
-        by_task: dict[str, list[EpisodeMetrics]] = {}
-        for row in rows:
-            by_task.setdefault(row.task, []).append(row)
-        episodes |= {(role, task): _columns(own) for task, own in by_task.items()}
-    return RunData(
-        place,
-        saved.digest,
-        saved.header,
-        saved.environment,
-        episodes,
-        {task.task: task.touch_curve for task in saved.summary.tasks},
-        dict(saved.faults),
-    )
-
-
-def _columns(rows: Iterable[EpisodeMetrics]) -> Episodes:
-    listed = list(rows)
+def _columns(rows: Sequence[EpisodeMetrics]) -> Episodes:
     places = {outcome: place for place, outcome in enumerate(OUTCOMES)}
     return Episodes(
-        index=np.array([e.index for e in listed], np.int32),
-        outcome=np.array([places[e.outcome] for e in listed], np.int8),
+        index=np.array([e.index for e in rows], np.int32),
+        outcome=np.array([places[e.outcome] for e in rows], np.int8),
         values={
             # None becomes NaN.
-            name: np.array([METRICS[name].value(e) for e in listed], np.float64)
+            name: np.array([METRICS[name].value(e) for e in rows], np.float64)
             for name in BOARD_METRICS
         },
-        held_out=np.array([e.split == "held-out" for e in listed], np.bool_),
-        shapes=tuple(e.shape for e in listed),
+        held_out=np.array([e.split == "held-out" for e in rows], np.bool_),
+        shapes=tuple(e.shape for e in rows),
     )
 
 

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import (
     ACTIONS_FILE,
@@ -35,7 +36,6 @@ from minitouch_bench.leaderboard.submission import (
     TrainingSeed,
     checkpoint_place,
     read_submission,
-    submission_toml,
 )
 from minitouch_bench.leaderboard.submission_rules import check_file_name
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource
@@ -75,9 +75,8 @@ def add_seed(
     others = [other for other in (begun.seeds if begun else ()) if other.seed != seed.seed]
     seeds = tuple(sorted((*others, seed), key=lambda one: one.seed))
     submission = replace(told, seeds=seeds)
-    text = submission_toml(submission)
     check_submission(submission)
-    write_file(directory / SUBMISSION_FILE, text)
+    write_file(directory / SUBMISSION_FILE, write_toml(submission))
     return submission
 
 
@@ -92,7 +91,7 @@ def check_submission(submission: Submission) -> None:
     placeholder = TrainingSeed(0, {"table4": "seed-0/table4"})
     seeds = submission.seeds or (placeholder,)
     problems = Problems()
-    read_submission(submission_toml(replace(submission, seeds=seeds)).encode(), problems)
+    read_submission(write_toml(replace(submission, seeds=seeds)).encode(), problems)
     for problem in problems:
         raise UsageError(str(problem))
 

@@ -1,6 +1,5 @@
 """What stands on the page of one submission."""
 
-import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,23 +7,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from minitouch_bench.files import VIDEOS
-from minitouch_bench.leaderboard.board import TOUCH_METRICS, BoardRow
+from minitouch_bench.leaderboard.board import TOUCH_METRICS, BoardRow, ScoredSubmission
 from minitouch_bench.leaderboard.entries import (
     ENDING_MEANINGS,
     ENDING_TONES,
     ENDINGS,
     Entry,
-    RunData,
+    Episodes,
     endings,
 )
 from minitouch_bench.leaderboard.proof import MEANINGS as PROOF_MEANINGS
-from minitouch_bench.leaderboard.proof import RANKED_LEVELS, ProofLevel
+from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank
-from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY, ScoredSubmission
+from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS, MAIN_SUITE
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE
 from minitouch_bench.metrics.definitions import METRICS
@@ -52,51 +52,53 @@ def submission_page(entry: Entry, scored: ScoredSubmission) -> str:
 
     Those depend on the other submissions; ``finish_page`` fills them in.
     """
-    path = f"{entry.directory.resolve().parent.name}/{scored.name}"
-    several = len(entry.seeds) > 1
-    is_ranked = scored.level in RANKED_LEVELS and not scored.is_calibration
+    row = scored.row
+    path = f"{entry.verdict.directory.resolve().parent.name}/{row.name}"
+    several = len(row.training_seeds) > 1
     return render_page(
         TEMPLATES / "submission.html.j2",
         STYLES,
         ("theme.js", "submission.js"),
         protocol=PROTOCOL.name,
-        entry=entry,
-        about=scored.about,
+        row=row,
+        seeds=entry.seeds,
+        runs=entry.verdict.runs,
         path=path,
-        rank=_mark(OVERALL) if is_ranked else "",
+        rank=_mark(OVERALL) if row.is_ranked else "",
         twins=_mark(TWINS),
-        level=list(ProofLevel).index(entry.level),
-        meaning=PROOF_MEANINGS[entry.level],
-        modalities=", ".join(scored.about.modalities) or "sees nothing",
-        training_steps=amount(scored.about.training_steps),
+        level=list(ProofLevel).index(row.proof),
+        meaning=PROOF_MEANINGS[row.proof],
+        modalities=", ".join(row.modalities) or "sees nothing",
+        training_steps=amount(row.training_steps),
         seeds_in_words=f"{len(entry.seeds)} training seeds" if several else "one training seed",
-        cards=tuple(_card(scored, task, _mark(task) if is_ranked else "") for task in BOARD_TASKS),
-        legend=tuple(_legend(scored)),
-        bars=tuple((task_title(task), _ending_bar(scored, task)) for task in BOARD_TASKS),
-        values=_values(scored),
-        gaps=_gaps(scored) if scored.gaps else None,
+        cards=tuple(_card(row, task, _mark(task) if row.is_ranked else "") for task in BOARD_TASKS),
+        legend=tuple(_legend(row)),
+        bars=tuple((task_title(task), _ending_bar(row, task)) for task in BOARD_TASKS),
+        values=_values(row),
+        gaps=_gaps(row) if row.novel_shapes else None,
         figures=submission_figures(entry),
-        data=Markup(_data(entry, path)),
-        videos=tuple(Video(caption, address) for address, caption in video_names(scored)),
+        data=_data(entry, path),
+        videos=[
+            Video(Path(video).stem.replace("-", " "), video_address(row.name, video))
+            for video in scored.videos
+        ],
         faults=_faults(entry),
     )
 
 
-def finish_page(row: BoardRow, ranked: int) -> str:
-    """Return a row's page with its ranks among ``ranked`` rows, and its twins."""
+def finish_page(page: str, row: BoardRow, ranked: int) -> str:
+    """Return a submission's page with its ranks among ``ranked`` rows, and its twins."""
     texts = {key: _rank_text(rank) for key, rank in row.ranks.items()}
     if texts:
         texts[OVERALL] += f" of {ranked}"
     texts[TWINS] = f" It repeats others: {row.repeats}." if row.repeats else ""
-    return MARK.sub(lambda found: str(escape(texts.get(found[1], ""))), row.scored.page)
+    return MARK.sub(lambda found: str(escape(texts.get(found[1], ""))), page)
 
 
-def video_names(scored: ScoredSubmission) -> Iterator[tuple[str, str]]:
-    """Yield where each video lies beside the page, and its caption."""
-    for path in scored.videos:
-        # The parts were checked: seed, suite, "videos", and a plain name.
-        name = path.replace(f"/{VIDEOS}/", "-").replace("/", "-")
-        yield f"{scored.name}/{name}", Path(name).stem.replace("-", " ")
+def video_address(name: str, path: str) -> str:
+    """Return where a submission's video lies beside its page."""
+    # The parts were checked: seed, suite, "videos", and a plain name.
+    return f"{name}/{path.replace(f'/{VIDEOS}/', '-').replace('/', '-')}"
 
 
 def _mark(key: str) -> str:
@@ -108,28 +110,28 @@ def _rank_text(rank: Rank) -> str:
     return f"rank {rank.best} to {rank.worst}" if rank.worst > rank.best else f"rank {rank.best}"
 
 
-def _card(scored: ScoredSubmission, task: str, rank: str) -> Card:
-    runs = [(scored.name, scored.figures[task])]
+def _card(row: BoardRow, task: str, rank: str) -> Card:
+    runs = [(row.name, row.figures[task])]
     return make_card(task, runs, f"../pictures/{task}.png", rank)
 
 
-def _legend(scored: ScoredSubmission) -> Iterator[LegendItem]:
+def _legend(row: BoardRow) -> Iterator[LegendItem]:
     """Name the endings that occur."""
-    there = {ending for counts in scored.endings.values() for ending in counts}
+    there = {ending for counts in row.endings.values() for ending in counts}
     for ending in ENDINGS:
         if ending in there:
             yield LegendItem(ending.value, ENDING_TONES[ending], title=ENDING_MEANINGS[ending])
 
 
-def _ending_bar(scored: ScoredSubmission, task: str) -> Markup:
-    counts = scored.endings[task]
+def _ending_bar(row: BoardRow, task: str) -> Markup:
+    counts = row.endings[task]
     said = ", ".join(f"{ending} {count}" for ending, count in counts.items())
     parts = [(ENDING_TONES[ending], ending.value, counts.get(ending, 0)) for ending in ENDINGS]
     return draw_share_bar(parts, f"{task_title(task)}: {said}")
 
 
-def _values(scored: ScoredSubmission) -> Table:
-    variance = "Bootstrap over training seeds" if len(scored.about.seeds) > 1 else EPISODE_VARIANCE
+def _values(row: BoardRow) -> Table:
+    variance = "Bootstrap over training seeds" if len(row.training_seeds) > 1 else EPISODE_VARIANCE
     return Table(
         title="All values",
         corner=("Metric", "Unit"),
@@ -137,7 +139,7 @@ def _values(scored: ScoredSubmission) -> Table:
         rows=tuple(
             Row(
                 (metric_head(metric), METRICS[metric].unit),
-                tuple(estimate_cell(metric, scored.estimate(task, metric)) for task in BOARD_TASKS),
+                tuple(estimate_cell(metric, row.estimate(task, metric)) for task in BOARD_TASKS),
             )
             for metric in (*TABLE4_METRICS, *TOUCH_METRICS)
         ),
@@ -145,7 +147,7 @@ def _values(scored: ScoredSubmission) -> Table:
     )
 
 
-def _gaps(scored: ScoredSubmission) -> Table:
+def _gaps(row: BoardRow) -> Table:
     return Table(
         title="Novel shapes",
         corner=("Task", "Metric"),
@@ -158,49 +160,47 @@ def _gaps(scored: ScoredSubmission) -> Table:
                 (task_title(task), METRICS[RANKED_BY[task]].label),
                 gap_cells(task, RANKED_BY[task], gap),
             )
-            for task, gap in scored.gaps.items()
+            for task, gap in row.novel_shapes.items()
         ),
     )
 
 
-def _data(entry: Entry, path: str) -> str:
+def _data(entry: Entry, path: str) -> Markup:
     """Write the episodes as JSON that no reader of HTML takes for markup."""
     runs = [
         {
-            "title": run.place,
-            "command": f"minitouch-bench replay {path}/{run.place} EPISODE --film FILM",
-            "groups": list(_groups(run)),
+            "title": place,
+            "command": f"minitouch-bench replay {path}/{place} EPISODE --film FILM",
+            "groups": [
+                _group(role, task, episodes)
+                for (own, role, task), episodes in entry.columns.items()
+                if own == place
+            ],
         }
-        for seed in entry.seeds
-        for run in seed.runs.values()
+        for place in entry.verdict.runs
     ]
     document = {
         "endings": [ending.value for ending in ENDINGS],
         "tones": [ENDING_TONES[ending] for ending in ENDINGS],
         "runs": runs,
     }
-    text = json.dumps(document, separators=(",", ":"), allow_nan=False)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    return htmlsafe_json_dumps(document, separators=(",", ":"), allow_nan=False)
 
 
-def _groups(run: RunData) -> Iterator[dict[str, Any]]:
-    """Yield the episodes of each task and role, a list per column."""
-    for (role, task), episodes in run.episodes.items():
-        first = [
-            None if math.isnan(value) else _seconds(value)
-            for value in episodes.values["time_to_first_touch"]
-        ]
-        yield {
-            "key": task if role is Role.FINAL else f"exploration/{task}",
-            "index": episodes.index.tolist(),
-            "ending": endings(episodes, task).tolist(),
-            "steps": _whole(episodes.values["episode_steps"]),
-            "touch": _whole(episodes.values["touch_interaction"]),
-            "first": first,
-            "shapes": [printable(shape) for shape in episodes.shapes]
-            if len(set(episodes.shapes)) > 1
-            else None,
-        }
+def _group(role: Role, task: str, episodes: Episodes) -> dict[str, Any]:
+    """Return the episodes of a task and a role, a list per column."""
+    first = episodes.values["time_to_first_touch"]
+    return {
+        "key": task if role is Role.FINAL else f"exploration/{task}",
+        "index": episodes.index.tolist(),
+        "ending": endings(episodes, task).tolist(),
+        "steps": _whole(episodes.values["episode_steps"]),
+        "touch": _whole(episodes.values["touch_interaction"]),
+        "first": [None if math.isnan(value) else _seconds(value) for value in first],
+        "shapes": [printable(shape) for shape in episodes.shapes]
+        if len(set(episodes.shapes)) > 1
+        else None,
+    }
 
 
 def _whole(counts: NDArray[np.float64]) -> list[int]:
@@ -215,10 +215,10 @@ def _seconds(value: float) -> float:
 
 def _faults(entry: Entry) -> Mapping[str, Sequence[str]]:
     """Return each fault's text with its episodes, which a run names where there are several."""
-    runs = [run for seed in entry.seeds for run in seed.runs.values()]
+    runs = entry.verdict.runs
     return group_faults(
-        (f"{run.place} {key}" if len(runs) > 1 else key, text)
-        for run in runs
+        (f"{place} {key}" if len(runs) > 1 else key, text)
+        for place, run in runs.items()
         for key, text in run.faults.items()
     )
 
@@ -262,9 +262,9 @@ def _steps_plot(entry: Entry, task: str) -> Plot:
 
 
 def _touch_plot(entry: Entry, task: str) -> Plot:
-    runs = [seed.runs[MAIN_SUITE] for seed in entry.seeds]
+    runs = [entry.verdict.runs[seed.runs[MAIN_SUITE]] for seed in entry.seeds]
     curves: list[tuple[Sequence[float], Sequence[int]]] = [
-        (run.touch_curves.get(task, ()), ()) for run in runs
+        (own.touch_curve, ()) for run in runs for own in run.summary.tasks if own.task == task
     ]
     title = task_title(task)
     what = f"{title}: mean contact ticks at each control step"

@@ -3,7 +3,7 @@
 All rows face the same episodes, so every two of them are compared episode by episode.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from minitouch_bench.leaderboard.scores import OVERALL, ScoredSubmission
+from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.regression.differences import mcnemar_p
 
@@ -32,17 +32,15 @@ class Rank:
         return str(self.best)
 
 
-def break_ties(row: ScoredSubmission, key: str, metric: str) -> tuple[float, str]:
-    """Return what orders rows of one rank in a task or OVERALL: the metric, then the name."""
-    return -row.figures[key][metric].value, row.name
+def rank(rows: Sequence[Mapping[str, Sequence[Sequence[float]]]]) -> list[dict[str, Rank]]:
+    """Rank submissions in each task and overall; one mapping per row, in their order.
 
-
-def rank(rows: Sequence[ScoredSubmission]) -> list[dict[str, Rank]]:
-    """Rank submissions in each task and overall; one mapping per row, in their order."""
+    A row has by task, of each training seed, the episodes' values in the metric that ranks it.
+    """
     ranks: list[dict[str, Rank]] = [{} for _ in rows]
     if not rows:
         return ranks
-    samples = {task: [np.array(row.values[task]) for row in rows] for task in BOARD_TASKS}
+    samples = {task: [np.array(row[task]) for row in rows] for task in BOARD_TASKS}
     for task in BOARD_TASKS:
         compare = share_p_values if task in BOARD_GOALS else lambda own: mean_p_values([own])
         means = np.array([values.mean() for values in samples[task]])

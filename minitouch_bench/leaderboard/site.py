@@ -3,19 +3,19 @@
 import html
 import math
 import shutil
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from markupsafe import Markup
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import os_errors_as, read_file, write_file
-from minitouch_bench.leaderboard.board import Board, BoardRow
-from minitouch_bench.leaderboard.board_markdown import notes
+from minitouch_bench.leaderboard.board import Board, BoardRow, ScoredSubmission
+from minitouch_bench.leaderboard.board_files import notes
 from minitouch_bench.leaderboard.inventory import MAX_VIDEO
-from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, amount, finish_page, video_names
+from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, amount, finish_page, video_address
 from minitouch_bench.leaderboard.proof import MEANINGS, RANKED_LEVELS, ProofLevel
-from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, ScoredSubmission
+from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE, MODALITIES
 from minitouch_bench.leaderboard.views import View
 from minitouch_bench.protocol.minitouch import PROTOCOL
@@ -34,7 +34,13 @@ PAGES = "submission"
 """Directory of the submissions' pages in the site."""
 
 
-def write_site(board: Board, tables: Sequence[View], submissions: Path, output: Path) -> None:
+def write_site(
+    board: Board,
+    tables: Sequence[View],
+    scored: Sequence[ScoredSubmission],
+    submissions: Path,
+    output: Path,
+) -> None:
     """Write the index with its tables, the pages, and the pictures and videos they show.
 
     Pages of submissions that are gone are removed.
@@ -44,11 +50,13 @@ def write_site(board: Board, tables: Sequence[View], submissions: Path, output: 
     """
     write_file(output / "index.html", index_html(board, tables))
     pages = output / PAGES
-    for row in board.rows:
-        page = finish_page(row, len(board.ranked))
-        write_file(pages / f"{row.name}.html", page, durable=False)
-        _copy_videos(row.scored, submissions, pages)
-    _remove_others(pages, {row.name for row in board.rows})
+    rows = {row.name: row for row in board.rows}
+    for one in scored:
+        name = one.row.name
+        page = finish_page(one.page, rows[name], len(board.ranked))
+        write_file(pages / f"{name}.html", page, durable=False)
+        _copy_videos(one.videos, submissions / name, pages)
+    _remove_others(pages, rows.keys())
     for task in BOARD_TASKS:
         picture = PICTURES / f"{task}.png"
         if picture.exists():  # a new task may have none yet
@@ -98,10 +106,10 @@ def efficiency_plot(board: Board) -> Plot | None:
 
     Rows without training are left out; None where that leaves none.
     """
-    trained = [row for row in board.ranked if row.scored.about.training_steps > 0]
+    trained = [row for row in board.ranked if row.training_steps > 0]
     if not trained:
         return None
-    powers = [math.log10(row.scored.about.training_steps) for row in trained]
+    powers = [math.log10(row.training_steps) for row in trained]
     first = math.floor(min(powers))
     last = max(math.ceil(max(powers)), first + 1)
     ticks = tuple(Tick(power, amount(10**power)) for power in range(first, last + 1))
@@ -117,8 +125,8 @@ def efficiency_plot(board: Board) -> Plot | None:
 
 
 def _efficiency_marks(power: float, row: BoardRow, few: bool) -> list[Mark]:
-    found = row.scored.figures[OVERALL][MEAN_SUCCESS]
-    name, steps = row.name, amount(row.scored.about.training_steps)
+    found = row.figures[OVERALL][MEAN_SUCCESS]
+    name, steps = row.name, amount(row.training_steps)
     dot = Dot(
         power,
         found.value,
@@ -132,21 +140,21 @@ def _efficiency_marks(power: float, row: BoardRow, few: bool) -> list[Mark]:
     return [interval, dot] if few else [dot]
 
 
-def _copy_videos(scored: ScoredSubmission, submissions: Path, pages: Path) -> None:
+def _copy_videos(videos: Sequence[str], submission: Path, pages: Path) -> None:
     """Copy a submission's videos beside its page, and remove those it no longer has."""
     kept = set()
-    for path, (address, _) in zip(scored.videos, video_names(scored), strict=True):
-        source, target = submissions / scored.name / path, pages / address
+    for path in videos:
+        source, target = submission / path, pages / video_address(submission.name, path)
         kept.add(target)
         with os_errors_as(RunDirectoryError, source, "copied"):
             if not target.exists() or target.stat().st_mtime_ns < source.stat().st_mtime_ns:
                 write_file(target, read_file(source, MAX_VIDEO))
-    for other in (pages / scored.name).glob("*"):
+    for other in (pages / submission.name).glob("*"):
         if other not in kept:
             other.unlink()
 
 
-def _remove_others(pages: Path, names: set[str]) -> None:
+def _remove_others(pages: Path, names: Collection[str]) -> None:
     """Remove the pages and videos of submissions that are no longer there."""
     if not pages.is_dir():
         return

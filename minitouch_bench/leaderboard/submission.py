@@ -5,7 +5,7 @@ A problem never stops the reading; the rules for names and texts are those of
 """
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 from types import MappingProxyType
@@ -13,7 +13,7 @@ from typing import Annotated, Any, Final, Literal
 
 from msgspec import Meta
 
-from minitouch_bench.documents import read_table, schema_of, write_toml
+from minitouch_bench.documents import read_table, schema_of
 from minitouch_bench.errors import UsageError
 from minitouch_bench.leaderboard.submission_rules import (
     FILE_NAME,
@@ -175,11 +175,6 @@ def read_submission(content: bytes, problems: Problems) -> Submission | None:
     return replace(submission, seeds=tuple(map(_in_place, submission.seeds)))
 
 
-def submission_toml(submission: Submission) -> str:
-    """Write a submission as TOML; the texts must have passed ``read_submission``."""
-    return write_toml(submission)
-
-
 def submission_schema() -> dict[str, Any]:
     """Return the JSON schema of ``submission.toml``, as the JSON value a TOML reader gives."""
     schema = schema_of(Submission, "A submission to the MiniTouch leaderboard")
@@ -199,16 +194,12 @@ def _texts(submission: Submission) -> Iterator[tuple[str, str]]:
     for key, check in TEXT_RULES.items():
         given = getattr(submission, key)
         for text in given if isinstance(given, tuple) else (given,):
-            yield from _refused(key, check, text)
+            try:
+                check(text)
+            except UsageError as error:
+                yield key, str(error)
     if len(set(submission.modalities)) < len(submission.modalities):
         yield "modalities", "one of them is there twice"
-
-
-def _refused(key: str, check: Callable[[str], None], text: str) -> Iterator[tuple[str, str]]:
-    try:
-        check(text)
-    except UsageError as error:
-        yield key, str(error)
 
 
 def _seeds(submission: Submission) -> Iterator[tuple[str, str]]:

@@ -36,17 +36,8 @@ def check_name(text: str) -> None:
     Raises:
         UsageError: saying what a name looks like.
     """
-    if not NAME.fullmatch(text) or ".." in text:
-        raise UsageError(
-            f"{_shown(text)} is no name: 1 to 64 of a-z, 0-9, '.', '_', '-', "
-            "with a letter or digit at both ends"
-        )
-    _check_windows(text)
-
-
-def _check_windows(text: str) -> None:
-    if DEVICE.fullmatch(text.partition(".")[0]):
-        raise UsageError(f"{_shown(text)} is the name of a device on Windows; choose another")
+    form = "1 to 64 of a-z, 0-9, '.', '_', '-', with a letter or digit at both ends"
+    _check_file(text, NAME, f"no name: {form}")
 
 
 def check_file_name(text: str) -> None:
@@ -55,9 +46,28 @@ def check_file_name(text: str) -> None:
     Raises:
         UsageError: it does.
     """
-    if not FILE_NAME.fullmatch(text) or ".." in text:
-        raise UsageError(f"{_shown(text)} is no plain file name of letters, digits, '.', '_', '-'")
-    _check_windows(text)
+    _check_file(text, FILE_NAME, "no plain file name of letters, digits, '.', '_', '-'")
+
+
+def _check_file(text: str, form: re.Pattern[str], fault: str) -> None:
+    if not form.fullmatch(text) or ".." in text:
+        raise UsageError(f"{_shown(text)} is {fault}")
+    if DEVICE.fullmatch(text.partition(".")[0]):
+        raise UsageError(f"{_shown(text)} is the name of a device on Windows; choose another")
+
+
+TEXT_FAULTS: Mapping[str, Callable[[str], bool]] = MappingProxyType(
+    {
+        "has control characters, line breaks or spare spaces; write it on one line": (
+            lambda text: printable(text) != text or "  " in text
+        ),
+        "is not in Unicode's composed form (NFC)": (
+            lambda text: unicodedata.normalize("NFC", text) != text
+        ),
+        "holds < or >, as HTML does": lambda text: "<" in text or ">" in text,
+        "begins like a spreadsheet's formula": lambda text: text.startswith(FORMULA_STARTS),
+    }
+)
 
 
 def check_text(text: str, longest: int) -> None:
@@ -68,17 +78,9 @@ def check_text(text: str, longest: int) -> None:
     """
     if len(text) > longest:
         raise UsageError(f"it has {len(text)} characters; the limit is {longest}")
-    if printable(text) != text or "  " in text:
-        raise UsageError(
-            f"{_shown(text)} has control characters, line breaks or spare spaces; "
-            "write it on one line"
-        )
-    if unicodedata.normalize("NFC", text) != text:
-        raise UsageError(f"{_shown(text)} is not in Unicode's composed form (NFC)")
-    if "<" in text or ">" in text:
-        raise UsageError(f"{_shown(text)} holds < or >, as HTML does")
-    if text.startswith(FORMULA_STARTS):
-        raise UsageError(f"{_shown(text)} begins like a spreadsheet's formula")
+    for fault, is_found in TEXT_FAULTS.items():
+        if is_found(text):
+            raise UsageError(f"{_shown(text)} {fault}")
 
 
 def check_license(text: str) -> None:

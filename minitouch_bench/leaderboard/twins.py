@@ -1,16 +1,14 @@
 """Submissions whose episodes repeat another's, bit for bit or nearly."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from itertools import product
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from minitouch_bench.evaluation.actions import Actions
-from minitouch_bench.leaderboard.scores import ScoredSubmission
-from minitouch_bench.leaderboard.submission import MAIN_SUITE, run_place
 
 Sketch = tuple[float, ...]
 
@@ -42,23 +40,24 @@ def _projection(size: int) -> NDArray[np.float64]:
     return np.random.default_rng(0).normal(0.0, scale, (SIZE, size))
 
 
-def exact_twins(scored: Sequence[ScoredSubmission]) -> dict[str, tuple[str, ...]]:
-    """Return by name the others whose episodes of the main suite are the same bits."""
+def exact_twins(digests: Mapping[str, Iterable[str]]) -> dict[str, tuple[str, ...]]:
+    """Return by name the others with a run of the same digest."""
     owners: dict[str, list[str]] = {}
-    for one in scored:
-        for seed in one.about.seeds:
-            owners.setdefault(one.runs[run_place(seed.seed, MAIN_SUITE)], []).append(one.name)
+    for name, own in digests.items():
+        for digest in own:
+            owners.setdefault(digest, []).append(name)
     return _listed(pair for names in owners.values() for pair in product(names, names))
 
 
-def near_twins(scored: Sequence[ScoredSubmission]) -> dict[str, tuple[str, ...]]:
-    """Return by name the others with nearly the same actions, as far as their proofs tell."""
-    owned = [(one.name, sketch) for one in scored for sketch in one.sketches.values()]
+def near_twins(sketches: Mapping[str, Iterable[Sketch]]) -> dict[str, tuple[str, ...]]:
+    """Return by name the others with nearly the same actions, as far as sketches tell."""
+    owned = [(name, sketch) for name, own in sketches.items() for sketch in own]
     if not owned:
         return {}
     pairs = cKDTree([sketch for _, sketch in owned]).query_pairs(NEARLY)
-    names = [(owned[first][0], owned[second][0]) for first, second in pairs]
-    return _listed([*names, *((second, first) for first, second in names)])
+    return _listed(
+        pair for one, other in pairs for pair in permutations((owned[one][0], owned[other][0]))
+    )
 
 
 def _listed(pairs: Iterable[tuple[str, str]]) -> dict[str, tuple[str, ...]]:

@@ -37,10 +37,7 @@ from minitouch_bench.verification.problems import Problem, Problems
 from minitouch_bench.verification.recorded_run import AS_WRITTEN
 
 RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
-    "random": (),
-    "zero": (),
-    "open-loop": (),
-    "scripted": ("state",),
+    kind: ("state",) if kind == "scripted" else () for kind in BUILT_IN
 }
 """What the calibration policies look at."""
 
@@ -54,10 +51,13 @@ class Depth(Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a check found; ``runs`` by the place of their directory in the submission."""
+    """What a check found; ``runs`` by the place of their directory in the submission.
+
+    ``submission`` is empty where it cannot be read.
+    """
 
     directory: Path
-    submission: Submission | None
+    submission: Submission
     runs: Mapping[str, SavedRun]
     problems: tuple[Problem, ...]
 
@@ -82,7 +82,7 @@ def validate(directory: Path, depth: Depth = Depth.FULL) -> Verdict:
     problems = Problems()
     if not directory.is_dir():
         problems.add(str(directory), "there is no such directory", "give a submission's directory")
-        return Verdict(directory, None, {}, tuple(problems))
+        return Verdict(directory, Submission(), {}, tuple(problems))
     found = list_files(directory, problems)
     submission = _read_submission(directory, found, problems)
     runs: dict[str, SavedRun] = {}
@@ -91,17 +91,22 @@ def validate(directory: Path, depth: Depth = Depth.FULL) -> Verdict:
         for seed in submission.seeds:
             for suite, place in seed.runs.items():
                 saved = _read_run(directory, place, found, problems)
-                if saved is not None:
-                    runs[place] = saved
-                    before = len(problems)
-                    check_run(saved, suite, seed, place, problems)
-                    if len(problems) == before:  # its episodes hold by themselves
-                        _check_derived(directory, place, saved, depth, problems)
+                if saved is None:
+                    continue
+                runs[place] = saved
+                before = len(problems)
+                check_run(saved, suite, seed, place, problems)
+                if len(problems) > before:
+                    continue  # its episodes do not hold by themselves
+                check_tables(directory, place, saved, problems)
+                if depth is Depth.FULL:
+                    check_estimates(saved, place, problems)
+                    check_actions(directory, place, saved, problems)
             if depth is Depth.FULL:
                 _check_checkpoints(directory, seed, found, problems)
         _check_about(submission, runs, directory, problems)
         _check_copies(submission, runs, problems)
-    return Verdict(directory, submission, runs, tuple(problems))
+    return Verdict(directory, submission or Submission(), runs, tuple(problems))
 
 
 def _read_submission(
@@ -133,16 +138,6 @@ def _read_run(
         if content != run_json(saved):
             problems.add(path, "a key is there twice or unknown, or it was edited", AS_WRITTEN)
     return saved
-
-
-def _check_derived(
-    directory: Path, place: str, saved: SavedRun, depth: Depth, problems: Problems
-) -> None:
-    """Check what follows from a run's episodes."""
-    check_tables(directory, place, saved, problems)
-    if depth is Depth.FULL:
-        check_estimates(saved, place, problems)
-        check_actions(directory, place, saved, problems)
 
 
 def _check_about(

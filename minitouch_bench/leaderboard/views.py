@@ -91,8 +91,8 @@ def _overall(board: Board) -> View:
         f"Ranked by the mean success over {listed(goals)}. Rows that cannot be told "
         "apart on the same episodes share a rank."
     )
-    wanted = ((OVERALL, MEAN_SUCCESS), *((task, RANKED_BY[task]) for task in BOARD_TASKS))
-    return View(OVERALL, "Overall", lead, columns, tuple(_lines(board, OVERALL, wanted)))
+    lines = _lines(board, OVERALL, [(key, RANKED_BY[key]) for key in (OVERALL, *BOARD_TASKS)])
+    return View(OVERALL, "Overall", lead, columns, tuple(lines))
 
 
 def _task(board: Board, task: str) -> View:
@@ -139,7 +139,7 @@ def _novel(board: Board) -> View:
 
 def _gap_cells(row: BoardRow | None) -> Iterator[Cell]:
     for task in GAP_TASKS:
-        yield from gap_cells(task, RANKED_BY[task], row.scored.gaps.get(task) if row else None)[:3]
+        yield from gap_cells(task, RANKED_BY[task], row.novel_shapes.get(task) if row else None)[:3]
 
 
 def _lines(board: Board, ranked_by: str, wanted: Sequence[tuple[str, str]]) -> Iterator[Line]:
@@ -156,19 +156,18 @@ def _lines(board: Board, ranked_by: str, wanted: Sequence[tuple[str, str]]) -> I
 def _cell(line: Line, task: str, metric: str) -> Cell:
     if line.kind == PAPER:
         return paper_cell(task, metric, line.name)
-    found = line.row.scored.estimate(task, metric) if line.row else None
+    found = line.row.estimate(task, metric) if line.row else None
     return estimate_cell("success" if metric == MEAN_SUCCESS else metric, found)
 
 
 def _heads(board: Board, ranked_by: str) -> Iterator[Line]:
     """Walk through the lines without their cells, in the order of a ranking."""
-    metric = MEAN_SUCCESS if ranked_by == OVERALL else RANKED_BY[ranked_by]
-    for row in in_order(board.ranked, ranked_by, metric):
-        yield Line(RANKED, row.name, row.scored.about.method, row.ranks[ranked_by], row)
-    for row in in_order(board.unranked, ranked_by, metric):
-        yield Line(UNRANKED, row.name, row.scored.about.method, None, row)
+    for row in in_order(board.ranked, ranked_by):
+        yield Line(RANKED, row.name, row.method, row.ranks[ranked_by], row)
+    for row in in_order(board.unranked, ranked_by):
+        yield Line(UNRANKED, row.name, row.method, None, row)
     for row in board.calibration:
-        yield Line(CALIBRATION, row.name, row.scored.about.method, None, row)
+        yield Line(CALIBRATION, row.name, row.method, None, row)
     for name in board.missing_calibration:
         yield Line(CALIBRATION, name, "not submitted yet", None, None)
     for method in PAPER_METHODS:

@@ -39,6 +39,7 @@ COLUMNS_PER_BLOCK = 64
 """Samples estimated at a time: some 5 MB of resampled means."""
 
 
+@cache
 def wilson(successes: int, n: int) -> Estimate:
     """Estimate a share; the interval has a width at 0 and at 100 % too.
 
@@ -177,20 +178,19 @@ def resample_weights(size: int, root: Root, name: str) -> NDArray[np.float64]:
 
 
 def mean_intervals(
-    values: NDArray[np.float64], weights: NDArray[np.float64], mask: NDArray[np.bool_] | None = None
+    values: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the 95 % interval of each sample's mean, (N, 2), of values (N, size).
 
     Corrected for bias and acceleration (BCa), as in ``bootstrap_mean``.
 
-    With ``mask`` (N, size) the mean is over the marked values alone, which a resample may draw
-    more or less often; NaN where nothing is marked. Equal values give a width of 0.
+    The mean is over the values that are not NaN, which a resample may draw more or less often;
+    NaN where there is none. Equal values give a width of 0.
     """
     found = np.empty((len(values), 2))
     for start in range(0, len(values), COLUMNS_PER_BLOCK):
         block = slice(start, start + COLUMNS_PER_BLOCK)
-        own = None if mask is None else mask[block]
-        found[block] = _block(values[block], weights, own)
+        found[block] = _block(values[block], weights)
     return found
 
 
@@ -212,19 +212,18 @@ def stratified_intervals(
     return found
 
 
-def _block(
-    values: NDArray[np.float64], weights: NDArray[np.float64], mask: NDArray[np.bool_] | None
-) -> NDArray[np.float64]:
-    marked = np.ones(values.shape, bool) if mask is None else mask
-    with np.errstate(invalid="ignore"):  # a resample, or a sample, without a marked value
-        estimates = (values * marked).sum(axis=1) / marked.sum(axis=1)
-        if mask is None:
-            means = _means(values, weights)
-        else:
-            means = (_on_grid(values * mask) @ weights.T) / (mask @ weights.T)
-    influences = (values - estimates[:, None]) * marked
+def _block(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    known = ~np.isnan(values)
+    filled = np.where(known, values, 0.0)
+    partly = ~known.all(axis=1)
+    with np.errstate(invalid="ignore"):  # a resample, or a sample, without a value
+        estimates = filled.sum(axis=1) / known.sum(axis=1)
+        sums = _on_grid(filled) @ weights.T
+        means = sums / values.shape[1]
+        means[partly] = sums[partly] / (known[partly] @ weights.T)
+    influences = np.where(known, values - estimates[:, None], 0.0)
     limits = _corrected_limits(means, estimates, influences)
-    for row, (own, used) in enumerate(zip(values, marked, strict=True)):
+    for row, (own, used) in enumerate(zip(values, known, strict=True)):
         if used.any() and np.ptp(own[used]) == 0:  # rounding would give it a width of 1e-17
             limits[row] = own[used][0]
         elif not used.any():

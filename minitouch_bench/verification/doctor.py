@@ -6,7 +6,7 @@ import re
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.cache import cache_directory, cache_file
-from minitouch_bench.conditions import STANDARD, Conditions
-from minitouch_bench.errors import MiniTouchError
+from minitouch_bench.errors import InfrastructureError, MiniTouchError
 from minitouch_bench.evaluation.actions import Actions, RecordedActor, Recording
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
@@ -60,11 +59,17 @@ class Check:
 
 def examine(workers: int) -> Iterator[Check]:
     """Make every check in turn and yield it; nothing is left behind but the cache."""
-    yield _guarded("packages", _packages)
-    yield _guarded("cache", _cache)
-    yield _guarded("protocol and shapes", _protocol)
-    yield _guarded("isolation", _isolation)
-    yield _guarded("policy repeats", _policy_repeats)
+    for name, look in (
+        ("packages", _packages),
+        ("cache", _cache),
+        ("protocol and shapes", _protocol),
+        ("isolation", _isolation),
+        ("policy repeats", _policy_repeats),
+    ):
+        try:
+            yield Check(name, Verdict.OK, look())
+        except MiniTouchError as error:
+            yield _failed(name, error)
     try:
         yield from _simulation(max(workers, 2))
     except MiniTouchError as error:
@@ -86,21 +91,15 @@ def trial_episodes() -> tuple[tuple[EpisodeSpec, ...], Recording]:
     return specs, Recording(actions)
 
 
-@dataclass(frozen=True)
-class CrashingOnce:
+@dataclass(frozen=True, kw_only=True)
+class CrashingOnce(Recording):
     """A recording whose first episode kills its worker, as a crash of the machine would."""
 
-    recording: Recording
     marker: Path
-
-    @property
-    def conditions(self) -> Conditions:
-        """The protocol's own."""
-        return STANDARD
 
     def make_actor(self, role: Role) -> RecordedActor:
         """Return an actor that looks for the marker, and dies where there is none."""
-        return _Crasher(self.recording.actions, self.marker)
+        return _Crasher(self.actions, self.marker)
 
 
 class _Crasher(RecordedActor):
@@ -115,23 +114,16 @@ class _Crasher(RecordedActor):
         super().reset(environment, spec)
 
 
-def _guarded(name: str, check: Callable[[], Check]) -> Check:
-    try:
-        return check()
-    except MiniTouchError as error:
-        return _failed(name, error)
-
-
 def _failed(name: str, error: MiniTouchError) -> Check:
     return Check(name, Verdict.FAIL, str(error).replace("\n", " "))
 
 
-def _packages() -> Check:
+def _packages() -> str:
     names = ("minitouch-bench", "pybullet", "torch", "numpy", "gymnasium")
     found = ", ".join(f"{name} {version(name)}" for name in names)
     absent = [extra for extra, packages in _extras().items() if not all(map(_installed, packages))]
     hint = f"; without the extras {', '.join(absent)}" if absent else "; every extra"
-    return Check("packages", Verdict.OK, found + hint)
+    return found + hint
 
 
 def _extras() -> dict[str, list[str]]:
@@ -152,27 +144,25 @@ def _installed(package: str) -> bool:
         return False
 
 
-def _cache() -> Check:
+def _cache() -> str:
     cache_file("doctor", ".txt", b"written by minitouch-bench doctor\n")
-    return Check("cache", Verdict.OK, f"{cache_directory()} can be written")
+    return f"{cache_directory()} can be written"
 
 
-def _protocol() -> Check:
+def _protocol() -> str:
     shapes = canonical_shape_set()
-    text = (
+    return (
         f"{PROTOCOL.name} {PROTOCOL.digest()[:12]}; {len(shapes.split('train'))} train and "
         f"{len(shapes.split('held-out'))} held-out shapes, {shapes.digest[:12]}"
     )
-    return Check("protocol and shapes", Verdict.OK, text)
 
 
-def _isolation() -> Check:
+def _isolation() -> str:
     try_policy(parse_source("zero"), ("pushing",))
-    text = f"a sandbox was tried and holds: seccomp, Landlock {landlock.supported_abi()}"
-    return Check("isolation", Verdict.OK, text)
+    return f"a sandbox was tried and holds: seccomp, Landlock {landlock.supported_abi()}"
 
 
-def _policy_repeats() -> Check:
+def _policy_repeats() -> str:
     """Load one new checkpoint in two fresh sandboxes, and compare their actions."""
     from minitouch_bench.policies.native import save_native  # noqa: PLC0415
     from minitouch_bench.policies.networks import TouchActor  # noqa: PLC0415  torch takes seconds
@@ -182,9 +172,8 @@ def _policy_repeats() -> Check:
         save_native(TouchActor(action_size=4), path)
         answers = [_answers(path) for _ in range(2)]
     if answers[0] != answers[1]:
-        return Check("policy repeats", Verdict.FAIL, "a checkpoint gave other bits the second time")
-    text = "a torch checkpoint gave the same bits in two fresh sandboxes"
-    return Check("policy repeats", Verdict.OK, text)
+        raise InfrastructureError("a checkpoint gave other bits the second time")
+    return "a torch checkpoint gave the same bits in two fresh sandboxes"
 
 
 def _answers(checkpoint: Path) -> list[bytes]:
@@ -204,7 +193,9 @@ def _simulation(workers: int) -> Iterator[Check]:
     found = _run(workers, recording, [specs[i] for i in shuffled])
     yield _same("order and workers", here, found, f"with {workers} workers in another order")
     with tempfile.TemporaryDirectory() as folder:
-        crashed = _run(1, CrashingOnce(recording, Path(folder) / "died"), specs)
+        crashed = _run(
+            1, CrashingOnce(actions=recording.actions, marker=Path(folder) / "died"), specs
+        )
     yield _same("crash", here, crashed, "after a worker was killed in mid-run")
     yield _reference()
     yield _speed(len(specs) * STEPS / elapsed, workers)

@@ -89,28 +89,16 @@ def check_against_suite(saved: SavedRun) -> tuple[Problem, ...]:
 
 def prescribed_episodes(header: RunHeader) -> tuple[EpisodeSpec, ...]:
     """Return the episodes that a run with these settings has, in order."""
-    return _prescribed(
-        header.suite,
-        header.tasks,
-        header.episodes,
-        header.seed,
-        exploration=header.exploration is not None,
-        chosen=header.chosen,
-    )
+    suite = SUITES[header.suite]
+    suite = replace(suite, tasks=header.tasks, episodes_per_task=header.episodes, seed=header.seed)
+    return _episodes_of(suite, header.exploration is not None, header.chosen)
 
 
 @lru_cache(maxsize=8)
-def _prescribed(
-    suite: str,
-    tasks: tuple[str, ...],
-    episodes: int,
-    seed: int,
-    *,
-    exploration: bool,
-    chosen: tuple[str, ...],
+def _episodes_of(
+    suite: Suite, exploration: bool, chosen: tuple[str, ...]
 ) -> tuple[EpisodeSpec, ...]:
-    own = replace(SUITES[suite], tasks=tasks, episodes_per_task=episodes, seed=seed)
-    return own.episodes(exploration=exploration, chosen=chosen)
+    return suite.episodes(exploration=exploration, chosen=chosen)
 
 
 def _protocol(header: RunHeader) -> Iterator[Problem]:

@@ -13,7 +13,7 @@ from minitouch_bench.evaluation.actions import Actions, Recording
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.journal import read_journal
-from minitouch_bench.files import JOURNAL_FILE, RUN_FILE, read_file
+from minitouch_bench.files import JOURNAL_FILE, RUN_FILE, os_errors_as, read_file
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.sources import PolicySource, identify
 from minitouch_bench.records import (
@@ -131,14 +131,11 @@ def _documents(run: RecordedRun, replayed: SavedRun) -> Iterator[Problem]:
 def _files(run: RecordedRun) -> Iterator[Problem]:
     """Compare the tables and the report with those that ``run.json`` gives."""
     for name, text in derived_files(run.saved, run.directory).items():
-        try:
-            content = read_file(run.directory / name)
-        except FileNotFoundError:
+        path = run.directory / name
+        if not os.path.lexists(path):
             continue
-        except OSError as error:
-            raise UnreadableFileError(
-                f"{run.directory / name} cannot be read: {error.strerror}"
-            ) from error
+        with os_errors_as(UnreadableFileError, path, "read"):
+            content = read_file(path)
         if content != text.encode():
             yield Problem(name, _first_line(content, text))
 

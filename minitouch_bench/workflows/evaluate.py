@@ -16,6 +16,7 @@ from minitouch_bench.errors import (
     UsageError,
 )
 from minitouch_bench.evaluation.actions import write_actions
+from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_episodes
@@ -28,7 +29,6 @@ from minitouch_bench.reporting.report import Report, build_report
 from minitouch_bench.reporting.run_directory import save, write_report, write_run
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.experiment_log import check_tracker, log_run
-from minitouch_bench.workflows.policies import prepare_policies
 
 REPORTS = Path("reports")
 """A run without ``output`` gets a directory in here, named after its policy and suite."""
@@ -135,7 +135,7 @@ def make_request(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Run
         options.policy,
         tasks,
         options.isolation,
-        callbacks,
+        callbacks.note,
         exploration=options.exploration,
         name=options.name,
         conditions=options.conditions,

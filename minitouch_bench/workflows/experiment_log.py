@@ -1,6 +1,6 @@
 """Send a finished run to an experiment tracker: figures per task, and a row per episode."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from math import isnan
 from pathlib import Path
 
@@ -36,12 +36,11 @@ def log_run(name: str, run: SavedRun, directory: Path) -> None:
     Raises:
         InfrastructureError: the tracker failed; the run is kept.
     """
-    write: Callable[[SavedRun, Path], None] = {
-        "wandb": _to_wandb,
-        "tensorboard": _to_tensorboard,
-    }[name]
     try:
-        write(run, directory)
+        if name == "wandb":
+            _to_wandb(run)
+        else:
+            _to_tensorboard(run, directory)
     except Exception as error:  # whatever a tracker raises
         raise InfrastructureError(
             f"the run is finished and kept in {directory}, but {name} failed: {describe(error)}\n"
@@ -58,7 +57,7 @@ def _figures(run: SavedRun) -> Iterator[tuple[str, float]]:
             yield f"{summary.task}/{metric}_high", found.high
 
 
-def _to_wandb(run: SavedRun, _directory: Path) -> None:
+def _to_wandb(run: SavedRun) -> None:
     wandb = require(*TRACKERS["wandb"])
     settings = plain(run.header)
     with wandb.init(project=PROJECT, name=run.name, job_type="evaluate", config=settings) as logged:

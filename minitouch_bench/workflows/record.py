@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.evaluation.suites import Suite
 from minitouch_bench.optional import require
@@ -15,7 +16,6 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, Outcome
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.workflows import SILENT, Callbacks
-from minitouch_bench.workflows.policies import prepare_policies
 
 RECORDING_SUITE = "recording"
 """Seeds recorded episodes; no suite has this name."""
@@ -45,7 +45,7 @@ def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> Path:
     suite = Suite(RECORDING_SUITE, tasks, options.episodes, rankable=False, seed=options.seed)
     minari = require("minari", "data")
     storages = require("minari.dataset.minari_storage", "data")
-    setup = prepare_policies(options.policy, tasks, options.isolation, callbacks)
+    setup = prepare_policies(options.policy, tasks, options.isolation, callbacks.note)
     environment, runner = MiniTouchEnv(options.task), EpisodeRunner(setup)
     callbacks.phase("recording", options.episodes)
     try:

@@ -6,12 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.engine import (
-    LOCAL,
-    Engine,
-    EngineOptions,
-    open_engine,
-)
+from minitouch_bench.evaluation.actors import prepare_policies
+from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.rollout import ActorSource
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run
 from minitouch_bench.evaluation.suites import choose_tasks, find_suite
@@ -43,7 +39,6 @@ from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.evaluate import REPORTS, OutputOptions, play, run_name, save_run
-from minitouch_bench.workflows.policies import prepare_policies
 
 
 @dataclass(frozen=True)
@@ -173,7 +168,7 @@ def _request_like(
         PolicyError: the policy cannot be used.
     """
     header = baseline.header
-    setup = prepare_policies(policy, header.tasks, isolation, callbacks)
+    setup = prepare_policies(policy, header.tasks, isolation, callbacks.note)
     suite = find_suite(header.suite)
     request = RunRequest(suite, header.tasks, header.episodes, header.seed, setup, header.chosen)
     found = {episode_key(Role.FINAL, one): (one.seed, one.shape) for one in baseline.episodes}
@@ -187,11 +182,7 @@ def _request_like(
 
 
 def _play(
-    request: RunRequest,
-    opened: OpenRun,
-    engine: Engine,
-    gate: SequentialGate,
-    callbacks: Callbacks,
+    request: RunRequest, opened: OpenRun, engine: Engine, gate: SequentialGate, callbacks: Callbacks
 ) -> EvaluationRun | None:
     """Play until the gate is certain; return the run if it is whole."""
     gate.add(measure(record) for record in opened.records)

@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from minitouch_bench.conditions import Conditions
-from minitouch_bench.errors import InterruptedRunError, UsageError
+from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actions import Recording
 from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.rollout import EpisodeRunner
@@ -47,8 +47,6 @@ def replay(run: Path, episode: str) -> ReplayedEpisode:
     runner = EpisodeRunner(Recording(opened.actions, conditions))
     try:
         return ReplayedEpisode(run, runner.run(spec), row, conditions)
-    except KeyboardInterrupt as error:
-        raise InterruptedRunError("interrupted") from error
     finally:
         runner.close()
 
@@ -62,11 +60,8 @@ def film_replay(replayed: ReplayedEpisode, path: Path | None = None) -> Path:
         RunDirectoryError: the file cannot be written.
     """
     spec, actions = replayed.record.spec, replayed.record.trace.actions
-    try:
-        file = path or make_folder(replayed.run / REPLAYS) / film_name(spec.key, _suffix())
-        return film(spec, actions, file, replayed.conditions)
-    except KeyboardInterrupt as error:
-        raise InterruptedRunError("interrupted") from error
+    file = path or make_folder(replayed.run / REPLAYS) / film_name(spec.key, _suffix())
+    return film(spec, actions, file, replayed.conditions)
 
 
 def _suffix() -> str:

@@ -8,8 +8,7 @@ from typing import Any
 
 from minitouch_bench.agents.config import trained_steps
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
-from minitouch_bench.evaluation.actions import write_actions
-from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.actors import PolicySetup, prepare_policies
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.run import RunRequest, open_run
 from minitouch_bench.evaluation.suites import find_suite
@@ -43,15 +42,13 @@ from minitouch_bench.leaderboard.submission import (
 )
 from minitouch_bench.leaderboard.submission_rules import check_name
 from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES, validate
-from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.records import PolicyIdentity, Role, RunHeader
-from minitouch_bench.reporting.run_directory import read_run, write_run
+from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows import SILENT, Callbacks
-from minitouch_bench.workflows.evaluate import play
-from minitouch_bench.workflows.policies import prepare_policies
+from minitouch_bench.workflows.evaluate import play, save_run
 
 DEFAULT_MODALITIES = ("vision", "touch")
 
@@ -152,7 +149,7 @@ class _Packer:
             policy,
             find_suite(MAIN_SUITE).tasks,
             IsolationOptions(trust=options.trust),
-            self.callbacks,
+            self.callbacks.note,
             exploration=options.exploration,
         )
         parts = _Parts({s: self._run_directory(s) for s in suites}, setup.policy, setup.exploration)
@@ -243,9 +240,7 @@ class _Packer:
                 return
             opened = open_run(request, directory, resume=options.resume, fresh=options.fresh)
             self.callbacks.note(f"suite {name}")
-            run = play(request, opened, engine, self.callbacks)
-            write_actions(run.records, directory)
-            write_run(run, summarize(run), directory)
+            save_run(play(request, opened, engine, self.callbacks), directory)
 
     def _check_kept(self, request: RunRequest, directory: Path) -> None:
         """Refuse to keep a finished run that nobody asked to keep, or that is another one."""

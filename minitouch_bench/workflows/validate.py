@@ -1,11 +1,18 @@
-"""Check a submission as a maintainer does, and write the proof of what was checked."""
+"""Check a submission as a maintainer does, and write the proof of what was checked.
 
+Its actions are replayed, and drawn and fresh episodes are run with its checkpoint.
+"""
+
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from minitouch_bench.evaluation.engine import LOCAL, EngineOptions, open_engine
+import numpy as np
+
+from minitouch_bench.errors import IncompleteCheckError
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.suites import find_suite
-from minitouch_bench.leaderboard import proving
 from minitouch_bench.leaderboard.proof import (
     FreshProof,
     ProofLevel,
@@ -15,14 +22,33 @@ from minitouch_bench.leaderboard.proof import (
     proof_path,
     write_proof,
 )
-from minitouch_bench.leaderboard.submission import MAIN_SUITE
+from minitouch_bench.leaderboard.submission import CHECKPOINTS, MAIN_SUITE, TrainingSeed
+from minitouch_bench.leaderboard.twins import Sketch, sketch_of
 from minitouch_bench.leaderboard.validation import Verdict, validate
-from minitouch_bench.verification.fresh import new_draw
-from minitouch_bench.verification.problems import Problem
-from minitouch_bench.workflows import SILENT, Callbacks
+from minitouch_bench.metrics.summary import measure
+from minitouch_bench.policies.formats import BUILT_IN
+from minitouch_bench.policies.isolation.options import IsolationOptions
+from minitouch_bench.policies.limits import limits_of
+from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
+from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, PolicyIdentity, Role, SavedRun
+from minitouch_bench.verification.fresh import (
+    FreshResult,
+    compare_fresh,
+    fresh_seed,
+    new_draw,
+    significant_drops,
+)
+from minitouch_bench.verification.problems import Problem, Problems
+from minitouch_bench.verification.recorded_run import RecordedRun, open_run
+from minitouch_bench.verification.verify import check_identity, draw_episodes, rerun, verify_run
+from minitouch_bench.workflows import SILENT, Callbacks, ignore
 
 RERUN_BEFORE_FRESH = 5
 """Drawn episodes of each run that are run before fresh ones, where no other number is asked."""
+
+NOT_REPLAYED = "the recorded actions do not give these figures"
+NOT_REPEATED = "the checkpoint does not act as recorded"
+FITS_OFFICIAL = "the checkpoint fits the official episodes"
 
 
 @dataclass(frozen=True)
@@ -69,29 +95,28 @@ def validate_submission(
 
 def _prove(verdict: Verdict, options: ValidateOptions, callbacks: Callbacks) -> tuple[Problem, ...]:
     """Replay a submission, run some of it again, and write the proof if all holds."""
-    rerun = options.rerun or (RERUN_BEFORE_FRESH if options.fresh_episodes else 0)
+    again = options.rerun or (RERUN_BEFORE_FRESH if options.fresh_episodes else 0)
     fresh: FreshProof | None = None
-    callbacks.phase("proof", _episode_count(verdict, rerun, options.fresh_episodes))
+    callbacks.phase("proof", _episode_count(verdict, again, options.fresh_episodes))
     with open_engine(options.engine, callbacks.note) as engine:
-        how = proving.Proving(engine, on_record=callbacks.episode)
-        problems = [*proving.replay(verdict, how)]
-        if not problems and rerun:
-            problems += proving.run_again(verdict, rerun, how)
+        prover = Prover(verdict, engine, on_record=callbacks.episode)
+        problems = [*prover.replay()]
+        if not problems and again:
+            problems += prover.run_again(again)
         if not problems and options.fresh_episodes:
-            fresh, found = proving.run_fresh(verdict, options.fresh_episodes, options.draw, how)
+            fresh, found = prover.run_fresh(options.fresh_episodes, options.draw)
             problems += found
     if not problems:
-        level = ProofLevel.RERUN if rerun else ProofLevel.REPLAYED
-        sketches = proving.sketch_runs(verdict)
-        proof = make_proof(verdict, ProofLevel.FRESH if fresh else level, rerun, fresh, sketches)
+        level = ProofLevel.RERUN if again else ProofLevel.REPLAYED
+        sketches = dict(prover.sketches())
+        proof = make_proof(verdict, ProofLevel.FRESH if fresh else level, again, fresh, sketches)
         write_proof(proof, proof_path(verdict.directory.resolve()))
     return tuple(problems)
 
 
-def _episode_count(verdict: Verdict, rerun: int, fresh: int) -> int:
+def _episode_count(verdict: Verdict, again: int, fresh: int) -> int:
     """Return how many episodes a proof plays."""
-    assert verdict.submission is not None
-    count = rerun * len(verdict.runs)
+    count = again * len(verdict.runs)
     for run in verdict.runs.values():
         count += len(run.episodes) + len(run.exploration_episodes)
     for seed in verdict.submission.seeds:
@@ -99,3 +124,123 @@ def _episode_count(verdict: Verdict, rerun: int, fresh: int) -> int:
         suite = replace(find_suite(MAIN_SUITE), episodes_per_task=fresh)
         count += len(suite.episodes(exploration=has_exploration))
     return count
+
+
+@dataclass(frozen=True)
+class Prover:
+    """Plays the episodes that prove a submission; each difference is a problem.
+
+    ``rng`` draws those that are run again; ``on_record`` takes each episode that was played.
+    """
+
+    verdict: Verdict
+    engine: Engine
+    rng: np.random.Generator = field(default_factory=np.random.default_rng)
+    on_record: Callable[[EpisodeRecord], None] = ignore
+
+    def replay(self) -> Problems:
+        """Replay the actions of every run. No checkpoint is opened."""
+        problems = Problems()
+        for place in self.verdict.runs:
+            with problems.caught(place):
+                found = verify_run(self.verdict.directory / place, self.engine, self.on_record)
+                for one in found.problems:
+                    problems.add_below(place, replace(one, remedy=one.remedy or NOT_REPLAYED))
+        return problems
+
+    def run_again(self, count: int) -> Problems:
+        """Run ``count`` drawn episodes of each run with the checkpoint, held in the sandbox."""
+        problems = Problems()
+        for seed in self.verdict.submission.seeds:
+            for place in seed.runs.values():
+                with problems.caught(place):
+                    run, found = open_run(self.verdict.directory / place)
+                    for problem in found if run is None else self._run_again(seed, run, count):
+                        problems.add_below(place, problem)
+        return problems
+
+    def _run_again(self, seed: TrainingSeed, run: RecordedRun, count: int) -> Iterator[Problem]:
+        specs = draw_episodes(run, count, self.rng)
+        for record, differing in rerun(run, self._setup(seed, run.saved), specs, self.engine):
+            self.on_record(record)
+            yield from (replace(problem, remedy=NOT_REPEATED) for problem in differing)
+
+    def run_fresh(self, count: int, draw: str) -> tuple[FreshProof, Problems]:
+        """Run ``count`` new episodes of each task of the main suite, and compare with the official.
+
+        A significant drop is a problem.
+        """
+        problems = Problems()
+        seeds: dict[str, int] = {}
+        results: dict[str, tuple[FreshResult, ...]] = {}
+        for seed in self.verdict.submission.seeds:
+            place = seed.runs[MAIN_SUITE]
+            with problems.caught(place):
+                saved = self.verdict.runs[place]
+                seeds[place] = fresh_seed(saved.header.policy.digest, draw)
+                setup = self._setup(seed, saved)
+                results[place] = self._fresh_results(saved, setup, count, seeds[place])
+                for drop in significant_drops(results[place]):
+                    what = (
+                        f"{drop.metric} {drop.official:.3f} officially, {drop.fresh:.3f} in "
+                        f"{drop.episodes} fresh episodes (p = {drop.p:.2g})"
+                    )
+                    problem = Problem(f"{drop.role} {drop.task}", what, FITS_OFFICIAL)
+                    problems.add_below(place, problem)
+        return FreshProof(draw, count, seeds, results), problems
+
+    def _fresh_results(
+        self, saved: SavedRun, setup: PolicySetup, count: int, seed: int
+    ) -> tuple[FreshResult, ...]:
+        own = replace(find_suite(MAIN_SUITE), episodes_per_task=count, seed=seed)
+        suite = replace(own, tasks=saved.header.tasks)
+        measured: dict[tuple[Role, str], list[EpisodeMetrics]] = {}
+        for record in self.engine.run(setup, suite.episodes(exploration=bool(setup.exploration))):
+            self.on_record(record)
+            measured.setdefault((record.spec.role, record.spec.task), []).append(measure(record))
+        official = dict(saved.by_role())
+        return tuple(
+            compare_fresh([one for one in official[role] if one.task == task], fresh, role, task)
+            for (role, task), fresh in measured.items()
+        )
+
+    def sketches(self) -> Iterator[tuple[str, Sketch]]:
+        """Walk through the paths of the main runs with the sketch of each one's actions."""
+        for seed in self.verdict.submission.seeds:
+            place = seed.runs[MAIN_SUITE]
+            run, _ = open_run(self.verdict.directory / place)
+            if run is not None:
+                yield place, sketch_of([run.actions[spec.key] for spec in run.specs])
+
+    def _setup(self, seed: TrainingSeed, saved: SavedRun) -> PolicySetup:
+        header = saved.header
+        setup = PolicySetup(
+            self._source(seed, Role.FINAL, header.policy),
+            isolation=IsolationOptions(limits=limits_of(header)),
+        )
+        if header.exploration is None:
+            return setup
+        return replace(setup, exploration=self._source(seed, Role.EXPLORATION, header.exploration))
+
+    def _source(self, seed: TrainingSeed, role: Role, recorded: PolicyIdentity) -> PolicySource:
+        """Find a policy's checkpoint in the submission.
+
+        Raises:
+            IncompleteCheckError: it is not there.
+            UsageError: it is another one.
+            PolicyLoadError: it cannot be read.
+        """
+        files = seed.files(role)
+        if recorded.kind in BUILT_IN:
+            return parse_source(recorded.kind)
+        if not files or not all(file.path for file in files):
+            raise IncompleteCheckError(
+                f"the {role} checkpoint of seed {seed.seed} is not in the submission: "
+                "it cannot be run again"
+            )
+        path = self.verdict.directory / files[0].path
+        if recorded.kind == DIRECTORY:
+            path = self.verdict.directory / CHECKPOINTS / f"seed-{seed.seed}" / role.value
+        source = parse_source(str(path))
+        check_identity(recorded, source)
+        return source

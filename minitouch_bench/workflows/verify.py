@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.errors import IncompleteCheckError, InterruptedRunError
-from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
+from minitouch_bench.evaluation.actors import PolicySetup, prepare_policies
+from minitouch_bench.evaluation.engine import LOCAL, EngineOptions, open_engine
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.policies.limits import limits_of
 from minitouch_bench.policies.sources import HUB, parse_source
 from minitouch_bench.records import PolicyIdentity
 from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.verification.problems import Problem
-from minitouch_bench.verification.recorded_run import RecordedRun, open_run
+from minitouch_bench.verification.recorded_run import open_run
 from minitouch_bench.verification.verify import (
     Verification,
     check_identity,
@@ -24,7 +24,6 @@ from minitouch_bench.verification.verify import (
     rerun,
 )
 from minitouch_bench.workflows import SILENT, Callbacks
-from minitouch_bench.workflows.policies import prepare_policies
 
 
 def unforeseen_draw() -> int:
@@ -68,10 +67,16 @@ def verify(options: VerifyOptions, callbacks: Callbacks = SILENT) -> Verificatio
             if run is None:
                 return Verification(0, problems)
             callbacks.phase("replaying", len(run.specs))
-            found = replay_run(run, engine, callbacks.episode)
-            if setup is None or not found.passed:
-                return found
-            return _run_again(run, setup, engine, options, callbacks, found)
+            replayed = replay_run(run, engine, callbacks.episode)
+            if setup is None or not replayed.passed:
+                return replayed
+            specs = draw_episodes(run, options.rerun, np.random.default_rng(options.draw))
+            callbacks.phase("running again", len(specs))
+            differing: list[Problem] = []
+            for record, found in rerun(run, setup, specs, engine):
+                differing += found
+                callbacks.episode(record)
+            return replace(replayed, problems=tuple(differing), reran=len(specs))
     except KeyboardInterrupt as error:
         raise InterruptedRunError("interrupted; nothing was changed") from error
 
@@ -87,7 +92,9 @@ def _find_checkpoints(options: VerifyOptions, callbacks: Callbacks) -> PolicySet
         exploration = options.exploration or _source_of(header.exploration, "--exploration")
         check_identity(header.exploration, parse_source(exploration, trust=trust))
     isolation = replace(options.isolation, limits=limits_of(header))
-    return prepare_policies(policy, header.tasks, isolation, callbacks, exploration=exploration)
+    return prepare_policies(
+        policy, header.tasks, isolation, callbacks.note, exploration=exploration
+    )
 
 
 def _source_of(recorded: PolicyIdentity, option: str) -> str:
@@ -103,21 +110,3 @@ def _source_of(recorded: PolicyIdentity, option: str) -> str:
             f"Say with {option} where it is now"
         )
     return recorded.source
-
-
-def _run_again(  # noqa: PLR0917 - everything that verify has opened
-    run: RecordedRun,
-    setup: PolicySetup,
-    engine: Engine,
-    options: VerifyOptions,
-    callbacks: Callbacks,
-    replayed: Verification,
-) -> Verification:
-    """Add what the drawn episodes gave when run with the checkpoint."""
-    specs = draw_episodes(run, options.rerun, np.random.default_rng(options.draw))
-    callbacks.phase("running again", len(specs))
-    problems: list[Problem] = []
-    for record, found in rerun(run, setup, specs, engine):
-        problems += found
-        callbacks.episode(record)
-    return replace(replayed, problems=tuple(problems), reran=len(specs))

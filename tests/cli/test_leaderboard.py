@@ -7,8 +7,8 @@ import pytest
 import typer
 
 from minitouch_bench.cli import leaderboard
+from minitouch_bench.leaderboard.board import LeftOut
 from minitouch_bench.leaderboard.build import Built
-from minitouch_bench.leaderboard.scores import Refusal
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows.validate import Validation
 from tests.cli.command import run
@@ -34,7 +34,7 @@ def test_valid_submissions_are_named_with_their_level(root):
     assert done.out == "hac: valid, re-run-verified\nzero: valid, re-run-verified\n"
 
 
-@pytest.mark.parametrize("refused", [(), (Refusal("hac", ("notes.txt: no such file",), False),)])
+@pytest.mark.parametrize("refused", [(), (LeftOut("hac", ("notes.txt: no such file",)),)])
 def test_a_strict_build_fails_where_a_submission_is_refused(tmp_path, monkeypatch, refused):
     built = Built(ranked=1, apart=0, refused=refused, new=1)
     monkeypatch.setattr("minitouch_bench.leaderboard.build.build_board", lambda *_: built)

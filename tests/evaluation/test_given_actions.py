@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import PolicyFaultError
-from minitouch_bench.evaluation.given_actions import GivenActions
+from minitouch_bench.evaluation.rollout import GivenActions
 
 ACTIONS = np.random.default_rng(0).uniform(-1, 1, (6, 4)).astype(np.float32)
 

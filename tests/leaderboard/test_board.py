@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from minitouch_bench.leaderboard import kept_rows
-from minitouch_bench.leaderboard.board import CALIBRATION, make_board
-from minitouch_bench.leaderboard.board_csv import board_csv
-from minitouch_bench.leaderboard.board_markdown import board_markdown
+from minitouch_bench.leaderboard.board import CALIBRATION, ScoredSubmission, make_board
+from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.build import build_board, score_submissions
 from minitouch_bench.leaderboard.entries import Ending
 from minitouch_bench.leaderboard.kept_rows import file_state
@@ -40,8 +39,13 @@ def submissions(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def board(submissions):
-    return make_board(score_submissions(sorted(submissions.iterdir())))
+def scored(submissions):
+    return score_submissions(sorted(submissions.iterdir()))
+
+
+@pytest.fixture(scope="module")
+def board(scored):
+    return make_board(scored)
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +58,11 @@ def test_figures_of_one_seed_are_those_of_its_run(submissions, rows):
     for task in run.summary.tasks:
         for metric in ("success", "exploration", "touched"):
             if metric in task.estimates:
-                assert rows["hac"].scored.estimate(task.task, metric) == task.estimates[metric]
+                assert rows["hac"].estimate(task.task, metric) == task.estimates[metric]
         for metric in ("episode_steps", "touch_interaction", "touch_onsets", "time_to_first_touch"):
             if metric in task.estimates:
                 mine, theirs = (
-                    rows["hac"].scored.estimate(task.task, metric),
+                    rows["hac"].estimate(task.task, metric),
                     task.estimates[metric],
                 )
                 width = theirs.high - theirs.low
@@ -71,7 +75,7 @@ def test_figures_of_one_seed_are_those_of_its_run(submissions, rows):
 def test_the_gap_of_one_seed_is_that_of_its_run(submissions, rows):
     run = read_run(submissions / "hac" / "seed-0" / "novel-shapes")
     for result in run.summary.generalization:
-        mine = rows["hac"].scored.gaps[result.task]
+        mine = rows["hac"].novel_shapes[result.task]
         theirs = result.gaps[ranking_metric(result.task)]
         if result.task in GOAL_TASKS:
             assert mine == theirs
@@ -86,13 +90,13 @@ def test_several_seeds_are_averaged_and_resampled(submissions, rows):
         np.mean([e.success for e in read_run(place).episodes if e.task == "pushing"])
         for place in sorted((submissions / "seeds").glob("seed-*/table4"))
     ]
-    found = rows["seeds"].scored.estimate("pushing", "success")
+    found = rows["seeds"].estimate("pushing", "success")
     assert found.value == pytest.approx(np.mean(rates))
     assert found.count == 3
     assert "training seeds" in found.method
     assert found.low <= min(rates) + 1e-12
     assert found.high >= max(rates) - 1e-12
-    steps = rows["seeds"].scored.estimate("pushing", "episode_steps")
+    steps = rows["seeds"].estimate("pushing", "episode_steps")
     means = [
         np.mean([e.steps for e in read_run(place).episodes if e.task == "pushing"])
         for place in sorted((submissions / "seeds").glob("seed-*/table4"))
@@ -102,15 +106,15 @@ def test_several_seeds_are_averaged_and_resampled(submissions, rows):
 
 def test_no_share_is_ever_certain(rows):
     for row in rows.values():
-        for metric, found in (pair for own in row.scored.figures.values() for pair in own.items()):
+        for metric, found in (pair for own in row.figures.values() for pair in own.items()):
             if metric in ("success", "touched", MEAN_SUCCESS):
                 assert found.low < found.high
 
 
 def test_the_mean_success_is_over_the_three_tasks_with_a_goal(rows):
     row = rows["hac"]
-    parts = [row.scored.estimate(task, "success") for task in GOAL_TASKS]
-    found = row.scored.estimate(OVERALL, MEAN_SUCCESS)
+    parts = [row.estimate(task, "success") for task in GOAL_TASKS]
+    found = row.estimate(OVERALL, MEAN_SUCCESS)
     assert found.value == pytest.approx(np.mean([part.value for part in parts]))
     assert found.low > np.mean([part.low for part in parts])  # three errors do not add up
     assert found.count == 300
@@ -130,13 +134,16 @@ def test_calibrations_have_no_rank(board, rows):
     assert board.missing_calibration == CALIBRATION[1:]
 
 
-def test_every_episode_has_one_ending(rows):
-    counts = rows["hac"].scored.endings
+def test_every_episode_has_one_ending(scored, rows):
+    counts = rows["hac"].endings
     assert all(sum(own.values()) == 100 for own in counts.values())
     assert counts["pushing"][Ending.FAULT] == 4
-    won = sum(rows["hac"].scored.values["pushing"][0])
+    (values,) = [
+        one.values for one in scored if isinstance(one, ScoredSubmission) and one.row.name == "hac"
+    ]
+    won = sum(values["pushing"][0])
     assert counts["pushing"][Ending.SUCCEEDED] == won
-    assert sum(rows["seeds"].scored.endings["opening"].values()) == 300
+    assert sum(rows["seeds"].endings["opening"].values()) == 300
     assert set(counts["playing"]) <= {Ending.TOUCHED, Ending.NEVER_TOUCHED}
 
 
@@ -147,7 +154,9 @@ def test_the_same_episodes_under_another_name_are_told(submissions, tmp_path):
     shutil.rmtree(copied / "seed-0")
     shutil.copytree(root / "near" / "seed-0", copied / "seed-0")
     places = [root / "near", copied]
-    twins = {row.name: row.twins for row in make_board(score_submissions(places)).unranked}
+    twins = {
+        row.name: row.same_episodes_as for row in make_board(score_submissions(places)).unranked
+    }
     assert twins == {"near": ("copied",), "copied": ("near",)}
 
 
@@ -197,8 +206,7 @@ def test_csv_has_a_row_a_figure_and_guards_formulas(board):
 
 
 def with_method(row, method):
-    about = replace(row.scored.about, method=method)
-    return replace(row, scored=replace(row.scored, about=about))
+    return replace(row, method=method)
 
 
 def test_the_board_does_not_depend_on_the_order_of_submissions(submissions, board):

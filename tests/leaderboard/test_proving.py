@@ -17,11 +17,11 @@ from minitouch_bench.leaderboard.proof import (
     read_proof,
     write_proof,
 )
-from minitouch_bench.leaderboard.proving import Proving, replay, run_again
 from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.reporting.run_directory import run_json, write_run
+from minitouch_bench.workflows.validate import Prover
 from tests.evaluation.runs import request, run
 
 PLACE = "seed-0/table4"
@@ -50,8 +50,8 @@ def verdict(records, tmp_path):
 
 
 @pytest.fixture
-def proving():
-    return Proving(LocalEngine(1), np.random.default_rng(3))
+def prover(verdict):
+    return Prover(verdict, LocalEngine(1), np.random.default_rng(3))
 
 
 def change_actions(verdict, change):
@@ -62,41 +62,41 @@ def change_actions(verdict, change):
     np.savez_compressed(file, **actions)
 
 
-def test_an_honest_run_replays(verdict, proving):
+def test_an_honest_run_replays(prover):
     done = []
-    assert list(replay(verdict, dataclasses.replace(proving, on_record=done.append))) == []
+    assert list(dataclasses.replace(prover, on_record=done.append).replay()) == []
     assert len(done) == 2
 
 
-def test_swapped_actions_do_not_give_the_figures(verdict, proving):
+def test_swapped_actions_do_not_give_the_figures(verdict, prover):
     def swap(actions):
         actions["opening/0"], actions["opening/1"] = actions["opening/1"], actions["opening/0"]
 
     change_actions(verdict, swap)
-    found = [str(problem) for problem in replay(verdict, proving)]
+    found = [str(problem) for problem in prover.replay()]
     assert any("opening/0" in line and "do not give these figures" in line for line in found)
 
 
-def test_one_changed_bit_of_an_action_is_found(verdict, proving):
+def test_one_changed_bit_of_an_action_is_found(verdict, prover):
     def nudge(actions):
         actions["opening/1"][3, 0] = np.nextafter(actions["opening/1"][3, 0], np.float32(0))
 
     change_actions(verdict, nudge)
-    assert any("opening/1" in str(problem) for problem in replay(verdict, proving))
+    assert any("opening/1" in str(problem) for problem in prover.replay())
 
 
-def test_episodes_run_again_with_the_policy_give_the_same_actions(verdict, proving):
-    assert list(run_again(verdict, 1, proving)) == []
+def test_episodes_run_again_with_the_policy_give_the_same_actions(prover):
+    assert list(prover.run_again(1)) == []
 
 
-def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, proving):
+def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, prover):
     saved = verdict.runs[PLACE]
     policy = dataclasses.replace(saved.header.policy, kind="native", digest="0" * 64)
     header = dataclasses.replace(saved.header, policy=policy)
     content = run_json(dataclasses.replace(saved, header=header))
     (verdict.directory / PLACE / "run.json").write_bytes(content)
     with pytest.raises(IncompleteCheckError, match="checkpoint of seed 0 is not in the submission"):
-        run_again(verdict, 1, proving)
+        prover.run_again(1)
 
 
 # Proofs

@@ -8,7 +8,6 @@ import torch
 
 from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.leaderboard.proving import Proving, run_again, run_fresh
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     CheckpointFile,
@@ -24,6 +23,7 @@ from minitouch_bench.records import Role
 from minitouch_bench.reporting.run_directory import write_run
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.fresh import fresh_seed
+from minitouch_bench.workflows.validate import Prover
 from tests.evaluation.runs import request as wanted_run
 from tests.evaluation.runs import run
 
@@ -90,12 +90,11 @@ def verdict(tmp_path_factory, request):
 
 def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(verdict):
     assert all(episode.success for episode in verdict.runs[PLACE].episodes)
-    assert list(run_again(verdict, 3, Proving(LocalEngine(1), np.random.default_rng(0)))) == []
+    assert list(Prover(verdict, LocalEngine(1), np.random.default_rng(0)).run_again(3)) == []
 
 
 def test_fresh_episodes_tell(verdict):
-    proving = Proving(LocalEngine(1))
-    fresh, problems = run_fresh(verdict, FRESH, "a phrase", proving)
+    fresh, problems = Prover(verdict, LocalEngine(1)).run_fresh(FRESH, "a phrase")
     (problem,) = problems
     assert "pushing: success 1.000 officially" in str(problem)
     assert "fits the official episodes" in str(problem)
@@ -109,6 +108,6 @@ def test_an_honest_policy_passes(verdict):
     policy = replace(saved.header.policy, kind="scripted", digest="")
     honest = replace(saved, header=replace(saved.header, policy=policy))
     known = replace(verdict, runs={PLACE: honest})
-    fresh, problems = run_fresh(known, FRESH, "a phrase", Proving(LocalEngine(1)))
+    fresh, problems = Prover(known, LocalEngine(1)).run_fresh(FRESH, "a phrase")
     assert list(problems) == []
     assert fresh.results[PLACE][0].fresh == 1.0

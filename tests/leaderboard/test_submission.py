@@ -8,8 +8,9 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
-from minitouch_bench.leaderboard.board_json import board_schema
+from minitouch_bench.leaderboard.board import board_schema
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.packing import add_seed, check_submission
 from minitouch_bench.leaderboard.submission import (
@@ -19,7 +20,6 @@ from minitouch_bench.leaderboard.submission import (
     checkpoint_place,
     read_submission,
     submission_schema,
-    submission_toml,
 )
 from minitouch_bench.leaderboard.submission_rules import check_file_name, check_name
 from minitouch_bench.records import Role
@@ -77,7 +77,7 @@ def read(text: str) -> tuple[Submission | None, list[str]]:
 )
 def test_what_is_written_is_read_back(about):
     submission = replace(about, seeds=SEEDS)
-    assert read(submission_toml(submission)) == (submission, [])
+    assert read(write_toml(submission)) == (submission, [])
 
 
 @pytest.mark.parametrize("name", ["con", "nul.safetensors", "LPT1.onnx", "aux.tar.zip", "com0"])
@@ -95,7 +95,7 @@ def test_names_that_windows_cannot_check_out_are_refused(name):
 
 def test_the_published_schema_describes_what_is_written():
     validator = schema("submission.schema.json")
-    validator.validate(tomllib.loads(submission_toml(replace(ABOUT, seeds=SEEDS))))
+    validator.validate(tomllib.loads(write_toml(replace(ABOUT, seeds=SEEDS))))
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_the_published_schema_describes_what_is_written():
     ],
 )
 def test_the_schema_refuses_what_the_reader_refuses(key, value):
-    document = tomllib.loads(submission_toml(replace(ABOUT, seeds=SEEDS)))
+    document = tomllib.loads(write_toml(replace(ABOUT, seeds=SEEDS)))
     document[key] = value
     assert not schema("submission.schema.json").is_valid(document)
 

@@ -3,10 +3,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from minitouch_bench.documents import write_json
 from minitouch_bench.leaderboard.board import make_board
-from minitouch_bench.leaderboard.board_csv import board_csv
-from minitouch_bench.leaderboard.board_json import board_json
-from minitouch_bench.leaderboard.board_markdown import board_markdown
+from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.build import score_submissions
 from minitouch_bench.leaderboard.site import index_html
 from minitouch_bench.leaderboard.twins import near_twins, sketch_of
@@ -20,6 +19,10 @@ def episodes(seed, size=4, number=400):
     rng = np.random.default_rng(seed)
     lengths = rng.integers(1, 60, number)
     return [rng.uniform(-1, 1, (length, size)).astype(np.float32) for length in lengths]
+
+
+def digest_of(text):
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def noisy(actions, scale):
@@ -48,9 +51,10 @@ def test_a_copy_with_noise_is_told_in_every_format(tmp_path):
         replace(one, sketches={PLACE: sketch_of(actions)})
         for one, actions in zip(score_submissions(places), names.values(), strict=True)
     ]
-    assert near_twins(scored) == {"first": ("copied",), "copied": ("first",)}
+    sketches = {one.row.name: one.sketches.values() for one in scored}
+    assert near_twins(sketches) == {"first": ("copied",), "copied": ("first",)}
     apart = [
-        replace(one, runs={PLACE: hashlib.sha256(one.name.encode()).hexdigest()}) for one in scored
+        replace(one, row=replace(one.row, runs={PLACE: digest_of(one.row.name)})) for one in scored
     ]  # not the same bits
     board = make_board(apart)
     told = "nearly the actions of first"
@@ -58,4 +62,4 @@ def test_a_copy_with_noise_is_told_in_every_format(tmp_path):
     for text in (board_csv(board), board_markdown(board, tables), index_html(board, tables)):
         assert told in text
         assert "nearly the actions of other" not in text
-    assert b'"nearly_same_actions_as": [\n    "first"' in board_json(board)
+    assert b'"nearly_same_actions_as": [\n    "first"' in write_json(board)

@@ -49,7 +49,7 @@ def make_many(root: Path, number: int) -> None:
             training_steps=int(10 ** rng.uniform(5, 8)),
         )
         add_seed(directory, None, about, TrainingSeed(0, {"table4": run_place(0, "table4")}, files))
-        verdict = Verdict(directory, None, {run_place(0, "table4"): mixed}, ())
+        verdict = Verdict(directory, about, {run_place(0, "table4"): mixed}, ())
         write_proof(make_proof(verdict, ProofLevel.RERUN, 5), proof_path(directory))
 
 

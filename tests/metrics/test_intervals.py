@@ -249,16 +249,20 @@ def test_equal_values_have_no_width():
     assert mean_intervals(table, resample_weights(100, ROOT, "a")).tolist() == [[0.1, 0.1]] * 2
 
 
-def test_marked_values_alone_are_counted():
-    table = np.concatenate([np.full(50, 3.0), np.full(50, 1e9)])[None]
-    mask = table < 10
-    assert mean_intervals(table, resample_weights(100, ROOT, "a"), mask)[0] == pytest.approx(3.0)
+def test_an_episode_without_a_value_does_not_count(values):
+    weights = resample_weights(100, ROOT, "a")
+    table = np.concatenate([np.full(50, 3.0), np.full(50, np.nan)])[None]
+    assert mean_intervals(table, weights)[0] == pytest.approx(3.0)
+    rows = np.concatenate([table, values[:5]])
+    assert (
+        mean_intervals(rows, weights)[1:].tolist() == mean_intervals(values[:5], weights).tolist()
+    )
 
 
-def test_a_sample_without_a_marked_value_has_no_interval():
-    table, mask = np.ones((2, 100)), np.zeros((2, 100), bool)
-    mask[1, 3] = True
-    limits = mean_intervals(table, resample_weights(100, ROOT, "a"), mask)
+def test_a_sample_without_a_value_has_no_interval():
+    table = np.full((2, 100), np.nan)
+    table[1, 3] = 1.0
+    limits = mean_intervals(table, resample_weights(100, ROOT, "a"))
     assert np.isnan(limits[0]).all()
     assert limits[1].tolist() == [1.0, 1.0]
 

@@ -36,7 +36,7 @@ METRICS:"""
 SCRIPT = """
 import json, sys
 from pathlib import Path
-from minitouch_bench.leaderboard.board_json import board_schema
+from minitouch_bench.leaderboard.board import board_schema
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.reporting.run_directory import run_schema
 from tests.leaderboard.synthetic import make_submission
