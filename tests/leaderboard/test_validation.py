@@ -172,7 +172,7 @@ def test_keys_that_the_schema_does_not_know(submission):
 
 def test_figures_that_contradict_each_other(submission):
     edit_run(submission, lambda run: run["episodes"][3].update(steps=201))
-    refused(submission, "playing/3", "201 steps")
+    refused(submission, "playing/3", "201 of 200 steps")
 
 
 # Actions
