@@ -113,12 +113,15 @@ def _left_out(title: str, refusals: Sequence[LeftOut]) -> list[str]:
 
 def board_csv(board: Board) -> str:
     """Write every figure of a board; those that do not exist have no row."""
-    rows: list[CsvRow] = [(*_head(row), *rest) for row in board.rows for rest in _figures(row)]
+    rows: list[CsvRow] = []
+    for row in board.rows:
+        head = _head(row)
+        rows += [(*head, *rest) for rest in _figures(row)]
     for method in PAPER_METHODS:
-        head = (method, PAPER, *[None] * len(FACTS), "")
+        head = (method, PAPER, *[None] * len(FACTS))
         for (task, metric), printed in paper_values(method).items():
             value = (float(printed.text), None, None, None, printed.remark)
-            rows.append((*head, task, metric, *value, None, None))
+            rows.append((*head, "", task, metric, *value, None, None))
     return csv_text(make_frame(COLUMNS, rows))
 
 
