@@ -2,9 +2,9 @@
 
 Columns of ``episodes.csv``, estimates of ``run.json`` and its schema, rows of Table 4, columns
 of the diagnostics and of the leaderboard, and what a submission's episodes are checked for, all
-follow from METRICS. A new metric is an entry
-here, and a field of ``records.EpisodeMetrics`` if it is measured in each episode; the field
-makes a new version of ``run.json`` (``records.RUN_VERSION``), and older runs are not read.
+follow from METRICS. A new metric is an entry here, and a field of ``records.EpisodeMetrics`` if
+it is measured in each episode; the field makes a new version of ``run.json``
+(``records.RUN_VERSION``), and older runs are not read.
 """
 
 from collections.abc import Mapping
