@@ -5,7 +5,7 @@ What is done is read off the files, so that a killed study goes on where it was.
 
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import msgspec
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, apply_settings, make_config
 from minitouch_bench.agents.training import EXPLORATION_FILE
 from minitouch_bench.documents import fault_in_words
-from minitouch_bench.errors import MiniTouchError, UsageError
+from minitouch_bench.errors import MiniTouchError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import EngineOptions, find_job_runner
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import RUN_FILE, lock_directory, write_file
@@ -28,6 +28,9 @@ from minitouch_bench.workflows.train import TrainingRequest, train
 
 STUDIES = Path("reports") / "studies"
 FAILURE_FILE = "failure.txt"
+SETTINGS_FILE = "study.json"
+MAY_GROW = ("methods", "tasks", "seeds", "exploration_steps", "suites")
+"""What a study's file may change between two starts; the rest would mix unlike trainings."""
 
 
 @dataclass(frozen=True)
@@ -119,11 +122,13 @@ def run_study(options: StudyOptions) -> StudyResults:
     Raises:
         UsageError: no such engine, or an option has no meaning for it.
         MissingExtraError, InfrastructureError: Ray is not installed, or no cluster answers.
-        RunDirectoryError: the directory is in use or cannot be written.
+        RunDirectoryError: the directory is in use, cannot be written, or was started with
+            other settings.
     """
     directory = options.directory
     run_jobs = find_job_runner(options.engine)
     with lock_directory(directory):
+        _keep_settings(options.config, directory)
         for training in options.config.trainings():
             (_place(directory, training) / FAILURE_FILE).unlink(missing_ok=True)
         found = _look(options)
@@ -133,6 +138,25 @@ def run_study(options: StudyOptions) -> StudyResults:
                 write_file(_place(directory, job.training) / FAILURE_FILE, failure + "\n")
             found = _look(options)
     return found
+
+
+def _keep_settings(config: StudyConfig, directory: Path) -> None:
+    """Write a study's settings beside its results, once they agree with those there."""
+    file = directory / SETTINGS_FILE
+    if file.exists():
+        try:
+            before = msgspec.json.decode(file.read_bytes(), type=StudyConfig)
+        except (OSError, msgspec.MsgspecError) as error:
+            raise RunDirectoryError(f"{file} cannot be read: {error}") from error
+        grown = replace(before, **{name: getattr(config, name) for name in MAY_GROW})
+        for one in fields(StudyConfig):
+            then, now = getattr(grown, one.name), getattr(config, one.name)
+            if then != now:
+                raise RunDirectoryError(
+                    f"{directory} was started with {one.name} = {then}, the file has {now}; "
+                    "choose another --output"
+                )
+    write_file(file, msgspec.json.format(msgspec.json.encode(config)))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import time
 import pandas as pd
 import pytest
 
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.workflows import study
 from minitouch_bench.workflows.study import StudyOptions, read_study, run_study
@@ -101,6 +101,20 @@ def test_what_is_missing_is_done_alone(finished):
     run_study(StudyOptions(config, finished, on_state=states.append))
     assert [[one.name for one in state.left] for state in states] == [["playing-rnd-60-0"], []]
     assert json.loads((lost / "run.json").read_text())["episodes"] == episodes
+
+
+@pytest.mark.slow
+def test_a_study_may_grow_but_not_change(finished, tmp_path):
+    file = tmp_path / "s.toml"
+    file.write_text(STUDY.replace("episodes = 1", "episodes = 2"))
+    with pytest.raises(RunDirectoryError, match="started with episodes = 1, the file has 2"):
+        run_study(StudyOptions(read_study(file), finished))
+    file.write_text(STUDY.replace('"hac", "rnd"', '"hac"'))
+    found = run_study(StudyOptions(read_study(file), finished))
+    assert [one.name for one in found.done] == ["playing-hac-60-0"]
+    file.write_text(STUDY)
+    found = run_study(StudyOptions(read_study(file), finished))
+    assert len(found.done) == 2
 
 
 @pytest.mark.slow
