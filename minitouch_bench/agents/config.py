@@ -96,7 +96,7 @@ class TrainingConfig:
     """One training: a task, a method, a seed, and every setting.
 
     ``log``: a recorded dataset that exploration learns from in place of the world; each of its
-    steps is then gradient steps alone.
+    steps is then gradient steps alone. ``sac`` acts, and has it in its memory.
     ``episode_steps``: control steps after which a training episode is broken off; 0: the task's.
     ``random_steps``: uniformly random actions before learning starts.
     ``updates_per_step``: gradient steps per control step, fractions allowed.

@@ -70,10 +70,8 @@ class Training:
         self._clock = time.perf_counter()
         if self._files.exists():
             self._resume()
-        elif self._is_from_log:
-            fill_from_log(self._replay, Path(self.config.log), self._learner.sac.action_size)
         else:
-            self._begin_episode()
+            self._begin()
         cut_rows(self._directory / PROGRESS_FILE, self.step)
         while self.step < self.config.steps:
             if self._callbacks.should_stop():
@@ -90,6 +88,12 @@ class Training:
             self._keep_records()
         self._finish()
         return True
+
+    def _begin(self) -> None:
+        if self.config.log:
+            fill_from_log(self._replay, Path(self.config.log), self._learner.sac.action_size)
+        if not self._is_from_log:
+            self._begin_episode()
 
     @property
     def _is_from_log(self) -> bool:

@@ -8,6 +8,7 @@ import pytest
 from minari.data_collector.episode_buffer import EpisodeBuffer
 from minari.dataset.minari_storage import MinariStorage
 
+from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
 from minitouch_bench.agents.logged_data import fill_from_log
 from minitouch_bench.agents.replay import Replay
@@ -68,10 +69,11 @@ def test_a_log_of_another_form_is_refused(tmp_path):
         fill_from_log(Replay(100, 11, 4, compress=True), tmp_path / "nothing", 4)
 
 
-def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_path):
+def config_with_log(tmp_path, method="hac"):
     write_log(tmp_path / "log")
-    config = TrainingConfig(
+    return TrainingConfig(
         "pushing",
+        method=method,
         log=str(tmp_path / "log"),
         updates_per_step=1.0,
         log_every=5,
@@ -82,6 +84,10 @@ def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_p
         sac=SacConfig(batch_size=4),
         curiosity=CuriosityConfig(width=0.25),
     )
+
+
+def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_path):
+    config = config_with_log(tmp_path)
     rows = []
     once = TrainingRequest(config, tmp_path / "run", device="cpu", on_row=rows.append)
     assert train(once)
@@ -94,3 +100,13 @@ def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_p
     assert train(replace(broken, resume=True, should_stop=lambda: False))
     files = [tmp_path / name / "final.safetensors" for name in ("run", "broken")]
     assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_sac_acts_from_the_first_step_with_the_log_in_its_memory(tmp_path):
+    config = config_with_log(tmp_path, "sac")
+    assert train(TrainingRequest(config, tmp_path / "run", device="cpu"))
+    memory, log_alone = (Replay(config.replay_size, 11, 4, compress=True) for _ in range(2))
+    CheckpointFiles(tmp_path / "run").load(memory)
+    fill_from_log(log_alone, tmp_path / "log", 4)
+    assert memory.rows == log_alone.rows + 1 + config.steps
+    assert memory.state()["successes"] == log_alone.state()["successes"]
