@@ -15,13 +15,13 @@ from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.logged_data import fill_from_log
 from minitouch_bench.agents.progress import Evaluation, ProgressRow, Tally, append_row, cut_rows
 from minitouch_bench.agents.replay import Replay
+from minitouch_bench.files import PROGRESS_FILE
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
 from minitouch_bench.policies.sources import TRAINED_FILE
 from minitouch_bench.simulation.observation import Observation
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
-PROGRESS_FILE = "progress.csv"
 EXPLORATION_FILE = "exploration.safetensors"
 
 

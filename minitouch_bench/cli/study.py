@@ -1,13 +1,24 @@
 """``minitouch-bench study``: a grid of trainings from a TOML file, evaluated and compared."""
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.console import notes
+from minitouch_bench.cli.console import LINE_INTERVAL_S, notes
 from minitouch_bench.errors import InfrastructureError
+
+if TYPE_CHECKING:
+    from minitouch_bench.workflows.study import StudyConfig
+
+REFRESH_S = 2.0
+SHOWN = 3
+"""Trainings under way that are named; the others are counted."""
 
 
 def study(
@@ -32,7 +43,66 @@ def study(
 
     directory = output or STUDIES / file.stem
     runs_it = EngineOptions(engine, options.worker_count(workers), address)
-    found = run_study(StudyOptions(read_study(file), directory, runs_it, show))
+    config = read_study(file)
+    with _shown_progress(config, directory):
+        found = run_study(StudyOptions(config, directory, runs_it, show))
     if found.failed:
         raise InfrastructureError("\n".join(state_lines(found)[1:]))
     print(directory / "report.html")
+
+
+@contextmanager
+def _shown_progress(config: "StudyConfig", directory: Path) -> Iterator[None]:
+    """Show the control steps of all trainings, and those under way, as their files tell them.
+
+    Where there is no terminal, one line per minute says so.
+    """
+    from minitouch_bench.reporting.study import last_progress
+
+    totals = {training: config.config_of(training).steps for training in config.trainings()}
+
+    def look() -> tuple[int, str]:
+        done = {training: last_progress(directory, training)[0] for training in totals}
+        named = [
+            f"{training.name} {steps:,}/{totals[training]:,}"
+            for training, steps in done.items()
+            if 0 < steps < totals[training]
+        ]
+        more = [f"{len(named) - SHOWN} more"] if len(named) > SHOWN else []
+        return sum(done.values()), "  ".join([*named[:SHOWN], *more])
+
+    def watch() -> None:
+        waited = 0.0
+        while not ended.wait(REFRESH_S):
+            steps, under_way = look()
+            progress.update(bar, completed=steps, under_way=under_way)
+            waited += REFRESH_S
+            if not notes.is_terminal and waited >= LINE_INTERVAL_S:
+                waited = 0.0
+                notes.print(f"{steps:,} of {total:,} control steps  {under_way}", markup=False)
+
+    ended = threading.Event()
+    total = sum(totals.values())
+    progress = Progress(
+        TextColumn("[bold]control steps"),
+        BarColumn(bar_width=20),
+        TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[under_way]}", markup=False),
+        console=notes,
+        refresh_per_second=1,
+        speed_estimate_period=600,
+    )
+    steps, under_way = look()
+    bar = progress.add_task("study", total=total, completed=steps, under_way=under_way)
+    watcher = threading.Thread(target=watch, daemon=True)
+    with progress:
+        watcher.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            watcher.join()
+            progress.update(bar, completed=look()[0], under_way="")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from minitouch_bench.files import RUN_FILE, write_file
+from minitouch_bench.files import PROGRESS_FILE, RUN_FILE, write_file
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.intervals import bootstrap_mean
 from minitouch_bench.metrics.metric import ShownIn
@@ -45,6 +45,7 @@ from minitouch_bench.reporting.study_orders import episode_values, judge_orders,
 from minitouch_bench.reporting.training_page import episode_success
 
 TEMPLATE = Path(__file__).parent / "templates" / "study.html.j2"
+TIME_NOTE = "Time: of the training alone, without its evaluation, beside whatever else ran."
 EPISODES_ONLY = "one training seed: its interval is over episodes only"
 
 
@@ -86,14 +87,15 @@ def write_study(results: StudyResults) -> None:
     orders = judge_orders(values)
     write_file(directory / "orders.csv", orders.to_csv(index=False))
     tables = (*_tables(estimates), *((orders_table(orders),) if len(orders) else ()))
+    trainings = trainings_table(results)
     figures = tuple(study_figures(estimates, curves))
     write_figures(figures, directory / "figures")
     sources = [latex.table_source(table, table.title) for table in tables]
     write_file(directory / "tables.tex", "\n".join(sources))
-    write_file(directory / "report.md", _markdown(results, tables))
+    write_file(directory / "report.md", _markdown(results, (*tables, trainings)))
     page = render_page(
-        TEMPLATE, results=results, name=directory.resolve().name, tables=tables, figures=figures,
-        note=PAPER_NOTE, state=state_lines(results)[0],
+        TEMPLATE, name=directory.resolve().name, tables=tables, figures=figures,
+        trainings=trainings, state=state_lines(results)[0],
     )  # fmt: skip
     write_file(directory / "report.html", page)
 
@@ -147,7 +149,7 @@ def _curves(results: StudyResults) -> pd.DataFrame:
     """Return a row per training and line of its ``progress.csv``; those under way, too."""
     frames = []
     for training in (*results.done, *results.failed, *results.left):
-        file = results.directory / training.name / "progress.csv"
+        file = results.directory / training.name / PROGRESS_FILE
         if file.exists():
             rows = pd.read_csv(file)
             kept = rows[["step", "touch_share"]].assign(success=episode_success(rows))
@@ -217,9 +219,38 @@ def _time_left(results: StudyResults) -> str:
     """Say how long the rest will take, by the trainings that are done, without evaluations."""
     if not results.done or not results.left:
         return ""
-    files = [results.directory / training.name / "progress.csv" for training in results.done]
-    hours = np.mean([pd.read_csv(file)["seconds"].iloc[-1] for file in files]) / 3600
-    return f"; those left train for about {hours * len(results.left):.1f} hours, one at a time"
+    seconds = [last_progress(results.directory, training)[1] for training in results.done]
+    hours = float(np.mean(seconds)) * len(results.left) / 3600
+    return f"; those left train for about {hours:.1f} hours, one at a time"
+
+
+def last_progress(directory: Path, training: StudyTraining) -> tuple[int, float]:
+    """Return how many control steps a training has done, and in how many seconds."""
+    try:
+        rows = pd.read_csv(directory / training.name / PROGRESS_FILE)
+    except (FileNotFoundError, pd.errors.EmptyDataError):  # no row yet
+        return 0, 0.0
+    return int(rows["step"].iloc[-1]), float(rows["seconds"].iloc[-1])
+
+
+def trainings_table(results: StudyResults) -> Table:
+    """Return a row per training: its state, its control steps, and the time it took."""
+    states = {
+        **{training: f"failed: {why}" for training, why in results.failed.items()},
+        **dict.fromkeys(results.left, ""),
+        **dict.fromkeys(results.done, "done"),
+    }
+    rows = []
+    for training, state in states.items():
+        steps, seconds = last_progress(results.directory, training)
+        cells = (
+            Cell(state or ("under way" if steps else "waiting")),
+            Cell(f"{steps:,}"),
+            Cell(f"{seconds / 60:.1f} min"),
+        )
+        rows.append(Row((training.name,), cells))
+    columns = (Column("State", is_text=True), Column("Control steps"), Column("Time"))
+    return Table("Trainings", ("Training",), columns, tuple(rows), (TIME_NOTE,))
 
 
 def _markdown(results: StudyResults, tables: Sequence[Table]) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from minitouch_bench.files import PROGRESS_FILE
 from minitouch_bench.rendering.charts import (
     Axis,
     Chart,
@@ -29,7 +30,7 @@ TRAINING, EVALUATION = series_tone(0), series_tone(1)
 
 def training_page(directory: Path) -> str:
     """Return the page of a training directory, from ``progress.csv`` and ``config.toml``."""
-    rows = pd.read_csv(directory / "progress.csv")
+    rows = pd.read_csv(directory / PROGRESS_FILE)
     settings = (directory / "config.toml").read_text(encoding="utf-8")
     return render_page(
         TEMPLATE,

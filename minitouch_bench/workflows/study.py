@@ -28,7 +28,7 @@ from minitouch_bench.workflows.train import TrainingRequest, train
 
 STUDIES = Path("reports") / "studies"
 FAILURE_FILE = "failure.txt"
-SETTINGS_FILE = "study.json"
+STUDY_FILE = "study.json"
 MAY_GROW = ("methods", "tasks", "seeds", "exploration_steps", "suites")
 """What a study's file may change between two starts; the rest would mix unlike trainings."""
 
@@ -142,7 +142,7 @@ def run_study(options: StudyOptions) -> StudyResults:
 
 def _keep_settings(config: StudyConfig, directory: Path) -> None:
     """Write a study's settings beside its results, once they agree with those there."""
-    file = directory / SETTINGS_FILE
+    file = directory / STUDY_FILE
     if file.exists():
         try:
             before = msgspec.json.decode(file.read_bytes(), type=StudyConfig)

@@ -11,12 +11,12 @@ import torch
 
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, config_text, read_config
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
-from minitouch_bench.agents.training import PROGRESS_FILE, Training, TrainingCallbacks
+from minitouch_bench.agents.training import Training, TrainingCallbacks
 from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicyActor
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.suites import Suite
-from minitouch_bench.files import lock_directory, write_file
+from minitouch_bench.files import PROGRESS_FILE, lock_directory, write_file
 from minitouch_bench.optional import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor

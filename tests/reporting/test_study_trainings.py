@@ -1,0 +1,28 @@
+from minitouch_bench.files import PROGRESS_FILE
+from minitouch_bench.reporting.study import StudyResults, StudyTraining, trainings_table
+
+
+def training_at(directory, seed, text):
+    training = StudyTraining("opening", "hac", seed, 8000)
+    (directory / training.name).mkdir()
+    if text is not None:
+        (directory / training.name / PROGRESS_FILE).write_text(text)
+    return training
+
+
+def test_each_training_says_how_far_it_is(tmp_path):
+    rows = "step,seconds\n500,30.0\n1000,60.0\n"
+    done, failed, under_way, begun, waiting = (
+        training_at(tmp_path, seed, text) for seed, text in enumerate([rows, rows, rows, "", None])
+    )
+    results = StudyResults(tmp_path, (done,), {failed: "a full disk"}, (under_way, begun, waiting))
+    found = {
+        row.heads[0]: [cell.text for cell in row.cells] for row in trainings_table(results).rows
+    }
+    assert found == {
+        "opening-hac-8000-0": ["done", "1,000", "1.0 min"],
+        "opening-hac-8000-1": ["failed: a full disk", "1,000", "1.0 min"],
+        "opening-hac-8000-2": ["under way", "1,000", "1.0 min"],
+        "opening-hac-8000-3": ["waiting", "0", "0.0 min"],
+        "opening-hac-8000-4": ["waiting", "0", "0.0 min"],
+    }
