@@ -64,6 +64,10 @@ class StudyTraining:
         return f"{self.task}-{self.method}-{self.exploration_steps}-{self.seed}"
 
 
+FIELDS = tuple(StudyTraining.__dataclass_fields__)
+"""The columns that name a training."""
+
+
 @dataclass(frozen=True)
 class StudyResults:
     """Which trainings of a study are done, which failed and why, and which are left."""
@@ -80,11 +84,12 @@ def write_study(results: StudyResults) -> None:
     Raises:
         RunDirectoryError: a file cannot be read or written.
     """
-    (estimates, values), curves = _estimates(results), _curves(results)
+    runs = _runs(results)
+    estimates, curves = _estimates(runs), _curves(results)
     directory = results.directory
     write_file(directory / "estimates.csv", estimates.to_csv(index=False))
     write_file(directory / "curves.csv", curves.to_csv(index=False))
-    orders = judge_orders(values)
+    orders = judge_orders(_episode_values(runs))
     write_file(directory / "orders.csv", orders.to_csv(index=False))
     tables = (*_tables(estimates), *((orders_table(orders),) if len(orders) else ()))
     trainings = trainings_table(results)
@@ -100,32 +105,40 @@ def write_study(results: StudyResults) -> None:
     write_file(directory / "report.html", page)
 
 
-def _estimates(results: StudyResults) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return a row per training, suite, and metric of its evaluation; and one per episode.
+def _runs(results: StudyResults) -> list[tuple[StudyTraining, SavedRun]]:
+    """Read the evaluations of each training, one per suite."""
+    return [
+        (training, read_run(file.parent))
+        for training in results.done
+        for file in sorted((results.directory / training.name).glob(f"*/{RUN_FILE}"))
+    ]
 
-    The second has the episodes of the main suite alone, as ``judge_orders`` takes them.
-    """
-    rows, values = [], []
-    fields = [*StudyTraining.__dataclass_fields__]
-    for training in results.done:
-        for file in sorted((results.directory / training.name).glob(f"*/{RUN_FILE}")):
-            run = read_run(file.parent)
-            (summary,) = run.summary.tasks
-            head = (*vars(training).values(), run.header.suite)
-            rows += [
-                (*head, metric, found.value, found.low, found.high, found.count)
-                for metric, found in summary.estimates.items()
-            ]
-            found = [*_on_both_splits(run.summary), *_while_exploring(run)]
-            rows += [(*head, metric, e.value, e.low, e.high, e.count) for metric, e in found]
-            if run.header.suite == MAIN_SUITE:
-                values += [(*vars(training).values(), *one) for one in episode_values(run)]
-    return (
-        pd.DataFrame(
-            rows, columns=[*fields, "suite", "metric", "value", "low", "high", "episodes"]
-        ),
-        pd.DataFrame(values, columns=[*fields, "metric", "episode", "value"]),
-    )
+
+def _estimates(runs: Sequence[tuple[StudyTraining, SavedRun]]) -> pd.DataFrame:
+    """Return a row per training, suite, and metric of its evaluation."""
+    rows = []
+    for training, run in runs:
+        (summary,) = run.summary.tasks
+        found = [
+            *summary.estimates.items(),
+            *_on_both_splits(run.summary),
+            *_while_exploring(run),
+        ]
+        head = (*vars(training).values(), run.header.suite)
+        rows += [(*head, metric, e.value, e.low, e.high, e.count) for metric, e in found]
+    columns = [*FIELDS, "suite", "metric", "value", "low", "high", "episodes"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _episode_values(runs: Sequence[tuple[StudyTraining, SavedRun]]) -> pd.DataFrame:
+    """Return a row per training, metric and episode of the main suite, for ``judge_orders``."""
+    rows = [
+        (*vars(training).values(), *one)
+        for training, run in runs
+        if run.header.suite == MAIN_SUITE
+        for one in episode_values(run)
+    ]
+    return pd.DataFrame(rows, columns=[*FIELDS, "metric", "episode", "value"])
 
 
 def _on_both_splits(summary: Summary) -> Iterator[tuple[str, Estimate]]:
@@ -154,7 +167,7 @@ def _curves(results: StudyResults) -> pd.DataFrame:
             rows = pd.read_csv(file)
             kept = rows[["step", "touch_share"]].assign(success=episode_success(rows))
             frames.append(kept.assign(**vars(training)))
-    columns = [*StudyTraining.__dataclass_fields__, "step", "touch_share", "success"]
+    columns = [*FIELDS, "step", "touch_share", "success"]
     return pd.concat(frames)[columns] if frames else pd.DataFrame(columns=columns)
 
 
