@@ -241,7 +241,9 @@ def last_progress(directory: Path, training: StudyTraining) -> tuple[int, float]
     """Return how many control steps a training has done, and in how many seconds."""
     try:
         rows = pd.read_csv(directory / training.name / PROGRESS_FILE)
-    except (FileNotFoundError, pd.errors.EmptyDataError):  # no row yet
+    except (FileNotFoundError, pd.errors.EmptyDataError):
+        rows = pd.DataFrame()
+    if rows.empty:
         return 0, 0.0
     return int(rows["step"].iloc[-1]), float(rows["seconds"].iloc[-1])
 

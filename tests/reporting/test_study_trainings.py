@@ -13,7 +13,8 @@ def training_at(directory, seed, text):
 def test_each_training_says_how_far_it_is(tmp_path):
     rows = "step,seconds\n500,30.0\n1000,60.0\n"
     done, failed, under_way, begun, waiting = (
-        training_at(tmp_path, seed, text) for seed, text in enumerate([rows, rows, rows, "", None])
+        training_at(tmp_path, seed, text)
+        for seed, text in enumerate([rows, rows, rows, "", "step,seconds\n"])
     )
     results = StudyResults(tmp_path, (done,), {failed: "a full disk"}, (under_way, begun, waiting))
     found = {
