@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import LINE_INTERVAL_S, notes
-from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 
 if TYPE_CHECKING:
     from minitouch_bench.workflows.study import StudyConfig
@@ -74,7 +74,8 @@ def _shown_progress(config: "StudyConfig", directory: Path) -> Iterator[None]:
     def watch() -> None:
         waited = 0.0
         while not ended.wait(REFRESH_S):
-            steps, under_way = look()
+            with suppress(RunDirectoryError):  # it is told where the study reads the file
+                steps, under_way = look()
             progress.update(bar, completed=steps, under_way=under_way)
             waited += REFRESH_S
             if not notes.is_terminal and waited >= LINE_INTERVAL_S:

@@ -3,10 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pandas as pd
 
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import PROGRESS_FILE, RUN_FILE, write_file
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.intervals import bootstrap_mean
@@ -64,6 +66,10 @@ class StudyTraining:
         return f"{self.task}-{self.method}-{self.exploration_steps}-{self.seed}"
 
 
+PROGRESS_TYPES: Final = {
+    "step": "int64", "episodes": "int64", "success": "float64", "touch_share": "float64",
+    "seconds": "float64",
+}  # fmt: skip
 FIELDS = tuple(StudyTraining.__dataclass_fields__)
 """The columns that name a training."""
 
@@ -162,9 +168,8 @@ def _curves(results: StudyResults) -> pd.DataFrame:
     """Return a row per training and line of its ``progress.csv``; those under way, too."""
     frames = []
     for training in (*results.done, *results.failed, *results.left):
-        file = results.directory / training.name / PROGRESS_FILE
-        if file.exists():
-            rows = pd.read_csv(file)
+        rows = _progress(results.directory, training)
+        if not rows.empty:
             kept = rows[["step", "touch_share"]].assign(success=episode_success(rows))
             frames.append(kept.assign(**vars(training)))
     columns = [*FIELDS, "step", "touch_share", "success"]
@@ -238,14 +243,26 @@ def _time_left(results: StudyResults) -> str:
 
 
 def last_progress(directory: Path, training: StudyTraining) -> tuple[int, float]:
-    """Return how many control steps a training has done, and in how many seconds."""
-    try:
-        rows = pd.read_csv(directory / training.name / PROGRESS_FILE)
-    except (FileNotFoundError, pd.errors.EmptyDataError):
-        rows = pd.DataFrame()
+    """Return how many control steps a training has done, and in how many seconds.
+
+    Raises:
+        RunDirectoryError: its ``progress.csv`` cannot be read.
+    """
+    rows = _progress(directory, training)
     if rows.empty:
         return 0, 0.0
     return int(rows["step"].iloc[-1]), float(rows["seconds"].iloc[-1])
+
+
+def _progress(directory: Path, training: StudyTraining) -> pd.DataFrame:
+    """Return what a report needs of a training's ``progress.csv``, (rows, ``PROGRESS_TYPES``)."""
+    file = directory / training.name / PROGRESS_FILE
+    try:
+        return pd.read_csv(file, usecols=[*PROGRESS_TYPES], dtype=PROGRESS_TYPES)
+    except (FileNotFoundError, pd.errors.EmptyDataError):  # no row yet
+        return pd.DataFrame(columns=[*PROGRESS_TYPES])
+    except (OSError, ValueError) as error:
+        raise RunDirectoryError(f"{file} cannot be read: {error}") from error
 
 
 def trainings_table(results: StudyResults) -> Table:

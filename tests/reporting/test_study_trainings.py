@@ -1,5 +1,13 @@
+import pytest
+
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import PROGRESS_FILE
-from minitouch_bench.reporting.study import StudyResults, StudyTraining, trainings_table
+from minitouch_bench.reporting.study import (
+    StudyResults,
+    StudyTraining,
+    last_progress,
+    trainings_table,
+)
 
 
 def training_at(directory, seed, text):
@@ -11,10 +19,10 @@ def training_at(directory, seed, text):
 
 
 def test_each_training_says_how_far_it_is(tmp_path):
-    rows = "step,seconds\n500,30.0\n1000,60.0\n"
+    head = "step,episodes,success,touch_share,seconds\n"
+    rows = head + "500,2,0.5,0.1,30.0\n1000,0,,0.2,60.0\n"
     done, failed, under_way, begun, waiting = (
-        training_at(tmp_path, seed, text)
-        for seed, text in enumerate([rows, rows, rows, "", "step,seconds\n"])
+        training_at(tmp_path, seed, text) for seed, text in enumerate([rows, rows, rows, "", head])
     )
     results = StudyResults(tmp_path, (done,), {failed: "a full disk"}, (under_way, begun, waiting))
     found = {
@@ -27,3 +35,10 @@ def test_each_training_says_how_far_it_is(tmp_path):
         "opening-hac-8000-3": ["waiting", "0", "0.0 min"],
         "opening-hac-8000-4": ["waiting", "0", "0.0 min"],
     }
+
+
+@pytest.mark.parametrize("text", ["step\n500\n", "\0\1\2", "step,episodes\nmany,few\n"])
+def test_damaged_curves_are_named(tmp_path, text):
+    training = training_at(tmp_path, 0, text)
+    with pytest.raises(RunDirectoryError, match=r"progress\.csv cannot be read"):
+        last_progress(tmp_path, training)
