@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
-from minitouch_bench.metrics.intervals import bootstrap_mean, stream, wilson
+from minitouch_bench.metrics.intervals import stream
 from minitouch_bench.metrics.metric import Kind
 from minitouch_bench.records import Estimate, SavedRun
 from minitouch_bench.rendering.charts import (
@@ -25,14 +25,13 @@ from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell
 from minitouch_bench.reporting.frames import csv_text, make_frame
 from minitouch_bench.reporting.labels import task_title, tasks_in_order
-from minitouch_bench.reporting.over_runs import ROOT, RunOrigin
+from minitouch_bench.reporting.over_runs import ROOT, RunOrigin, over_seeds
 from minitouch_bench.reporting.tables import find_estimate
 
 STEPS = re.compile(r"[-_ ]?(?:(\d+)[-_ ]?steps?|steps?[-_ ]?(\d+))", re.IGNORECASE)
 """A number of steps in a name, as in ``rl_model_10000_steps``."""
 
 ONE_TRAINING = "training"
-OVER_SEEDS = "bootstrap over training seeds, of a share no narrower than Wilson over all episodes"
 HEIGHT = 130.0
 
 
@@ -48,16 +47,8 @@ class CurvePoint:
         """Return what ranks a task, over training seeds where there are several."""
         metric = ranking_metric(task)
         found = [one for run in self.runs if (one := find_estimate(run, task, metric))]
-        if len(found) < 2:
-            return found[0] if found else None
         rng = stream(ROOT, "curve", self.training, str(self.steps), task)
-        over = bootstrap_mean([one.value for one in found], rng)
-        low, high = over.low, over.high
-        if METRICS[metric].kind is Kind.SHARE:
-            episodes = sum(one.count for one in found)
-            pooled = wilson(round(sum(one.value * one.count for one in found)), episodes)
-            low, high = min(low, pooled.low), max(high, pooled.high)
-        return Estimate(over.value, low, high, over.count, OVER_SEEDS)
+        return over_seeds(found, rng, is_share=METRICS[metric].kind is Kind.SHARE)
 
 
 def curve_points(

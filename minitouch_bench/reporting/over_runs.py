@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.intervals import INTERVAL_ENDS, RESAMPLES, stream
+from minitouch_bench.metrics.intervals import (
+    INTERVAL_ENDS,
+    RESAMPLES,
+    bootstrap_mean,
+    stream,
+    wilson,
+)
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Estimate, SavedRun
 from minitouch_bench.rendering.charts import (
@@ -40,8 +46,28 @@ from minitouch_bench.reporting.tables import find_estimate
 
 TRIMMED = 0.25
 """Share of the scores that is left out at each end."""
+OVER_SEEDS = "bootstrap over training seeds, of a share no narrower than Wilson over all episodes"
 
 Floats = NDArray[np.float64]
+
+
+def over_seeds(
+    estimates: Sequence[Estimate], rng: np.random.Generator, *, is_share: bool
+) -> Estimate | None:
+    """Estimate a metric over training seeds from what each found; of one seed what it found.
+
+    A bootstrap never goes beyond the seeds' range. So few seeds that agree would have no interval
+    at all; a share's is therefore no narrower than that of all their episodes together.
+    """
+    if len(estimates) < 2:
+        return estimates[0] if estimates else None
+    found = bootstrap_mean([one.value for one in estimates], rng)
+    low, high = found.low, found.high
+    if is_share:
+        successes = sum(one.value * one.count for one in estimates)
+        pooled = wilson(round(successes), sum(one.count for one in estimates))
+        low, high = min(low, pooled.low), max(high, pooled.high)
+    return Estimate(found.value, low, high, found.count, OVER_SEEDS)
 
 
 @dataclass(frozen=True)

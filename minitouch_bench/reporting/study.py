@@ -28,6 +28,7 @@ from minitouch_bench.rendering.tables import (
     metric_head,
 )
 from minitouch_bench.reporting.labels import task_title
+from minitouch_bench.reporting.over_runs import OVER_SEEDS
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
 from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.reporting.study_figures import (
@@ -37,10 +38,9 @@ from minitouch_bench.reporting.study_figures import (
     MAIN_SUITE,
     MOVEMENT,
     NOVEL_SHAPES,
-    SEEDS_ONLY,
     TOUCH,
     TRAIN,
-    over_seeds,
+    study_estimate,
     study_figures,
 )
 from minitouch_bench.reporting.study_orders import episode_values, judge_orders, orders_table
@@ -213,7 +213,8 @@ def _table(title: str, suite: str, part: pd.DataFrame) -> Table:
         head = metric_head(shown) + metric.removeprefix(shown)
         rows.append(Row((head,), row, METRICS[shown].unit))
     notes = (
-        f"95 % intervals: {SEEDS_ONLY}, never wider than their range; {EPISODES_ONLY}.",
+        f"95 % intervals: {OVER_SEEDS}: of few seeds too narrow, as it never "
+        f"goes beyond their range; {EPISODES_ONLY}.",
         *((PAPER_NOTE,) * with_paper),
     )
     return Table(title, ("Metric",), tuple(columns), tuple(rows), notes)
@@ -221,7 +222,7 @@ def _table(title: str, suite: str, part: pd.DataFrame) -> Table:
 
 def _cell(part: pd.DataFrame, task: str, method: str, metric: str) -> Cell:
     own = part[(part["task"] == task) & (part["method"] == method) & (part["metric"] == metric)]
-    return estimate_cell(metric.split(",", maxsplit=1)[0], over_seeds(own))
+    return estimate_cell(metric.split(",", maxsplit=1)[0], study_estimate(own))
 
 
 def state_lines(results: StudyResults) -> list[str]:

@@ -8,7 +8,7 @@ import pandas as pd
 from scipy.stats import trim_mean
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
-from minitouch_bench.metrics.intervals import bootstrap_mean
+from minitouch_bench.metrics.metric import Kind
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.charts import (
@@ -27,7 +27,7 @@ from minitouch_bench.rendering.charts import (
 )
 from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.reporting.labels import task_title
-from minitouch_bench.reporting.over_runs import TRIMMED
+from minitouch_bench.reporting.over_runs import TRIMMED, over_seeds
 
 MAIN_SUITE, NOVEL_SHAPES = "table4", "novel-shapes"
 MOVEMENT: Final = "object_movement"
@@ -41,7 +41,6 @@ EXPLORING, GAP, HELD_OUT, TRAIN = (
 )
 """What follows a metric's name in ``estimates.csv`` where it is not that of the final policy."""
 
-SEEDS_ONLY = "bootstrap over training seeds"
 HEIGHT = 150
 
 
@@ -153,7 +152,7 @@ def exploration_lengths(main: pd.DataFrame, methods: tuple[str, ...]) -> Iterato
 def _by_length(own: pd.DataFrame, turn: int) -> Iterator[Mark]:
     points = []
     for steps, rows in own.groupby("exploration_steps", sort=True):
-        found = over_seeds(rows)
+        found = study_estimate(rows)
         if found is not None:
             x = float(str(steps))
             points.append((x, found.value))
@@ -172,7 +171,7 @@ def novel_shapes(novel: pd.DataFrame, methods: tuple[str, ...]) -> Iterator[Figu
         for turn, method in enumerate(methods):
             for split, above in ((TRAIN, -0.15), (HELD_OUT, 0.15)):
                 rows = own[(own["method"] == method) & (own["metric"] == metric + split)]
-                if (found := over_seeds(rows)) is not None:
+                if (found := study_estimate(rows)) is not None:
                     row = turn + above
                     marks.append(interval_line(turn, row, found))
                     marks.append(run_dot(turn, found.value, row, is_hollow=split == TRAIN))
@@ -195,15 +194,18 @@ def _legend(methods: tuple[str, ...]) -> tuple[LegendItem, ...]:
     return tuple(LegendItem(one, series_tone(turn)) for turn, one in enumerate(methods))
 
 
-def over_seeds(own: pd.DataFrame) -> Estimate | None:
-    """Estimate a metric over training seeds; of one seed with its own interval, over episodes."""
+def study_estimate(own: pd.DataFrame) -> Estimate | None:
+    """Estimate a metric from the rows that a study has of it, one per training seed."""
     if own.empty:
         return None
-    if len(own) == 1:
-        value, low, high, episodes = own[["value", "low", "high", "episodes"]].iloc[0].tolist()
-        return Estimate(value, low, high, int(episodes), "over episodes")
-    found = bootstrap_mean(own["value"].to_numpy(float), np.random.default_rng(0))
-    return Estimate(found.value, found.low, found.high, len(own), SEEDS_ONLY)
+    columns = (own[name].tolist() for name in ("value", "low", "high", "episodes"))
+    estimates = [
+        Estimate(value, low, high, int(episodes), "over episodes")
+        for value, low, high, episodes in zip(*columns, strict=True)
+    ]
+    name, _, of_what = own["metric"].iloc[0].partition(",")
+    is_share = METRICS[name].kind is Kind.SHARE and of_what != GAP.removeprefix(",")
+    return over_seeds(estimates, np.random.default_rng(0), is_share=is_share)
 
 
 def study_parts(frame: pd.DataFrame) -> Iterator[tuple[str, int, pd.DataFrame]]:

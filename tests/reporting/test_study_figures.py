@@ -5,9 +5,15 @@ from itertools import product
 import pandas as pd
 import pytest
 
+from minitouch_bench.metrics.intervals import wilson
 from minitouch_bench.rendering.charts import Dot, Line
 from minitouch_bench.rendering.figure_files import write_figures
-from minitouch_bench.reporting.study_figures import learning_curves, study_figures
+from minitouch_bench.reporting.study_figures import (
+    GAP,
+    learning_curves,
+    study_estimate,
+    study_figures,
+)
 
 METHODS = ("hac", "rnd")
 
@@ -112,3 +118,22 @@ def test_one_length_and_one_suite_give_no_empty_figures():
 def test_they_can_be_drawn(figures, tmp_path):
     for path in write_figures(tuple(figures.values()), tmp_path):
         assert path.stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("metric", "interval"),
+    [("success", (wilson(75, 75).low, 1.0)), ("touch_share", (1.0, 1.0))],
+)
+def test_seeds_that_agree_are_no_proof_of_a_share(metric, interval):
+    seeds = pd.DataFrame(
+        [(metric, 1.0, 0.87, 1.0, 25)] * 3, columns=["metric", "value", "low", "high", "episodes"]
+    )
+    found = study_estimate(seeds)
+    assert (found.value, found.low, found.high) == (1.0, *interval)
+
+
+def test_a_gap_of_shares_is_no_share():
+    columns = ["metric", "value", "low", "high", "episodes"]
+    rows = [(f"success{GAP}", value, -0.2, 0.1, 400) for value in (-0.1, -0.05, 0.0)]
+    found = study_estimate(pd.DataFrame(rows, columns=columns))
+    assert -0.1 <= found.low < found.value < found.high <= 0.0
