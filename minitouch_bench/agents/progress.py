@@ -16,7 +16,8 @@ class ProgressRow:
     ``intrinsic_reward``: mean over the batches, as learned from; ``task_reward``: the task's
     own, per control step; ``touch_share``: share of control steps in contact; ``success``:
     share of the ``episodes`` that ended. ``value`` is the critic's mean, ``entropy`` in
-    nats. ``evaluation_*``: on episodes of their own, see ``docs/training.md``.
+    nats. ``evaluation_*``: on episodes of their own, see ``evaluate_every`` in
+    ``agents/config.py``.
     """
 
     step: int
