@@ -147,10 +147,9 @@ def test_an_error_of_the_user_is_not_tried_again(tmp_path):
 
 
 PARENT = """
-import signal, sys
+import sys
 from tests.test_processes import run_named, stay
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job has none
     run_named(stay, sys.argv[1:], 2)
 """
 

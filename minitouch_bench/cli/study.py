@@ -1,7 +1,7 @@
 """``minitouch-bench study``: a grid of trainings from a TOML file, evaluated and compared."""
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,9 +14,11 @@ from minitouch_bench.cli.console import LINE_INTERVAL_S, notes
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 
 if TYPE_CHECKING:
+    from minitouch_bench.reporting.study import StudyTraining
     from minitouch_bench.workflows.study import StudyConfig
 
-REFRESH_S = 2.0
+REFRESH_S = 10.0
+"""A training writes a row about as often; each look reads all trainings' rows."""
 SHOWN = 3
 """Trainings under way that are named; the others are counted."""
 
@@ -57,33 +59,7 @@ def _shown_progress(config: "StudyConfig", directory: Path) -> Iterator[None]:
 
     Where there is no terminal, one line per minute says so.
     """
-    from minitouch_bench.reporting.study import last_progress
-
     totals = {training: config.config_of(training).steps for training in config.trainings()}
-
-    def look() -> tuple[int, str]:
-        done = {training: last_progress(directory, training)[0] for training in totals}
-        named = [
-            f"{training.name} {steps:,}/{totals[training]:,}"
-            for training, steps in done.items()
-            if 0 < steps < totals[training]
-        ]
-        more = [f"{len(named) - SHOWN} more"] if len(named) > SHOWN else []
-        return sum(done.values()), "  ".join([*named[:SHOWN], *more])
-
-    def watch() -> None:
-        waited = 0.0
-        while not ended.wait(REFRESH_S):
-            with suppress(RunDirectoryError):  # it is told where the study reads the file
-                steps, under_way = look()
-            progress.update(bar, completed=steps, under_way=under_way)
-            waited += REFRESH_S
-            if not notes.is_terminal and waited >= LINE_INTERVAL_S:
-                waited = 0.0
-                notes.print(f"{steps:,} of {total:,} control steps  {under_way}", markup=False)
-
-    ended = threading.Event()
-    total = sum(totals.values())
     progress = Progress(
         TextColumn("[bold]control steps"),
         BarColumn(bar_width=20),
@@ -96,8 +72,25 @@ def _shown_progress(config: "StudyConfig", directory: Path) -> Iterator[None]:
         refresh_per_second=1,
         speed_estimate_period=600,
     )
-    steps, under_way = look()
-    bar = progress.add_task("study", total=total, completed=steps, under_way=under_way)
+    steps, under_way = _steps_done(totals, directory)
+    bar = progress.add_task(
+        "study", total=sum(totals.values()), completed=steps, under_way=under_way
+    )
+    ended = threading.Event()
+
+    def watch() -> None:
+        waited = 0.0
+        while not ended.wait(REFRESH_S):
+            with suppress(RunDirectoryError):  # it is told where the study reads the file
+                steps, under_way = _steps_done(totals, directory)
+                progress.update(bar, completed=steps, under_way=under_way)
+            waited += REFRESH_S
+            if not notes.is_terminal and waited >= LINE_INTERVAL_S:
+                waited = 0.0
+                task = progress.tasks[bar]
+                line = f"{task.completed:,.0f} of {task.total:,.0f} control steps"
+                notes.print(f"{line}  {task.fields['under_way']}", markup=False)
+
     watcher = threading.Thread(target=watch, daemon=True)
     with progress:
         watcher.start()
@@ -106,4 +99,19 @@ def _shown_progress(config: "StudyConfig", directory: Path) -> Iterator[None]:
         finally:
             ended.set()
             watcher.join()
-            progress.update(bar, completed=look()[0], under_way="")
+            with suppress(RunDirectoryError):
+                progress.update(bar, completed=_steps_done(totals, directory)[0], under_way="")
+
+
+def _steps_done(totals: "Mapping[StudyTraining, int]", directory: Path) -> tuple[int, str]:
+    """Return the control steps of all trainings so far, and in words those that are under way."""
+    from minitouch_bench.reporting.study import last_progress
+
+    done = {training: last_progress(directory, training)[0] for training in totals}
+    named = [
+        f"{training.name} {steps:,}/{totals[training]:,}"
+        for training, steps in done.items()
+        if 0 < steps < totals[training]
+    ]
+    more = [f"{len(named) - SHOWN} more"] if len(named) > SHOWN else []
+    return sum(done.values()), "  ".join([*named[:SHOWN], *more])

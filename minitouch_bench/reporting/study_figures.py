@@ -203,8 +203,8 @@ def study_estimate(own: pd.DataFrame) -> Estimate | None:
         Estimate(value, low, high, int(episodes), "over episodes")
         for value, low, high, episodes in zip(*columns, strict=True)
     ]
-    name, _, of_what = own["metric"].iloc[0].partition(",")
-    is_share = METRICS[name].kind is Kind.SHARE and of_what != GAP.removeprefix(",")
+    metric = str(own["metric"].iloc[0])
+    is_share = METRICS[metric.split(",", 1)[0]].kind is Kind.SHARE and not metric.endswith(GAP)
     return over_seeds(estimates, np.random.default_rng(0), is_share=is_share)
 
 
