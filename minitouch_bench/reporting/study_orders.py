@@ -26,6 +26,7 @@ PAIRS: Final = (
 """The better and the worse method; the first three are in the order of the paper's Table 4."""
 
 SIGNIFICANT = 0.05
+SMALLEST_P = 0.001
 MOST_ORDERS = 100_000
 """Over seeds: every assignment of the values to two methods is tried, or this many draws of it."""
 EPISODE_ORDERS = 9_999
@@ -139,7 +140,7 @@ def orders_table(orders: pd.DataFrame) -> Table:
                 Cell(f"{format_value(metric, found[f'{side}_value'])} ({found[f'{side}_seeds']})")
                 for side in ("better", "worse")
             ),
-            *(Cell(_verdict(found, over)) for over in ("seeds", "episodes")),
+            *(_verdict(found, over) for over in ("seeds", "episodes")),
         )
         task = f"{task_title(found['task'])}, {found['exploration_steps']:,} steps"
         rows.append(Row((task, METRICS[metric].label), cells))
@@ -154,12 +155,16 @@ def orders_table(orders: pd.DataFrame) -> Table:
     return Table(title, ("Task, exploration", "Metric"), columns, tuple(rows), NOTES)
 
 
-def _verdict(found: Mapping[Hashable, Any], over: str) -> str:
+def _verdict(found: Mapping[Hashable, Any], over: str) -> Cell:
     p, p_reversed = found[f"p_{over}"], found[f"p_{over}_reversed"]
     if np.isnan(p):
-        return "cannot be told: one seed"
+        return Cell("cannot be told", "(one seed)")
     if p <= SIGNIFICANT:
-        return f"holds, p = {p:.4f}"
+        return Cell("holds", f"({_p_text(p)})")
     if p_reversed <= SIGNIFICANT:
-        return f"does not hold: the opposite does, p = {p_reversed:.4f}"
-    return f"cannot be told, p = {p:.4f}"
+        return Cell("does not hold", f"(the opposite: {_p_text(p_reversed)})")
+    return Cell("cannot be told", f"({_p_text(p)})")
+
+
+def _p_text(p: float) -> str:
+    return f"p = {p:.3f}" if p >= SMALLEST_P else f"p < {SMALLEST_P}"
