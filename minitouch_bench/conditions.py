@@ -20,9 +20,9 @@ SENSES: Final[tuple[Sense, ...]] = get_args(Sense)
 class World:
     """How one episode's world differs: factors, and degrees."""
 
-    mass: float
-    friction: float
-    camera: float
+    mass: float = 1.0
+    friction: float = 1.0
+    camera: float = 0.0
 
 
 @dataclass(frozen=True)

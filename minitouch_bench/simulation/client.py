@@ -148,13 +148,17 @@ class PhysicsClient:
         return float(pybullet.getAABB(body, -1, physicsClientId=self._id)[0][2])
 
     def scale_body(self, body: int, links: Iterable[int], mass: float, friction: float) -> None:
-        """Multiply the mass and the lateral friction of a body's links."""
+        """Multiply the mass, with its moments of inertia, and the friction of a body's links.
+
+        Given a mass alone, Bullet puts the moments of a box in place of the file's.
+        """
         for link in links:
             known = pybullet.getDynamicsInfo(body, link, physicsClientId=self._id)
             pybullet.changeDynamics(
                 body,
                 link,
                 mass=mass * known[0],
+                localInertiaDiagonal=[mass * moment for moment in known[2]],
                 lateralFriction=friction * known[1],
                 physicsClientId=self._id,
             )

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pybullet
 import pytest
 
 from minitouch_bench.conditions import STANDARD, Conditions
@@ -66,6 +67,41 @@ def test_the_world_differs_and_is_the_same_again(conditions):
         return np.array([10 * (x - hand[0]), 10 * (y - hand[1]), -1.0, 0.0], np.float32)
 
     assert play(conditions) == play(conditions) != play(STANDARD)
+
+
+def test_what_changes_the_senses_alone_leaves_the_world_as_it_is():
+    """Pick-up's shapes have moments of inertia from their files."""
+
+    def play(conditions):
+        environment = MiniTouchEnv("pick-up", conditions=conditions)
+        environment.reset(seed=3)
+        object_ = environment.task.target_body
+        states = []
+        for _ in range(40):
+            x, y, z = environment.task.object_state(environment.client)[:3]
+            hand = environment.arm.position
+            toward = np.array([10 * (x - hand[0]), 10 * (y - hand[1]), 10 * (z - hand[2]), 0.0])
+            _, _, _, _, info = environment.step(toward.astype(np.float32))
+            states.append(environment.client.pose(object_))
+        environment.close()
+        return states
+
+    standard = play(STANDARD)
+    assert standard[0] != standard[-1]  # it was pushed
+    assert play(Conditions(without=("forces",), noise=10.0)) == standard
+
+
+def test_twice_the_mass_has_twice_the_moments_of_inertia():
+    def dynamics(conditions):
+        environment = MiniTouchEnv("pick-up", conditions=conditions)
+        environment.reset(seed=3)
+        object_, client = environment.task.target_body, environment.client
+        mass, _, moments, *_ = pybullet.getDynamicsInfo(object_, -1, physicsClientId=client._id)
+        environment.close()
+        return mass, *moments
+
+    twice = dynamics(Conditions(mass=(2.0, 2.0)))
+    assert twice == pytest.approx([2 * one for one in dynamics(STANDARD)])
 
 
 def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
