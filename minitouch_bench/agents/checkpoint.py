@@ -7,6 +7,7 @@ cut off.
 
 import io
 import os
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,12 @@ import torch
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import os_errors_as, write_file
+
+DAMAGE = (
+    OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, EOFError,
+    pickle.UnpicklingError,
+)  # fmt: skip
+"""What reading a damaged file can raise."""
 
 CHECKPOINT_FILE = "checkpoint.pt"
 PICTURES_FILE = "replay.bin"
@@ -68,8 +75,11 @@ class CheckpointFiles:
             held = int(kept["lengths"].sum())
             with self._pictures.open("rb") as file:
                 file.seek(self._length - held)
-                replay.load(kept, file.read(held))
-        except (OSError, RuntimeError, KeyError, ValueError) as error:
+                pictures = file.read(held)
+            if len(pictures) < held:
+                raise EOFError(f"{self._pictures.name} is too short")
+            replay.load(kept, pictures)
+        except DAMAGE as error:
             raise RunDirectoryError(f"{self._file} cannot be resumed from: {error}") from error
         self._rows = replay.rows
         return state

@@ -1,6 +1,7 @@
 """The settings of a training, as one frozen value that a TOML file can hold."""
 
 import json
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
@@ -20,6 +21,17 @@ CONFIG_FILE = "config.toml"
 
 PARTS = ("encoder", "actor", "critic")
 """What can be carried over from the exploration phase to the task phase."""
+
+ANY, POSITIVE, SHARE = (0, math.inf), (1, math.inf), (0, 1)
+"""Ranges of settings, both ends included."""
+
+
+def _check_ranges(settings: object, **ranges: tuple[float, float]) -> None:
+    for name, (low, high) in ranges.items():
+        value = getattr(settings, name)
+        if not low <= value <= high:
+            possible = f"{low} or more" if high == math.inf else f"{low} to {high}"
+            raise UsageError(f"'{name}' is {value}; it can be {possible}")
 
 
 @dataclass(frozen=True)
@@ -44,6 +56,9 @@ class PhaseConfig:
     reward_scale: float = 1.0
     n_step: int = 1
     success_share: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_ranges(self, steps=ANY, entropy_steps=ANY, n_step=POSITIVE, success_share=SHARE)
 
     def target_entropy_at(self, step: int) -> float:
         """Return the target entropy after ``step`` control steps of the phase."""
@@ -71,6 +86,9 @@ class SacConfig:
     critic_layer_norm: bool = False
     target_encoder: bool = False
     bfloat16: bool = True
+
+    def __post_init__(self) -> None:
+        _check_ranges(self, batch_size=POSITIVE, discount=SHARE, target_rate=SHARE, shift=ANY)
 
 
 @dataclass(frozen=True)
@@ -132,6 +150,11 @@ class TrainingConfig:
     curiosity: CuriosityConfig = CuriosityConfig()
 
     def __post_init__(self) -> None:
+        _check_ranges(
+            self, seed=ANY, episode_steps=ANY, random_steps=ANY, updates_per_step=ANY,
+            replay_size=POSITIVE, log_every=POSITIVE, evaluate_every=ANY,
+            evaluate_episodes=POSITIVE, checkpoint_every=POSITIVE,
+        )  # fmt: skip
         _check("method", self.method, tuple(METHODS))
         _check("haptics", self.curiosity.haptics, HAPTICS)
         for part in self.carry:
@@ -188,9 +211,10 @@ def make_config(
     file: Path | None = None,
     settings: Mapping[str, Any] = MappingProxyType({}),
 ) -> TrainingConfig:
-    """Return a preset's settings, changed by a TOML file, then by ``settings``.
+    """Return a preset's settings for a task, changed by a TOML file, then by ``settings``.
 
-    ``settings`` are nested as in the file: ``{"seed": 1, "task_phase": {"steps": 80_000}}``.
+    A ``task`` in either changes nothing, so that a training's own ``config.toml`` serves another
+    one. ``settings`` are nested as in the file: ``{"seed": 1, "task_phase": {"steps": 80_000}}``.
 
     Raises:
         UsageError: no such task or preset, or a setting that there is not.
@@ -199,9 +223,9 @@ def make_config(
     _check("preset", preset, tuple(PRESETS))
     base = PRESETS[preset](task)
     if file is not None:
-        base = replace(read_config(file, base), task=task)
+        base = read_config(file, base)
     config: TrainingConfig = apply_settings(base, settings)
-    return config
+    return replace(config, task=task)
 
 
 def read_config(path: Path, base: TrainingConfig) -> TrainingConfig:

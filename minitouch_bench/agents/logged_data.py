@@ -1,5 +1,6 @@
 """Episodes that somebody recorded: a robot, a policy, a person (Minari's dataset format)."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,8 @@ def _check(
     """
     steps = actions[0]
     wanted = {"image": (steps + 1, *IMAGE_SHAPE), "touch": (steps + 1, *TOUCH_SHAPE)}
-    found = {name: np.shape(observations.get(name, ())) for name in wanted}
+    arrays = observations if isinstance(observations, Mapping) else {}
+    found = {name: np.shape(arrays.get(name, ())) for name in wanted}
     if found != wanted or actions[1:] != (action_size,):
         raise UsageError(
             f"{path} holds an episode with {found} and actions {actions}; wanted are {wanted} "

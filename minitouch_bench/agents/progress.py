@@ -6,7 +6,8 @@ from pathlib import Path
 
 from torch import Tensor
 
-from minitouch_bench.files import write_file
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.files import os_errors_as, write_file
 
 
 @dataclass(frozen=True)
@@ -103,9 +104,16 @@ class Tally:
 
 
 def append_row(path: Path, row: ProgressRow) -> None:
-    """Add a row to a CSV file, with the names of the columns above the first."""
+    """Add a row to a CSV file, with the names of the columns above the first.
+
+    Raises:
+        RunDirectoryError: there is no room, or no permission.
+    """
     new = not path.exists()
-    with path.open("a", newline="", encoding="utf-8") as file:
+    with (
+        os_errors_as(RunDirectoryError, path, "written"),
+        path.open("a", newline="", encoding="utf-8") as file,
+    ):
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         if new:
             writer.writeheader()
@@ -113,9 +121,20 @@ def append_row(path: Path, row: ProgressRow) -> None:
 
 
 def cut_rows(path: Path, step: int) -> None:
-    """Drop the rows after a step: they will be written again."""
+    """Drop the rows after a step, which will be written again, and the file with the last row.
+
+    Raises:
+        RunDirectoryError: a row is damaged.
+    """
     if not path.exists():
         return
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    kept = [line for line in lines[1:] if line.endswith("\n") and int(line.split(",")[0]) <= step]
-    write_file(path, "".join([lines[0], *kept]))
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        rows = [line for line in lines[1:] if line.endswith("\n")]
+        kept = [line for line in rows if int(line.split(",")[0]) <= step]
+    except (OSError, ValueError) as error:
+        raise RunDirectoryError(f"{path} cannot be read: {error}") from error
+    if kept:
+        write_file(path, "".join([lines[0], *kept]))
+    else:
+        path.unlink()

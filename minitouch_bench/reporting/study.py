@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Final
 
@@ -259,7 +260,8 @@ def _progress(directory: Path, training: StudyTraining) -> pd.DataFrame:
     """Return what a report needs of a training's ``progress.csv``, (rows, ``PROGRESS_TYPES``)."""
     file = directory / training.name / PROGRESS_FILE
     try:
-        return pd.read_csv(file, usecols=[*PROGRESS_TYPES], dtype=PROGRESS_TYPES)
+        whole, _, _torn = file.read_text(encoding="utf-8").rpartition("\n")
+        return pd.read_csv(StringIO(whole), usecols=[*PROGRESS_TYPES], dtype=PROGRESS_TYPES)
     except (FileNotFoundError, pd.errors.EmptyDataError):  # no row yet
         return pd.DataFrame(columns=[*PROGRESS_TYPES])
     except (OSError, ValueError) as error:

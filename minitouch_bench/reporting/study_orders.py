@@ -62,7 +62,7 @@ def judge_orders(values: pd.DataFrame) -> pd.DataFrame:
     """Return a row per task, length of exploration, metric and pair that the study has.
 
     ``values`` has a row per training, metric and episode: task, method, seed,
-    exploration_steps, metric, episode, value. A p-value is nan where one seed cannot tell;
+    exploration_steps, metric, episode, value. A p-value is nan of one seed, or one episode;
     ``p_*_reversed`` is that of the opposite order.
     """
     rows = []
@@ -109,6 +109,8 @@ def _p_over_seeds(better: Sequence[float], worse: Sequence[float]) -> tuple[floa
 
 def _p_on_episodes(better: pd.Series, worse: pd.Series) -> tuple[float, float]:
     one, other = better.align(worse, join="inner")
+    if len(one) < 2:
+        return float("nan"), float("nan")
     if one.equals(other):
         return 1.0, 1.0
     greater, less = (
@@ -158,7 +160,7 @@ def orders_table(orders: pd.DataFrame) -> Table:
 def _verdict(found: Mapping[Hashable, Any], over: str) -> Cell:
     p, p_reversed = found[f"p_{over}"], found[f"p_{over}_reversed"]
     if np.isnan(p):
-        return Cell("cannot be told", "(one seed)")
+        return Cell("cannot be told", f"(too few {over})")
     if p <= SIGNIFICANT:
         return Cell("holds", f"({_p_text(p)})")
     if p_reversed <= SIGNIFICANT:

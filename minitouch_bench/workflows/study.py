@@ -12,7 +12,13 @@ from typing import Any
 
 import msgspec
 
-from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, apply_settings, make_config
+from minitouch_bench.agents.config import (
+    CONFIG_FILE,
+    TrainingConfig,
+    apply_settings,
+    make_config,
+    read_config,
+)
 from minitouch_bench.agents.training import EXPLORATION_FILE
 from minitouch_bench.documents import fault_in_words
 from minitouch_bench.errors import MiniTouchError, RunDirectoryError, UsageError
@@ -90,6 +96,10 @@ def read_study(path: Path) -> StudyConfig:
         raise UsageError(f"{path} cannot be read as TOML: {error}") from error
     if unknown := sorted({*document} - {one.name for one in fields(StudyConfig)}):
         raise UsageError(f"{path} has no use for '{unknown[0]}'")
+    for name in MAY_GROW:
+        values = getattr(study, name)
+        if len(set(values)) < len(values):
+            raise UsageError(f"{path} has one of its {name} twice")
     for training in study.trainings():
         study.config_of(training)
     for suite in study.suites:
@@ -221,11 +231,25 @@ def _look(options: StudyOptions) -> StudyResults:
         wanted = _suites(options.config, training)
         if (place / FAILURE_FILE).exists():
             failed[training] = (place / FAILURE_FILE).read_text(encoding="utf-8").strip()
-        elif all((place / suite / RUN_FILE).exists() for suite in wanted):
-            done.append(training)
-        else:
+        elif not (place / TRAINED_FILE).exists() or not all(
+            (place / suite / RUN_FILE).exists() for suite in wanted
+        ):
             left.append(training)
+        elif unlike := _unlike(options.config, training, place):
+            failed[training] = unlike
+        else:
+            done.append(training)
     found = StudyResults(options.directory, tuple(done), failed, tuple(left))
     write_study(found)
     options.on_state(found)
     return found
+
+
+def _unlike(config: StudyConfig, training: StudyTraining, place: Path) -> str:
+    """Say how a finished training differs from the study's, as by another version; "" if not."""
+    wanted = config.config_of(training)
+    try:
+        known = read_config(place / CONFIG_FILE, wanted)
+    except UsageError as error:
+        return str(error)
+    return "" if known == wanted else f"{place / CONFIG_FILE} has other settings than the study"

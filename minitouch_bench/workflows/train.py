@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, config_text, read_config
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
 from minitouch_bench.agents.training import Training, TrainingCallbacks
@@ -16,10 +17,11 @@ from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageEr
 from minitouch_bench.evaluation.actors import PolicyActor
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.suites import Suite
-from minitouch_bench.files import PROGRESS_FILE, lock_directory, write_file
+from minitouch_bench.files import PROGRESS_FILE, lock_directory, os_errors_as, write_file
 from minitouch_bench.optional import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.policies.sources import TRAINED_FILE
 from minitouch_bench.records import Outcome
 from minitouch_bench.reporting.training_page import training_page
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -130,24 +132,32 @@ def choose_device(name: str) -> torch.device:
 
 def _prepare(request: TrainingRequest) -> None:
     """Write the settings of a new or longer training, or check those of one to resume."""
-    file = request.directory / CONFIG_FILE
-    text = config_text(request.config)
-    if not request.resume:
-        if file.exists():
+    directory, config = request.directory, request.config
+    file = directory / CONFIG_FILE
+    if request.resume and not file.exists():
+        raise RunDirectoryError(f"{directory} holds no training to resume")
+    if any((directory / name).exists() for name in (CHECKPOINT_FILE, PROGRESS_FILE)):
+        if not request.resume:
             raise RunDirectoryError(
-                f"{request.directory} holds a training; go on with it by --resume, or choose "
-                "another --output"
+                f"{directory} holds a training; go on with it by --resume, or choose another "
+                "--output"
             )
-        write_file(file, text)
-    elif not file.exists():
-        raise RunDirectoryError(f"{request.directory} holds no training to resume")
-    elif request.config.is_longer_than(read_config(file, TrainingConfig(""))):
-        write_file(file, text)
-    elif file.read_text(encoding="utf-8") != text:
-        raise RunDirectoryError(
-            f"{file} has other settings than asked for; resume with the same ones, or with more "
-            "steps in the last phase"
-        )
+        known = read_config(file, config)
+        if config.is_longer_than(known):
+            _keep_policy(directory / TRAINED_FILE, known.steps)
+        elif config != known:
+            raise RunDirectoryError(
+                f"{file} has other settings than asked for; resume with the same ones, or with "
+                "more steps in the last phase"
+            )
+    write_file(file, config_text(config))
+
+
+def _keep_policy(file: Path, steps: int) -> None:
+    """Name the policy of a training that is made longer by its steps: it is no longer the last."""
+    if file.exists():
+        with os_errors_as(RunDirectoryError, file, "renamed"):
+            file.rename(file.with_stem(f"{file.stem}_{steps}_steps"))
 
 
 class TrainingEvaluator:

@@ -14,6 +14,7 @@ from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.leaderboard.proof import (
+    PROVED_LEVELS,
     FreshProof,
     ProofLevel,
     find_proof,
@@ -87,14 +88,20 @@ def validate_submission(
     if not verdict.passed:
         return Validation(verdict.problems)
     if options.replay or options.rerun or options.fresh_episodes:
-        problems = _prove(verdict, options, callbacks)
+        problems = prove(verdict, options, callbacks)
         if problems:
             return Validation(problems)
     return Validation((), level_of(verdict, find_proof(verdict)))
 
 
-def _prove(verdict: Verdict, options: ValidateOptions, callbacks: Callbacks) -> tuple[Problem, ...]:
-    """Replay a submission, run some of it again, and write the proof if all holds."""
+def prove(
+    verdict: Verdict, options: ValidateOptions, callbacks: Callbacks = SILENT
+) -> tuple[Problem, ...]:
+    """Replay a submission, run some of it again, and write the proof if all holds.
+
+    A stronger proof of the same bytes stays.
+    """
+    known = find_proof(verdict)
     again = options.rerun or (RERUN_BEFORE_FRESH if options.fresh_episodes else 0)
     fresh: FreshProof | None = None
     callbacks.phase("proof", _episode_count(verdict, again, options.fresh_episodes))
@@ -107,10 +114,11 @@ def _prove(verdict: Verdict, options: ValidateOptions, callbacks: Callbacks) -> 
             fresh, found = prover.run_fresh(options.fresh_episodes, options.draw)
             problems += found
     if not problems:
-        level = ProofLevel.RERUN if again else ProofLevel.REPLAYED
-        sketches = dict(prover.sketches())
-        proof = make_proof(verdict, ProofLevel.FRESH if fresh else level, again, fresh, sketches)
-        write_proof(proof, proof_path(verdict.directory.resolve()))
+        tested = ProofLevel.RERUN if again else ProofLevel.REPLAYED
+        level = ProofLevel.FRESH if fresh else tested
+        if known is None or PROVED_LEVELS.index(known.level) <= PROVED_LEVELS.index(level):
+            proof = make_proof(verdict, level, again, fresh, dict(prover.sketches()))
+            write_proof(proof, proof_path(verdict.directory.resolve()))
     return tuple(problems)
 
 

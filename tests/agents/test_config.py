@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import pytest
@@ -62,6 +63,31 @@ def test_a_file_and_then_options_change_a_preset(tmp_path):
     assert (config.task, config.method, config.seed) == ("opening", "rnd", 6)
     assert (config.exploration.steps, config.task_phase.steps) == (7, 8)
     assert config.exploration.learning_rate == 3e-5
+
+
+def test_a_trainings_settings_serve_another_task(tmp_path):
+    file = tmp_path / "config.toml"
+    file.write_text(config_text(TrainingConfig("pushing", method="rnd")))
+    assert make_config("opening", file=file) == TrainingConfig("opening", method="rnd")
+    assert make_config("opening", settings={"task": "pushing"}) == TrainingConfig("opening")
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"checkpoint_every": 0}, "'checkpoint_every' is 0; it can be 1 or more"),
+        ({"log_every": 0}, "1 or more"),
+        ({"evaluate_episodes": 0}, "1 or more"),
+        ({"seed": -1}, "0 or more"),
+        ({"updates_per_step": math.nan}, "'updates_per_step' is nan"),
+        ({"task_phase": {"success_share": 1.5}}, "it can be 0 to 1"),
+        ({"exploration": {"steps": -1}}, "0 or more"),
+        ({"sac": {"batch_size": 0}}, "1 or more"),
+    ],
+)
+def test_settings_have_ranges(settings, words):
+    with pytest.raises(UsageError, match=words):
+        make_config("pushing", settings=settings)
 
 
 @pytest.mark.parametrize(("task", "preset"), [("juggling", "paper"), ("pushing", "best")])

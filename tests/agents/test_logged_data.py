@@ -69,6 +69,20 @@ def test_a_log_of_another_form_is_refused(tmp_path):
         fill_from_log(Replay(100, 11, 4, compress=True), tmp_path / "nothing", 4)
 
 
+def test_a_log_of_bare_numbers_is_refused(tmp_path):
+    space = gymnasium.spaces.Box(-1, 1, (4,), np.float32)
+    storage = MinariStorage.new(tmp_path / "log", space, space, jpeg_encoding=False)
+    zeros = np.zeros((3, 4), np.float32)
+    episode = EpisodeBuffer(
+        observations=zeros, actions=zeros[1:], rewards=[0.0, 0.0], terminations=[False, True],
+        truncations=[False, False],
+    )  # fmt: skip
+    storage.update_episodes([episode])
+    storage.update_metadata({"dataset_id": "robot-v0", "minari_version": minari.__version__})
+    with pytest.raises(UsageError, match="holds an episode with"):
+        fill_from_log(Replay(100, 11, 4, compress=True), tmp_path / "log", 4)
+
+
 def config_with_log(tmp_path, method="hac"):
     write_log(tmp_path / "log")
     return TrainingConfig(

@@ -1,6 +1,8 @@
 """A training that is broken off and resumed ends in the same bits."""
 
 import csv
+import pickle
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -12,7 +14,7 @@ from minitouch_bench.agents.config import (
     SacConfig,
     TrainingConfig,
 )
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.policies.native import load_native
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.workflows.train import TrainingRequest, train
@@ -36,7 +38,7 @@ def outcome(directory):
     """Return what must not depend on interruptions: every row but its seconds, the policies."""
     with (directory / "progress.csv").open() as file:
         rows = [{**row, "seconds": ""} for row in csv.DictReader(file)]
-    files = [file.read_bytes() for file in sorted(directory.glob("*.safetensors"))]
+    files = [(directory / f"{one}.safetensors").read_bytes() for one in ("exploration", "final")]
     return rows, files
 
 
@@ -144,8 +146,57 @@ def test_nothing_to_resume(tmp_path):
         train(TrainingRequest(CONFIG, tmp_path, resume=True))
 
 
-def test_a_damaged_checkpoint_is_named(tmp_path):
-    break_off(tmp_path, 10, kill=False, resume=False)
-    (tmp_path / "checkpoint.pt").write_bytes(b"half")
-    with pytest.raises(RunDirectoryError, match="checkpoint"):
-        train(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
+@pytest.fixture(scope="module")
+def broken_off(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("broken-off")
+    break_off(directory, 10, kill=False, resume=False)
+    return directory
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        ("checkpoint.pt", lambda _: b""),
+        ("checkpoint.pt", lambda _: b"half"),
+        ("checkpoint.pt", lambda _: b"xyz"),
+        ("checkpoint.pt", lambda _: pickle.dumps([1, 2], protocol=2)),
+        ("checkpoint.pt", lambda content: content[: len(content) // 2]),
+        ("replay.bin", lambda content: content[:-10]),
+        ("progress.csv", lambda content: content.replace(b"5,", b"five,")),
+    ],
+)
+def test_a_damaged_checkpoint_is_named(broken_off, tmp_path, name, damage):
+    directory = tmp_path / "damaged"
+    shutil.copytree(broken_off, directory)
+    (directory / name).write_bytes(damage((directory / name).read_bytes()))
+    with pytest.raises(RunDirectoryError, match=r"checkpoint\.pt|progress\.csv"):
+        train(TrainingRequest(CONFIG, directory, resume=True, device="cpu"))
+
+
+def test_a_mistake_leaves_the_directory_free(tmp_path):
+    with pytest.raises(UsageError, match="typo"):
+        train(TrainingRequest(replace(CONFIG, objects="typo"), tmp_path, device="cpu"))
+    with pytest.raises(UsageError, match="no Minari dataset"):
+        train(TrainingRequest(replace(CONFIG, log="typo"), tmp_path, device="cpu"))
+    assert train(TrainingRequest(CONFIG, tmp_path, device="cpu", should_stop=lambda: True)) is False
+
+
+def test_stopped_before_its_first_row_it_leaves_no_page(tmp_path):
+    break_off(tmp_path, 6, kill=True, resume=False)
+    stopped = TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu", should_stop=lambda: True)
+    assert train(stopped) is False
+    assert not (tmp_path / "progress.csv").exists()
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_the_policy_of_a_shorter_training_does_not_stand_for_the_longer(undisturbed, tmp_path):
+    directory = tmp_path / "longer"
+    shutil.copytree(undisturbed, directory)
+    policy = (directory / "final.safetensors").read_bytes()
+    longer = replace(CONFIG, task_phase=replace(CONFIG.task_phase, steps=30))
+    request = TrainingRequest(
+        longer, directory, resume=True, device="cpu", should_stop=lambda: True
+    )
+    assert train(request) is False
+    assert not (directory / "final.safetensors").exists()
+    assert (directory / "final_50_steps.safetensors").read_bytes() == policy

@@ -81,7 +81,7 @@ def test_what_changes_the_senses_alone_leaves_the_world_as_it_is():
             x, y, z = environment.task.object_state(environment.client)[:3]
             hand = environment.arm.position
             toward = np.array([10 * (x - hand[0]), 10 * (y - hand[1]), 10 * (z - hand[2]), 0.0])
-            _, _, _, _, info = environment.step(toward.astype(np.float32))
+            environment.step(toward.astype(np.float32))
             states.append(environment.client.pose(object_))
         environment.close()
         return states

@@ -7,6 +7,7 @@ import pytest
 
 from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.evaluation.actions import write_actions
+from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.leaderboard.proof import (
     ProofLevel,
@@ -21,7 +22,7 @@ from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.reporting.run_directory import run_json, write_run
-from minitouch_bench.workflows.validate import Prover
+from minitouch_bench.workflows.validate import Prover, ValidateOptions, prove
 from tests.evaluation.runs import request, run
 
 PLACE = "seed-0/table4"
@@ -121,6 +122,16 @@ def test_a_proof_of_other_bytes_is_ignored(submission):
     file = submission / PLACE / "run.json"
     file.write_bytes(file.read_bytes() + b"\n")
     assert find_proof(verdict) is None
+
+
+@pytest.mark.parametrize("known", [ProofLevel.REPLAYED, ProofLevel.RERUN])
+def test_a_weaker_proof_does_not_replace_a_stronger_one(verdict, known):
+    """The second time by a maintainer who only replays."""
+    write_proof(make_proof(verdict, known, rerun_episodes=5), proof_path(verdict.directory))
+    assert prove(verdict, ValidateOptions(replay=True, engine=EngineOptions(workers=1))) == ()
+    proof = find_proof(verdict)
+    assert proof.level is known
+    assert proof.rerun_episodes == (5 if known is ProofLevel.RERUN else 0)
 
 
 def test_a_proof_lies_beside_the_submissions(submission):

@@ -54,6 +54,12 @@ def test_one_seed_tells_of_its_own_episodes_alone():
     assert row["p_episodes_reversed"] > 0.999
 
 
+def test_one_episode_tells_nothing():
+    found = judge_orders(values("success", hac=[[1]], sac=[[0]]))
+    assert np.isnan(found[["p_seeds", "p_episodes"]].to_numpy()).all()
+    assert "too few episodes" in str(orders_table(found).rows[0].cells[-1])
+
+
 def test_only_episodes_of_both_methods_are_paired():
     found = judge_orders(
         values("success", hac=successes(5, episodes=5), rnd_touch=successes(0, episodes=20))
@@ -73,4 +79,7 @@ def test_the_table_says_what_holds():
     first, second = ([str(cell) for cell in row.cells] for row in table.rows)
     assert first[:3] == ["hac > rnd-touch", "0.450 (2)", "0.075 (2)"]
     assert first[3:] == ["cannot be told (p = 0.167)", "holds (p = 0.004)"]
-    assert second[3:] == ["cannot be told (one seed)", "does not hold (the opposite: p < 0.001)"]
+    assert second[3:] == [
+        "cannot be told (too few seeds)",
+        "does not hold (the opposite: p < 0.001)",
+    ]

@@ -20,7 +20,7 @@ def training_at(directory, seed, text):
 
 def test_each_training_says_how_far_it_is(tmp_path):
     head = "step,episodes,success,touch_share,seconds\n"
-    rows = head + "500,2,0.5,0.1,30.0\n1000,0,,0.2,60.0\n"
+    rows = head + "500,2,0.5,0.1,30.0\n1000,0,,0.2,60.0\n15"  # the last one is torn
     done, failed, under_way, begun, waiting = (
         training_at(tmp_path, seed, text) for seed, text in enumerate([rows, rows, rows, "", head])
     )
@@ -37,7 +37,7 @@ def test_each_training_says_how_far_it_is(tmp_path):
     }
 
 
-@pytest.mark.parametrize("text", ["step\n500\n", "\0\1\2", "step,episodes\nmany,few\n"])
+@pytest.mark.parametrize("text", ["step\n500\n", "\0\1\2\n", "step,episodes\nmany,few\n"])
 def test_damaged_curves_are_named(tmp_path, text):
     training = training_at(tmp_path, 0, text)
     with pytest.raises(RunDirectoryError, match=r"progress\.csv cannot be read"):

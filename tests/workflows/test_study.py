@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import time
 
@@ -120,6 +121,31 @@ def test_a_study_may_grow_but_not_change(finished, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_finished_training_of_other_settings_is_not_counted(finished, tmp_path):
+    shutil.copytree(finished, tmp_path / "out")
+    config = tmp_path / "out" / "playing-rnd-60-0" / "config.toml"
+    config.write_text(config.read_text().replace("discount = 0.95", "discount = 0.9"))
+    (tmp_path / "s.toml").write_text(STUDY)
+    found = run_study(StudyOptions(read_study(tmp_path / "s.toml"), tmp_path / "out"))
+    assert [one.method for one in found.done] == ["hac"]
+    assert ["other settings" in why for why in found.failed.values()] == [True]
+
+
+def test_a_task_that_no_suite_has_is_trained_all_the_same(tmp_path, monkeypatch):
+    (tmp_path / "s.toml").write_text(STUDY.replace("task_steps", "suites = []\ntask_steps"))
+    started = []
+    monkeypatch.setattr(study, "_run", lambda job: started.append(str(job)) or "not now")
+    monkeypatch.setattr(study, "find_job_runner", lambda _: run_here)
+    run_study(StudyOptions(read_study(tmp_path / "s.toml"), tmp_path / "out"))
+    assert started == ["playing-hac-60-0", "playing-rnd-60-0"]
+
+
+def run_here(_, work, jobs):
+    for job in jobs:
+        yield job, work(job)
+
+
+@pytest.mark.slow
 def test_killed_twice_it_ends_in_the_same_rows(finished, tmp_path):
     (tmp_path / "small.toml").write_text(
         STUDY.replace("log_every", "checkpoint_every = 20\nlog_every")
@@ -147,6 +173,7 @@ def test_a_training_that_fails_is_named_and_does_not_stop_the_others(tmp_path):
     bad = tmp_path / "out" / "playing-hac-60-0"
     bad.mkdir(parents=True)
     (bad / "config.toml").write_text("seed = 7\n")  # of another training
+    (bad / "checkpoint.pt").write_bytes(b"")
     done = run("study", "s.toml", "--output", "out", directory=tmp_path)
     assert done.code == 5
     assert "playing-hac-60-0 failed: " in done.err.splitlines()[-1]
@@ -206,6 +233,7 @@ def test_there_are_two_engines(tmp_path):
         (("episodes = 1", "epochs = 1"), "epochs"),
         (("log_every", "log_each"), "log_each"),
         (("seeds", "suites = ['tables']\nseeds"), "tables"),
+        (("seeds = [0]", "seeds = [0, 0]"), "one of its seeds twice"),
         (("[settings]", "[settings"), "TOML"),
     ],
 )
