@@ -22,7 +22,7 @@ from minitouch_bench.policies.sources import TRAINED_FILE
 from minitouch_bench.simulation.observation import Observation
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
-EXPLORATION_FILE = "exploration.safetensors"
+EXPLORED_FILE = "exploration.safetensors"
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class Training:
         return int(learned * rate) - int((learned - 1) * rate)
 
     def _begin_task_phase(self) -> None:
-        save_native(self._learner.actor(), self._directory / EXPLORATION_FILE)
+        save_native(self._learner.actor(), self._directory / EXPLORED_FILE)
         self._learner.begin_task_phase()
         if self.config.log:
             self._begin_episode()
@@ -186,7 +186,7 @@ class Training:
     def _finish(self) -> None:
         save_native(self._learner.actor(), self._directory / TRAINED_FILE)
         if self._learner.exploring:
-            save_native(self._learner.actor(), self._directory / EXPLORATION_FILE)
+            save_native(self._learner.actor(), self._directory / EXPLORED_FILE)
         self._save()
 
     def _save(self) -> None:

@@ -97,5 +97,7 @@ def run_jobs(
             job = running.pop(ended)
             try:
                 yield job, ray.get(ended)
+            except ray.exceptions.RayTaskError as error:
+                yield job, f"{type(error.cause).__name__}: {error.cause}"
             except ray.exceptions.RayError as error:
                 yield job, f"its worker was lost ({type(error).__name__})"

@@ -12,12 +12,12 @@ from minitouch_bench.leaderboard.entries import Ending
 from minitouch_bench.leaderboard.proof import RANKED_LEVELS, FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank, rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
-from minitouch_bench.leaderboard.submission import MAIN_SUITE, run_place
+from minitouch_bench.leaderboard.submission import run_place
 from minitouch_bench.leaderboard.twins import Sketch, exact_twins, near_twins
 from minitouch_bench.metrics.definitions import metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.policies.formats import BUILT_IN
-from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.records import Count, Estimate, Gap, Sha256
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
 from minitouch_bench.reporting.run_directory import with_task_names

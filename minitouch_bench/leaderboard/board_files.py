@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from minitouch_bench.leaderboard.board import CEILING, FLOORS, Board, BoardRow, LeftOut
-from minitouch_bench.leaderboard.scores import NOVEL_SHAPES, RANKED_BY
-from minitouch_bench.leaderboard.submission import MAIN_SUITE
+from minitouch_bench.leaderboard.scores import RANKED_BY
 from minitouch_bench.leaderboard.views import (
     CALIBRATION,
     EPISODE_VARIANCE,
@@ -17,6 +16,7 @@ from minitouch_bench.leaderboard.views import (
     UNRANKED,
     View,
 )
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.markdown import escape, table_lines
 from minitouch_bench.rendering.tables import ABSENT, Cell, Column, Row, Table

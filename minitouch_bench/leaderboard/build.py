@@ -20,10 +20,11 @@ from minitouch_bench.leaderboard.kept_rows import KeptRows
 from minitouch_bench.leaderboard.page import submission_page
 from minitouch_bench.leaderboard.scores import RANKED_BY, score, score_gaps
 from minitouch_bench.leaderboard.site import write_site
-from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE
+from minitouch_bench.leaderboard.submission import BOARD_TASKS
 from minitouch_bench.leaderboard.validation import Depth, validate
 from minitouch_bench.leaderboard.views import views
 from minitouch_bench.processes import core_count, run_in_workers
+from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import Role
 from minitouch_bench.rendering.escaping import printable
 

@@ -25,10 +25,10 @@ from minitouch_bench.leaderboard.proof import MEANINGS as PROOF_MEANINGS
 from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
-from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS, MAIN_SUITE
+from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.records import Role
 from minitouch_bench.rendering.charts import Figure, LegendItem, Plot, step_histograms, touch_chart
 from minitouch_bench.rendering.escaping import printable

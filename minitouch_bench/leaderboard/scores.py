@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.leaderboard.entries import BOARD_METRICS, Entry, Episodes
-from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS, MAIN_SUITE
+from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import (
     BOOTSTRAP,
@@ -24,7 +24,7 @@ from minitouch_bench.metrics.intervals import (
     wilson,
 )
 from minitouch_bench.metrics.metric import Kind
-from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.records import Estimate, Gap, Role
 
 ROOT = (0,)
@@ -40,7 +40,6 @@ RANKED_BY: Mapping[str, str] = {
 }
 """What ranks the rows overall and in each task."""
 
-NOVEL_SHAPES = "novel-shapes"
 GAP_TASKS = PROTOCOL.suite(NOVEL_SHAPES).tasks
 """The tasks that are compared on held-out and on train shapes."""
 

@@ -16,9 +16,9 @@ from minitouch_bench.leaderboard.inventory import MAX_VIDEO
 from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, amount, finish_page, video_address
 from minitouch_bench.leaderboard.proof import MEANINGS, RANKED_LEVELS, ProofLevel
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
-from minitouch_bench.leaderboard.submission import BOARD_TASKS, MAIN_SUITE, MODALITIES
+from minitouch_bench.leaderboard.submission import BOARD_TASKS, MODALITIES
 from minitouch_bench.leaderboard.views import View
-from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.rendering.charts import Axis, Chart, Dot, Line, Mark, Plot, Tick, share_axis
 from minitouch_bench.rendering.pages import PICTURES, render_page
 from minitouch_bench.rendering.svg import draw_gauge

@@ -32,7 +32,7 @@ from minitouch_bench.leaderboard.submission_rules import (
     TEXT_RULES,
     check_file_name,
 )
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL, TASK_NAMES
 from minitouch_bench.records import Role, Sha256
 from minitouch_bench.reporting.labels import TASKS
 from minitouch_bench.verification.problems import Problems
@@ -45,7 +45,6 @@ CHECKPOINTS = "checkpoints"
 ALL_TASKS = "all"
 """The task of a checkpoint that serves every task."""
 
-MAIN_SUITE = "table4"
 BOARD_TASKS = tuple(task for task in TASKS if task in PROTOCOL.suite(MAIN_SUITE).tasks)
 """The tasks that the board shows and ranks: those of its main suite."""
 BOARD_GOALS = tuple(task for task in BOARD_TASKS if task in GOAL_TASKS)

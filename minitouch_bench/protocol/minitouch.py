@@ -78,3 +78,6 @@ TASK_NAMES = tuple(task.name for task in PROTOCOL.tasks)
 
 GOAL_TASKS = tuple(task.name for task in PROTOCOL.tasks if task.has_goal)
 """The tasks with a goal; Playing has touch only."""
+
+MAIN_SUITE, NOVEL_SHAPES = "table4", "novel-shapes"
+"""The suites of Table 4 and of Figure 11."""

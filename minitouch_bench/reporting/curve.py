@@ -62,7 +62,8 @@ def curve_points(
     ``steps`` and ``names`` (of the trainings, equal ones for the runs of one) are what the user
     says, one per run. Else the steps are those of the training's directory or submission, or stand
     in the policy's name, and the training is called by that name without them. Names that are all
-    different tell no trainings apart: the runs are then those of one.
+    different tell no trainings apart: the runs are then those of one. Runs under other conditions
+    than the protocol's are another training.
 
     Raises:
         UsageError: they are not one per run, or no steps are known of a run.
@@ -99,7 +100,8 @@ def _steps(run: SavedRun, origin: RunOrigin) -> int:
 
 def _training(run: SavedRun, origin: RunOrigin) -> str:
     name = run.header.policy.name
-    return origin.method or STEPS.sub("", name).strip("-_ ") or name
+    training = origin.method or STEPS.sub("", name).strip("-_ ") or name
+    return ", ".join((training, *run.header.played_under.in_words()))
 
 
 def curve_table(points: Sequence[CurvePoint]) -> Table:

@@ -152,14 +152,19 @@ def group_methods(
 ) -> tuple[Method, ...]:
     """Join runs of one method, steps, suite and conditions, which are its training seeds.
 
-    A run whose origin is unknown stands alone.
+    A run whose origin is unknown stands alone, and so does another run of the same policy.
     """
     runs: dict[tuple[str, ...], list[SavedRun]] = {}
     for section, origin in zip(sections, origins, strict=True):
         header = section.run.header
         conditions = header.played_under.in_words()
         key = (origin.method, f"{origin.steps:,} steps", header.suite, *conditions)
-        runs.setdefault(key if origin.method else ("", section.name), []).append(section.run)
+        is_seed = origin.method and not any(
+            one.header.policy.digest == header.policy.digest
+            and {*one.header.tasks} & {*header.tasks}
+            for one in runs.get(key, ())
+        )
+        runs.setdefault(key if is_seed else ("", section.name), []).append(section.run)
     same = Counter(key[0] for key in runs)
     names = (
         key[1] if not key[0] else key[0] if same[key[0]] == 1 else ", ".join(key) for key in runs
@@ -172,12 +177,13 @@ def group_methods(
 def compare_methods(methods: Sequence[Method]) -> tuple[tuple[Table, ...], tuple[Figure, ...]]:
     """Return the table and the figure of several methods on the tasks that all of them have.
 
-    None where there is nothing to join: one method, or one score each.
+    None where there is nothing to join: one method, or one score each; and where a method has
+    more runs of one task than of another, which would then count for more.
     """
     tasks = tuple(task for task in GOAL_TASKS if all(_estimates(one, task) for one in methods))
-    if len(methods) < 2 or sum(
-        len(_estimates(one, task)) for one in methods for task in tasks
-    ) <= len(methods):
+    counts = [[len(_estimates(one, task)) for task in tasks] for one in methods]
+    joins_scores = sum(map(sum, counts)) > len(methods) > 1
+    if not joins_scores or any(len(set(own)) > 1 for own in counts):
         return (), ()
     scores = [_scores(one, tasks) for one in methods]
     names = [one.name for one in methods]

@@ -14,6 +14,7 @@ from minitouch_bench.files import PROGRESS_FILE, RUN_FILE, write_file
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.intervals import bootstrap_mean
 from minitouch_bench.metrics.metric import ShownIn
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
 from minitouch_bench.records import Estimate, SavedRun, Summary
 from minitouch_bench.rendering import latex
 from minitouch_bench.rendering.figure_files import write_figures
@@ -36,9 +37,7 @@ from minitouch_bench.reporting.study_figures import (
     EXPLORING,
     GAP,
     HELD_OUT,
-    MAIN_SUITE,
     MOVEMENT,
-    NOVEL_SHAPES,
     TOUCH,
     TRAIN,
     study_estimate,

@@ -9,7 +9,7 @@ from scipy.stats import trim_mean
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.metric import Kind
-from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.charts import (
     Chart,
@@ -29,7 +29,6 @@ from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.over_runs import TRIMMED, over_seeds
 
-MAIN_SUITE, NOVEL_SHAPES = "table4", "novel-shapes"
 MOVEMENT: Final = "object_movement"
 TOUCH: Final = "touch_share"
 STEPS: Final = "episode_steps"
@@ -75,13 +74,15 @@ def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
         text = (
             "While training: success over at least 20 episodes, touch share between two rows. "
             "Strong: the mean over training seeds; thin: their interquartile mean, from four seeds "
-            "on; faint: the lowest and the highest."
+            "on; faint: the lowest and the highest; as far as all seeds have come."
         )
         yield Figure("curves", "Learning curves", text, tuple(plots), _legend(methods))
 
 
 def _lines(own: pd.DataFrame, column: str, tone: str) -> Iterator[Line]:
     known = own.dropna(subset=[column])
+    seeds = known.groupby("step")["seed"].transform("nunique")
+    known = known[seeds == known["seed"].nunique()]
     by_step = known.groupby("step")[column]
     shown = (
         (1, "mean", 1.6, 1.0),
@@ -136,7 +137,8 @@ def exploration_lengths(main: pd.DataFrame, methods: tuple[str, ...]) -> Iterato
         for metric in metrics:
             rows = own[own["metric"] == metric]
             label = METRICS[metric].label
-            y = value_axis(label, 200.0) if metric == STEPS else share_axis(label)
+            longest = float(PROTOCOL.task(str(task)).max_steps)
+            y = value_axis(label, longest) if metric == STEPS else share_axis(label)
             marks = [
                 mark
                 for turn, method in enumerate(methods)

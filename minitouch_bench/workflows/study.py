@@ -19,7 +19,7 @@ from minitouch_bench.agents.config import (
     make_config,
     read_config,
 )
-from minitouch_bench.agents.training import EXPLORATION_FILE
+from minitouch_bench.agents.training import EXPLORED_FILE
 from minitouch_bench.documents import fault_in_words
 from minitouch_bench.errors import MiniTouchError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import EngineOptions, find_job_runner
@@ -199,7 +199,7 @@ def _evaluate(job: _Job, suite: str) -> None:
     output = place / suite
     if (output / RUN_FILE).exists():
         return
-    explored = place / EXPLORATION_FILE
+    explored = place / EXPLORED_FILE
     has_exploration = explored.exists() and job.training.task in GOAL_TASKS
     evaluate(
         EvaluateOptions(

@@ -33,7 +33,6 @@ from minitouch_bench.leaderboard.packing import (
 )
 from minitouch_bench.leaderboard.submission import (
     CHECKPOINTS,
-    MAIN_SUITE,
     SUBMITTED_SUITES,
     CheckpointFile,
     Submission,
@@ -44,6 +43,7 @@ from minitouch_bench.leaderboard.submission_rules import check_name
 from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES, validate
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
+from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import PolicyIdentity, Role, RunHeader
 from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.verification.problems import Problem

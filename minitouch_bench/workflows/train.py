@@ -17,7 +17,13 @@ from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageEr
 from minitouch_bench.evaluation.actors import PolicyActor
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.suites import Suite
-from minitouch_bench.files import PROGRESS_FILE, lock_directory, os_errors_as, write_file
+from minitouch_bench.files import (
+    PROGRESS_FILE,
+    REPORT_PAGE,
+    lock_directory,
+    os_errors_as,
+    write_file,
+)
 from minitouch_bench.optional import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
@@ -27,7 +33,6 @@ from minitouch_bench.reporting.training_page import training_page
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 TRAININGS = Path("reports") / "training"
-REPORT_FILE = "report.html"
 EVALUATION_SUITE = "training"
 """Seeds the episodes of a training's evaluations; no suite has this name."""
 
@@ -90,7 +95,7 @@ def train(request: TrainingRequest) -> bool:
             evaluator.close()
             environment.close()
         if (request.directory / PROGRESS_FILE).exists():  # there is a row to draw
-            write_file(request.directory / REPORT_FILE, training_page(request.directory))
+            write_file(request.directory / REPORT_PAGE, training_page(request.directory))
     return finished
 
 

@@ -23,7 +23,7 @@ from minitouch_bench.leaderboard.proof import (
     proof_path,
     write_proof,
 )
-from minitouch_bench.leaderboard.submission import CHECKPOINTS, MAIN_SUITE, TrainingSeed
+from minitouch_bench.leaderboard.submission import CHECKPOINTS, TrainingSeed
 from minitouch_bench.leaderboard.twins import Sketch, sketch_of
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics.summary import measure
@@ -31,6 +31,7 @@ from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.limits import limits_of
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
+from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, PolicyIdentity, Role, SavedRun
 from minitouch_bench.verification.fresh import (
     FreshResult,

@@ -1,8 +1,12 @@
 """What several runs show together: over seeds, and over training steps."""
 
+import hashlib
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.intervals import wilson
 from minitouch_bench.reporting.curve import ONE_TRAINING, curve_csv, curve_points
@@ -19,9 +23,11 @@ from minitouch_bench.reporting.writers import to_html, to_markdown
 from tests.reporting.synthetic import make_run, save
 
 
-def make(name, skill=0.5, seed=0, tasks=("pushing", "opening")):
+def make(name, skill=0.5, seed=0, tasks=("pushing", "opening"), policy="", **header):
     run = make_run(name, tasks=tasks, episodes=10, skill=skill, seed=seed, exploration=False)
-    return save(run, name)
+    digest = hashlib.sha256((policy or name).encode()).hexdigest()
+    identity = replace(run.header.policy, digest=digest)
+    return save(replace(run, header=replace(run.header, policy=identity, **header)), name)
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +44,30 @@ def test_seeds_of_one_method_are_one_row(seeds):
     longer = (RunOrigin("hac", 5000), RunOrigin("hac", 9000), RunOrigin())
     names = [one.name for one in group_methods(describe_runs(runs), longer)]
     assert names == ["hac, 5,000 steps, table4", "hac, 9,000 steps, table4", "c"]
+
+
+def test_two_runs_of_one_policy_are_not_two_seeds():
+    runs = [make("a"), make("b", seed=1, policy="a"), make("c", tasks=("playing",), policy="a")]
+    methods = group_methods(describe_runs(runs), (RunOrigin("hac", 5000),) * 3)
+    assert [(one.name, len(one.runs)) for one in methods] == [("hac", 2), ("b", 1)]
+
+
+def test_a_task_with_more_runs_does_not_count_for_more(seeds):
+    runs, origins = seeds
+    more = [*runs, make("d", tasks=("pushing",))]
+    across = AcrossRuns((*origins, RunOrigin("hac", 5000)))
+    assert build_report(more, across=across).tables_over_runs == ()
+
+
+def test_a_curve_does_not_mix_conditions():
+    altered = make("b_2000_steps", conditions=Conditions(without=("forces",)))
+    runs = [make("a_1000_steps"), make("b_1000_steps"), make("a_2000_steps"), altered]
+    points = curve_points(runs, (RunOrigin("hac"),) * 4)
+    assert [(one.training, one.steps, len(one.runs)) for one in points] == [
+        ("hac", 1000, 2),
+        ("hac", 2000, 1),
+        ("hac, without forces", 2000, 1),
+    ]
 
 
 def test_a_report_of_several_runs_has_their_interquartile_means(seeds):

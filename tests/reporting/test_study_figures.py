@@ -68,6 +68,13 @@ def test_there_is_a_figure_for_each_question(figures):
     assert [*figures] == ["curves", "movement", "lengths", "novel-shapes"]
 
 
+def test_a_mean_ends_where_the_first_seed_does():
+    frame = curves((1000,))
+    frame = frame[(frame["seed"] == 0) | (frame["step"] < 300)]  # seed 1 was broken off
+    (figure,) = learning_curves(frame)
+    assert {line.points[-1][0] for line in marks(figure, Line)} == {200.0}
+
+
 def test_from_four_seeds_on_the_interquartile_mean_stands_beside_the_mean():
     frame = pd.DataFrame(
         {
@@ -99,6 +106,7 @@ def test_each_length_of_exploration_is_a_mean_over_seeds_with_its_interval(figur
     ] * 2
     assert steps.y.label == "Episode steps"
     intervals = [one for one in success.marks if isinstance(one, Line) and one.width == 2.2]
+    assert len(intervals) == 4
     assert all(low[1] < 0.85 < high[1] for low, high in (one.points for one in intervals))
 
 
