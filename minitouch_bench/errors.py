@@ -15,7 +15,8 @@
     │       │   └── PolicyKilledError       killed from outside, perhaps not through its own fault
     │       └── PolicyRaisedError       its code raised
     ├── InfrastructureError         5   a worker died, a file could not be written
-    │   └── JobFailedError          5   one of several jobs failed in every attempt
+    │   ├── JobFailedError          5   one of several jobs failed in every attempt
+    │   └── CheckpointChangedError  5   a policy's file changed after the evaluation began
     ├── IncompleteCheckError        5   a check could not be made: its checkpoint is missing
     ├── HopelessRunError            5   its first episodes are all policy faults
     ├── InterruptedRunError       130   Ctrl-C
@@ -99,6 +100,10 @@ class JobFailedError(InfrastructureError):
     def __init__(self, text: str, index: int) -> None:
         super().__init__(text)
         self.index = index
+
+
+class CheckpointChangedError(InfrastructureError):
+    """A policy's file is another one than when the evaluation began, or cannot be read now."""
 
 
 class IncompleteCheckError(MiniTouchError):

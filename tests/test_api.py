@@ -1,5 +1,6 @@
 """The Python front door: the same runs as the command line's, for objects too."""
 
+import random
 import re
 import subprocess
 import sys
@@ -99,6 +100,23 @@ def test_what_a_run_does_not_have_is_named(counted):
         run["opening"].speed  # noqa: B018
 
 
+def test_the_caller_s_generators_and_threads_stay_as_they_are():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(2)
+    before = states()
+    try:
+        mt.evaluate(Resets(), **SHORT, workers=1)
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(threads)
+    assert states() == before
+
+
+def states():
+    old = np.random.get_state()  # noqa: NPY002 - what a training may use
+    return random.getstate(), old[1].tolist(), torch.get_rng_state().tolist()
+
+
 def test_an_object_is_told_of_the_episode():
     run = mt.evaluate(Resets(), **SHORT, workers=1)
     assert run.faults == {}
@@ -159,6 +177,9 @@ def test_wrong_options_are_refused():
         mt.evaluate("zero", tasks=["flying"])
     with pytest.raises(UsageError, match="no engine 'cloud' here; there are local"):
         mt.evaluate("zero", engine="cloud")
+    for options in ({"episodes": 0}, {"episodes": 10**6}, {"seed": -1}, {"workers": 0}):
+        with pytest.raises(UsageError, match="can be"):
+            mt.evaluate("zero", **options)
 
 
 def test_environments_are_made_by_the_task_s_name():

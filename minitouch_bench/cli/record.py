@@ -7,6 +7,7 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import EpisodeProgress, notes
+from minitouch_bench.errors import PolicyFaultError
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 
@@ -27,4 +28,8 @@ def record(
     held = options.isolation_options(isolation, trust)
     asked = workflow.RecordOptions(policy, task, output, episodes, seed, held)
     with EpisodeProgress(notes) as progress:
-        print(workflow.record(asked, progress.callbacks))
+        done = workflow.record(asked, progress.callbacks)
+    print(done.directory)
+    if done.faults:
+        notes.print(f"{done.faults} of {episodes} episodes end with a fault of the policy")
+        raise typer.Exit(PolicyFaultError.exit_code)

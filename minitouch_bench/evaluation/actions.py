@@ -2,7 +2,6 @@
 
 import io
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,7 +60,9 @@ def read_actions(directory: Path, specs: Sequence[EpisodeSpec]) -> dict[str, Act
                     )
                 actions[key] = _read_array(archive, member, tasks[key])
             return actions
-    except (ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError) as error:
+    except RunDirectoryError:
+        raise
+    except Exception as error:  # zipfile, its decompressors and numpy's parser have no common root
         raise RunDirectoryError(f"{path} is damaged: {error}") from error
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,9 +50,18 @@ def film_name(key: str, suffix: str = ".mp4") -> str:
     return key.replace("/", "-") + suffix
 
 
-def _write_mp4(frames: Frames, path: Path) -> None:
-    writer = require("imageio.v2", "video")
+def require_video() -> Any:
+    """Return imageio, which writes an ``.mp4``.
+
+    Raises:
+        MissingExtraError: it or its encoder is not installed.
+    """
     require("imageio_ffmpeg", "video")
+    return require("imageio.v2", "video")
+
+
+def _write_mp4(frames: Frames, path: Path) -> None:
+    writer = require_video()
     with writer.get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=16) as video:
         for frame in frames:
             video.append_data(frame)

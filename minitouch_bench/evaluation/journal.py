@@ -11,8 +11,8 @@ import json
 import math
 import os
 import zlib
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -55,6 +55,7 @@ class _StoredHeader:
     """The body of the first line."""
 
     header: RunHeader
+    packages: Mapping[str, str] = field(default_factory=dict)
 
 
 class Journal:
@@ -75,9 +76,10 @@ class Journal:
     def __exit__(self, *_: object) -> None:
         os.close(self._file)
 
-    def write_header(self, header: RunHeader) -> None:
-        """Write the first line."""
-        self._append({"format": "minitouch-journal", "version": 1, "header": to_builtins(header)})
+    def write_header(self, header: RunHeader, packages: Mapping[str, str] | None = None) -> None:
+        """Write the first line: what fixes the numbers, and the versions that make them."""
+        stored = to_builtins(_StoredHeader(header, packages or {}))
+        self._append({"format": "minitouch-journal", "version": 1, **stored})
 
     def write_record(self, record: EpisodeRecord) -> None:
         """Write one episode; it survives whatever happens after this returns.
@@ -114,26 +116,36 @@ class JournalContent(NamedTuple):
 
 
 def read_journal(
-    directory: Path, specs_of: SpecsOf | None = None, *, repair: bool = True
+    directory: Path,
+    specs_of: SpecsOf | None = None,
+    *,
+    packages: Mapping[str, str] | None = None,
+    repair: bool = True,
 ) -> JournalContent:
     """Read a journal; ``repair`` cuts off a last line that is torn.
+
+    ``packages``: the versions that the missing episodes would be run with.
 
     ``specs_of`` takes the header, which it may refuse, and returns the episodes that may follow,
     each once at most; without it any may.
 
     Raises:
         UnreadableFileError: there is no journal, or it is no plain file.
-        RunDirectoryError: it is damaged before its end, or of another run.
+        RunDirectoryError: it is damaged before its end, of another run, or of other packages.
     """
     path = directory / JOURNAL_FILE
     with os_errors_as(UnreadableFileError, path, "read"):
         handle = open_plain(path, os.O_RDWR if repair else os.O_RDONLY)
         with os.fdopen(handle, "r+b" if repair else "rb") as file:
-            return _read_journal(file, path, specs_of, repair)
+            return _read_journal(file, path, specs_of, packages, repair)
 
 
 def _read_journal(
-    file: BinaryIO, path: Path, specs_of: SpecsOf | None, repair: bool
+    file: BinaryIO,
+    path: Path,
+    specs_of: SpecsOf | None,
+    packages: Mapping[str, str] | None,
+    repair: bool,
 ) -> JournalContent:
     wanted: set[EpisodeSpec] = set()
     size = os.fstat(file.fileno()).st_size
@@ -151,7 +163,9 @@ def _read_journal(
             break
         name = f"{path}: line {number}"
         if header is None:
-            header = read_json(text, _StoredHeader, name).header
+            stored = read_json(text, _StoredHeader, name)
+            header = stored.header
+            _check_packages(path, stored.packages, packages)
             if specs_of is not None:
                 wanted = set(specs_of(header))
         else:
@@ -168,6 +182,18 @@ def _read_journal(
     if torn and repair:
         os.ftruncate(file.fileno(), good_until)
     return JournalContent(header, records, torn)
+
+
+def _check_packages(path: Path, there: Mapping[str, str], here: Mapping[str, str] | None) -> None:
+    if here is None or not there or there == here:
+        return
+    names = sorted(name for name in {*there, *here} if there.get(name) != here.get(name))
+    differences = [f"{one} {there.get(one, 'none')} there, {here.get(one, 'none')} here"
+                   for one in names]  # fmt: skip
+    raise RunDirectoryError(
+        f"{path} was begun with other packages: {'; '.join(differences)}.\n"
+        "Install those, or start again with --fresh"
+    )
 
 
 def _framed(text: bytes) -> bytes:

@@ -133,7 +133,7 @@ def open_run(request: RunRequest, directory: Path, *, resume: bool, fresh: bool)
         if not fresh:
             _check_empty(directory)
         with Journal(directory) as journal:
-            journal.write_header(header)
+            journal.write_header(header, package_versions())
         return OpenRun(header, directory)
     if not resume:
         raise RunDirectoryError(
@@ -145,7 +145,7 @@ def open_run(request: RunRequest, directory: Path, *, resume: bool, fresh: bool)
         _check_same(header, found, directory)
         return request.specs()
 
-    _, records, torn = read_journal(directory, specs_of)
+    _, records, torn = read_journal(directory, specs_of, packages=package_versions())
     return OpenRun(header, directory, tuple(records), torn)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import UNSET
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.policies.limits import USUAL_LIMITS
 from minitouch_bench.policies.sources import IN_MEMORY
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.protocol.seeds import episode_seed, suite_generator
@@ -143,6 +144,8 @@ def why_unofficial(header: RunHeader, suite: Suite) -> tuple[str, ...]:
         found.append(f"{header.episodes} of {suite.episodes_per_task} episodes per task")
     if header.seed != suite.seed:
         found.append(f"seed {header.seed}")
+    if header.act_timeout_s != USUAL_LIMITS.act_timeout_s:
+        found.append(f"{header.act_timeout_s:g} s per action")
     if header.episode_timeout_s is not UNSET:
         found.append(f"{header.episode_timeout_s:g} s per episode")
     if header.conditions is not UNSET:

@@ -17,7 +17,6 @@ The child is an episode of its own: it loads the checkpoint, answers, and ends w
 
 import contextlib
 import gc
-import hashlib
 import json
 import os
 import random
@@ -26,7 +25,6 @@ import socket
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -39,7 +37,7 @@ from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.isolation.readable import NOTHING, factory_paths
 from minitouch_bench.policies.isolation.sandbox import Sandbox, prepare
 from minitouch_bench.policies.policy import Checkpoint, close_policy
-from minitouch_bench.policies.sources import read_checkpoint
+from minitouch_bench.policies.sources import read_again
 from minitouch_bench.policies.wire import (
     MAX_PAYLOAD,
     Frame,
@@ -112,10 +110,7 @@ class Host:
             _import_format(kind)
             self._imported.add(kind)
         if FORMATS[kind].suffixes and target not in self._contents:
-            content = read_checkpoint(Path(target))
-            if hashlib.sha256(content).hexdigest() != order["digest"]:
-                raise PolicyLoadError(f"{target} was changed since this evaluation began")
-            self._contents[target] = content
+            self._contents[target] = read_again(target, order["digest"])
         checkpoint = Checkpoint(
             target, self._contents.get(target, b""), order["deterministic"], order["trust"]
         )

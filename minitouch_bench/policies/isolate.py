@@ -1,10 +1,10 @@
 """Run a policy isolated as asked, and try it once before a run."""
 
 import contextlib
+import random
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from minitouch_bench.policies.policy import (
     zero_observation,
 )
 from minitouch_bench.policies.process import PolicyProcess
-from minitouch_bench.policies.sources import IN_MEMORY, PolicySource, read_checkpoint
+from minitouch_bench.policies.sources import IN_MEMORY, PolicySource, read_again
 from minitouch_bench.policies.wire import describe
 from minitouch_bench.tasks.action import fit_action
 
@@ -64,7 +64,7 @@ class InProcessPolicy:
         check_permitted(part.kind, part.target, Isolation.NONE, trust=self._trust)
         content = part.content
         if FORMATS[part.kind].suffixes:
-            content = read_checkpoint(Path(part.target))
+            content = read_again(part.target, part.digest)
         checkpoint = Checkpoint(part.target, content, self._deterministic, self._trust)
         self._size = action_size(task)
         seed_everything(seed)
@@ -147,9 +147,10 @@ def try_policy(
     first_task = {source.for_task(task): task for task in reversed(tasks)}
     for trial in range(1, MAX_TRIALS + 1):
         try:
-            with contextlib.closing(
-                isolate(source, options, deterministic=deterministic)
-            ) as policy:
+            with (
+                _kept_generators(),
+                contextlib.closing(isolate(source, options, deterministic=deterministic)) as policy,
+            ):
                 for part, task in first_task.items():
                     _try_once(policy, part, task)
         except InfrastructureError:  # its host was killed, say
@@ -157,6 +158,23 @@ def try_policy(
                 raise
         else:
             return
+
+
+@contextlib.contextmanager
+def _kept_generators() -> Iterator[None]:
+    """Leave the caller's generators and number of threads as they are: it may be a training."""
+    states = random.getstate(), np.random.get_state()  # noqa: NPY002 - what a policy may use
+    torch = sys.modules.get("torch")
+    threads = torch.get_num_threads() if torch else 0
+    devices = range(torch.cuda.device_count()) if torch and torch.cuda.is_initialized() else ()
+    with torch.random.fork_rng(devices) if torch else contextlib.nullcontext():
+        try:
+            yield
+        finally:
+            random.setstate(states[0])
+            np.random.set_state(states[1])  # noqa: NPY002
+            if torch:
+                torch.set_num_threads(threads)
 
 
 def _try_once(policy: PolicyProcess | InProcessPolicy, part: PolicySource, task: str) -> None:

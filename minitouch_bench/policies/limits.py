@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 from msgspec import UNSET
 
+from minitouch_bench.errors import UsageError
 from minitouch_bench.records import RunHeader
 
 MAX_ACTS = 256
@@ -17,12 +18,20 @@ class PolicyLimits:
 
     The time of an episode is all that is spent on waiting for the policy, and not the world's.
     In the sandbox its memory is limited too, in MiB beyond what the format's packages take.
+
+    Raises:
+        UsageError: a time that cannot be waited for.
     """
 
     load_timeout_s: float = 60.0
     act_timeout_s: float = 5.0
     episode_timeout_s: float = 300.0
     memory_mb: int = 8192
+
+    def __post_init__(self) -> None:
+        for limit in (self.load_timeout_s, self.act_timeout_s, self.episode_timeout_s):
+            if not 0 < limit < math.inf:
+                raise UsageError(f"a time limit is a number of seconds above 0, not {limit}")
 
     @property
     def cpu_s(self) -> int:

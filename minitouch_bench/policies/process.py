@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import (
+    CheckpointChangedError,
     InfrastructureError,
     IsolationError,
     MiniTouchError,
@@ -46,7 +47,8 @@ END_GRACE_S = {"remote": 1.0}
 STOP_TIMEOUT_S = 10.0
 
 REFUSALS: Mapping[str, type[MiniTouchError]] = {
-    error.__name__: error for error in (IsolationError, MissingExtraError, PolicyLoadError)
+    error.__name__: error
+    for error in (CheckpointChangedError, IsolationError, MissingExtraError, PolicyLoadError)
 }
 """What a host may answer to the order to start an episode."""
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError
 from minitouch_bench.files import GIB, os_errors_as, read_file
 from minitouch_bench.optional import require
 from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
@@ -91,12 +91,14 @@ def parse_source(text: str, tasks: Sequence[str] = (), *, trust: bool = False) -
     if text.startswith(HUB):
         return _parse_hub(text)
     path = Path(text)
-    if path.is_dir():
+    with os_errors_as(PolicyLoadError, path, "read"):
+        exists, is_directory = path.exists(), path.is_dir()
+    if is_directory:
         source = _parse_directory(path)
         for task in tasks:
             source.for_task(task)
         return source
-    if path.exists() or path.suffix in KIND_BY_SUFFIX:
+    if exists or path.suffix in KIND_BY_SUFFIX:
         return _parse_file(path)
     if FACTORY_PATTERN.fullmatch(text):
         if not trust:
@@ -125,12 +127,27 @@ def read_checkpoint(path: Path) -> bytes:
     Raises:
         PolicyLoadError: missing, no plain file, empty, too large or not readable.
     """
-    if not path.exists():
-        raise PolicyLoadError(f"the policy file {path} does not exist")
     with os_errors_as(PolicyLoadError, path, "read"):
+        if not path.exists():
+            raise PolicyLoadError(f"the policy file {path} does not exist")
         content = read_file(path, MAX_FILE_BYTES, follow=True)
     if not content:
         raise PolicyLoadError(f"the policy file {path} is empty")
+    return content
+
+
+def read_again(target: str, digest: str) -> bytes:
+    """Return the bytes of a checkpoint that an evaluation began with.
+
+    Raises:
+        CheckpointChangedError: they are others now, or cannot be read.
+    """
+    try:
+        content = read_checkpoint(Path(target))
+    except PolicyLoadError as error:
+        raise CheckpointChangedError(str(error)) from error
+    if hashlib.sha256(content).hexdigest() != digest:
+        raise CheckpointChangedError(f"{target} was changed since this evaluation began")
     return content
 
 
@@ -150,7 +167,10 @@ def _parse_file(path: Path) -> PolicySource:
 
 
 def _parse_url(text: str) -> PolicySource:
-    parts = urllib.parse.urlsplit(text)
+    try:
+        parts = urllib.parse.urlsplit(text)
+    except ValueError:  # as of "http://[::1"
+        parts = urllib.parse.urlsplit("")
     if not parts.hostname or parts.username or parts.query or parts.fragment:
         raise PolicyLoadError(f"'{text}' is no server's address; write http://HOST:PORT")
     return PolicySource("remote", parts.netloc, text)
@@ -167,7 +187,9 @@ def _parse_hub(text: str) -> PolicySource:
 def _parse_directory(path: Path) -> PolicySource:
     parts: dict[str, PolicySource] = {}
     sha = hashlib.sha256()
-    for file in sorted(path.iterdir()):
+    with os_errors_as(PolicyLoadError, path, "read"):
+        files = sorted(path.iterdir())
+    for file in files:
         if file.stem not in TASK_NAMES or file.suffix not in KIND_BY_SUFFIX:
             continue
         if file.stem in parts:

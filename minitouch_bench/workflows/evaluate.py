@@ -18,10 +18,17 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
-from minitouch_bench.evaluation.filming import film, film_name
+from minitouch_bench.evaluation.filming import film, film_name, require_video
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_episodes
 from minitouch_bench.evaluation.suites import choose_episodes, choose_tasks, find_suite
-from minitouch_bench.files import SETTINGS_FILE, VIDEOS, lock_directory, make_folder, write_file
+from minitouch_bench.files import (
+    MAX_EPISODES,
+    SETTINGS_FILE,
+    VIDEOS,
+    lock_directory,
+    make_folder,
+    write_file,
+)
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.records import EvaluationRun, SavedRun
@@ -98,6 +105,8 @@ def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Evaluat
     """
     if options.output.log is not None:
         check_tracker(options.output.log)
+    if options.output.video and not options.output.in_memory:
+        require_video()
     opening = open_engine(options.engine, callbacks.note)
     request = make_request(options, callbacks)
     output = options.output
@@ -127,6 +136,10 @@ def make_request(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Run
         PolicyError, IsolationError, MissingExtraError: a policy cannot be used.
     """
     suite = find_suite(options.suite)
+    episodes = suite.episodes_per_task if options.episodes is None else options.episodes
+    seed = suite.seed if options.seed is None else options.seed
+    if not 1 <= episodes <= MAX_EPISODES or seed < 0:
+        raise UsageError(f"episodes can be 1 to {MAX_EPISODES:,}, and a seed 0 or more")
     chosen = choose_episodes(options.episodes_from, suite)
     if chosen and (options.tasks is not None or options.episodes is not None):
         raise UsageError("--episodes-from names tasks and episodes: leave out --tasks, --episodes")
@@ -140,8 +153,6 @@ def make_request(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Run
         name=options.name,
         conditions=options.conditions,
     )
-    episodes = options.episodes or suite.episodes_per_task
-    seed = suite.seed if options.seed is None else options.seed
     return RunRequest(suite, tasks, episodes, seed, setup, chosen)
 
 

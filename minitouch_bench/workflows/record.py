@@ -1,5 +1,6 @@
 """Record a policy's episodes as a dataset that other people's libraries read (Minari's format)."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,8 +34,16 @@ class RecordOptions:
     isolation: IsolationOptions = SANDBOXED
 
 
-def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> Path:
-    """Play the episodes, write them as a Minari dataset, and return its directory.
+@dataclass(frozen=True)
+class RecordedDataset:
+    """Where a dataset lies, and how many of its episodes end with a fault of the policy."""
+
+    directory: Path
+    faults: int
+
+
+def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> RecordedDataset:
+    """Play the episodes and write them as a Minari dataset; one with a fault ends as truncated.
 
     Raises:
         UsageError: no such task.
@@ -47,16 +56,20 @@ def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> Path:
     storages = require("minari.dataset.minari_storage", "data")
     setup = prepare_policies(options.policy, tasks, options.isolation, callbacks.note)
     environment, runner = MiniTouchEnv(options.task), EpisodeRunner(setup)
+    name = re.sub(r"[^A-Za-z0-9_-]+", "-", setup.policy.name).strip("-") or "policy"
+    faults = 0
     callbacks.phase("recording", options.episodes)
     try:
         storage = _new_storage(storages, environment, options.directory)
         for spec in suite.episodes(exploration=False):
             played = runner.run(spec)
-            storage.update_episodes([_episode(environment, played)])
+            if len(played.trace.actions):  # none where the policy failed at the reset
+                storage.update_episodes([_episode(environment, played)])
             callbacks.episode(played)
+            faults += played.outcome is Outcome.POLICY_FAULT
         storage.update_metadata(
             {
-                "dataset_id": f"minitouch/{options.task}/{setup.policy.name}-v0",
+                "dataset_id": f"minitouch/{options.task}/{name}-v0",
                 "minari_version": minari.__version__,
                 "algorithm_name": setup.policy.name,
             }
@@ -64,7 +77,7 @@ def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> Path:
     finally:
         runner.close()
         environment.close()
-    return options.directory
+    return RecordedDataset(options.directory, faults)
 
 
 def _new_storage(storages: Any, environment: MiniTouchEnv, directory: Path) -> Any:
@@ -91,14 +104,14 @@ def _episode(environment: MiniTouchEnv, played: EpisodeRecord) -> Any:
     images = [environment.reset(seed=spec.seed, options=options)[0]["image"]]
     images += [environment.step(action)[0]["image"] for action in trace.actions]
     last = np.arange(len(trace.actions)) == len(trace.actions) - 1
-    truncated = last & (played.outcome is Outcome.STEP_LIMIT)
+    terminated = last & (played.outcome in (Outcome.SUCCESS, Outcome.LEFT_WORKSPACE))
     success = last & (played.outcome is Outcome.SUCCESS)
     return buffers.EpisodeBuffer(
         seed=spec.seed,
         observations={"image": np.stack(images), "touch": trace.touch},
         actions=trace.actions,
         rewards=trace.rewards.tolist(),
-        terminations=(last & ~truncated).tolist(),
-        truncations=truncated.tolist(),
+        terminations=terminated.tolist(),
+        truncations=(last & ~terminated).tolist(),
         infos={"is_success": np.concatenate(([False], success))},
     )

@@ -9,6 +9,7 @@ USAGE = [
     (["evaluate"], "POLICY"),
     (["evaluate", "zero", "--episodes", "0"], "--episodes"),
     (["evaluate", "zero", "--act-timeout", "inf"], "--act-timeout"),
+    (["evaluate", "zero", "--act-timeout", "nan"], "--act-timeout"),
     (["evaluat", "zero"], "evaluate"),
 ]
 

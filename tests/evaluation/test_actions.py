@@ -90,6 +90,37 @@ def test_a_file_that_is_missing_cut_or_debris_is_refused(tmp_path):
             read_actions(tmp_path, SPECS)
 
 
+@pytest.mark.parametrize("method", [12, 14])  # bzip2 and LZMA
+def test_debris_in_another_compression_is_refused(tmp_path, method):
+    with zipfile.ZipFile(tmp_path / ACTIONS_FILE, "w") as archive:
+        archive.writestr("pushing/0.npy", b"\x09\x14\x05\x00" + bytes(range(200)))
+    content = (tmp_path / ACTIONS_FILE).read_bytes()
+    start = content.index(ENTRY_MARK)
+    other = method.to_bytes(2, "little")
+    content = content[:8] + other + content[10 : start + 10] + other + content[start + 12 :]
+    (tmp_path / ACTIONS_FILE).write_bytes(content)
+    with pytest.raises(RunDirectoryError, match="damaged"):
+        read_actions(tmp_path, SPECS)
+
+
+def test_an_encrypted_entry_is_refused(tmp_path):
+    np.savez_compressed(tmp_path / ACTIONS_FILE, **{"pushing/0": GOOD})
+    content = bytearray((tmp_path / ACTIONS_FILE).read_bytes())
+    for flags in (6, content.index(ENTRY_MARK) + 8):
+        content[flags] |= 1
+    (tmp_path / ACTIONS_FILE).write_bytes(content)
+    with pytest.raises(RunDirectoryError, match=r"damaged.*encrypted"):
+        read_actions(tmp_path, SPECS)
+
+
+def test_a_header_that_is_no_text_of_python_is_refused(tmp_path):
+    header = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + b"{'descr': (".ljust(118)
+    with zipfile.ZipFile(tmp_path / ACTIONS_FILE, "w") as archive:
+        archive.writestr("pushing/0.npy", header)
+    with pytest.raises(RunDirectoryError, match="damaged"):
+        read_actions(tmp_path, SPECS)
+
+
 def test_a_list_of_a_million_empty_entries_takes_no_memory(tmp_path, monkeypatch):
     entry = ENTRY_MARK + bytes(42)
     end = struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, 65535, 65535, 46 * 10**6, 0, 0)

@@ -148,6 +148,17 @@ def test_ten_faults_are_a_whole_run_and_nine_are_no_reason(tmp_path, importable,
     assert len(run(wanted, tmp_path / "fine").records) == 11
 
 
+def test_a_run_of_other_packages_is_not_resumed(tmp_path, monkeypatch):
+    wanted = request("zero", ("opening",), 1)
+    open_run(wanted, tmp_path, resume=False, fresh=False)
+    monkeypatch.setattr(
+        "minitouch_bench.evaluation.run.package_versions", lambda: {"torch": "99.0"}
+    )
+    with pytest.raises(RunDirectoryError, match=r"torch \S+ there, 99\.0 here") as refused:
+        open_run(wanted, tmp_path, resume=True, fresh=False)
+    assert "--fresh" in str(refused.value)
+
+
 def test_another_episode_timeout_is_unofficial_and_another_run(tmp_path):
     usual, other = (
         request("zero", ("opening",), 1),

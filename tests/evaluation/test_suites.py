@@ -87,6 +87,8 @@ def test_what_makes_a_run_unofficial_is_said():
         "seed 7",
     )
     assert why_unofficial(replace(header, episodes=5), SUITES["smoke"]) == ("suite smoke",)
+    patient = replace(header, act_timeout_s=60.0)
+    assert why_unofficial(patient, TABLE4) == ("60 s per action",)
     in_memory = replace(header, exploration=replace(header.policy, kind=IN_MEMORY))
     assert why_unofficial(in_memory, TABLE4) == ("policy in memory, beside the simulator",)
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import (
+    CheckpointChangedError,
     InfrastructureError,
     InvalidActionError,
     PolicyExitError,
@@ -255,13 +256,17 @@ def test_random_actions_follow_the_seed(observation):
     assert len(drawn[0]) == 5
 
 
-def test_a_file_that_changes_during_the_evaluation_is_refused(tmp_path):
+@pytest.mark.parametrize("level", [Isolation.SANDBOX, Isolation.NONE])
+def test_a_file_that_changes_during_the_evaluation_is_no_fault_of_the_policy(tmp_path, level):
     path = tmp_path / "x.onnx"
     path.write_bytes(b"one")
     source = parse_source(str(path))
     path.write_bytes(b"two")
-    with pytest.raises(PolicyLoadError, match="was changed"):
-        try_policy(source, ["pushing"])
+    with pytest.raises(CheckpointChangedError, match="was changed"):
+        try_policy(source, ["pushing"], IsolationOptions(level))
+    path.unlink()
+    with pytest.raises(CheckpointChangedError, match="does not exist"):
+        try_policy(source, ["pushing"], IsolationOptions(level))
 
 
 def test_probe_refuses_a_bad_file_but_leaves_faults_to_episodes(tmp_path, light):

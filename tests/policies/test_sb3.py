@@ -177,6 +177,15 @@ def test_a_model_trained_under_vec_normalize_is_refused(algorithm, observation):
     refused(saved(model), "trained under VecNormalize", trust=True)
 
 
+def test_many_environments_are_no_sign_of_vec_normalize(observation):
+    """Numpy writes only the first and the last of more than 1,000 numbers."""
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    many = DummyVecEnv([lambda: Sinking(4)] * 91)
+    model = make("PPO", many, net_arch=[8]).learn(2)
+    assert load(saved(model)).act(observation).shape == (4,)
+
+
 def test_trust_is_advised_only_where_it_helps():
     from stable_baselines3 import SAC
 

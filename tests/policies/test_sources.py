@@ -85,6 +85,8 @@ def test_two_files_for_one_task_are_refused(folder):
         ("nothing", "there is no policy"),
         ("http://", "address"),
         ("http://user:secret@host", "address"),
+        ("http://[::1:8000", "address"),
+        (f"{'x' * 300}.onnx", "cannot be read"),
     ],
 )
 def test_what_is_not_there_is_said(text, message):

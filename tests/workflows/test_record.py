@@ -1,16 +1,24 @@
+from pathlib import Path
+
 import minari
 import numpy as np
 import pytest
 
 from minitouch_bench.agents.logged_data import fill_from_log
 from minitouch_bench.agents.replay import Replay
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.workflows.record import RecordOptions, record
+
+POLICIES = Path(__file__).parents[1] / "evaluation"
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    return record(RecordOptions("scripted", "pushing", tmp_path_factory.mktemp("data") / "log", 2))
+    directory = tmp_path_factory.mktemp("data") / "log"
+    done = record(RecordOptions("scripted", "pushing", directory, 2))
+    assert (done.directory, done.faults) == (directory, 0)
+    return directory
 
 
 def test_minari_reads_what_was_recorded(dataset):
@@ -33,6 +41,22 @@ def test_a_training_reads_it_too(dataset):
     steps = [len(one.actions) for one in minari.MinariDataset(dataset).iterate_episodes()]
     assert replay.rows == sum(steps) + 2
     assert [end for _, end in replay.state()["successes"]] == [steps[0], replay.rows - 1]
+
+
+def test_a_fault_is_no_end_of_the_task(tmp_path, monkeypatch):
+    """A memory that learned from it would take the last state for a goal."""
+    monkeypatch.setenv("PYTHONPATH", str(POLICIES), prepend=":")
+    trusted = IsolationOptions(trust=True)
+    options = RecordOptions("misbehaved:FaultInPushing", "pushing", tmp_path / "log", 1, 0, trusted)
+    assert record(options).faults == 1
+    dataset = minari.MinariDataset(tmp_path / "log")
+    (episode,) = dataset.iterate_episodes()
+    assert episode.terminations.tolist() == [False, False]
+    assert episode.truncations.tolist() == [False, True]
+    assert dataset.spec.dataset_id == "minitouch/pushing/misbehaved-FaultInPushing-v0"
+    nothing = RecordOptions("misbehaved:Hopeless", "pushing", tmp_path / "none", 1, 0, trusted)
+    with pytest.raises(PolicyLoadError, match="nothing learned"):
+        record(nothing)
 
 
 def test_a_dataset_is_not_overwritten(dataset):
