@@ -8,6 +8,7 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import EpisodeProgress, notes
+from minitouch_bench.errors import IncompleteCheckError
 
 INVALID = 1
 UNREADABLE = 6
@@ -50,19 +51,26 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
 
     engine = EngineOptions(workers=options.worker_count(workers))
     asked = ValidateOptions(replay, rerun, fresh_seeds, draw or new_draw(), engine)
-    valid, unchecked = 0, True
+    valid, unchecked, incomplete = 0, True, False
     for directory in directories:
         name = printable(directory.name or str(directory))
-        with EpisodeProgress(notes) as progress:
-            found = validate_submission(directory, asked, progress.callbacks)
+        try:
+            with EpisodeProgress(notes) as progress:
+                found = validate_submission(directory, asked, progress.callbacks)
+        except IncompleteCheckError as error:
+            _show_problems(name, [error])
+            incomplete = True
+            continue
         valid += not found.problems
         unchecked = unchecked and all(problem.is_unchecked for problem in found.problems)
         _show_problems(name, found.problems)
         if not found.problems:
             print(f"{name}: valid, {found.level}")
     notes.print(f"{valid} of {len(directories)} valid", markup=False)
+    if not unchecked:
+        raise typer.Exit(INVALID)
     if valid < len(directories):
-        raise typer.Exit(UNREADABLE if unchecked else INVALID)
+        raise typer.Exit(IncompleteCheckError.exit_code if incomplete else UNREADABLE)
 
 
 @app.command(epilog="Example: minitouch-bench leaderboard build --output site")

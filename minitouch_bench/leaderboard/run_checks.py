@@ -74,6 +74,8 @@ def check_run(
     _check_policy(header.policy, seed.files(Role.FINAL), place, problems)
     if header.exploration is not None:
         _check_policy(header.exploration, seed.files(Role.EXPLORATION), place, problems)
+        if header.exploration.kind == "scripted" != header.policy.kind:
+            problems.add(place, "its exploration is the scripted policy's, which reads the state")
     _check_texts(saved, place, problems)
     for role, rows in saved.by_role():
         _check_rows(rows, f"{place}, {role}", problems)

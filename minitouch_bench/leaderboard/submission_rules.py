@@ -38,6 +38,8 @@ def check_name(text: str) -> None:
     """
     form = "1 to 64 of a-z, 0-9, '.', '_', '-', with a letter or digit at both ends"
     _check_file(text, NAME, f"no name: {form}")
+    if text.endswith(".html"):
+        raise UsageError(f"no name: '{text[:SHOWN]}' could be another submission's page")
 
 
 def check_file_name(text: str) -> None:

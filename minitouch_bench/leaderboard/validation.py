@@ -32,7 +32,7 @@ from minitouch_bench.leaderboard.submission import (
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.records import SavedRun
-from minitouch_bench.reporting.run_directory import parse_run, run_json
+from minitouch_bench.reporting.run_directory import parse_run, run_digest, run_json
 from minitouch_bench.verification.problems import Problem, Problems
 from minitouch_bench.verification.recorded_run import AS_WRITTEN
 
@@ -171,12 +171,17 @@ def _check_about(
             )
 
 
+def final_digest(run: SavedRun) -> str:
+    """Return the digest of the final policy's episodes, whatever else is in the run."""
+    return run_digest(run.header, run.episodes)
+
+
 def _check_copies(submission: Submission, runs: Mapping[str, SavedRun], problems: Problems) -> None:
-    """Refuse a training seed whose run is, bit for bit, that of another one."""
+    """Refuse a training seed whose episodes are, bit for bit, those of another one."""
     first: dict[str, str] = {}
     for seed in submission.seeds:
         for place in seed.runs.values():
-            digest = runs[place].digest if place in runs else ""
+            digest = final_digest(runs[place]) if place in runs else ""
             if digest in first:
                 problems.add(place, f"it is bit for bit the run {first[digest]}", "remove it")
             elif digest:

@@ -6,6 +6,7 @@ split holds out one fifth, evenly over families, chosen by hash and by nobody.
 
 import hashlib
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ CANONICAL_SEED, CANONICAL_COUNT = 0, 1000
 
 TRAIN, HELD_OUT = "train", "held-out"
 HELD_OUT_SHARE = 0.2
+PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,199}")
+"""A shape's name and its family are names of files too."""
 SALT = "minitouch split 1"
 GROUP = 5
 """Of so many shapes of a family in a row one is held out, outside the canonical set."""
@@ -155,10 +158,12 @@ def load_shape_set(path: Path | str) -> ShapeSet:
         raise UsageError(f"{folder / MANIFEST} is not of schema {SCHEMA}")
     try:
         shapes = tuple(_shape(entry, folder / PACK) for entry in document["shapes"])
-        name = str(document["name"])
+        for key, kind in (("name", str), ("count", int), ("pack_sha256", str)):
+            if type(document[key]) is not kind:
+                raise ValueError(f"its {key} is no {kind.__name__}")
     except (KeyError, TypeError, ValueError) as error:
         raise UsageError(f"{folder / MANIFEST} is damaged: {error!r}") from error
-    return ShapeSet(name, content_digest(document), shapes, document, folder)
+    return ShapeSet(document["name"], content_digest(document), shapes, document, folder)
 
 
 @lru_cache(maxsize=1)
@@ -184,6 +189,14 @@ def canonical_places() -> tuple[Path, ...]:
 
 
 def _shape(entry: Mapping[str, Any], pack: Path) -> Shape:
+    for key in ("name", "family"):
+        if not PLAIN_NAME.fullmatch(str(entry[key])):
+            raise ValueError(f"{str(entry[key])[:80]!a} is no plain {key}")
+    if entry["split"] not in (TRAIN, HELD_OUT):
+        raise ValueError(f"{str(entry['split'])[:80]!a} is no split")
+    for key in ("offset", "length", "hulls"):
+        if type(entry[key]) is not int or entry[key] < 0:
+            raise ValueError(f"its {key} is no number of them")
     x, y, z = (float(side) for side in entry["extents_m"])
     poses = tuple(_pose(pose) for pose in entry["poses"])
     return Shape(

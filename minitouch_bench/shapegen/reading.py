@@ -120,6 +120,13 @@ def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, tuple[floa
     for link in links:
         for mesh in link.findall("collision/geometry/mesh") or link.findall("visual/geometry/mesh"):
             name = mesh.get("filename", "").removeprefix("package://")
-            scale = tuple(float(part) for part in mesh.get("scale", "1 1 1").split())
+            try:
+                scale = tuple(float(part) for part in mesh.get("scale", "1 1 1").split())
+            except ValueError as error:
+                if strict:
+                    raise UnreadableError("the URDF's scale is no three numbers") from error
+                continue
             found.append((path.parent / name, scale if len(scale) == 3 else (1.0, 1.0, 1.0)))
+    if strict and any(file.suffix.lower() == ".urdf" for file, _ in found):
+        raise UnreadableError("the URDF names a URDF as its mesh")
     return found

@@ -168,7 +168,9 @@ def _request_like(
         PolicyError: the policy cannot be used.
     """
     header = baseline.header
-    setup = prepare_policies(policy, header.tasks, isolation, callbacks.note)
+    setup = prepare_policies(
+        policy, header.tasks, isolation, callbacks.note, conditions=header.played_under
+    )
     suite = find_suite(header.suite)
     request = RunRequest(suite, header.tasks, header.episodes, header.seed, setup, header.chosen)
     found = {episode_key(Role.FINAL, one): (one.seed, one.shape) for one in baseline.episodes}

@@ -40,9 +40,10 @@ from minitouch_bench.leaderboard.submission import (
     run_place,
 )
 from minitouch_bench.leaderboard.submission_rules import check_name
-from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES, validate
+from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES, final_digest, validate
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
+from minitouch_bench.processes import interrupts_held
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import PolicyIdentity, Role, RunHeader
 from minitouch_bench.reporting.run_directory import read_run
@@ -191,12 +192,29 @@ class _Packer:
                 copy_run(run, copy / places[suite])
             entry = TrainingSeed(seed, places, self._checkpoints(copy, parts))
             add_seed(copy, None, told, entry)
-            if problems := validate(copy).problems:
+            if problems := validate(copy).problems or self._copies(copy, entry):
                 return Packed(self.directory, problems)
-            for place in (*places.values(), f"{CHECKPOINTS}/seed-{seed}"):
-                swap(copy / place, self.directory / place, folder / "old" / place)
-            add_seed(self.directory, begun_submission(self.directory), told, entry)
+            with interrupts_held():
+                for place in (*places.values(), f"{CHECKPOINTS}/seed-{seed}"):
+                    swap(copy / place, self.directory / place, folder / "old" / place)
+                add_seed(self.directory, begun_submission(self.directory), told, entry)
         return Packed(self.directory, validate(self.directory).problems)
+
+    def _copies(self, copy: Path, entry: TrainingSeed) -> tuple[Problem, ...]:
+        """Return a problem for each run that is, bit for bit, another training seed's."""
+        begun = begun_submission(self.directory)
+        others = {
+            final_digest(read_run(self.directory / place)): place
+            for other in (begun.seeds if begun else ())
+            if other.seed != entry.seed
+            for place in other.runs.values()
+        }
+        found = ((place, final_digest(read_run(copy / place))) for place in entry.runs.values())
+        return tuple(
+            Problem(place, f"it is bit for bit the run {others[digest]}")
+            for place, digest in found
+            if digest in others
+        )
 
     def _check_replaced(self, parts: "_Parts") -> None:
         """Refuse to replace files that are not a run's, or the only copy of a checkpoint.

@@ -45,7 +45,7 @@ from minitouch_bench.verification.recorded_run import RecordedRun, open_run
 from minitouch_bench.verification.verify import check_identity, draw_episodes, rerun, verify_run
 from minitouch_bench.workflows import SILENT, Callbacks, ignore
 
-RERUN_BEFORE_FRESH = 5
+RERUN_BEFORE_FRESH = 50
 """Drawn episodes of each run that are run before fresh ones, where no other number is asked."""
 
 NOT_REPLAYED = "the recorded actions do not give these figures"
@@ -84,6 +84,7 @@ def validate_submission(
 
     Raises:
         InfrastructureError: an episode could not be run.
+        IncompleteCheckError: the checkpoint is not in it; what was replayed is proved.
     """
     verdict = validate(directory)
     if not verdict.passed:
@@ -103,23 +104,31 @@ def prove(
     A stronger proof of the same bytes stays.
     """
     known = find_proof(verdict)
+
+    def keep(level: ProofLevel, rerun: int = 0, fresh: FreshProof | None = None) -> None:
+        if known is None or PROVED_LEVELS.index(known.level) <= PROVED_LEVELS.index(level):
+            proof = make_proof(verdict, level, rerun, fresh, dict(prover.sketches()))
+            write_proof(proof, proof_path(verdict.directory.resolve()))
+
     again = options.rerun or (RERUN_BEFORE_FRESH if options.fresh_episodes else 0)
     fresh: FreshProof | None = None
     callbacks.phase("proof", _episode_count(verdict, again, options.fresh_episodes))
     with open_engine(options.engine, callbacks.note) as engine:
         prover = Prover(verdict, engine, on_record=callbacks.episode)
         problems = [*prover.replay()]
-        if not problems and again:
-            problems += prover.run_again(again)
-        if not problems and options.fresh_episodes:
-            fresh, found = prover.run_fresh(options.fresh_episodes, options.draw)
-            problems += found
+        try:
+            if not problems and again:
+                problems += prover.run_again(again)
+            if not problems and options.fresh_episodes:
+                fresh, found = prover.run_fresh(options.fresh_episodes, options.draw)
+                problems += found
+        except IncompleteCheckError:  # a checkpoint is not there, but the replay holds
+            if not problems:
+                keep(ProofLevel.REPLAYED)
+            raise
     if not problems:
         tested = ProofLevel.RERUN if again else ProofLevel.REPLAYED
-        level = ProofLevel.FRESH if fresh else tested
-        if known is None or PROVED_LEVELS.index(known.level) <= PROVED_LEVELS.index(level):
-            proof = make_proof(verdict, level, again, fresh, dict(prover.sketches()))
-            write_proof(proof, proof_path(verdict.directory.resolve()))
+        keep(ProofLevel.FRESH if fresh else tested, again, fresh)
     return tuple(problems)
 
 
@@ -214,12 +223,16 @@ class Prover:
         )
 
     def sketches(self) -> Iterator[tuple[str, Sketch]]:
-        """Walk through the paths of the main runs with the sketch of each one's actions."""
+        """Walk through the paths of the main runs with the sketch of the final policy's actions.
+
+        A run with exploration episodes and one without them are then as like as their policies.
+        """
         for seed in self.verdict.submission.seeds:
             place = seed.runs[MAIN_SUITE]
             run, _ = open_run(self.verdict.directory / place)
             if run is not None:
-                yield place, sketch_of([run.actions[spec.key] for spec in run.specs])
+                final = [spec.key for spec in run.specs if spec.role is Role.FINAL]
+                yield place, sketch_of([run.actions[key] for key in final])
 
     def _setup(self, seed: TrainingSeed, saved: SavedRun) -> PolicySetup:
         header = saved.header

@@ -7,6 +7,7 @@ import pytest
 import typer
 
 from minitouch_bench.cli import leaderboard
+from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.leaderboard.board import LeftOut
 from minitouch_bench.leaderboard.build import Built
 from minitouch_bench.verification.problems import Problem
@@ -56,6 +57,23 @@ def test_a_submission_that_cannot_be_read_is_not_called_invalid(
     with pytest.raises(typer.Exit) as end:
         leaderboard.validate([tmp_path], False, 0, 0, None, "1")
     assert end.value.exit_code == code
+
+
+def test_a_missing_checkpoint_does_not_stop_the_others(tmp_path, monkeypatch, capsys):
+    def validated(directory, *_):
+        if directory.name == "without":
+            raise IncompleteCheckError("the final checkpoint of seed 0 is not in the submission")
+        return Validation((), "fresh-verified")
+
+    monkeypatch.setattr("minitouch_bench.workflows.validate.validate_submission", validated)
+    both = [tmp_path / "without", tmp_path / "with"]
+    with pytest.raises(typer.Exit) as end:
+        leaderboard.validate(both, True, 0, 0, None, "1")
+    assert end.value.exit_code == 5
+    assert capsys.readouterr().out.splitlines() == [
+        "without: the final checkpoint of seed 0 is not in the submission",
+        "with: valid, fresh-verified",
+    ]
 
 
 def test_every_fault_has_a_line_and_the_exit_code_is_1(root):

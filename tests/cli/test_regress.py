@@ -114,6 +114,20 @@ def baseline(tmp_path_factory):
     return directory
 
 
+def test_a_policy_is_played_under_the_baseline_s_conditions(tmp_path):
+    conditions = ("--without", "vision", "--perturb", "mass=2")
+    base = run(
+        "evaluate", "random", "--suite", "smoke", "--tasks", "opening", "--episodes", "1",
+        *conditions, "--output", "base", directory=tmp_path,
+    )  # fmt: skip
+    assert base.code == 0, base.err
+    done = run("regress", "random", "--baseline", "base", "--output", "new", directory=tmp_path)
+    assert done.code == 0, done.err
+    header = json.loads((tmp_path / "new" / "run.json").read_text())["header"]
+    assert header["conditions"]["without"] == ["vision"]
+    assert header["conditions"]["mass"] == [2.0, 2.0]
+
+
 def test_a_policy_that_is_not_there_is_refused(baseline):
     run("regress", "gone.pt", "--baseline", "base", directory=baseline).refused(3, "gone.pt")
 

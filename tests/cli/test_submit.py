@@ -130,6 +130,13 @@ def test_a_submission_that_would_be_refused_changes_nothing(packed):
     assert os.listdir("submissions") == ["hac"]
 
 
+def test_one_training_is_not_two_seeds_and_the_first_stays_as_it_is(packed):
+    before = state(packed)
+    (problem,) = submit(replace(PACK, training_seed=1)).problems
+    assert "bit for bit the run seed-0/table4" in str(problem)
+    assert state(packed) == before
+
+
 def test_an_unofficial_run_is_refused(scripted, tmp_path):
     done = run("submit", "--run", scripted[1], "--name", "scripted", directory=tmp_path)
     done.refused(2, "no official run", "2 of 100 episodes per task")

@@ -13,10 +13,10 @@ from minitouch_bench.leaderboard import kept_rows
 from minitouch_bench.leaderboard.board import CALIBRATION, ScoredSubmission, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.build import build_board, score_submissions
-from minitouch_bench.leaderboard.entries import Ending
+from minitouch_bench.leaderboard.entries import Ending, Episodes
 from minitouch_bench.leaderboard.kept_rows import file_state
 from minitouch_bench.leaderboard.proof import ProofLevel, make_proof, proof_path, write_proof
-from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
+from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, _gap
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.leaderboard.views import views
 from minitouch_bench.metrics.definitions import ranking_metric
@@ -83,6 +83,20 @@ def test_the_gap_of_one_seed_is_that_of_its_run(submissions, rows):
             width = theirs.difference.high - theirs.difference.low
             assert mine.difference.value == pytest.approx(theirs.difference.value, rel=1e-9)
             assert mine.difference.low == pytest.approx(theirs.difference.low, abs=0.08 * width)
+
+
+def test_a_gap_over_two_seeds_is_no_narrower_than_over_their_episodes():
+    is_held_out = np.arange(400) % 2 == 0
+    listed = []
+    for more in (2, 4):  # of 200: two seeds that agree in the sign, as half of all do
+        values = np.ones(400)
+        values[np.flatnonzero(is_held_out)[:more]] = 0.0
+        none = np.zeros(400)
+        listed.append(Episodes(none, none, {"success": values}, is_held_out, ()))
+    gap = _gap(listed, "pushing")
+    assert gap.difference.value == pytest.approx(-0.015)
+    assert gap.difference.low < -0.02
+    assert gap.train.value == 1.0 > gap.train.low
 
 
 def test_several_seeds_are_averaged_and_resampled(submissions, rows):

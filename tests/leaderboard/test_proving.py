@@ -100,6 +100,18 @@ def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, prover):
         prover.run_again(1)
 
 
+def test_what_was_replayed_is_proved_where_the_checkpoint_is_missing(verdict):
+    saved = verdict.runs[PLACE]
+    policy = dataclasses.replace(saved.header.policy, kind="native", digest="0" * 64)
+    changed = dataclasses.replace(saved, header=dataclasses.replace(saved.header, policy=policy))
+    (verdict.directory / PLACE / "run.json").write_bytes(run_json(changed))
+    given = dataclasses.replace(verdict, runs={PLACE: changed})
+    engine = EngineOptions(workers=1)
+    with pytest.raises(IncompleteCheckError, match="not in the submission"):
+        prove(given, ValidateOptions(rerun=1, engine=engine))
+    assert find_proof(given).level is ProofLevel.REPLAYED
+
+
 # Proofs
 
 

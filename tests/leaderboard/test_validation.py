@@ -14,7 +14,7 @@ import pytest
 
 from minitouch_bench.leaderboard.validation import Depth, validate
 from minitouch_bench.reporting.run_directory import parse_run, run_digest
-from tests.leaderboard.synthetic import make_submission
+from tests.leaderboard.synthetic import make_submission, official_run, write_official
 
 RUN = "seed-0/table4"
 
@@ -296,6 +296,25 @@ def test_a_training_seed_submitted_twice(tmp_path):
     shutil.rmtree(directory / "seed-1")
     shutil.copytree(directory / "seed-0", directory / "seed-1")
     refused(directory, "seed-1/table4", "bit for bit the run seed-0/table4")
+
+
+def test_a_training_seed_submitted_twice_once_with_its_exploration(tmp_path):
+    """The final episodes are the same bits, and the run's digest is not."""
+    directory = make_submission(tmp_path, seeds=(0, 1), include=False)
+    shutil.rmtree(directory / "seed-1")
+    write_official(official_run(seed=0, exploration=True), directory / "seed-1/table4")
+    refused(directory, "seed-1/table4", "bit for bit the run seed-0/table4")
+
+
+def test_an_exploration_by_the_scripted_policy(tmp_path):
+    directory = make_submission(tmp_path, exploration=True)
+    edit_run(
+        directory,
+        lambda run: run["header"]["exploration"].update(
+            kind="scripted", digest="", notes=["reads the simulator's state"]
+        ),
+    )
+    refused(directory, "its exploration is the scripted policy's")
 
 
 def test_a_trained_policy_cannot_take_a_calibration_s_name(submission):

@@ -70,10 +70,16 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
         file.truncate(500_000_084)  # ten million faces
     (tmp_path / "broken.urdf").write_text("<robot>")
     (tmp_path / "bomb.urdf").write_text('<!DOCTYPE a [<!ENTITY b "c">]><robot>&b;</robot>')
+    urdf = '<robot><link><collision><geometry><mesh filename="%s" scale="%s"/></geometry>'
+    urdf += "</collision></link></robot>"
+    (tmp_path / "scale.urdf").write_text(urdf % ("good.stl", "1,1,1"))
+    (tmp_path / "loop.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))  # a mesh, if of itself
+    (tmp_path / "outer.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))
     result = import_objects(tmp_path, tmp_path.parent / "out", ImportConfig())
     assert result.accepted == 1
     assert result.refused.keys() == {
-        "nan.obj", "text.obj", "empty.stl", "huge.stl", "broken.urdf", "bomb.urdf",
+        "nan.obj", "text.obj", "empty.stl", "huge.stl", "broken.urdf", "bomb.urdf", "scale.urdf",
+        "outer.urdf",
     }  # fmt: skip
     assert "not a finite number" in result.refused["nan.obj"]
     assert "more than 500000 faces" in result.refused["huge.stl"]

@@ -108,6 +108,32 @@ def test_what_is_no_set_is_named(tmp_path: Path, small_set: Path) -> None:
         load_shape_set(small_set)
 
 
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("name", "../../evil"), ("name", "/tmp/evil"), ("family", "a/b"),
+        ("split", '"><script>alert(1)</script>'), ("hulls", "<b>"), ("offset", -1),
+    ],
+)  # fmt: skip
+def test_a_set_that_writes_elsewhere_or_more_is_refused(
+    small_set: Path, key: str, value: object
+) -> None:
+    document = json.loads((small_set / "manifest.json").read_text())
+    document["shapes"][0][key] = value
+    (small_set / "manifest.json").write_text(json.dumps(document))
+    with pytest.raises(UsageError, match=f"damaged.*(no plain {key}|no split|its {key})"):
+        load_shape_set(small_set)
+
+
+@pytest.mark.parametrize("key", ["count", "pack_sha256", "name"])
+def test_a_set_without_its_own_numbers_is_refused(small_set: Path, key: str) -> None:
+    document = json.loads((small_set / "manifest.json").read_text())
+    del document[key]
+    (small_set / "manifest.json").write_text(json.dumps(document))
+    with pytest.raises(UsageError, match=f"damaged: KeyError\\('{key}'\\)"):
+        load_shape_set(small_set)
+
+
 def test_unknown_names(small_set: Path) -> None:
     shapes = load_shape_set(small_set)
     with pytest.raises(UsageError, match="no shape 'shape-9999'"):
