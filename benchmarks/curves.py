@@ -1,6 +1,6 @@
 """Draw ``docs/pictures/curves.svg`` from the trainings in ``docs/curves/TASK-METHOD-SEED.csv``.
 
-A method's name may carry what its settings change, as ``hac+previous``.
+A method's name may carry what its settings change, as ``hac+previous``; the picture names the method.
 """
 
 from pathlib import Path
@@ -18,7 +18,8 @@ DOCS = Path(__file__).parents[1] / "docs"
 def read_curve(file: Path) -> pd.DataFrame:
     """Return the curve of one training, with what its file's name says."""
     task = next(name for name in TASK_NAMES if file.stem.startswith(f"{name}-"))
-    method, _, seed = file.stem.removeprefix(f"{task}-").rpartition("-")
+    name, _, seed = file.stem.removeprefix(f"{task}-").rpartition("-")
+    method, _, _ = name.partition("+")
     rows = pd.read_csv(file)
     steps = rows.loc[rows["phase"] == "exploration", "step"].max()
     kept = rows[["step", "touch_share"]].assign(success=episode_success(rows))
