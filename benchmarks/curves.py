@@ -1,6 +1,6 @@
 """Draw ``docs/pictures/curves.svg`` from the trainings in ``docs/curves/TASK-METHOD-SEED.csv``.
 
-A method's name may carry what its settings change, as ``hac+previous``; the picture names the method.
+A method's name may carry what its settings change, as ``hac+previous``; the picture leaves it out.
 """
 
 from pathlib import Path

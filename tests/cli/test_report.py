@@ -1,3 +1,4 @@
+import json
 import os
 import shutil
 from pathlib import Path
@@ -80,6 +81,9 @@ def test_the_seeds_of_a_submission_are_one_method(scripted, tmp_path):
     for seed in (0, 1):
         place = tmp_path / "submissions" / "mine" / f"seed-{seed}" / "table4"
         shutil.copytree(scripted[1], place)
+        document = json.loads((place / "run.json").read_text())
+        document["header"]["policy"]["digest"] = f"{seed}" * 64
+        (place / "run.json").write_text(json.dumps(document))
     shutil.copy(SUBMISSION, tmp_path / "submissions" / "mine")
     runs = [f"submissions/mine/seed-{seed}/table4" for seed in (0, 1)]
     done = run("report", *runs, scripted[1], "--output", "both", directory=tmp_path)
