@@ -45,7 +45,7 @@ from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.processes import interrupts_held
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
-from minitouch_bench.records import PolicyIdentity, Role, RunHeader
+from minitouch_bench.records import PolicyIdentity, Role, RunHeader, SavedRun
 from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows import SILENT, Callbacks
@@ -192,7 +192,8 @@ class _Packer:
                 copy_run(run, copy / places[suite])
             entry = TrainingSeed(seed, places, self._checkpoints(copy, parts))
             add_seed(copy, None, told, entry)
-            if problems := validate(copy).problems or self._copies(copy, entry):
+            verdict = validate(copy)
+            if problems := verdict.problems or self._copies(verdict.runs, entry):
                 return Packed(self.directory, problems)
             with interrupts_held():
                 for place in (*places.values(), f"{CHECKPOINTS}/seed-{seed}"):
@@ -200,7 +201,7 @@ class _Packer:
                 add_seed(self.directory, begun_submission(self.directory), told, entry)
         return Packed(self.directory, validate(self.directory).problems)
 
-    def _copies(self, copy: Path, entry: TrainingSeed) -> tuple[Problem, ...]:
+    def _copies(self, runs: Mapping[str, SavedRun], entry: TrainingSeed) -> tuple[Problem, ...]:
         """Return a problem for each run that is, bit for bit, another training seed's."""
         begun = begun_submission(self.directory)
         others = {
@@ -209,7 +210,7 @@ class _Packer:
             if other.seed != entry.seed
             for place in other.runs.values()
         }
-        found = ((place, final_digest(read_run(copy / place))) for place in entry.runs.values())
+        found = ((place, final_digest(run)) for place, run in runs.items())
         return tuple(
             Problem(place, f"it is bit for bit the run {others[digest]}")
             for place, digest in found
