@@ -92,6 +92,32 @@ def test_the_figures_of_a_run_are_tables_and_estimates(counted):
     assert sum(run["opening"].outcomes.values()) == 2
 
 
+def test_an_object_of_a_script_s_own_class_is_resumed_when_the_script_runs_again(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys\n"
+        "import numpy as np\n"
+        "import minitouch_bench as mt\n"
+        "class Still:\n"
+        "    def act(self, observation):\n"
+        "        return np.zeros(4, np.float32)\n"
+        "run = mt.evaluate(Still(), suite='smoke', tasks=['opening'], episodes=1,\n"
+        "                  output='run', resume='resume' in sys.argv)\n"
+        "print(run.header.policy.digest)\n"
+    )
+    runs = [
+        subprocess.run(
+            [sys.executable, script, *arguments],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        for arguments in ([], ["resume"])
+    ]
+    assert runs[0].stdout == runs[1].stdout
+
+
 def test_what_a_run_does_not_have_is_named(counted):
     run, _ = counted
     with pytest.raises(KeyError, match="no task 'pushing'; it has opening"):

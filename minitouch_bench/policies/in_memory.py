@@ -7,6 +7,7 @@ runs, so that no episode can depend on another one.
 import copy
 import hashlib
 import pickle
+import re
 import sys
 from typing import Any
 
@@ -23,6 +24,8 @@ WANTED = (
     "a policy is a name, a file, an object with act(observation), a Stable-Baselines3 model, or "
     "a torch module on (image, touch)"
 )
+CLASS_ID = re.compile(rb"\x8c\x20[0-9a-f]{32}")
+"""How cloudpickle names a class of ``__main__``: 32 digits, drawn again in each process."""
 
 
 class ObjectPolicy:
@@ -54,7 +57,7 @@ def keep_in_memory(policy: object) -> PolicySource:
             f"the policy {type(policy).__name__} cannot be copied for each episode: "
             f"{describe(error)}.\nGive a factory, 'package.module:attribute', with trust=True"
         ) from error
-    digest = hashlib.sha256(content).hexdigest()
+    digest = hashlib.sha256(CLASS_ID.sub(b"", content)).hexdigest()
     name = type(policy).__name__
     return PolicySource(IN_MEMORY, name, f"{name} in memory", digest, content=content)
 
