@@ -22,7 +22,7 @@ from minitouch_bench.policies.policy import Observation, Policy, close_policy
 from minitouch_bench.policies.scripted import Controller, make_controller
 from minitouch_bench.policies.sources import PolicySource, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.protocol.seeds import policy_seed
+from minitouch_bench.protocol.seeds import policy_seed, senses_generator
 from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -58,7 +58,7 @@ class AlteredSenses:
 
     def __init__(self, conditions: Conditions, seed: int) -> None:
         self._conditions = conditions
-        self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+        self._rng = senses_generator(seed)
         self._first: Observation | None = None
 
     def alter(self, observation: Observation) -> Observation:

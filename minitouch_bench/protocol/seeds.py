@@ -28,6 +28,14 @@ def policy_seed(episode: int) -> int:
     return int(sequence.generate_state(1, np.uint32)[0])
 
 
+def senses_generator(episode: int) -> np.random.Generator:
+    """Return the generator of the noise on what is sensed in the episode with this seed.
+
+    Like a policy, it shares no stream with the world.
+    """
+    return np.random.default_rng([_number("senses"), episode])
+
+
 def suite_generator(suite: str) -> np.random.Generator:
     """Return the generator of what a suite draws once for all its runs."""
     return np.random.default_rng([_number(PROTOCOL.name), _number(suite)])

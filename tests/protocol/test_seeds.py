@@ -1,5 +1,8 @@
+import numpy as np
+from gymnasium.utils.seeding import np_random
+
 from minitouch_bench.evaluation.suites import find_suite
-from minitouch_bench.protocol.seeds import episode_seed
+from minitouch_bench.protocol.seeds import episode_seed, policy_seed, senses_generator
 
 KNOWN = {
     ("table4", "pushing", 0, 0): 3634405880,
@@ -25,3 +28,15 @@ def test_no_two_episodes_of_the_suites_share_a_seed():
     assert len(set(seeds)) == len(seeds)
     assert min(seeds) >= 0
     assert max(seeds) < 2**32
+
+
+def test_the_world_the_policy_and_the_senses_share_no_stream():
+    world, _ = np_random(3)
+    generators = [
+        world,
+        np_random(3)[0].spawn(1)[0],  # from which the changed conditions are drawn
+        np.random.default_rng(policy_seed(3)),
+        senses_generator(3),
+    ]
+    first_numbers = [generator.random() for generator in generators]
+    assert len(set(first_numbers)) == len(generators)
