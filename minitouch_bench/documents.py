@@ -6,12 +6,15 @@ against 95 ms and 30 ms more to build the reader, and a ``run.json`` of 1,200 ep
 """
 
 import json
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 import msgspec
 
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.files import MIB, os_errors_as, read_file
 
 Document = TypeVar("Document")
 
@@ -103,6 +106,19 @@ def _unknown_keys(table: Any, known: Any, path: str) -> Iterator[str]:
     elif isinstance(table, list):
         for index, pair in enumerate(zip(table, known, strict=True)):
             yield from _unknown_keys(*pair, f"{path}[{index}]")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a user's TOML file.
+
+    Raises:
+        UsageError: it is missing, cannot be read, or is not TOML.
+    """
+    try:
+        with os_errors_as(UsageError, path, "read"):
+            return tomllib.loads(read_file(path, MIB, follow=True).decode())
+    except (ValueError, RecursionError) as error:  # both decoding errors are ValueErrors
+        raise UsageError(f"{path} is not TOML: {error}") from error
 
 
 def write_toml(document: object) -> str:

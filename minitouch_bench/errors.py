@@ -15,7 +15,6 @@
     │       │   └── PolicyKilledError       killed from outside, perhaps not through its own fault
     │       └── PolicyRaisedError       its code raised
     ├── InfrastructureError         5   a worker died, a file could not be written
-    │   ├── JobFailedError          5   one of several jobs failed in every attempt
     │   └── CheckpointChangedError  5   a policy's file changed after the evaluation began
     ├── IncompleteCheckError        5   a check could not be made: its checkpoint is missing
     ├── HopelessRunError            5   its first episodes are all policy faults
@@ -92,14 +91,6 @@ class InfrastructureError(MiniTouchError):
     """Something of ours or of the machine failed; never the policy's fault."""
 
     exit_code = 5
-
-
-class JobFailedError(InfrastructureError):
-    """The job at ``index`` failed in every attempt."""
-
-    def __init__(self, text: str, index: int) -> None:
-        super().__init__(text)
-        self.index = index
 
 
 class CheckpointChangedError(InfrastructureError):

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
@@ -23,7 +23,7 @@ from typing import Any, Generic, TypeVar
 
 import cloudpickle
 
-from minitouch_bench.errors import InfrastructureError, JobFailedError, MiniTouchError
+from minitouch_bench.errors import InfrastructureError, MiniTouchError
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -58,6 +58,9 @@ serve(connection, int(sys.argv[2]))
 
 CLOSE_TIMEOUT_S = 2.0
 PR_SET_PDEATHSIG = 1
+
+MAX_ATTEMPTS = 3
+"""A job, such as an episode, that fails for no fault of the user is tried again, twice."""
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -121,18 +124,19 @@ def run_in_workers(
     workers: int,
     *,
     name: Callable[[Job], str],
-    attempts: int = 3,
+    failed: Callable[[str], Result] | None = None,
     variables: Mapping[str, str] = ARITHMETIC,
-) -> Iterator[tuple[int, Result]]:
+) -> Generator[tuple[int, Result], None, None]:
     """Yield (index, ``function(job)``) as jobs end, from ``workers`` processes.
 
     The function is copied to each worker once, and keeps there what it remembers. A job whose
     worker dies, or whose function raises, is tried again in a new process. An error that is
     the user's passes through at once: any ``MiniTouchError`` but an ``InfrastructureError``.
-    ``name`` says in an error which job failed. ``variables`` are set in each worker.
+    ``name`` says in an error which job failed; ``failed`` makes a result of that error, and the
+    other jobs go on. ``variables`` are set in each worker.
 
     Raises:
-        JobFailedError: a job failed ``attempts`` times.
+        InfrastructureError: a job failed three times, and there is no ``failed``.
     """
     waiting = deque((index, 1) for index in range(len(jobs)))
     pool = [_Worker(function, variables) for _ in range(min(workers, len(jobs)))]
@@ -151,10 +155,13 @@ def run_in_workers(
                     continue
                 if result.error is not None:
                     raise result.error
-                if attempt == attempts:
-                    text = f"{name(jobs[index])} failed {attempts} times: {result.reason}"
-                    raise JobFailedError(text, index)
-                waiting.appendleft((index, attempt + 1))
+                if attempt < MAX_ATTEMPTS:
+                    waiting.appendleft((index, attempt + 1))
+                else:
+                    text = f"{name(jobs[index])} failed {MAX_ATTEMPTS} times: {result.reason}"
+                    if failed is None:
+                        raise InfrastructureError(text)
+                    yield index, failed(text)
                 worker.close()
                 pool[pool.index(worker)] = _Worker(function, variables)
     finally:

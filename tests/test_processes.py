@@ -141,6 +141,15 @@ def test_a_function_that_raises_is_tried_in_three_processes_and_named(tmp_path):
     assert len(set(file.read_text().split())) == 3
 
 
+def test_a_job_that_fails_can_be_a_result_and_the_others_go_on(tmp_path):
+    jobs = [str(tmp_path / name) for name in "abc"]
+    for job, deaths in zip(jobs, (0, 3, 1), strict=True):
+        Path(job).write_text(str(deaths))
+    found = dict(run_in_workers(die_until, jobs, 2, name=lambda job: job[-1], failed=str))
+    assert found.pop(1) == "b failed 3 times: its worker ended (exit code -9)"
+    assert set(found) == {0, 2}
+
+
 def test_an_error_of_the_user_is_not_tried_again(tmp_path):
     with pytest.raises(UsageError, match=r"^no such thing$"):
         run_named(blame_the_user, [str(tmp_path / "a")])

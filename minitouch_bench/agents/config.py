@@ -1,15 +1,14 @@
 """The settings of a training, as one frozen value that a TOML file can hold."""
 
-import json
 import math
-import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_type_hints
 
 from minitouch_bench.agents.curiosity import METHODS
+from minitouch_bench.documents import read_toml
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
@@ -22,8 +21,18 @@ CONFIG_FILE = "config.toml"
 PARTS = ("encoder", "actor", "critic")
 """What can be carried over from the exploration phase to the task phase."""
 
+LEAST_REPLAY = 1000
+"""Rows of the memory at the least: the episode under way must be in it."""
+
 ANY, POSITIVE, SHARE = (0, math.inf), (1, math.inf), (0, 1)
-"""Ranges of settings, both ends included."""
+ABOVE_ZERO, ENTROPY = (1e-9, 1e9), (-1e3, 1e3)
+WIDTH = (1 / 32, 1)
+"""Ranges of settings, both ends included; channels are scaled down from those of Table 3."""
+
+
+def _check(what: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise UsageError(f"no {what} '{value}'; there are {', '.join(known)}")
 
 
 def _check_ranges(settings: object, **ranges: tuple[float, float]) -> None:
@@ -58,7 +67,11 @@ class PhaseConfig:
     success_share: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_ranges(self, steps=ANY, entropy_steps=ANY, n_step=POSITIVE, success_share=SHARE)
+        _check_ranges(
+            self, steps=ANY, learning_rate=ABOVE_ZERO, temperature=(0, 1e9),
+            initial_temperature=ABOVE_ZERO, target_entropy=ENTROPY, final_target_entropy=ENTROPY,
+            entropy_steps=ANY, reward_scale=(-1e9, 1e9), n_step=POSITIVE, success_share=SHARE,
+        )  # fmt: skip
 
     def target_entropy_at(self, step: int) -> float:
         """Return the target entropy after ``step`` control steps of the phase."""
@@ -88,7 +101,10 @@ class SacConfig:
     bfloat16: bool = True
 
     def __post_init__(self) -> None:
-        _check_ranges(self, batch_size=POSITIVE, discount=SHARE, target_rate=SHARE, shift=ANY)
+        _check_ranges(
+            self, batch_size=POSITIVE, discount=SHARE, encoder_width=WIDTH, target_rate=SHARE,
+            shift=(0, PROTOCOL.observation.image_size),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -108,6 +124,10 @@ class CuriosityConfig:
     standardize: bool = False
     from_previous: bool = False
 
+    def __post_init__(self) -> None:
+        _check_ranges(self, learning_rate=ABOVE_ZERO, width=WIDTH)
+        _check("haptics", self.haptics, HAPTICS)
+
 
 @dataclass(frozen=True)
 class TrainingConfig:
@@ -119,7 +139,11 @@ class TrainingConfig:
     ``random_steps``: uniformly random actions before learning starts.
     ``updates_per_step``: gradient steps per control step, fractions allowed.
     ``carry``: which networks the task phase takes over from exploration.
+    ``replay_size``: observations that the memory holds; the oldest leave it.
     ``force_scale``: the finger forces (N) that the networks see as 1.
+    ``log_every``: control steps between two rows of ``progress.csv``. After each
+    ``evaluate_every`` (0: never) the policy plays ``evaluate_episodes`` episodes of its own, and
+    there is a row as well. ``checkpoint_every``: control steps that a killed training may lose.
     """
 
     task: str
@@ -151,12 +175,12 @@ class TrainingConfig:
 
     def __post_init__(self) -> None:
         _check_ranges(
-            self, seed=ANY, episode_steps=ANY, random_steps=ANY, updates_per_step=ANY,
-            replay_size=POSITIVE, log_every=POSITIVE, evaluate_every=ANY,
+            self, seed=ANY, episode_steps=ANY, random_steps=ANY, updates_per_step=(0, 1000),
+            replay_size=(LEAST_REPLAY, math.inf), force_scale=ABOVE_ZERO, log_every=POSITIVE,
+            evaluate_every=ANY,
             evaluate_episodes=POSITIVE, checkpoint_every=POSITIVE,
         )  # fmt: skip
         _check("method", self.method, tuple(METHODS))
-        _check("haptics", self.curiosity.haptics, HAPTICS)
         for part in self.carry:
             _check("part to carry", part, PARTS)
 
@@ -234,11 +258,7 @@ def read_config(path: Path, base: TrainingConfig) -> TrainingConfig:
     Raises:
         UsageError: the file is unreadable, or sets what there is not.
     """
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise UsageError(f"{path} cannot be read as TOML: {error}") from error
-    config: TrainingConfig = apply_settings(base, document)
+    config: TrainingConfig = apply_settings(base, read_toml(path))
     return config
 
 
@@ -279,25 +299,3 @@ def trained_steps(directory: Path) -> int:
     """
     file = directory / CONFIG_FILE
     return read_config(file, TrainingConfig("")).steps if file.is_file() else 0
-
-
-def config_text(config: TrainingConfig) -> str:
-    """Return the settings as TOML, which ``read_config`` reads back."""
-    plain = [f for f in fields(config) if not is_dataclass(getattr(config, f.name))]
-    lines = [f"{f.name} = {_toml(getattr(config, f.name))}" for f in plain]
-    for section in fields(config):
-        value = getattr(config, section.name)
-        if is_dataclass(value) and not isinstance(value, type):
-            lines += ["", f"[{section.name}]"]
-            lines += [f"{name} = {_toml(item)}" for name, item in asdict(value).items()]
-    return "\n".join(lines) + "\n"
-
-
-def _toml(value: object) -> str:
-    # JSON's strings, numbers, booleans and lists are TOML's too.
-    return json.dumps(list(value) if isinstance(value, tuple) else value)
-
-
-def _check(what: str, value: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise UsageError(f"no {what} '{value}'; there are {', '.join(known)}")

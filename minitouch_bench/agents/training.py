@@ -155,15 +155,16 @@ class Training:
             self._begin_episode()
 
     def _keep_records(self) -> None:
-        """Write what is due after a control step: a row, a checkpoint."""
-        if self.step % self.config.log_every == 0 or self.step == self.config.steps:
-            self._write_row()
+        """Write what is due after a control step: a row, an evaluation in it, a checkpoint."""
+        due = self.config.evaluate_every
+        is_evaluated = bool(due) and self.step % due == 0
+        is_last = self.step == self.config.steps
+        if is_evaluated or is_last or self.step % self.config.log_every == 0:
+            self._write_row(self._evaluate() if is_evaluated else None)
         if self.step % self.config.checkpoint_every == 0:
             self._save()
 
-    def _write_row(self) -> None:
-        due = self.config.evaluate_every
-        evaluation = self._evaluate() if due and self.step % due == 0 else None
+    def _write_row(self, evaluation: Evaluation | None) -> None:
         row = self._tally.row(self.step, self._phase_name(), evaluation, self._elapsed())
         append_row(self._directory / PROGRESS_FILE, row)
         self._callbacks.on_row(row)

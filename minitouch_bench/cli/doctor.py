@@ -42,10 +42,11 @@ def doctor(
 
 def _show(checks: "list[Check]", failed: list[str]) -> None:
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(show_header=False, box=None, pad_edge=False)
     for check in checks:
-        table.add_row(SIGNS[check.verdict], check.name, check.text)
+        table.add_row(SIGNS[check.verdict], check.name, Text(check.text))
     console = data_console()
     console.print(table)
     if failed:

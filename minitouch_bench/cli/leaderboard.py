@@ -8,7 +8,7 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import EpisodeProgress, notes
-from minitouch_bench.errors import IncompleteCheckError
+from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError
 
 INVALID = 1
 UNREADABLE = 6
@@ -60,6 +60,9 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
         except IncompleteCheckError as error:
             _show_problems(name, [error])
             incomplete = True
+            continue
+        except RunDirectoryError as error:
+            _show_problems(name, [error])
             continue
         valid += not found.problems
         unchecked = unchecked and all(problem.is_unchecked for problem in found.problems)

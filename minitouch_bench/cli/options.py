@@ -1,7 +1,6 @@
 """The arguments and options that several commands share, and what they become."""
 
 import re
-import tomllib
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
@@ -9,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
+from minitouch_bench.documents import read_toml
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import ENGINES, STUDY_ENGINES
-from minitouch_bench.files import MIB, os_errors_as, read_file
 from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.policies.limits import PolicyLimits
@@ -101,11 +100,7 @@ def _read_config(path: Path, names: Iterable[str]) -> dict[str, str | bool | lis
     Raises:
         UsageError: it is not readable, or an option does not exist or has no such value.
     """
-    try:
-        with os_errors_as(UsageError, path, "read"):
-            table = tomllib.loads(read_file(path, MIB, follow=True).decode())
-    except ValueError as error:
-        raise UsageError(f"{path} cannot be read as TOML: {error}") from error
+    table = read_toml(path)
     known = {*names} - {"trust"}
     found: dict[str, str | bool | list[str]] = {}
     for key, value in table.items():

@@ -1,6 +1,7 @@
 """``minitouch-bench train``: a learner, from nothing to a checkpoint."""
 
 import signal
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +11,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from minitouch_bench.agents.curiosity import METHODS
-from minitouch_bench.cli.console import notes
+from minitouch_bench.cli.console import LINE_INTERVAL_S, notes
 from minitouch_bench.errors import InterruptedRunError
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 
@@ -108,7 +109,10 @@ def _interrupts() -> Iterator[list[int]]:
 
 
 class _TrainingProgress(Progress):
-    """Steps done, what they showed since the last row, and the time left."""
+    """Steps done, what they showed since the last row, and the time left.
+
+    Where there is no terminal, one line per minute says so.
+    """
 
     def __init__(self, steps: int) -> None:
         super().__init__(
@@ -124,6 +128,7 @@ class _TrainingProgress(Progress):
             speed_estimate_period=600,
         )
         self._bar = self.add_task("training", total=steps, figures="")
+        self._steps, self._told_at = steps, time.monotonic()
 
     def show(self, row: "ProgressRow") -> None:
         """Show a row of ``progress.csv``."""
@@ -137,3 +142,6 @@ class _TrainingProgress(Progress):
             f"{name} {value:.2f}" for name, value in figures.items() if value is not None
         )
         self.update(self._bar, completed=row.step, description=row.phase, figures=text)
+        if not notes.is_terminal and time.monotonic() >= self._told_at + LINE_INTERVAL_S:
+            self._told_at = time.monotonic()
+            notes.print(f"{row.phase}: {row.step:,} of {self._steps:,} control steps  {text}")

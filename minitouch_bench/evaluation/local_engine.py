@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from minitouch_bench.errors import InfrastructureError, JobFailedError
+from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.engine import Engine, EngineOptions, Job, Note
-from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS, ActorSource, EpisodeRunner
+from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
 from minitouch_bench.processes import ONE_THREAD, core_count, run_in_workers
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
@@ -35,14 +35,15 @@ class LocalEngine:
         Raises:
             InfrastructureError: an episode failed three times for no fault of the policy.
         """
-        with TemporaryDirectory(prefix="minitouch-") as folder:
+        with contextlib.ExitStack() as stack:
+            folder = stack.enter_context(TemporaryDirectory(prefix="minitouch-"))
             records = run_in_workers(
                 _RunEpisode(EpisodeRunner(source, attempts or Path(folder))),
                 specs,
                 self.workers,
                 name=lambda spec: f"episode {spec.key}",
-                attempts=MAX_ATTEMPTS,
             )
+            stack.enter_context(contextlib.closing(records))  # before the folder is removed
             for _, record in records:
                 yield record
 
@@ -64,16 +65,14 @@ def run_jobs(
     options: EngineOptions, function: Callable[[Job], str], jobs: Sequence[Job]
 ) -> Iterator[tuple[Job, str]]:
     """Run jobs in worker processes; one whose worker died three times has failed."""
-    left = list(jobs)
-    while left:
-        ended = set()
-        try:
-            for index, failure in run_in_workers(
-                function, left, options.workers or core_count(), name=str, variables=ONE_THREAD
-            ):
-                ended.add(index)
-                yield left[index], failure
-        except JobFailedError as error:  # the others go on
-            ended.add(error.index)
-            yield left[error.index], str(error)
-        left = [job for index, job in enumerate(left) if index not in ended]
+    ended = run_in_workers(
+        function,
+        jobs,
+        options.workers or core_count(),
+        name=str,
+        failed=str,
+        variables=ONE_THREAD,
+    )
+    with contextlib.closing(ended):
+        for index, failure in ended:
+            yield jobs[index], failure

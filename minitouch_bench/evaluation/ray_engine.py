@@ -5,14 +5,15 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.engine import Engine, EngineOptions, Job, Note
 from minitouch_bench.evaluation.ray_cluster import check_address, ray_cluster
 from minitouch_bench.evaluation.ray_pool import FailedAttempt, RayPool
 from minitouch_bench.evaluation.remote_worker import pack
-from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS, ActorSource
-from minitouch_bench.processes import ONE_THREAD
+from minitouch_bench.evaluation.rollout import ActorSource
+from minitouch_bench.processes import MAX_ATTEMPTS, ONE_THREAD
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 
@@ -87,12 +88,15 @@ class RayEngine:
 def run_jobs(
     options: EngineOptions, function: Callable[[Job], str], jobs: Sequence[Job]
 ) -> Iterator[tuple[Job, str]]:
-    """Run jobs where Ray finds room; nodes that are lost are made up for by others."""
+    """Run jobs where Ray finds room, ``workers`` at a time; others replace nodes that are lost."""
     settings = {"num_cpus": 1, "max_retries": 2, "runtime_env": {"env_vars": ONE_THREAD}}
     with ray_cluster(options.address, options.workers) as ray:
         run = ray.remote(**settings)(function)
-        running = {run.remote(job): job for job in jobs}
-        while running:
+        waiting, running = deque(jobs), dict[Any, Job]()
+        while waiting or running:
+            while waiting and len(running) < (options.workers or len(jobs)):
+                job = waiting.popleft()
+                running[run.remote(job)] = job
             (ended,), _ = ray.wait([*running])
             job = running.pop(ended)
             try:

@@ -16,10 +16,9 @@ from minitouch_bench.evaluation.remote_worker import (
     WorkerPayload,
     this_machine,
 )
-from minitouch_bench.evaluation.rollout import MAX_ATTEMPTS
 from minitouch_bench.optional import require
 from minitouch_bench.policies.wire import plain_line
-from minitouch_bench.processes import ARITHMETIC
+from minitouch_bench.processes import ARITHMETIC, MAX_ATTEMPTS
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 LOOK_S = 5.0

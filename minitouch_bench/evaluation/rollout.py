@@ -12,11 +12,9 @@ from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import PolicyFaultError, PolicyKilledError, PolicyLoadError
 from minitouch_bench.files import MIB, open_plain, read_file
 from minitouch_bench.policies.policy import Observation
+from minitouch_bench.processes import MAX_ATTEMPTS
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
-
-MAX_ATTEMPTS = 3
-"""An episode that meets an infrastructure fault is tried again with its seed, twice."""
 
 NOT_REPEATED = "tried again, it did not repeat its actions"
 

@@ -171,23 +171,22 @@ class PolicyProcess:
         for _ in range(2):
             if self._host is None:
                 self._host = HostConnection(self._options.level)
-            self._pipes = EpisodePipes()
+            pipes = self._pipes = EpisodePipes()
             try:
                 limit_s = self._limits.load_timeout_s
-                answer = self._host.order(order, limit_s, self._pipes.theirs)
+                answer = self._host.order(order, limit_s, pipes.theirs)
                 break
             except HostGoneError as error:
                 problem = f"{error}: {self._host.last_line()}"
                 self._drop_host()
             finally:
-                if self._pipes is not None:
-                    self._pipes.hand_over()
+                pipes.hand_over()
         else:
             raise InfrastructureError(f"the policy's host process cannot work ({problem})")
         if "error" in answer:
             self._close_pipes()
             raise REFUSALS.get(answer["class"], PolicyLoadError)(answer["error"])
-        self._pipes.watch(answer["pid"])
+        pipes.watch(answer["pid"])
         self._await_confined(deadline)
 
     def _await_confined(self, deadline: float) -> None:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from minitouch_bench.policies.factory import make_policy
-from minitouch_bench.policies.policy import Policy
+from minitouch_bench.policies.policy import Policy, close_policy
 from minitouch_bench.policies.remote import PROTOCOL
 from minitouch_bench.policies.wire import (
     OBSERVATION_BYTES,
@@ -69,8 +69,10 @@ class PolicyServer(ThreadingHTTPServer):
         with self._lock:
             episode = str(next(self._numbers))
             self._episodes[episode] = policy
+            oldest = None
             if len(self._episodes) > MAX_EPISODES:
-                self._episodes.popitem(last=False)
+                _, oldest = self._episodes.popitem(last=False)
+        close_policy(oldest)
         return episode
 
     def act(self, episode: str, body: bytes) -> list[float]:
@@ -84,7 +86,8 @@ class PolicyServer(ThreadingHTTPServer):
     def end(self, episode: str) -> dict[str, Any]:
         """Forget an episode; one that is not there is forgotten already."""
         with self._lock:
-            self._episodes.pop(episode, None)
+            ended = self._episodes.pop(episode, None)
+        close_policy(ended)
         return {}
 
 

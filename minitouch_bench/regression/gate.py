@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.metric import NO_DIRECTION
 from minitouch_bench.records import Outcome, RunHeader, SavedRun
 from minitouch_bench.regression.comparison import (
@@ -32,7 +33,7 @@ from minitouch_bench.regression.pairing import (
 from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.labels import reproduce_command, tasks_in_order
+from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
 
 FAILED = 1
 """Exit code of a regression, and with ``strict`` of an inconclusive gate."""
@@ -196,13 +197,19 @@ def episodes_needed(judged: Sequence[JudgedMetric]) -> int | None:
 
 
 def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) -> int | None:
-    """Return the episodes per task that show the worsening, or exclude it."""
+    """Return the episodes per task that show the worsening, or exclude it.
+
+    None where no number does, or more than a run can have.
+    """
     resolution = resolution_of(values)
     if effect.worsening > allowed:
         found = resolution.episodes_to_detect(level, beyond=allowed)
     else:
         found = resolution.episodes_to_exclude(allowed)
-    return None if found is None else -(-max(found, effect.count + 1) // len(values.tasks))
+    if found is None:
+        return None
+    per_task = -(-max(found, effect.count + 1) // len(values.tasks))
+    return per_task if per_task <= MAX_EPISODES else None
 
 
 def _next_command(
@@ -221,7 +228,7 @@ def _next_command(
     for change in lost:
         if change.episode.split("/")[-2] in worse or worse == {MEAN_TASK}:
             return change.replays[1]
-    if not worse and (needed := episodes_needed(judged)):
+    if not worse and not headers[0].chosen and (needed := episodes_needed(judged)):
         return _longer_gate(headers, paths[0], needed)
     return shlex.join(["minitouch-bench", "compare", *map(printable, paths)])
 
@@ -232,6 +239,5 @@ def _longer_gate(headers: tuple[RunHeader, RunHeader], path: str, episodes: int)
     output = printable(f"{path.rstrip('/')}-{episodes}")
     evaluate = reproduce_command(replace(baseline, official=False, episodes=episodes))
     regress = ["minitouch-bench", "regress", candidate.policy.source, "--baseline", output]
-    if candidate.policy.kind == "factory":
-        regress.append("--trust")
+    regress += policy_options(candidate)
     return f"{evaluate} {shlex.join(['--output', output])} && {shlex.join(map(printable, regress))}"

@@ -1,12 +1,12 @@
 """What a regression gate lets pass: levels and tolerances, from flags and a TOML file."""
 
 import re
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from minitouch_bench.documents import read_toml
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import TASK_NAMES
@@ -73,12 +73,7 @@ def read_settings(file: Path) -> GateSettings:
 
     Errors: UsageError with the name of what is unknown or has no meaning.
     """
-    try:
-        document = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"{file} cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"{file} is not TOML: {printable(str(error))}") from error
+    document = read_toml(file)
     try:
         return _settings(document.get("regress", {}))
     except UsageError as error:

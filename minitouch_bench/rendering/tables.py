@@ -119,11 +119,10 @@ def estimate_cell(metric: str, estimate: Estimate | None, mark: float | None = N
     if estimate is None:
         return Cell()
     low, high = format_value(metric, estimate.low), format_value(metric, estimate.high)
-    counted = "training seeds" if "seeds" in estimate.method else "episodes"
     return Cell(
         text=format_value(metric, estimate.value),
         small=f"[{low}, {high}]",
-        title=f"{estimate.count} {counted}, 95 % interval: {estimate.method}",
+        title=_method(estimate),
         sort_key=estimate.value,
         gauge=_gauge(estimate, mark) if METRICS[metric].is_share else None,
     )
@@ -135,8 +134,12 @@ def difference_cell(metric: str, difference: Estimate) -> Cell:
         format(number, f"+z{METRICS[metric].number_format}")
         for number in (difference.value, difference.low, difference.high)
     )
-    title = f"{difference.count} episodes, 95 % interval: {difference.method}"
-    return Cell(value, f"[{low}, {high}]", title, difference.value)
+    return Cell(value, f"[{low}, {high}]", _method(difference), difference.value)
+
+
+def _method(estimate: Estimate) -> str:
+    counted = "training seeds" if "seeds" in estimate.method else "episodes"
+    return f"{estimate.count} {counted}, 95 % interval: {estimate.method}"
 
 
 def _gauge(estimate: Estimate, mark: float | None) -> Gauge:

@@ -6,10 +6,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.limits import USUAL_LIMITS, limits_of
+from minitouch_bench.policies.sources import IN_MEMORY
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.records import RunHeader, SavedRun
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_TASKS
+
+NOT_IN_SANDBOX = ("scripted", IN_MEMORY, "remote")
+"""Kinds of policies that run outside the sandbox, whatever is asked for."""
 
 SHOWN_EPISODES = 12
 """Episodes named for one fault; a policy that always fails would fill the page."""
@@ -161,6 +167,20 @@ def reproduce_command(header: RunHeader) -> str:
         else:
             words += ["--tasks", ",".join(header.tasks), "--episodes", str(header.episodes)]
         words += ["--seed", str(header.seed), *header.played_under.as_options()]
-    if header.policy.kind == "factory":
+    return shlex.join(printable(word) for word in [*words, *policy_options(header)])
+
+
+def policy_options(header: RunHeader) -> list[str]:
+    """Return the options under which a run's policies ran: limits of time, isolation, trust."""
+    limits, words = limits_of(header), []
+    if limits.act_timeout_s != USUAL_LIMITS.act_timeout_s:
+        words += ["--act-timeout", f"{limits.act_timeout_s:g}"]
+    if limits.episode_timeout_s != USUAL_LIMITS.episode_timeout_s:
+        words += ["--episode-timeout", f"{limits.episode_timeout_s:g}"]
+    kinds = {one.kind for one in (header.policy, header.exploration) if one is not None}
+    is_chosen = header.isolation != Isolation.SANDBOX and not kinds & set(NOT_IN_SANDBOX)
+    if is_chosen:
+        words += ["--isolation", header.isolation]
+    if is_chosen or "factory" in kinds:
         words.append("--trust")
-    return shlex.join(printable(word) for word in words)
+    return words

@@ -26,6 +26,7 @@ from minitouch_bench.rendering.tables import (
     Column,
     Row,
     Table,
+    difference_cell,
     estimate_cell,
     metric_head,
 )
@@ -222,7 +223,10 @@ def _table(title: str, suite: str, part: pd.DataFrame) -> Table:
 
 def _cell(part: pd.DataFrame, task: str, method: str, metric: str) -> Cell:
     own = part[(part["task"] == task) & (part["method"] == method) & (part["metric"] == metric)]
-    return estimate_cell(metric.split(",", maxsplit=1)[0], study_estimate(own))
+    shown, found = metric.split(",", maxsplit=1)[0], study_estimate(own)
+    if found is not None and metric.endswith(GAP):
+        return difference_cell(shown, found)
+    return estimate_cell(shown, found)
 
 
 def state_lines(results: StudyResults) -> list[str]:

@@ -119,7 +119,7 @@ def _number_problems(shape: Shape, body: Body) -> Iterator[str]:
         yield f"{shape.name}: the manifest's extents are not the record's"
     if len(body.hulls) != shape.entry["hulls"]:
         yield f"{shape.name}: the manifest's hull count is not the record's"
-    if body_files(body).sha256 != shape.entry["files_sha256"]:
+    if body_files(body).sha256 != shape.files_sha256:
         yield f"{shape.name}: its OBJ and URDF texts are not those of the manifest"
 
 

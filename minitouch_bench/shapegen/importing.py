@@ -1,6 +1,8 @@
 """Turn OBJ, STL, GLB and URDF objects into a set, or say why each one cannot be."""
 
+import re
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,8 @@ from minitouch_bench.shapegen.soundness import (
 )
 
 FAMILY = "imported"
+LONGEST_STEM = 150
+"""Characters of a file's name that its shape keeps."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +88,8 @@ def import_objects(
         names = [str(path.relative_to(source)) for path in paths]
         refused = {names[i]: answers[i][0] for i in sorted(answers) if answers[i][0]}
         kept = [
-            ({"name": _name(names[i]), "family": FAMILY, "source": names[i], **answers[i][1]},
-             answers[i][2])
-            for i in sorted(answers) if not answers[i][0]
+            ({"name": name, "family": FAMILY, "source": names[i], **answers[i][1]}, answers[i][2])
+            for i, name in enumerate(_plain_names(names)) if not answers[i][0]
         ]  # fmt: skip
         digest = ""
         if kept:
@@ -210,5 +213,15 @@ def _proven(mesh: Mesh, config: ImportConfig) -> tuple[dict[str, Any], bytes]:
     return entry_of(body, examine(body, build.soundness), density), encode(body)
 
 
-def _name(source: str) -> str:
-    return source.rpartition(".")[0].replace("/", "-").replace(" ", "_")
+def _plain_names(sources: Iterable[str]) -> list[str]:
+    """Return a shape's name for each file, fit for ``PLAIN_NAME``, no two alike."""
+    names: dict[str, None] = {}
+    for source in sources:
+        plain = re.sub("[^A-Za-z0-9._-]+", "_", source.rpartition(".")[0].replace("/", "-"))
+        stem = name = plain.lstrip("._-")[:LONGEST_STEM] or "object"
+        number = 1
+        while name in names:
+            number += 1
+            name = f"{stem}-{number}"
+        names[name] = None
+    return list(names)

@@ -30,6 +30,8 @@ TRAIN, HELD_OUT = "train", "held-out"
 HELD_OUT_SHARE = 0.2
 PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,199}")
 """A shape's name and its family are names of files too."""
+MEASURED = ("genus", "misfit", "outside_m", "wall_m", "convexity", "volume_m3", "density", "lifted")
+"""What the manifest tells of a shape beyond what its record holds."""
 SALT = "minitouch split 1"
 GROUP = 5
 """Of so many shapes of a family in a row one is held out, outside the canonical set."""
@@ -40,7 +42,8 @@ class Shape:
     """One object of a set. ``mass`` in kg, ``extents`` (its sides along its own axes) in m.
 
     ``poses``: the ways it lies on a table, likeliest first; the height is that of the center
-    of mass, which is the origin of its frame. ``digest`` is the SHA-256 of its record.
+    of mass, which is the origin of its frame. ``digest`` is the SHA-256 of its record,
+    ``files_sha256`` that of its meshes and URDF.
     ``entry`` is everything the manifest says about it.
     """
 
@@ -51,6 +54,7 @@ class Shape:
     extents: tuple[float, float, float]
     poses: tuple[RestPose, ...]
     digest: str
+    files_sha256: str
     entry: Mapping[str, Any]
     pack: Path
 
@@ -67,10 +71,9 @@ class Shape:
         """
         names = file_names(self.digest)
         folder = cache_directory() / "shapes" / self.digest[:2]
-        promised = str(self.entry["files_sha256"])
-        if _hash_of(folder, names) != promised:
+        if _hash_of(folder, names) != self.files_sha256:
             files = body_files(self.body())
-            if files.sha256 != promised:
+            if files.sha256 != self.files_sha256:
                 raise UsageError(
                     f"shape {self.digest[:20]}: its files differ from the manifest's; "
                     "the set was made by another version of minitouch-bench"
@@ -197,6 +200,9 @@ def _shape(entry: Mapping[str, Any], pack: Path) -> Shape:
     for key in ("offset", "length", "hulls"):
         if type(entry[key]) is not int or entry[key] < 0:
             raise ValueError(f"its {key} is no number of them")
+    for key in MEASURED:
+        if type(entry[key]) not in (int, float):
+            raise ValueError(f"its {key} is no number")
     x, y, z = (float(side) for side in entry["extents_m"])
     poses = tuple(_pose(pose) for pose in entry["poses"])
     return Shape(
@@ -207,6 +213,7 @@ def _shape(entry: Mapping[str, Any], pack: Path) -> Shape:
         extents=(x, y, z),
         poses=poses,
         digest=str(entry["sha256"]),
+        files_sha256=str(entry["files_sha256"]),
         entry=entry,
         pack=pack,
     )

@@ -15,7 +15,7 @@ from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.records import EpisodeMetrics, Role
 
 SIGNIFICANCE = 0.01
-"""Chance at most that an honest submission is refused, over all its comparisons (Bonferroni)."""
+"""Chance at most that an honest training seed is refused, over its comparisons (Bonferroni)."""
 
 
 def new_draw() -> str:

@@ -103,13 +103,15 @@ def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Evaluat
         InfrastructureError, HopelessRunError, InterruptedRunError: the run is incomplete and can
             be resumed.
     """
-    if options.output.log is not None:
-        check_tracker(options.output.log)
-    if options.output.video and not options.output.in_memory:
+    output = options.output
+    if output.in_memory and (output.resume or output.fresh or output.video or output.log):
+        raise UsageError("resume, fresh, video and log need a directory: give an output")
+    if output.log is not None:
+        check_tracker(output.log)
+    if output.video:
         require_video()
     opening = open_engine(options.engine, callbacks.note)
     request = make_request(options, callbacks)
-    output = options.output
     if output.in_memory:
         with opening as engine:
             run = play(request, OpenRun(request.header()), engine, callbacks)

@@ -1,8 +1,11 @@
 """Record a policy's episodes as a dataset that other people's libraries read (Minari's format)."""
 
+import contextlib
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -11,6 +14,7 @@ from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.evaluation.suites import Suite
+from minitouch_bench.files import os_errors_as
 from minitouch_bench.optional import require
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.protocol.minitouch import PROTOCOL
@@ -45,6 +49,8 @@ class RecordedDataset:
 def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> RecordedDataset:
     """Play the episodes and write them as a Minari dataset; one with a fault ends as truncated.
 
+    The directory appears when the dataset is whole.
+
     Raises:
         UsageError: no such task.
         PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
@@ -55,12 +61,20 @@ def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> RecordedDat
     minari = require("minari", "data")
     storages = require("minari.dataset.minari_storage", "data")
     setup = prepare_policies(options.policy, tasks, options.isolation, callbacks.note)
-    environment, runner = MiniTouchEnv(options.task), EpisodeRunner(setup)
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", setup.policy.name).strip("-") or "policy"
     faults = 0
-    callbacks.phase("recording", options.episodes)
-    try:
-        storage = _new_storage(storages, environment, options.directory)
+    with (
+        _new_directory(options.directory) as folder,
+        contextlib.closing(MiniTouchEnv(options.task)) as environment,
+        contextlib.closing(EpisodeRunner(setup)) as runner,
+    ):
+        storage = storages.MinariStorage.new(
+            folder,
+            environment.observation_space,
+            environment.action_space,
+            jpeg_encoding=False,  # pictures as they are
+        )
+        callbacks.phase("recording", options.episodes)
         for spec in suite.episodes(exploration=False):
             played = runner.run(spec)
             if len(played.trace.actions):  # none where the policy failed at the reset
@@ -74,26 +88,24 @@ def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> RecordedDat
                 "algorithm_name": setup.policy.name,
             }
         )
-    finally:
-        runner.close()
-        environment.close()
     return RecordedDataset(options.directory, faults)
 
 
-def _new_storage(storages: Any, environment: MiniTouchEnv, directory: Path) -> Any:
-    """Begin a dataset; pictures are kept as they are, not as JPEG."""
+@contextlib.contextmanager
+def _new_directory(directory: Path) -> Iterator[Path]:
+    """Give a path beside a new directory; what is written there becomes it when the block ends.
+
+    Raises:
+        RunDirectoryError: the directory is there already, or cannot be written.
+    """
     if directory.exists():
         raise RunDirectoryError(f"{directory} is there already; choose another --output")
-    try:
+    with os_errors_as(RunDirectoryError, directory, "written"):
         directory.parent.mkdir(parents=True, exist_ok=True)
-        return storages.MinariStorage.new(
-            directory,
-            environment.observation_space,
-            environment.action_space,
-            jpeg_encoding=False,
-        )
-    except OSError as error:
-        raise RunDirectoryError(f"{directory} cannot be written: {error.strerror}") from error
+        with TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as folder:
+            unfinished = Path(folder) / directory.name
+            yield unfinished
+            unfinished.rename(directory)
 
 
 def _episode(environment: MiniTouchEnv, played: EpisodeRecord) -> Any:

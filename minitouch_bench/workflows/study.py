@@ -3,7 +3,6 @@
 What is done is read off the files, so that a killed study goes on where it was.
 """
 
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from itertools import product
@@ -20,13 +19,14 @@ from minitouch_bench.agents.config import (
     read_config,
 )
 from minitouch_bench.agents.training import EXPLORED_FILE
-from minitouch_bench.documents import fault_in_words
+from minitouch_bench.documents import fault_in_words, read_toml
 from minitouch_bench.errors import MiniTouchError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import EngineOptions, find_job_runner
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import RUN_FILE, lock_directory, write_file
 from minitouch_bench.policies.sources import TRAINED_FILE
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import Count
 from minitouch_bench.reporting.study import StudyResults, StudyTraining, write_study
 from minitouch_bench.workflows import ignore
 from minitouch_bench.workflows.evaluate import EvaluateOptions, OutputOptions, evaluate
@@ -53,9 +53,9 @@ class StudyConfig:
     tasks: tuple[str, ...]
     seeds: tuple[int, ...] = (0, 1, 2)
     exploration_steps: tuple[int, ...] = (10_000,)
-    task_steps: int = 40_000
+    task_steps: Count = 40_000
     suites: tuple[str, ...] = ("table4",)
-    episodes: int = 0
+    episodes: Count = 0
     preset: str = "default"
     settings: Mapping[str, Any] = field(default_factory=dict)
 
@@ -87,13 +87,11 @@ def read_study(path: Path) -> StudyConfig:
     Raises:
         UsageError: it is not readable, or names what does not exist.
     """
+    document = read_toml(path)
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
         study = msgspec.convert(document, StudyConfig)
     except msgspec.ValidationError as error:
         raise UsageError(fault_in_words(error, str(path))) from error
-    except (OSError, ValueError) as error:
-        raise UsageError(f"{path} cannot be read as TOML: {error}") from error
     if unknown := sorted({*document} - {one.name for one in fields(StudyConfig)}):
         raise UsageError(f"{path} has no use for '{unknown[0]}'")
     for name in MAY_GROW:

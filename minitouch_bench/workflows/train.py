@@ -10,9 +10,10 @@ import numpy as np
 import torch
 
 from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE
-from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, config_text, read_config
+from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_config
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
 from minitouch_bench.agents.training import Training, TrainingCallbacks
+from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicyActor
 from minitouch_bench.evaluation.rollout import run_episode
@@ -155,7 +156,7 @@ def _prepare(request: TrainingRequest) -> None:
                 f"{file} has other settings than asked for; resume with the same ones, or with "
                 "more steps in the last phase"
             )
-    write_file(file, config_text(config))
+    write_file(file, write_toml(config))
 
 
 def _keep_policy(file: Path, steps: int) -> None:

@@ -7,20 +7,22 @@ from minitouch_bench.agents.config import (
     PRESETS,
     PhaseConfig,
     TrainingConfig,
-    config_text,
     make_config,
     read_config,
     trained_steps,
 )
 from minitouch_bench.agents.curiosity import METHODS
+from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_file_of_settings_is_read_back_whole(tmp_path, preset):
-    config = replace(PRESETS[preset]("opening"), seed=3, carry=("actor",), method="rnd")
+    config = replace(
+        PRESETS[preset]("opening"), seed=3, carry=("actor",), method="rnd", log="Ä\U0001f600"
+    )
     file = tmp_path / "config.toml"
-    file.write_text(config_text(config))
+    file.write_text(write_toml(config))
     assert read_config(file, TrainingConfig("playing")) == config
 
 
@@ -67,7 +69,7 @@ def test_a_file_and_then_options_change_a_preset(tmp_path):
 
 def test_a_trainings_settings_serve_another_task(tmp_path):
     file = tmp_path / "config.toml"
-    file.write_text(config_text(TrainingConfig("pushing", method="rnd")))
+    file.write_text(write_toml(TrainingConfig("pushing", method="rnd")))
     assert make_config("opening", file=file) == TrainingConfig("opening", method="rnd")
     assert make_config("opening", settings={"task": "pushing"}) == TrainingConfig("opening")
 
@@ -83,6 +85,14 @@ def test_a_trainings_settings_serve_another_task(tmp_path):
         ({"task_phase": {"success_share": 1.5}}, "it can be 0 to 1"),
         ({"exploration": {"steps": -1}}, "0 or more"),
         ({"sac": {"batch_size": 0}}, "1 or more"),
+        ({"sac": {"encoder_width": -3}}, "0.03125 to 1"),
+        ({"curiosity": {"width": 2}}, "0.03125 to 1"),
+        ({"curiosity": {"learning_rate": -0.1}}, "'learning_rate' is -0.1"),
+        ({"exploration": {"initial_temperature": 0}}, "'initial_temperature' is 0"),
+        ({"exploration": {"temperature": -1}}, "'temperature' is -1"),
+        ({"task_phase": {"target_entropy": -math.inf}}, "'target_entropy' is -inf"),
+        ({"force_scale": 0}, "'force_scale' is 0"),
+        ({"replay_size": 1}, "1000 or more"),
     ],
 )
 def test_settings_have_ranges(settings, words):
@@ -108,7 +118,7 @@ def test_the_paper_preset_is_table_2():
 def test_the_steps_of_a_training_are_read_from_its_directory(tmp_path):
     assert trained_steps(tmp_path) == 0
     config = replace(TrainingConfig("opening"), exploration=PhaseConfig(30))
-    (tmp_path / "config.toml").write_text(config_text(config))
+    (tmp_path / "config.toml").write_text(write_toml(config))
     assert trained_steps(tmp_path) == 30 + config.task_phase.steps
 
 

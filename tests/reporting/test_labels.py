@@ -28,6 +28,19 @@ def test_an_unofficial_run_names_what_differs(scripted):
     assert command.endswith("--tasks playing,pushing --episodes 5 --seed 0")
 
 
+def test_limits_and_isolation_are_those_of_the_run(hac, scripted):
+    limited = replace(
+        hac.header, act_timeout_s=2.5, episode_timeout_s=60.0, isolation="process", official=False
+    )
+    assert reproduce_command(limited).endswith(
+        "--seed 0 --act-timeout 2.5 --episode-timeout 60 --isolation process --trust"
+    )
+    beside = replace(scripted.header, isolation="none")  # where it runs, whatever is asked for
+    assert "--isolation" not in reproduce_command(beside)
+    explored = replace(hac.header.exploration, kind="factory")
+    assert reproduce_command(replace(hac.header, exploration=explored)).endswith("--trust")
+
+
 def test_a_source_cannot_add_a_command(hac):
     policy = replace(hac.header.policy, source="x.pt; rm -r y\nls", kind="factory")
     words = shlex.split(reproduce_command(replace(hac.header, policy=policy)))

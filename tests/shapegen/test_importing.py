@@ -60,6 +60,21 @@ def test_fit_gives_a_size_the_hand_can_grip(tmp_path: Path) -> None:
     assert refusal(tmp_path / "big.stl", ImportConfig(fit=True)) == ""
 
 
+def test_every_file_s_name_becomes_a_plain_name_of_its_own(tmp_path: Path) -> None:
+    files = ("mug.obj", "mug.stl", "mug (1).obj", "müg.obj", "_mug.stl", "a/b.obj", "a-b.obj")
+    (tmp_path / "a").mkdir()
+    for file in files:
+        block().export(str(tmp_path / file))
+    folder = tmp_path.parent / "named"
+    result = import_objects(tmp_path, folder, ImportConfig())
+    assert result.accepted == len(files)
+    names = {shape.entry["source"]: shape.name for shape in load_shape_set(folder).shapes}
+    assert names.keys() == set(files)
+    assert len(set(names.values())) == len(files)
+    assert names["mug (1).obj"] == "mug_1_"
+    assert {"mug", "mug-2", "mug-3", "a-b", "a-b-2"} <= set(names.values())
+
+
 def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     good = block()
     good.export(str(tmp_path / "good.stl"))

@@ -125,6 +125,15 @@ def test_a_set_that_writes_elsewhere_or_more_is_refused(
         load_shape_set(small_set)
 
 
+@pytest.mark.parametrize("key", ["files_sha256", "lifted", "density", "wall_m"])
+def test_a_shape_without_what_others_read_of_it_is_refused(small_set: Path, key: str) -> None:
+    document = json.loads((small_set / "manifest.json").read_text())
+    del document["shapes"][1][key]
+    (small_set / "manifest.json").write_text(json.dumps(document))
+    with pytest.raises(UsageError, match=f"damaged: KeyError\\('{key}'\\)"):
+        load_shape_set(small_set)
+
+
 @pytest.mark.parametrize("key", ["count", "pack_sha256", "name"])
 def test_a_set_without_its_own_numbers_is_refused(small_set: Path, key: str) -> None:
     document = json.loads((small_set / "manifest.json").read_text())

@@ -8,6 +8,7 @@ from minitouch_bench.agents.logged_data import fill_from_log
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.policies.isolation.options import IsolationOptions
+from minitouch_bench.workflows import Callbacks
 from minitouch_bench.workflows.record import RecordOptions, record
 
 POLICIES = Path(__file__).parents[1] / "evaluation"
@@ -62,6 +63,18 @@ def test_a_fault_is_no_end_of_the_task(tmp_path, monkeypatch):
 def test_a_dataset_is_not_overwritten(dataset):
     with pytest.raises(RunDirectoryError, match="--output"):
         record(RecordOptions("random", "pushing", dataset, 1))
+
+
+def test_an_interrupted_recording_leaves_nothing_in_the_way(tmp_path):
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    options = RecordOptions("random", "opening", tmp_path / "log", 2)
+    with pytest.raises(KeyboardInterrupt):
+        record(options, Callbacks(episode=interrupt))
+    assert list(tmp_path.iterdir()) == []
+    record(options)
+    assert len(list(minari.MinariDataset(tmp_path / "log").iterate_episodes())) == 2
 
 
 def test_an_unknown_task_is_named(tmp_path):

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from minitouch_bench.agents.config import TrainingConfig, config_text
+from minitouch_bench.agents.config import TrainingConfig
+from minitouch_bench.documents import write_toml
 from minitouch_bench.reporting.over_runs import RunOrigin
 from minitouch_bench.workflows.report import find_origin
 from tests.reporting.synthetic import make_run, save
@@ -15,7 +16,7 @@ def training(tmp_path):
     """A training's directory with its settings alone."""
     directory = tmp_path / "training"
     directory.mkdir()
-    (directory / "config.toml").write_text(config_text(TrainingConfig("pushing", method="rnd")))
+    (directory / "config.toml").write_text(write_toml(TrainingConfig("pushing", method="rnd")))
     return directory
 
 
