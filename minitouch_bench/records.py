@@ -211,6 +211,13 @@ class Summary:
     generalization: tuple[Generalization, ...] = ()
 
 
+IN_MEMORY = "in memory"
+"""The kind of a policy that was given as an object."""
+
+NOT_IN_SANDBOX = ("scripted", IN_MEMORY, "remote")
+"""Kinds of policies that run outside the sandbox, whatever is asked for."""
+
+
 @dataclass(frozen=True)
 class PolicyIdentity:
     """What was evaluated. ``digest`` is the SHA-256 of the file's bytes, "" for a built-in.

@@ -10,7 +10,7 @@ from minitouch_bench.cli.console import EpisodeProgress, data_console, notes
 from minitouch_bench.conditions import CHANGES, SENSES, parse_conditions
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 
 FINISHED_WITH_FAULTS = 4
 
@@ -82,8 +82,8 @@ def evaluate(
     address: options.Address = None,
     isolation: options.IsolationLevel = Isolation.SANDBOX,
     trust: options.Trust = False,
-    act_timeout: options.ActTimeout = options.ACT_TIMEOUT_S,
-    episode_timeout: options.EpisodeTimeout = options.EPISODE_TIMEOUT_S,
+    act_timeout: options.ActTimeout = ACT_TIMEOUT_S,
+    episode_timeout: options.EpisodeTimeout = EPISODE_TIMEOUT_S,
 ) -> None:
     """Run a policy through a suite and write its Table-4 report."""
     from minitouch_bench.evaluation.engine import EngineOptions

@@ -14,6 +14,7 @@ from minitouch_bench.evaluation.engine import ENGINES, STUDY_ENGINES
 from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.policies.limits import PolicyLimits
+from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
 
 MAX_WORKERS = 1024
 MAX_ACT_TIMEOUT_S = 86400.0
@@ -151,9 +152,6 @@ Config = Annotated[
     ),
 ]
 RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="Directory of a finished run.")]
-
-ACT_TIMEOUT_S = PolicyLimits().act_timeout_s
-EPISODE_TIMEOUT_S = PolicyLimits().episode_timeout_s
 
 
 def worker_count(text: str) -> int | None:

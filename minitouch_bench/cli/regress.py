@@ -10,6 +10,7 @@ from minitouch_bench.cli import options
 from minitouch_bench.cli.console import EpisodeProgress, data_console, notes
 from minitouch_bench.errors import UsageError
 from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
 
 if TYPE_CHECKING:
     from minitouch_bench.regression.settings import GateSettings
@@ -61,8 +62,8 @@ def regress(
     fresh: options.Fresh = False,
     isolation: options.IsolationLevel = Isolation.SANDBOX,
     trust: options.Trust = False,
-    act_timeout: options.ActTimeout = options.ACT_TIMEOUT_S,
-    episode_timeout: options.EpisodeTimeout = options.EPISODE_TIMEOUT_S,
+    act_timeout: options.ActTimeout = ACT_TIMEOUT_S,
+    episode_timeout: options.EpisodeTimeout = EPISODE_TIMEOUT_S,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML there.")] = None,
     summary: Annotated[
         Path | None,

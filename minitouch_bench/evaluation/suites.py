@@ -9,11 +9,10 @@ from msgspec import UNSET
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.policies.limits import USUAL_LIMITS
-from minitouch_bench.policies.sources import IN_MEMORY
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.protocol.seeds import episode_seed, suite_generator
 from minitouch_bench.protocol.spec import SuiteSpec
-from minitouch_bench.records import EpisodeSpec, Role, RunHeader
+from minitouch_bench.records import IN_MEMORY, EpisodeSpec, Role, RunHeader
 from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
 from minitouch_bench.tasks.objects import CUBE
 

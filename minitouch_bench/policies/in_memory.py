@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.policy import Checkpoint, Observation, Policy
-from minitouch_bench.policies.sources import IN_MEMORY, PolicySource
+from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.policies.wire import describe
+from minitouch_bench.records import IN_MEMORY
 
 WANTED = (
     "a policy is a name, a file, an object with act(observation), a Stable-Baselines3 model, or "

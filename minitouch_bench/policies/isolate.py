@@ -28,8 +28,9 @@ from minitouch_bench.policies.policy import (
     zero_observation,
 )
 from minitouch_bench.policies.process import PolicyProcess
-from minitouch_bench.policies.sources import IN_MEMORY, PolicySource, read_again
+from minitouch_bench.policies.sources import PolicySource, read_again
 from minitouch_bench.policies.wire import describe
+from minitouch_bench.records import IN_MEMORY
 from minitouch_bench.tasks.action import fit_action
 
 MAX_TRIALS = 3

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from msgspec import UNSET
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, LOAD_TIMEOUT_S
 from minitouch_bench.records import RunHeader
 
 MAX_ACTS = 256
@@ -23,9 +24,9 @@ class PolicyLimits:
         UsageError: a time that cannot be waited for.
     """
 
-    load_timeout_s: float = 60.0
-    act_timeout_s: float = 5.0
-    episode_timeout_s: float = 300.0
+    load_timeout_s: float = LOAD_TIMEOUT_S
+    act_timeout_s: float = ACT_TIMEOUT_S
+    episode_timeout_s: float = EPISODE_TIMEOUT_S
     memory_mb: int = 8192
 
     def __post_init__(self) -> None:

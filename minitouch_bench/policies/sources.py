@@ -22,7 +22,6 @@ from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import PolicyIdentity
 
 DIRECTORY = "directory"
-IN_MEMORY = "in memory"
 """Kinds that are no file, name or address."""
 
 MAX_FILE_BYTES = GIB

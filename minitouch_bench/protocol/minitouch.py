@@ -79,5 +79,8 @@ TASK_NAMES = tuple(task.name for task in PROTOCOL.tasks)
 GOAL_TASKS = tuple(task.name for task in PROTOCOL.tasks if task.has_goal)
 """The tasks with a goal; Playing has touch only."""
 
+LOAD_TIMEOUT_S, ACT_TIMEOUT_S, EPISODE_TIMEOUT_S = 60.0, 5.0, 300.0
+"""How long a policy may take, in s: to load and reset, for one action, for a whole episode."""
+
 MAIN_SUITE, NOVEL_SHAPES = "table4", "novel-shapes"
 """The suites of Table 4 and of Figure 11."""

@@ -5,17 +5,13 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from msgspec import UNSET
+
 from minitouch_bench.errors import UsageError
-from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.policies.limits import USUAL_LIMITS, limits_of
-from minitouch_bench.policies.sources import IN_MEMORY
-from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
-from minitouch_bench.records import RunHeader, SavedRun
+from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, PROTOCOL, TASK_NAMES
+from minitouch_bench.records import NOT_IN_SANDBOX, RunHeader, SavedRun
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_TASKS
-
-NOT_IN_SANDBOX = ("scripted", IN_MEMORY, "remote")
-"""Kinds of policies that run outside the sandbox, whatever is asked for."""
 
 SHOWN_EPISODES = 12
 """Episodes named for one fault; a policy that always fails would fill the page."""
@@ -172,13 +168,13 @@ def reproduce_command(header: RunHeader) -> str:
 
 def policy_options(header: RunHeader) -> list[str]:
     """Return the options under which a run's policies ran: limits of time, isolation, trust."""
-    limits, words = limits_of(header), []
-    if limits.act_timeout_s != USUAL_LIMITS.act_timeout_s:
-        words += ["--act-timeout", f"{limits.act_timeout_s:g}"]
-    if limits.episode_timeout_s != USUAL_LIMITS.episode_timeout_s:
-        words += ["--episode-timeout", f"{limits.episode_timeout_s:g}"]
+    words = []
+    if header.act_timeout_s != ACT_TIMEOUT_S:
+        words += ["--act-timeout", f"{header.act_timeout_s:g}"]
+    if header.episode_timeout_s is not UNSET:
+        words += ["--episode-timeout", f"{header.episode_timeout_s:g}"]
     kinds = {one.kind for one in (header.policy, header.exploration) if one is not None}
-    is_chosen = header.isolation != Isolation.SANDBOX and not kinds & set(NOT_IN_SANDBOX)
+    is_chosen = header.isolation != "sandbox" and not kinds & set(NOT_IN_SANDBOX)
     if is_chosen:
         words += ["--isolation", header.isolation]
     if is_chosen or "factory" in kinds:

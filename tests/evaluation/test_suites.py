@@ -12,9 +12,9 @@ from minitouch_bench.evaluation.suites import (
     find_suite,
     why_unofficial,
 )
-from minitouch_bench.policies.sources import IN_MEMORY, parse_source
+from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
-from minitouch_bench.records import Role
+from minitouch_bench.records import IN_MEMORY, Role
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 
 TABLE4 = find_suite("table4")

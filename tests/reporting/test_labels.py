@@ -35,7 +35,8 @@ def test_limits_and_isolation_are_those_of_the_run(hac, scripted):
     assert reproduce_command(limited).endswith(
         "--seed 0 --act-timeout 2.5 --episode-timeout 60 --isolation process --trust"
     )
-    beside = replace(scripted.header, isolation="none")  # where it runs, whatever is asked for
+    policy = replace(scripted.header.policy, kind="scripted")  # which runs there in any case
+    beside = replace(scripted.header, policy=policy, isolation="none")
     assert "--isolation" not in reproduce_command(beside)
     explored = replace(hac.header.exploration, kind="factory")
     assert reproduce_command(replace(hac.header, exploration=explored)).endswith("--trust")
