@@ -1,6 +1,7 @@
 """Draw ``docs/pictures/curves.svg`` from the trainings in ``docs/curves/TASK-METHOD-SEED.csv``.
 
 A method's name may carry what its settings change, as ``hac+previous``; the picture leaves it out.
+With ``+log`` the first steps are gradient steps on recordings: only control steps are counted.
 """
 
 from pathlib import Path
@@ -22,6 +23,9 @@ def read_curve(file: Path) -> pd.DataFrame:
     method, _, _ = name.partition("+")
     rows = pd.read_csv(file)
     steps = rows.loc[rows["phase"] == "exploration", "step"].max()
+    if "+log" in name and method != "sac":
+        rows["step"] -= steps
+        rows, steps = rows[rows["step"] > 0].reset_index(drop=True), 0
     kept = rows[["step", "touch_share"]].assign(success=episode_success(rows))
     return kept.assign(task=task, method=method, seed=int(seed), exploration_steps=steps)
 

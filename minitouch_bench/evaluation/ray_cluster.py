@@ -102,7 +102,7 @@ def _local_options(workers: int | None, folder: str) -> dict[str, Any]:
 
 
 def _reach(address: str) -> None:
-    """Make sure that a Ray cluster answers: Ray itself tries for ever where another server does.
+    """Make sure that a Ray cluster answers: Ray itself tries forever where another server does.
 
     Raises:
         InfrastructureError: nobody answers there, or not as Ray does.
