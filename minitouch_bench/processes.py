@@ -67,21 +67,6 @@ Result = TypeVar("Result")
 
 
 @contextlib.contextmanager
-def same_arithmetic(variables: Mapping[str, str] = ARITHMETIC) -> Iterator[None]:
-    """Give ``variables`` to the processes that the block starts, and to none after it."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-@contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
     """Hold Ctrl-C back until the block ends; a process that the block starts never sees one.
 
@@ -183,9 +168,12 @@ class _Worker(Generic[Job, Result]):
     def __init__(self, function: Callable[[Job], Result], variables: Mapping[str, str]) -> None:
         self.connection, theirs = Pipe()
         command = [sys.executable, "-P", "-c", START, str(theirs.fileno()), str(os.getpid())]
-        with theirs, interrupts_held(), same_arithmetic(variables):
+        with theirs, interrupts_held():
             self.process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),)
+                command,
+                stdin=subprocess.DEVNULL,
+                pass_fds=(theirs.fileno(),),
+                env={**os.environ, **variables},
             )
         self.sentinel = os.pidfd_open(self.process.pid)
         self.task: tuple[int, int] | None = None

@@ -1,6 +1,5 @@
 """The far side of an engine on other machines: what goes there, and what runs there."""
 
-import hashlib
 import os
 import platform
 from collections.abc import Callable, Iterator, Mapping
@@ -8,11 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.cache import cache_file
-from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
 from minitouch_bench.evaluation.run import package_versions
-from minitouch_bench.policies.sources import PolicySource, read_checkpoint
+from minitouch_bench.policies.sources import PolicySource, read_again
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
@@ -36,14 +34,9 @@ def pack(source: ActorSource, attempts: Path | None = None) -> WorkerPayload:
     """Read the checkpoints of a run's policies; a recording has none.
 
     Raises:
-        PolicyLoadError: one cannot be read, or is no longer what it was.
+        CheckpointChangedError: one cannot be read, or is no longer what it was.
     """
-    files = {}
-    for policy in _files_of(source):
-        content = read_checkpoint(Path(policy.target))
-        if hashlib.sha256(content).hexdigest() != policy.digest:
-            raise PolicyLoadError(f"{policy.target} was changed since this evaluation began")
-        files[policy.digest] = content
+    files = {one.digest: read_again(one.target, one.digest) for one in _files_of(source)}
     return WorkerPayload(source, files, attempts and attempts.resolve())
 
 

@@ -14,6 +14,7 @@ from scipy import special
 from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.regression.differences import mcnemar_p
+from minitouch_bench.regression.paired_tests import holm
 
 ALPHA = 0.05
 """Share of rows whose range of ranks may miss the true one."""
@@ -61,26 +62,12 @@ def ranks_of(means: Floats, p_values: Floats) -> list[Rank]:
     6 (1979); M. Mogstad et al., "Inference for ranks", Rev. Econ. Stud. 91 (2024).
     """
     number = len(means)
-    apart = _holm(p_values)
+    apart = np.zeros((number, number), bool)
+    for row, others in enumerate(~np.eye(number, dtype=bool)):
+        apart[row, others] = np.array(holm(p_values[row, others])) <= ALPHA
     better = (apart & (means[None, :] > means[:, None])).sum(axis=1)
     worse = (apart & (means[None, :] < means[:, None])).sum(axis=1)
     return [Rank(1 + int(b), number - int(w)) for b, w in zip(better, worse, strict=True)]
-
-
-def _holm(p_values: Floats) -> NDArray[np.bool_]:
-    """Return which comparisons of each row are significant at ALPHA after Holm's correction."""
-    number = len(p_values)
-    if number < 2:
-        return np.zeros((number, number), bool)
-    own = p_values.copy()
-    np.fill_diagonal(own, 2.0)  # comes last in every row, and is never significant
-    ordered = np.sort(own, axis=1)
-    limits = ALPHA / np.maximum(number - 1 - np.arange(number), 1)
-    # The limits grow along a row: equal values pass together, up to the first that fails.
-    passed = np.logical_and.accumulate(ordered <= limits, axis=1).sum(axis=1)
-    largest = np.where(passed > 0, ordered[np.arange(number), passed - 1], -1.0)
-    found: NDArray[np.bool_] = own <= largest[:, None]
-    return found
 
 
 def _keep(ranks: list[dict[str, Rank]], key: str, means: Floats, p_values: Floats) -> None:

@@ -3,7 +3,6 @@
 What follows from the episodes (estimates, tables, actions) is computed again and compared.
 """
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -21,7 +20,7 @@ from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import summarize_episodes
 from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.policies.sources import DIRECTORY, NOTES
+from minitouch_bench.policies.sources import DIRECTORY, NOTES, directory_digest
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import (
     EpisodeMetrics,
@@ -114,12 +113,9 @@ def _check_policy(
 
 
 def files_digest(kind: str, files: Sequence[CheckpointFile]) -> str:
-    """Return the digest that a run records of these files, as ``policies.sources`` does."""
+    """Return the digest that a run records of these files."""
     if kind == DIRECTORY:
-        sha = hashlib.sha256()
-        for file in sorted(files, key=lambda file: file.file):
-            sha.update(f"{file.file} {file.sha256}\n".encode())
-        return sha.hexdigest()
+        return directory_digest((file.file, file.sha256) for file in files)
     if len(files) == 1 and files[0].task == ALL_TASKS:
         return files[0].sha256
     return "several files" if files else ""

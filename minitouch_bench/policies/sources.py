@@ -9,7 +9,7 @@ import io
 import re
 import urllib.parse
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -183,9 +183,14 @@ def _parse_hub(text: str) -> PolicySource:
     return replace(_parse_file(path), address=str(found))
 
 
+def directory_digest(files: Iterable[tuple[str, str]]) -> str:
+    """Return the digest of a directory of policies; ``files``: each one's name and SHA-256."""
+    lines = [f"{name} {digest}\n" for name, digest in sorted(files)]
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
 def _parse_directory(path: Path) -> PolicySource:
     parts: dict[str, PolicySource] = {}
-    sha = hashlib.sha256()
     with os_errors_as(PolicyLoadError, path, "read"):
         files = sorted(path.iterdir())
     for file in files:
@@ -195,7 +200,6 @@ def _parse_directory(path: Path) -> PolicySource:
             other = Path(parts[file.stem].target).name
             raise PolicyLoadError(f"{path} has two policies for one task: {other}, {file.name}")
         parts[file.stem] = _parse_file(file)
-        sha.update(f"{file.name} {parts[file.stem].digest}\n".encode())
     trained = path / TRAINED_FILE
     if not parts and trained.is_file():
         return replace(_parse_file(trained), name=path.resolve().name)
@@ -203,8 +207,8 @@ def _parse_directory(path: Path) -> PolicySource:
         raise PolicyLoadError(
             f"{path} has no policies in it; name one file a task, as in {TASK_NAMES[1]}.onnx"
         )
-    name = path.resolve().name
-    return PolicySource(DIRECTORY, name, str(path), sha.hexdigest(), tuple(parts.items()))
+    digest = directory_digest((Path(part.target).name, part.digest) for part in parts.values())
+    return PolicySource(DIRECTORY, path.resolve().name, str(path), digest, tuple(parts.items()))
 
 
 def check_zip(content: bytes, target: str) -> None:
