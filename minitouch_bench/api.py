@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import pandas as pd
@@ -23,7 +23,7 @@ from minitouch_bench.records import Estimate, Outcome, RunHeader, SavedRun, Task
 from minitouch_bench.regression.comparison import Comparison, compare_runs
 from minitouch_bench.reporting.frames import episodes_frame
 from minitouch_bench.reporting.run_directory import read_run
-from minitouch_bench.shapegen.manifest import ShapeSet
+from minitouch_bench.tasks.objects import Objects
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows import evaluate as workflow
 
@@ -124,14 +124,12 @@ class Run:
         return f"<Run of {header.policy.name} on {header.suite}, {label}: {', '.join(self.tasks)}>"
 
 
-def make(
-    task: str, objects: str | Sequence[str] | ShapeSet | None = None, **options: Any
-) -> gymnasium.Env[Any, Any]:
+def make(task: str, objects: Objects | None = None, **options: Any) -> gymnasium.Env[Any, Any]:
     """Return the Gymnasium environment of a task, named as on the command line.
 
     ``objects``: "cube", a split of the shape set ("train", "held-out", "all"), names of shapes,
-    or a set of your own; by default the task's. The other options are those of
-    ``gymnasium.make``, such as ``render_mode="rgb_array"``.
+    shapes of a set, or a whole set of your own; by default the task's. The other options are
+    those of ``gymnasium.make``, such as ``render_mode="rgb_array"``.
 
     Raises:
         UsageError: no such task or objects.
@@ -139,23 +137,28 @@ def make(
     return gymnasium.make(PROTOCOL.task(task).gym_id, objects=objects, **options)
 
 
+def _listed(words: str | Sequence[str]) -> tuple[str, ...]:
+    """Return the words of a list, or of a text with commas, as on the command line."""
+    return tuple(words.split(",") if isinstance(words, str) else words)
+
+
 def evaluate(
     policy: object,
     suite: str = "table4",
     *,
-    tasks: Sequence[str] | None = None,
+    tasks: str | Sequence[str] | None = None,
     episodes: int | None = None,
     seed: int | None = None,
     episodes_from: Sequence[str] = (),
     exploration: object | None = None,
     name: str | None = None,
-    without: Sequence[str] = (),
-    perturb: Sequence[str] = (),
+    without: str | Sequence[str] = (),
+    perturb: str | Sequence[str] = (),
     output: StrPath | None = None,
     resume: bool = False,
     fresh: bool = False,
     video: int = 0,
-    workers: int | None = None,
+    workers: int | Literal["auto"] | None = None,
     engine: str = "local",
     address: str | None = None,
     isolation: str = Isolation.SANDBOX,
@@ -171,8 +174,8 @@ def evaluate(
     the simulator, and its run is unofficial. ``tasks``, ``episodes``, ``seed`` None: the
     suite's own. ``without=["forces"]`` and ``perturb=["mass=0.5:2"]``: see
     ``docs/conditions.md``. ``episodes_from``: only these, as in ["pushing/3,17"]. ``workers``
-    None: one per core. Without ``output`` the run is kept in memory only, and an interrupted one
-    is lost.
+    None or "auto": one per core. Without ``output`` the run is kept in memory only, and an
+    interrupted one is lost.
 
     Raises:
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
@@ -182,14 +185,14 @@ def evaluate(
     options = workflow.EvaluateOptions(
         policy=policy,
         suite=suite,
-        tasks=None if tasks is None else tuple(tasks),
+        tasks=None if tasks is None else _listed(tasks),
         episodes=episodes,
         seed=seed,
         episodes_from=tuple(episodes_from),
         exploration=exploration,
         name=name,
-        conditions=parse_conditions(without, perturb),
-        engine=EngineOptions(engine, workers, address),
+        conditions=parse_conditions(_listed(without), _listed(perturb)),
+        engine=EngineOptions(engine, None if workers == "auto" else workers, address),
         isolation=IsolationOptions(Isolation(isolation), trust, limits),
         output=workflow.OutputOptions(
             directory=None if output is None else Path(output),

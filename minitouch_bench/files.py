@@ -33,6 +33,7 @@ PROGRESS_FILE = "progress.csv"
 """A training's curves: a row per some hundred control steps."""
 VIDEOS = "videos"
 TENSORBOARD = "tensorboard"
+SUBMISSION_FILE, CHECKPOINTS = "submission.toml", "checkpoints"
 ATTEMPTS = "attempts"
 """Folder of what is known of episodes that have no record yet; a finished run has none."""
 

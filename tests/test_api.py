@@ -196,6 +196,15 @@ def test_what_is_no_policy_is_refused(policy, reason):
         mt.evaluate(policy, **SHORT)
 
 
+def test_lists_and_workers_are_written_as_on_the_command_line(counted):
+    run = mt.evaluate(Counter(), "smoke", tasks="opening", episodes=2, workers="auto")
+    assert run.saved.digest == counted[0].saved.digest
+    changed = mt.evaluate(Counter(), **SHORT, without="forces", perturb="mass=2,noise=3")
+    assert changed.header.unofficial_because[-3:] == (
+        "without forces", "mass 2 times", "picture noise of 3 gray levels"
+    )  # fmt: skip
+
+
 def test_wrong_options_are_refused():
     with pytest.raises(UsageError, match="no isolation 'strong'; it is one of sandbox"):
         mt.evaluate("zero", isolation="strong")

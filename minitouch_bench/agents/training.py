@@ -18,11 +18,9 @@ from minitouch_bench.agents.replay import Replay
 from minitouch_bench.files import PROGRESS_FILE
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
-from minitouch_bench.policies.sources import TRAINED_FILE
+from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
 from minitouch_bench.simulation.observation import Observation
 from minitouch_bench.tasks.environment import MiniTouchEnv
-
-EXPLORED_FILE = "exploration.safetensors"
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,10 @@ def submit(
         str | None, typer.Argument(metavar="POLICY", help="As in evaluate; not with --run.")
     ] = None,
     *,
-    name: Annotated[str, typer.Option(help="Name of the submission: a-z, 0-9, '.', '_', '-'.")],
+    name: Annotated[
+        str | None,
+        typer.Option(help="Name of the submission: a-z, 0-9, '.', '_', '-'; by default POLICY's."),
+    ] = None,
     run: Annotated[
         list[Path] | None,
         typer.Option(
@@ -72,6 +75,10 @@ def submit(
         "modalities": None if modalities is None else _modalities(modalities),
         "notes": remarks,
     }
+    if name is None:
+        if policy is None:
+            raise UsageError("say with --name what the submission is called")
+        name = Path(policy).stem
     asked = workflow.SubmitOptions(
         name,
         policy=policy,

@@ -152,7 +152,7 @@ def prepare_policies(
     """
     if isolation.level is Isolation.NONE and not isolation.trust:
         raise UsageError("--isolation none runs the policy in this very process: add --trust")
-    source = _find_policy(policy, tasks, isolation, note)
+    source = _find_policy(policy, tasks, isolation, note, Role.FINAL)
     if source.kind == "scripted" and conditions.change_the_senses:
         raise UsageError("the scripted policy has no senses to change: it reads the simulator")
     if name is not None:
@@ -162,7 +162,7 @@ def prepare_policies(
     goals = tuple(task for task in tasks if task in GOAL_TASKS)
     if not goals:
         raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
-    explorer = _find_policy(exploration, goals, isolation, note, deterministic=False)
+    explorer = _find_policy(exploration, goals, isolation, note, Role.EXPLORATION)
     return PolicySetup(source, explorer, isolation, conditions)
 
 
@@ -171,15 +171,14 @@ def _find_policy(
     tasks: tuple[str, ...],
     isolation: IsolationOptions,
     note: Note,
-    *,
-    deterministic: bool = True,
+    role: Role,
 ) -> PolicySource:
     if isinstance(policy, str | Path):
-        source = parse_source(str(policy), tasks, trust=isolation.trust)
+        source = parse_source(str(policy), tasks, trust=isolation.trust, role=role)
     else:
         source = keep_in_memory(policy)
     level = effective_level(source, isolation.level)
     if source.kind == "remote" and level is not isolation.level:
         note(f"a policy server needs the network: its client has isolation {level}")
-    try_policy(source, tasks, isolation, deterministic=deterministic)
+    try_policy(source, tasks, isolation, deterministic=role is Role.FINAL)
     return source

@@ -97,8 +97,9 @@ def find_engine(options: EngineOptions, names: Sequence[str] = tuple(ENGINES)) -
     """
     if options.name not in names:
         raise UsageError(f"no engine '{options.name}' here; there are {', '.join(names)}")
-    if options.workers is not None and options.workers < 1:
-        raise UsageError(f"workers are {options.workers}; there can be 1 or more")
+    workers = options.workers
+    if workers is not None and not (isinstance(workers, int) and workers >= 1):
+        raise UsageError(f"workers are {workers!r}; there can be 1 or more")
     entry = ENGINES[options.name]
     if options.address is not None and not entry.address:
         having = " or ".join(name for name in names if ENGINES[name].address)

@@ -17,12 +17,13 @@ from minitouch_bench.files import (
     MIB,
     REPORT_FILE,
     RUN_FILE,
+    SUBMISSION_FILE,
     TABLE4_FILE,
     is_folder,
     os_errors_as,
     read_file,
 )
-from minitouch_bench.leaderboard.submission import SUBMISSION_FILE, Submission
+from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.verification.problems import Problems
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import minitouch_bench
 from minitouch_bench.documents import read_json, write_json
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import ACTIONS_FILE, read_file, write_file
+from minitouch_bench.files import ACTIONS_FILE, SUBMISSION_FILE, read_file, write_file
 from minitouch_bench.leaderboard.board import Refusal, ScoredSubmission
 from minitouch_bench.leaderboard.inventory import (
     MAX_SUBMISSION_FILE,
@@ -28,7 +28,6 @@ from minitouch_bench.leaderboard.inventory import (
     walk,
 )
 from minitouch_bench.leaderboard.proof import MAX_PROOF, proof_path
-from minitouch_bench.leaderboard.submission import SUBMISSION_FILE
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.verification.problems import Problems
 

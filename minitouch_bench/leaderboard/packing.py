@@ -14,6 +14,7 @@ from minitouch_bench.files import (
     JOURNAL_FILE,
     REPORT_PAGE,
     RUN_FILE,
+    SUBMISSION_FILE,
     VIDEOS,
     list_videos,
     make_folder,
@@ -30,7 +31,6 @@ from minitouch_bench.leaderboard.inventory import (
 )
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
-    SUBMISSION_FILE,
     CheckpointFile,
     Submission,
     TrainingSeed,

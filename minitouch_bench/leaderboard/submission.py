@@ -15,6 +15,7 @@ from msgspec import Meta
 
 from minitouch_bench.documents import read_table, schema_of
 from minitouch_bench.errors import UsageError
+from minitouch_bench.files import CHECKPOINTS, SUBMISSION_FILE
 from minitouch_bench.leaderboard.submission_rules import (
     FILE_NAME,
     LICENSE,
@@ -39,8 +40,6 @@ from minitouch_bench.verification.problems import Problems
 
 FORMAT: Final = "minitouch-submission"
 VERSION: Final = 1
-SUBMISSION_FILE = "submission.toml"
-CHECKPOINTS = "checkpoints"
 
 ALL_TASKS = "all"
 """The task of a checkpoint that serves every task."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path, PurePosixPath
 
-from minitouch_bench.files import RUN_FILE
+from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE
 from minitouch_bench.leaderboard.inventory import (
     MAX_CHECKPOINT,
     MAX_SUBMISSION_FILE,
@@ -23,7 +23,6 @@ from minitouch_bench.leaderboard.run_checks import (
 )
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
-    SUBMISSION_FILE,
     CheckpointFile,
     Submission,
     TrainingSeed,

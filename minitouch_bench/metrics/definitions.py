@@ -114,6 +114,7 @@ _TABLE = (
         meaning="length of an episode that succeeds",
         derive=lambda episode: episode.steps if episode.success else None,
         needs_goal=True,
+        shown_in=frozenset({ShownIn.DIAGNOSTICS}),
     ),
     Metric(
         name="return",

@@ -14,19 +14,21 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError
-from minitouch_bench.files import GIB, os_errors_as, read_file
+from minitouch_bench.files import CHECKPOINTS, GIB, SUBMISSION_FILE, os_errors_as, read_file
 from minitouch_bench.optional import require
 from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.policies.wire import describe
 from minitouch_bench.protocol.minitouch import TASK_NAMES
-from minitouch_bench.records import PolicyIdentity
+from minitouch_bench.records import PolicyIdentity, Role
 
 DIRECTORY = "directory"
 """Kinds that are no file, name or address."""
 
 MAX_FILE_BYTES = GIB
-TRAINED_FILE = "final.safetensors"
-"""What ``train`` leaves in its directory, which can be given in its place."""
+TRAINED_FILE, EXPLORED_FILE = "final.safetensors", "exploration.safetensors"
+TRAINED = {Role.FINAL: TRAINED_FILE, Role.EXPLORATION: EXPLORED_FILE}
+"""What ``train`` leaves in its directory, which can be given in place of either."""
+
 FACTORY_PATTERN = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 
 NOTES = {"scripted": ("reads the simulator's state",), "remote": ("remote",)}
@@ -77,7 +79,9 @@ class PolicySource:
         )
 
 
-def parse_source(text: str, tasks: Sequence[str] = (), *, trust: bool = False) -> PolicySource:
+def parse_source(
+    text: str, tasks: Sequence[str] = (), *, trust: bool = False, role: Role = Role.FINAL
+) -> PolicySource:
     """Find out what POLICY means; a directory must have a file for each of ``tasks``.
 
     Raises:
@@ -93,7 +97,7 @@ def parse_source(text: str, tasks: Sequence[str] = (), *, trust: bool = False) -
     with os_errors_as(PolicyLoadError, path, "read"):
         exists, is_directory = path.exists(), path.is_dir()
     if is_directory:
-        source = _parse_directory(path)
+        source = _parse_directory(path, role)
         for task in tasks:
             source.for_task(task)
         return source
@@ -189,7 +193,21 @@ def directory_digest(files: Iterable[tuple[str, str]]) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def _parse_directory(path: Path) -> PolicySource:
+def _parse_submission(path: Path, role: Role) -> PolicySource:
+    """Find the checkpoints of a submission's first training seed."""
+    folders = path.glob(f"{CHECKPOINTS}/seed-*/{role}")
+    folder = min(folders, key=lambda one: (len(one.parent.name), one.parent.name), default=None)
+    if folder is None:
+        raise PolicyLoadError(f"{path} is a submission without {role} checkpoints")
+    files = [file for file in folder.iterdir() if file.suffix in KIND_BY_SUFFIX]
+    is_one_for_all = len(files) == 1 and files[0].stem not in TASK_NAMES
+    source = _parse_file(files[0]) if is_one_for_all else _parse_directory(folder, role)
+    return replace(source, name=path.resolve().name)
+
+
+def _parse_directory(path: Path, role: Role) -> PolicySource:
+    if (path / SUBMISSION_FILE).is_file():
+        return _parse_submission(path, role)
     parts: dict[str, PolicySource] = {}
     with os_errors_as(PolicyLoadError, path, "read"):
         files = sorted(path.iterdir())
@@ -200,9 +218,11 @@ def _parse_directory(path: Path) -> PolicySource:
             other = Path(parts[file.stem].target).name
             raise PolicyLoadError(f"{path} has two policies for one task: {other}, {file.name}")
         parts[file.stem] = _parse_file(file)
-    trained = path / TRAINED_FILE
+    trained = path / TRAINED[role]
     if not parts and trained.is_file():
         return replace(_parse_file(trained), name=path.resolve().name)
+    if not parts and (path / TRAINED_FILE).is_file():
+        raise PolicyLoadError(f"{path} has no {trained.name}: nothing was explored there")
     if not parts:
         raise PolicyLoadError(
             f"{path} has no policies in it; name one file a task, as in {TASK_NAMES[1]}.onnx"

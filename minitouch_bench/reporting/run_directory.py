@@ -16,6 +16,7 @@ from minitouch_bench.files import (
     EPISODES_FILE,
     EXPLORATION_FILE,
     GENERALIZATION_FILE,
+    JOURNAL_FILE,
     REPORT_FILE,
     REPORT_PAGE,
     RUN_FILE,
@@ -209,7 +210,11 @@ def read_run(directory: Path) -> SavedRun:
     try:
         content = read_file(file)
     except FileNotFoundError as error:
-        raise RunDirectoryError(f"{file.parent} is no run: it has no {RUN_FILE}") from error
+        if (file.parent / JOURNAL_FILE).exists():
+            what = "holds an unfinished run: the command that began it finishes it with --resume"
+        else:
+            what = f"is no run: it has no {RUN_FILE}"
+        raise RunDirectoryError(f"{file.parent} {what}") from error
     except OSError as error:
         raise UnreadableFileError(f"{file} cannot be read: {error.strerror}") from error
     try:

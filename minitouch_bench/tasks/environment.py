@@ -26,8 +26,8 @@ from minitouch_bench.simulation.observation import (
 )
 from minitouch_bench.simulation.panda_arm import PandaArm, PandaKinematics
 from minitouch_bench.tasks.action import fit_action
-from minitouch_bench.tasks.objects import ObjectModel
-from minitouch_bench.tasks.registry import Objects, make_task, object_pool
+from minitouch_bench.tasks.objects import ObjectModel, Objects
+from minitouch_bench.tasks.registry import make_task, object_pool
 from minitouch_bench.tasks.task import Task
 
 Info = dict[str, Any]

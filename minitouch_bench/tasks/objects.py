@@ -8,13 +8,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.tasks import CubeSpec
-from minitouch_bench.shapegen.manifest import ShapeSet, canonical_shape_set
+from minitouch_bench.shapegen.manifest import Shape, ShapeSet, canonical_shape_set
 from minitouch_bench.shapegen.mesh import Mesh
 from minitouch_bench.shapegen.poses import Quaternion, product, rotation_matrix
 from minitouch_bench.simulation.bodies import cube_urdf
 from minitouch_bench.simulation.client import PhysicsClient
+
+Objects = str | Sequence[str] | Sequence[Shape] | ShapeSet
+"""What an environment's objects can be named by."""
 
 CUBE = "cube"
 """The name of a task's own cube."""
@@ -99,32 +103,31 @@ class ObjectPool:
         return self._models[name]
 
 
-def shape_names(chosen: str | Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the shapes of a split, of the whole set, or of those listed.
+def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:
+    """Return the shapes of a split, of a whole set, or those listed.
 
     Raises:
-        UsageError: there is no such split or shape.
+        UsageError: there is no such split or shape, or none is listed.
     """
-    shapes = canonical_shape_set()
-    if not isinstance(chosen, str):
-        return tuple(shapes.by_name(name).name for name in chosen)
-    found = shapes.shapes if chosen == ALL else shapes.split(chosen)
-    return tuple(shape.name for shape in found)
+    if isinstance(chosen, ShapeSet):
+        return chosen.shapes
+    canonical = canonical_shape_set()
+    if isinstance(chosen, str):
+        return canonical.shapes if chosen == ALL else canonical.split(chosen)
+    if not isinstance(chosen, Sequence) or not chosen:
+        raise UsageError(f"no objects {chosen!r}; give a name, a list of shapes, or a shape set")
+    return tuple(one if isinstance(one, Shape) else canonical.by_name(one) for one in chosen)
 
 
-def shape_model(name: str, stands: float, shapes: ShapeSet | None = None) -> ObjectModel:
-    """Return a shape, by default of the canonical set.
+def shape_model(shape: Shape, stands: float) -> ObjectModel:
+    """Return a shape as an object.
 
     It lies in its likeliest pose that is ``stands`` (m) high, else in its highest: the pads,
     kept 17 mm above the table, must have enough to hold.
-
-    Raises:
-        UsageError: there is no such shape.
     """
-    shape = (shapes or canonical_shape_set()).by_name(name)
     body = shape.body()
     corners = np.concatenate([hull.vertices for hull in body.hulls])
     heights = [float(np.ptp(corners @ rotation_matrix(p.quaternion)[2])) for p in shape.poses]
     high = [index for index, height in enumerate(heights) if height >= stands]
     pose = shape.poses[high[0] if high else int(np.argmax(heights))]
-    return ObjectModel(name, shape.urdf, pose.quaternion, pose.height, body.visual, corners)
+    return ObjectModel(shape.name, shape.urdf, pose.quaternion, pose.height, body.visual, corners)

@@ -1,19 +1,21 @@
 """The one table of tasks, and what their objects can be named by."""
 
-from collections.abc import Sequence
-
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.tasks import TabletopSpec
-from minitouch_bench.shapegen.manifest import ShapeSet
-from minitouch_bench.tasks.objects import CUBE, ObjectPool, shape_model, shape_names
+from minitouch_bench.shapegen.manifest import ShapeSet, canonical_shape_set
+from minitouch_bench.tasks.objects import (
+    CUBE,
+    ObjectModel,
+    ObjectPool,
+    Objects,
+    choose_shapes,
+    shape_model,
+)
 from minitouch_bench.tasks.opening import Opening
 from minitouch_bench.tasks.pick_up import PickUp
 from minitouch_bench.tasks.playing import Playing
 from minitouch_bench.tasks.pushing import Pushing
 from minitouch_bench.tasks.task import Task
-
-Objects = str | Sequence[str] | ShapeSet
-"""What an environment's objects can be named by."""
 
 TASKS: dict[str, type[Task]] = {
     task.spec.name: task for task in (Playing, Pushing, Opening, PickUp)
@@ -45,11 +47,14 @@ def object_pool(task: Task, objects: Objects | None) -> ObjectPool | None:
             raise UsageError(f"{task.spec.name} has no object to choose")
         return None
     stands = task.spec.stands
-    if isinstance(chosen, ShapeSet):
-        own_shapes = chosen
-        return ObjectPool(
-            tuple(shape.name for shape in own_shapes.shapes),
-            lambda name: shape_model(name, stands, own_shapes),
-        )
-    names = (CUBE,) if chosen == CUBE else shape_names(chosen)
-    return ObjectPool(names, lambda name: own if name == CUBE else shape_model(name, stands))
+    listed = () if chosen == CUBE else choose_shapes(chosen)
+    known = {shape.name: shape for shape in listed}
+    others = chosen if isinstance(chosen, ShapeSet) else None
+
+    def load(name: str) -> ObjectModel:
+        if name == CUBE:
+            return own
+        shape = known.get(name) or (others or canonical_shape_set()).by_name(name)
+        return shape_model(shape, stands)
+
+    return ObjectPool(tuple(known) or (CUBE,), load)

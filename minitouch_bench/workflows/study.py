@@ -18,13 +18,12 @@ from minitouch_bench.agents.config import (
     make_config,
     read_config,
 )
-from minitouch_bench.agents.training import EXPLORED_FILE
 from minitouch_bench.documents import fault_in_words, read_toml
 from minitouch_bench.errors import MiniTouchError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import EngineOptions, find_job_runner
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import RUN_FILE, lock_directory, write_file
-from minitouch_bench.policies.sources import TRAINED_FILE
+from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Count
 from minitouch_bench.reporting.study import StudyResults, StudyTraining, write_study

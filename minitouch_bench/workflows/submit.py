@@ -13,6 +13,7 @@ from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open
 from minitouch_bench.evaluation.run import RunRequest, open_run
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import (
+    CHECKPOINTS,
     JOURNAL_FILE,
     foreign_entries,
     holds_run,
@@ -32,7 +33,6 @@ from minitouch_bench.leaderboard.packing import (
     swap,
 )
 from minitouch_bench.leaderboard.submission import (
-    CHECKPOINTS,
     SUBMITTED_SUITES,
     CheckpointFile,
     Submission,

@@ -141,7 +141,7 @@ def _prepare(request: TrainingRequest) -> None:
     directory, config = request.directory, request.config
     file = directory / CONFIG_FILE
     if request.resume and not file.exists():
-        raise RunDirectoryError(f"{directory} holds no training to resume")
+        request.note(f"{directory} holds no training yet: it begins")
     if any((directory / name).exists() for name in (CHECKPOINT_FILE, PROGRESS_FILE)):
         if not request.resume:
             raise RunDirectoryError(

@@ -13,6 +13,7 @@ from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.suites import find_suite
+from minitouch_bench.files import CHECKPOINTS
 from minitouch_bench.leaderboard.proof import (
     PROVED_LEVELS,
     FreshProof,
@@ -23,7 +24,7 @@ from minitouch_bench.leaderboard.proof import (
     proof_path,
     write_proof,
 )
-from minitouch_bench.leaderboard.submission import CHECKPOINTS, TrainingSeed
+from minitouch_bench.leaderboard.submission import TrainingSeed
 from minitouch_bench.leaderboard.twins import Sketch, sketch_of
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics.summary import measure

@@ -11,7 +11,7 @@ from minitouch_bench.evaluation.actors import PolicySetup, prepare_policies
 from minitouch_bench.evaluation.engine import LOCAL, EngineOptions, open_engine
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.policies.limits import limits_of
-from minitouch_bench.policies.sources import HUB, parse_source
+from minitouch_bench.policies.sources import HUB
 from minitouch_bench.records import PolicyIdentity
 from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.verification.problems import Problem
@@ -84,17 +84,18 @@ def verify(options: VerifyOptions, callbacks: Callbacks = SILENT) -> Verificatio
 def _find_checkpoints(options: VerifyOptions, callbacks: Callbacks) -> PolicySetup:
     """Find the run's checkpoints, see that they are the ones evaluated, and load each once."""
     header = read_run(options.run).header
-    trust = options.isolation.trust
     policy = options.policy or _source_of(header.policy, "--policy")
-    check_identity(header.policy, parse_source(policy, header.tasks, trust=trust))
     exploration = None
     if header.exploration is not None:
         exploration = options.exploration or _source_of(header.exploration, "--exploration")
-        check_identity(header.exploration, parse_source(exploration, trust=trust))
     isolation = replace(options.isolation, limits=limits_of(header))
-    return prepare_policies(
+    setup = prepare_policies(
         policy, header.tasks, isolation, callbacks.note, exploration=exploration
     )
+    check_identity(header.policy, setup.policy)
+    if header.exploration is not None and setup.exploration is not None:
+        check_identity(header.exploration, setup.exploration)
+    return setup
 
 
 def _source_of(recorded: PolicyIdentity, option: str) -> str:

@@ -141,9 +141,12 @@ def test_other_settings_are_not_mixed_in(undisturbed):
             train(request)
 
 
-def test_nothing_to_resume(tmp_path):
-    with pytest.raises(RunDirectoryError, match="no training"):
-        train(TrainingRequest(CONFIG, tmp_path, resume=True))
+def test_a_training_that_was_killed_before_it_began_is_begun_by_resume(tmp_path):
+    notes = []
+    request = TrainingRequest(CONFIG, tmp_path / "run", resume=True, device="cpu")
+    assert not train(replace(request, note=notes.append, should_stop=lambda: True))
+    assert "holds no training yet: it begins" in notes[0]
+    assert (tmp_path / "run" / "config.toml").exists()
 
 
 @pytest.fixture(scope="module")

@@ -152,6 +152,8 @@ def test_an_unofficial_run_is_refused(scripted, tmp_path):
         (("zero", "--name", "zero", "--modalities", "smell"), ("smell",)),
         (("zero", "--name", "zero", "--suites", "smoke"), ("--suites",)),
         (("--name", "zero"), ("POLICY", "--run")),
+        (("--run", "reports/zero"), ("--name",)),
+        (("Mine.onnx",), ("name", "Mine")),
     ],
 )
 def test_mistakes_are_told_before_anything_is_run(tmp_path, options, words):

@@ -1,9 +1,11 @@
 import hashlib
+from pathlib import Path
 
 import pytest
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.sources import identify, parse_source
+from minitouch_bench.records import Role
 
 
 @pytest.fixture
@@ -114,10 +116,38 @@ def test_a_directory_with_a_files_suffix_is_a_directory(tmp_path):
         parse_source(str(tmp_path / "run.pt"))
 
 
-def test_a_training_directory_is_its_final_policy(tmp_path):
-    for name in ("exploration", "final"):
-        (tmp_path / f"{name}.safetensors").write_bytes(name.encode())
-    source = parse_source(str(tmp_path), ("pushing",))
-    assert (source.name, source.kind) == (tmp_path.name, "native")
-    assert source.target == str(tmp_path / "final.safetensors")
-    assert source.digest == hashlib.sha256(b"final").hexdigest()
+def test_a_training_directory_is_its_policy_of_each_role(tmp_path):
+    for role in Role:
+        (tmp_path / f"{role}.safetensors").write_bytes(role.encode())
+        source = parse_source(str(tmp_path), ("pushing",), role=role)
+        assert (source.name, source.kind) == (tmp_path.name, "native")
+        assert source.target == str(tmp_path / f"{role}.safetensors")
+        assert source.digest == hashlib.sha256(role.encode()).hexdigest()
+
+
+def test_a_training_without_exploration_has_no_policy_of_it(tmp_path):
+    (tmp_path / "final.safetensors").write_bytes(b"final")
+    with pytest.raises(PolicyLoadError, match=r"no exploration\.safetensors"):
+        parse_source(str(tmp_path), role=Role.EXPLORATION)
+
+
+def test_a_submission_is_the_checkpoints_of_its_first_seed(tmp_path):
+    (tmp_path / "submission.toml").touch()
+    files = ("seed-10/final/pushing.onnx", "seed-2/final/pushing.onnx", "seed-2/final/opening.pt")
+    for file in (*files, "seed-2/exploration/mine.onnx"):
+        path = tmp_path / "checkpoints" / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(file.encode())
+    source = parse_source(str(tmp_path), ("pushing", "opening"))
+    assert source.name == tmp_path.name
+    first = str(tmp_path / "checkpoints" / "seed-2" / "final")
+    assert {Path(part.target).parent for _, part in source.parts} == {Path(first)}
+    assert source.digest == parse_source(first).digest
+    explored = parse_source(str(tmp_path), ("pushing",), role=Role.EXPLORATION)
+    assert (explored.kind, explored.name) == ("onnx", tmp_path.name)
+
+
+def test_a_submission_without_checkpoints_is_named(tmp_path):
+    (tmp_path / "submission.toml").touch()
+    with pytest.raises(PolicyLoadError, match="a submission without final checkpoints"):
+        parse_source(str(tmp_path))

@@ -19,7 +19,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Outcome
 from minitouch_bench.simulation.camera import GrayCamera
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
-from minitouch_bench.tasks.objects import shape_names
+from minitouch_bench.tasks.objects import choose_shapes
 from minitouch_bench.tasks.registry import TASKS
 from minitouch_bench.tasks.task import TabletopTask
 from tests.tasks.playback import digest, play, random_actions
@@ -120,7 +120,7 @@ def test_a_world_cannot_be_copied(environment):
 
 @pytest.mark.parametrize(
     ("task", "options"),
-    [("opening", {}), ("pick-up", {"objects": shape_names("train")[7:8], "max_steps": 3})],
+    [("opening", {}), ("pick-up", {"objects": choose_shapes("train")[7:8], "max_steps": 3})],
 )
 def test_pickling_gives_an_equal_new_environment(task, options):
     first = MiniTouchEnv(task, **options, render_mode="rgb_array", width=64, height=48)

@@ -3,10 +3,10 @@ import pytest
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.tasks import CubeSpec
-from minitouch_bench.shapegen.manifest import load_shape_set
+from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.objects import ObjectPool, cube_model, shape_names
+from minitouch_bench.tasks.objects import ObjectPool, choose_shapes, cube_model
 from minitouch_bench.tasks.registry import TASKS
 from tests.shapegen.conftest import subset
 
@@ -42,7 +42,7 @@ def test_a_pool_loads_what_is_drawn_and_only_once():
 def test_each_task_says_what_it_draws_from():
     assert TASKS["opening"].spec.default_objects == ""
     assert TASKS["pushing"].spec.default_objects == TASKS["playing"].spec.default_objects == "cube"
-    assert len(shape_names(TASKS["pick-up"].spec.default_objects)) > 1
+    assert len(choose_shapes(TASKS["pick-up"].spec.default_objects)) > 1
 
 
 def test_unknown_tasks_and_objects_are_usage_errors():
@@ -56,7 +56,7 @@ def test_unknown_tasks_and_objects_are_usage_errors():
 def test_a_shape_can_stand_in_for_the_cube(task):
     environment = MiniTouchEnv(task, objects="train")
     environment.reset(seed=1)
-    assert environment.object_name in shape_names("train")
+    assert environment.object_name in {shape.name for shape in choose_shapes("train")}
     observation, *_ = environment.step(np.zeros(4, np.float32))
     assert observation in environment.observation_space
     environment.close()
@@ -72,3 +72,17 @@ def test_a_set_of_one_s_own_is_drawn_from(tmp_path):
     environment.close()
     assert drawn <= {shape.name for shape in shapes.shapes}
     assert len(drawn) > 1
+
+
+def test_shapes_of_a_split_are_drawn_from():
+    shapes = canonical_shape_set().split("held-out")[:3]
+    environment = MiniTouchEnv("pick-up", objects=shapes)
+    environment.reset(seed=1)
+    environment.close()
+    assert environment.object_name in {shape.name for shape in shapes}
+
+
+@pytest.mark.parametrize("objects", [3, (), [3]])
+def test_what_is_no_object_is_named(objects):
+    with pytest.raises(UsageError):
+        MiniTouchEnv("pick-up", objects=objects)

@@ -174,5 +174,9 @@ def test_a_journal_that_is_cut_or_damaged_is_named_and_not_repaired(copy):
 
 
 def test_what_is_no_run_is_said(tmp_path):
+    (tmp_path / "begun").mkdir()
+    (tmp_path / "begun" / "journal.jsonl").touch()
+    with pytest.raises(RunDirectoryError, match=r"unfinished run: .* --resume"):
+        verify_run(tmp_path / "begun", Here())
     with pytest.raises(RunDirectoryError, match="is no run"):
         verify_run(tmp_path, Here())
