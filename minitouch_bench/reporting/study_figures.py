@@ -8,6 +8,7 @@ import pandas as pd
 from scipy.stats import trim_mean
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
+from minitouch_bench.metrics.intervals import bootstrap_mean
 from minitouch_bench.metrics.metric import Kind
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.records import Estimate
@@ -41,6 +42,11 @@ EXPLORING, GAP, HELD_OUT, TRAIN = (
 """What follows a metric's name in ``estimates.csv`` where it is not that of the final policy."""
 
 HEIGHT = 150
+SEEDS_FOR_TRIMMED = 4
+"""With fewer seeds their interquartile mean is their mean, or one seed."""
+
+RESAMPLES = 1000
+"""Of the bootstrap at each point of a curve."""
 
 
 def study_figures(estimates: pd.DataFrame, curves: pd.DataFrame) -> Iterator[Figure]:
@@ -74,7 +80,8 @@ def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
         text = (
             "While training: success over at least 20 episodes, touch share between two rows. "
             "Strong: the mean over training seeds; thin: their interquartile mean, from four seeds "
-            "on; faint: the lowest and the highest; as far as all seeds have come."
+            "on; faint: the mean's 95 % interval, a bootstrap over the seeds, of few seeds too "
+            "narrow; as far as all seeds have come."
         )
         yield Figure("curves", "Learning curves", text, tuple(plots), _legend(methods))
 
@@ -82,21 +89,22 @@ def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
 def _lines(own: pd.DataFrame, column: str, tone: str) -> Iterator[Line]:
     known = own.dropna(subset=[column])
     seeds = known.groupby("step")["seed"].transform("nunique")
-    known = known[seeds == known["seed"].nunique()]
-    by_step = known.groupby("step")[column]
-    shown = (
-        (1, "mean", 1.6, 1.0),
-        (4, lambda values: trim_mean(values, TRIMMED), 0.8, 1.0),
-        (2, "min", 0.8, 0.35),
-        (2, "max", 0.8, 0.35),
-    )
-    for least_seeds, how, width, opacity in shown:
-        if known["seed"].nunique() < least_seeds:
-            continue
-        values = by_step.agg(how)
-        if len(values) > 1:
-            steps = values.index.to_numpy(float).tolist()
-            yield Line(tuple(zip(steps, values.tolist(), strict=True)), tone, width, opacity)
+    number = known["seed"].nunique()
+    by_step = known[seeds == number].groupby("step")[column]
+    if by_step.ngroups < 2:
+        return
+    shown = [(by_step.mean(), 1.6, 1.0)]
+    if number >= SEEDS_FOR_TRIMMED:
+        shown.append((by_step.agg(lambda values: trim_mean(values, TRIMMED)), 0.8, 1.0))
+    if number >= 2:
+        rng = np.random.default_rng(0)
+        ends = {step: bootstrap_mean(values.to_numpy(), rng, RESAMPLES) for step, values in by_step}
+        for end in ("low", "high"):
+            line = pd.Series({step: getattr(found, end) for step, found in ends.items()})
+            shown.append((line, 0.8, 0.35))
+    for values, width, opacity in shown:
+        steps = values.index.to_numpy(float).tolist()
+        yield Line(tuple(zip(steps, values.tolist(), strict=True)), tone, width, opacity)
 
 
 def movement_and_touch(main: pd.DataFrame, methods: tuple[str, ...]) -> Iterator[Figure]:

@@ -86,7 +86,9 @@ def test_from_four_seeds_on_the_interquartile_mean_stands_beside_the_mean():
     )  # fmt: skip
     (figure,) = learning_curves(frame)
     heights = [dict(line.points)[100.0] for line in marks(figure, Line)]
-    assert heights == [pytest.approx(0.44), pytest.approx(0.4), 0.0, 1.0]
+    assert heights[:2] == [pytest.approx(0.44), pytest.approx(0.4)]
+    low, high = heights[2:]
+    assert 0.0 < low < 0.44 < high < 1.0
     (figure,) = learning_curves(frame[frame["seed"] < 3])
     assert len(marks(figure, Line)) == 3
 
