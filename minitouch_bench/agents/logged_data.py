@@ -71,5 +71,5 @@ def _check(
     if found != wanted or actions[1:] != (action_size,):
         raise UsageError(
             f"{path} holds an episode with {found} and actions {actions}; wanted are {wanted} "
-            f"and {action_size} numbers an action"
+            f"and {action_size} numbers per action"
         )

@@ -43,7 +43,9 @@ COLUMNS_PER_BLOCK = 64
 def wilson(successes: int, n: int) -> Estimate:
     """Estimate a share; the interval has a width at 0 and at 100 % too.
 
-    Errors: ValueError unless 0 <= successes <= n and n > 0.
+    Raises:
+        ValueError: unless 0 <= successes <= n and n > 0.
+
     Source: E. B. Wilson, "Probable inference, the law of succession, and statistical
     inference", J. Am. Stat. Assoc. 22 (1927).
     """
@@ -59,7 +61,9 @@ def newcombe(first: Estimate, second: Estimate) -> Estimate:
     The hybrid score interval: each end joins the distances to the ends of the two Wilson
     intervals. It stays inside -1 to 1 and has a width at 0 and at 100 % too.
 
-    Errors: ValueError unless both estimates are of ``wilson``.
+    Raises:
+        ValueError: unless both estimates are of ``wilson``.
+
     Source: R. G. Newcombe, "Interval estimation for the difference between independent
     proportions: comparison of eleven methods", Stat. Med. 17 (1998), method 10.
     """
@@ -84,7 +88,9 @@ def bootstrap_mean(
     narrow for few episodes, and equal values give an interval of width 0: it then says only
     that no variation was seen.
 
-    Errors: ValueError for no values.
+    Raises:
+        ValueError: no values.
+
     Source: B. Efron, "Better bootstrap confidence intervals", J. Am. Stat. Assoc. 82 (1987).
     """
     sample = _as_sample(values)
@@ -106,7 +112,9 @@ def bootstrap_difference(
     Each sample is resampled by itself. Where both have no variation the width is 0, as in
     ``bootstrap_mean``, whose correction it has.
 
-    Errors: ValueError for no values.
+    Raises:
+        ValueError: no values.
+
     Source: B. Efron and R. J. Tibshirani, "An introduction to the bootstrap" (1993), ch. 8
     and 14.
     """

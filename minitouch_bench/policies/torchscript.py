@@ -36,7 +36,7 @@ class TorchScriptPolicy:
     @torch.inference_mode()
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return what the module gives."""
-        # The optimising executor rewrites the graph after two calls, which costs seconds and
+        # The optimizing executor rewrites the graph after two calls, which costs seconds and
         # can change the last bit within an episode.
         with torch.jit.optimized_execution(False):  # type: ignore[attr-defined]
             try:

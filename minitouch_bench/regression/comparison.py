@@ -94,8 +94,9 @@ class Comparison:
 def compare_runs(runs: Sequence[SavedRun], paths: Sequence[str]) -> Comparison:
     """Compare each run with the first; ``paths`` are their directories, for replaying.
 
-    Errors: UsageError for fewer than two runs or more than LETTERS, and for runs that were
-    not made of the same episodes by the same protocol.
+    Raises:
+        UsageError: fewer than two runs or more than LETTERS, or runs that were not made of the
+            same episodes by the same protocol.
     """
     if not 2 <= len(runs) <= len(LETTERS):
         raise UsageError(f"compare takes 2 to {len(LETTERS)} runs, not {len(runs)}")

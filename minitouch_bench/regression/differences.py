@@ -159,7 +159,9 @@ def paired_mean(
     is a coin's. Differences that are all equal give a width of 0; if all are 0, the
     p-value is 1.
 
-    Errors: ValueError for no values.
+    Raises:
+        ValueError: no values.
+
     Source: B. Efron and R. J. Tibshirani, "An introduction to the bootstrap" (1993),
     ch. 12.5; R. A. Fisher, "The design of experiments" (1935), ch. 21.
     """

@@ -118,7 +118,8 @@ def judge_runs(
     method over everything judged, significantly different; it has passed where the 95 %
     interval excludes such a worsening; else it is inconclusive.
 
-    Errors: UsageError where the runs cannot be paired, or have none of the metrics.
+    Raises:
+        UsageError: the runs cannot be paired, or have none of the metrics.
     """
     pairs = pair_runs(baseline, candidate)
     guarded, others = guarded_values(pairs, tasks_in_order((baseline,)), settings)
@@ -150,7 +151,8 @@ def guarded_values(
 ) -> tuple[tuple[PairedValues, ...], tuple[PairedValues, ...]]:
     """Return the values of the metrics that the gate guards: with a direction, and without.
 
-    Errors: UsageError if none has a direction.
+    Raises:
+        UsageError: none has a direction.
     """
     found = [one for one in collect_values(pairs, tasks) if one.metric in settings.metrics]
     guarded = tuple(one for one in found if one.direction != NO_DIRECTION)

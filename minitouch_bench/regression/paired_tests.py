@@ -45,7 +45,8 @@ class Effect:
     def worsening(self) -> float:
         """How much worse the second run is, in the metric's unit; negative if it is better.
 
-        Errors: KeyError where the metric has no direction.
+        Raises:
+            KeyError: the metric has no direction.
         """
         return self.difference.value * WORSE_SIGNS[self.direction]
 

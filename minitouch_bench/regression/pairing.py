@@ -88,8 +88,9 @@ def pair_runs(first: SavedRun, second: SavedRun) -> tuple[EpisodePair, ...]:
 
     Tasks that were not played by the same rules (``RunHeader.rules_differ``) are left out.
 
-    Errors: UsageError where suite or seed differ or no task is left, or where the episodes are
-    not the same ones; the text says which.
+    Raises:
+        UsageError: suite or seed differ, no task is left, or the episodes are not the same ones;
+            the text says which.
     """
     _refuse_other_runs(first, second)
     left_out = first.header.rules_differ(second.header)
@@ -124,7 +125,8 @@ def _refuse_other_runs(first: SavedRun, second: SavedRun) -> None:
 def refuse_other_episode(pair: EpisodePair) -> None:
     """Refuse a pair whose seeds or shapes differ.
 
-    Errors: UsageError that names the episode.
+    Raises:
+        UsageError: one differs; the text names the episode.
     """
     for what, left, right in (
         ("seed", str(pair.first.seed), str(pair.second.seed)),

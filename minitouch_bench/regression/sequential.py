@@ -58,7 +58,8 @@ class SequentialGate:
 
     ``order``: the baseline's episodes as ``play_order`` has them; ``root`` seeds the bootstrap.
 
-    Errors: UsageError if the episodes have none of the metrics that the settings guard.
+    Raises:
+        UsageError: the episodes have none of the metrics that the settings guard.
     """
 
     def __init__(self, order: Sequence[EpisodeMetrics], settings: GateSettings, root: Root) -> None:
@@ -109,7 +110,8 @@ class SequentialGate:
     def add(self, episodes: Iterable[EpisodeMetrics]) -> bool:
         """Take episodes in any order; return whether the answer is certain.
 
-        Errors: UsageError if one is not the baseline's episode of its name.
+        Raises:
+            UsageError: one is not the baseline's episode of its name.
         """
         for episode in episodes:
             self._waiting[episode_key(Role.FINAL, episode)] = episode

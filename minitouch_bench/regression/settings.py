@@ -71,7 +71,8 @@ STANDARD = GateSettings()
 def read_settings(file: Path) -> GateSettings:
     """Read the table ``[regress]`` of a TOML file; a file without it changes nothing.
 
-    Errors: UsageError with the name of what is unknown or has no meaning.
+    Raises:
+        UsageError: the file is not TOML, or names what is unknown or has no meaning.
     """
     document = read_toml(file)
     try:
@@ -90,7 +91,8 @@ def with_flags(
 ) -> GateSettings:
     """Return the settings with those of the command line in place of the file's.
 
-    Errors: UsageError for a tolerance that is not ``[TASK.]METRIC=NUMBER`` or ``=NUMBER%``.
+    Raises:
+        UsageError: a tolerance that is not ``[TASK.]METRIC=NUMBER`` or ``=NUMBER%``.
     """
     own = dict(settings.tolerances)
     for text in tolerances:

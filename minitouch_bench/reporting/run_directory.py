@@ -181,7 +181,8 @@ def write_run(run: EvaluationRun, summary: Summary, directory: Path) -> SavedRun
     ``exploration.csv`` and ``generalization.csv`` come beside them where the run has such
     figures.
 
-    Errors: RunDirectoryError if a file cannot be written.
+    Raises:
+        RunDirectoryError: a file cannot be written.
     """
     saved = save(run, summary, directory.name)
     content = run_json(saved)
@@ -204,7 +205,8 @@ def derived_files(run: SavedRun, directory: Path) -> dict[str, str]:
 def read_run(directory: Path) -> SavedRun:
     """Read a run from its directory, or from the path of its ``run.json``.
 
-    Errors: RunDirectoryError with one line that says what is wrong.
+    Raises:
+        RunDirectoryError: in one line that says what is wrong.
     """
     file = directory if directory.name == RUN_FILE else directory / RUN_FILE
     try:

@@ -75,13 +75,12 @@ def _facts(section: RunSection) -> list[str]:
     packages = ", ".join(f"{name} {version}" for name, version in environment.packages.items())
     machine = ", ".join(f"{key}: {value}" for key, value in environment.machine.items())
     policy = header.policy
-    episodes = section.episodes if header.chosen else f"{header.episodes} episodes a task"
     facts = {
         "Policy": f"{escape(policy.name)} ({escape(policy.kind)}), {code_span(policy.source)}",
         "Policy digest": code_span(policy.digest) if policy.digest else "built in",
         "Protocol": f"{escape(header.protocol)}, {code_span(header.protocol_digest)}",
-        "Suite": f"{escape(header.suite)}, seed {header.seed}, {episodes}",
-        "Isolation": f"{escape(header.isolation)}, {header.act_timeout_s:g} s an action",
+        "Suite": f"{escape(header.suite)}, seed {header.seed}, {section.episodes}",
+        "Isolation": f"{escape(header.isolation)}, {header.act_timeout_s:g} s per action",
         "Packages": escape(packages),
         "Machine": escape(machine),
         "Started": f"{escape(environment.started)}, {environment.wall_s:.0f} s, "

@@ -57,14 +57,14 @@ def _quadrature(mesh: Mesh, spacing: float = 0.010) -> tuple[Points, Points]:
     points, weights = [], []
     for count in np.unique(counts):
         chosen = corners[counts == count]
-        cells = _cell_centres(int(count))
+        cells = _cell_centers(int(count))
         points.append(np.einsum("wk,fkd->fwd", cells, chosen).reshape(-1, 3))
         weights.append(np.repeat(areas[counts == count] / len(cells), len(cells)))
     joined = np.concatenate(weights)
     return np.concatenate(points), joined / joined.sum()
 
 
-def _cell_centres(count: int) -> Points:
+def _cell_centers(count: int) -> Points:
     """Return barycentric centers (count², 3) of a triangle cut into count² equal ones."""
     centers = []
     for i, j in product(range(count), repeat=2):
@@ -125,7 +125,7 @@ def split_p_value(
     """Return the p-value of a maximum mean discrepancy test that two splits are one kind.
 
     Labels are permuted within families, as the split itself was drawn. The kernel is Gaussian
-    with the median distance as its width (Gretton et al. 2012) on standardised features.
+    with the median distance as its width (Gretton et al. 2012) on standardized features.
     """
     spread = descriptors.std(axis=0)
     features = (descriptors - descriptors.mean(axis=0)) / np.where(spread > 0, spread, np.inf)

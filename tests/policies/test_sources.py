@@ -41,7 +41,7 @@ def test_a_files_suffix_names_its_format(tmp_path, suffix, kind):
     assert identity.digest == hashlib.sha256(b"weights").hexdigest()
 
 
-def test_a_server_is_labelled_remote():
+def test_a_server_is_labeled_remote():
     identity = identify(parse_source("http://localhost:8000"))
     assert (identity.name, identity.kind, identity.notes) == (
         "localhost:8000",

@@ -54,7 +54,7 @@ def test_a_negative_number_stays_a_number(hac):
     assert next(csv.DictReader(io.StringIO(episodes_csv([episode]))))["return"] == "-3.5"
 
 
-def test_table4_is_long_and_labelled(hac, scripted):
+def test_table4_is_long_and_labeled(hac, scripted):
     rows = list(csv.DictReader(io.StringIO(csv_text(table4_frame([hac, scripted])))))
     assert list(rows[0]) == [
         "policy",

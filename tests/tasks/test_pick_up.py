@@ -53,7 +53,7 @@ def test_objects_lie_still_and_clear_of_the_hand(environments):
 
 @pytest.mark.parametrize(("height", "success"), [(0.049, False), (0.052, True)])
 @pytest.mark.parametrize("tilt", [0.0, math.pi / 4])
-def test_success_is_the_lowest_point_five_centimetres_up(with_cube, height, success, tilt):
+def test_success_is_the_lowest_point_five_centimeters_up(with_cube, height, success, tilt):
     with_cube.reset(seed=1)
     lowest = 0.0225 * (math.cos(tilt) + math.sin(tilt))
     orientation = (math.sin(tilt / 2), 0.0, 0.0, math.cos(tilt / 2))

@@ -61,7 +61,7 @@ def put(environment, x, y):
 
 
 @pytest.mark.parametrize(("distance", "success"), [(0.0695, True), (0.0705, False)])
-def test_success_is_seven_centimetres_from_the_target(environment, distance, success):
+def test_success_is_seven_centimeters_from_the_target(environment, distance, success):
     environment.reset(seed=4)
     x, y = environment.task.target
     put(environment, x, y + distance)

@@ -187,7 +187,7 @@ def make_filter(machine: str, pid: int, *, threads: bool) -> list[Instruction]:
     for numbers in ALLOWED.values():
         if (number := numbers[column]) is not None:
             program += [(IF_EQUAL, 0, 1, number), *_answer(ALLOW)]
-    for name, block in _judgements(pid, threads=threads).items():
+    for name, block in _judgments(pid, threads=threads).items():
         number = JUDGED[name][column]
         assert number is not None
         program += [(IF_EQUAL, 0, len(block), number), *block]
@@ -206,7 +206,7 @@ def install(program: Iterable[Instruction]) -> None:
     prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, ctypes.byref(header))
 
 
-def _judgements(pid: int, *, threads: bool) -> Mapping[str, list[Instruction]]:
+def _judgments(pid: int, *, threads: bool) -> Mapping[str, list[Instruction]]:
     """Return what decides on each call that is judged by its arguments."""
     denied = _answer(ERRNO | errno.EPERM)
     thread = [*_low(0), *_allow_if(IF_ANY_BIT, (CLONE_THREAD,))] if threads else []

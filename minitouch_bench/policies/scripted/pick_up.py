@@ -26,7 +26,7 @@ CLOSING_STEPS = 4
 NUDGE = 0.02
 """A step without motion lasts one tick; one of 1 mm along the pads gives them time to close."""
 LIFT = 0.15
-"""Slow: some shapes reach only a few millimetres up between the pads."""
+"""Slow: some shapes reach only a few millimeters up between the pads."""
 
 
 class PickUpController(Controller):
