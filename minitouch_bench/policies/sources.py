@@ -199,7 +199,8 @@ def _parse_submission(path: Path, role: Role) -> PolicySource:
     folder = min(folders, key=lambda one: (len(one.parent.name), one.parent.name), default=None)
     if folder is None:
         raise PolicyLoadError(f"{path} is a submission without {role} checkpoints")
-    files = [file for file in folder.iterdir() if file.suffix in KIND_BY_SUFFIX]
+    with os_errors_as(PolicyLoadError, folder, "read"):
+        files = [file for file in folder.iterdir() if file.suffix in KIND_BY_SUFFIX]
     is_one_for_all = len(files) == 1 and files[0].stem not in TASK_NAMES
     source = _parse_file(files[0]) if is_one_for_all else _parse_directory(folder, role)
     return replace(source, name=path.resolve().name)
