@@ -9,6 +9,7 @@ import typer
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import EpisodeProgress, notes
 from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError
+from minitouch_bench.files import MAX_EPISODES
 
 INVALID = 1
 UNREADABLE = 6
@@ -26,12 +27,19 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
         bool, typer.Option("--replay", help="Replay the recorded actions of every episode.")
     ] = False,
     rerun: Annotated[
-        int, typer.Option(min=0, help="Run N drawn episodes of each run with the checkpoint, too.")
+        int,
+        typer.Option(
+            min=0,
+            max=MAX_EPISODES,
+            help="Run N drawn episodes of each run with the checkpoint, too.",
+        ),
     ] = 0,
     fresh_seeds: Annotated[
         int,
         typer.Option(
-            min=0, help="Run N new episodes per task, too, on seeds drawn now (50 is usual)."
+            min=0,
+            max=MAX_EPISODES,
+            help="Run N new episodes per task, too, on seeds drawn now (50 is usual).",
         ),
     ] = 0,
     draw: Annotated[
