@@ -68,7 +68,7 @@ class PhaseConfig:
 
     def __post_init__(self) -> None:
         _check_ranges(
-            self, steps=ANY, learning_rate=ABOVE_ZERO, temperature=(0, 1e9),
+            self, steps=ANY, learning_rate=(0, 1e9), temperature=(0, 1e9),
             initial_temperature=ABOVE_ZERO, target_entropy=ENTROPY, final_target_entropy=ENTROPY,
             entropy_steps=ANY, reward_scale=(-1e9, 1e9), n_step=POSITIVE, success_share=SHARE,
         )  # fmt: skip
@@ -125,7 +125,7 @@ class CuriosityConfig:
     from_previous: bool = False
 
     def __post_init__(self) -> None:
-        _check_ranges(self, learning_rate=ABOVE_ZERO, width=WIDTH)
+        _check_ranges(self, learning_rate=(0, 1e9), width=WIDTH)
         _check("haptics", self.haptics, HAPTICS)
 
 

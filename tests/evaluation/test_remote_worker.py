@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.cache import VARIABLE
-from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.errors import CheckpointChangedError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.remote_worker import EpisodeWorker, pack, this_machine, unpack
 from minitouch_bench.policies.sources import parse_source
@@ -80,7 +80,7 @@ def test_a_checkpoint_that_changed_meanwhile_is_not_sent(tmp_path, content):
         file.unlink()
     else:
         file.write_bytes(content)
-    with pytest.raises(PolicyLoadError, match=r"was changed since|does not exist"):
+    with pytest.raises(CheckpointChangedError, match=r"was changed since|does not exist"):
         pack(setup)
 
 
