@@ -16,7 +16,7 @@ def main() -> None:
     environment = MiniTouchEnv("pick-up", objects=shapes)
     outcomes: Counter[str] = Counter()
     for index, shape in enumerate(shapes.shapes):
-        spec = EpisodeSpec(Role.FINAL, "pick-up", index, index, shape.name)
+        spec = EpisodeSpec(Role.FINAL, "pick-up", index, index, 0, shape.name)
         outcomes[run_episode(environment, ScriptedActor(), spec).outcome.value] += 1
     environment.close()
     print(f"{len(shapes.shapes)} shapes of {shapes.name}: {dict(outcomes)}")

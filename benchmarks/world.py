@@ -1,22 +1,55 @@
 """What the world is like: contacts, forces, depths and pictures over resets and random episodes.
 
-``python -m benchmarks.world [EPISODES] [RESETS]``, 50 and 500 by default; a task per process.
+``python -m benchmarks.world [EPISODES] [RESETS] [TASK...]``: 50, 500 and every task by default,
+a task per process.
 """
 
 import multiprocessing
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.simulation.bullet import pybullet
+from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 FIRST_SEED = 6_000_000
 TABLE = 0
 FINGERS = (9, 10)
 DISCOVERED_RAD = np.radians(5.0)
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What the fingers felt in one episode of T control steps.
+
+    ``forces`` float32 (T, 6) in N, clipped, at the end of each step; ``touched`` bool (T,):
+    contact at any tick; ``both``: at some tick with both fingers.
+    """
+
+    forces: NDArray[np.float32]
+    touched: NDArray[np.bool_]
+    both: NDArray[np.bool_]
+
+
+def felt_in_words(episodes: Sequence[Felt]) -> str:
+    """Return what is compared with the release (docs/protocol.md)."""
+    touched = np.concatenate([one.touched for one in episodes])
+    size = np.linalg.norm(np.concatenate([one.forces for one in episodes]), axis=1)
+    first = [int(one.touched.argmax()) + 1 for one in episodes if one.touched.any()]
+    above = np.median(size[touched]) - np.median(size[~touched])
+    return (
+        f"steps with contact {touched.mean():.3f}, mean over episodes "
+        f"{np.mean([one.touched.mean() for one in episodes]):.3f}, episodes touched "
+        f"{len(first) / len(episodes):.2f} (first at step {np.median(first):.0f}), with both "
+        f"fingers {np.mean([one.both.sum() for one in episodes]):.2f} steps an episode, "
+        f"force in contact {above:.1f} N above free air, "
+        f"variance {np.mean([one.forces.var(axis=0).mean() for one in episodes]):.0f} N^2"
+    )
 
 
 @dataclass
@@ -28,8 +61,6 @@ class RandomPlay:
     clipped_steps: int = 0
     deepest: float = 0.0
     touch_ticks: int = 0
-    touch_steps: int = 0
-    steps: int = 0
     successes: int = 0
     discovered: int = 0
 
@@ -65,6 +96,7 @@ def look_at_resets(environment: MiniTouchEnv, count: int) -> str:
     few = np.mean(np.array(pixels) < PROTOCOL.observation.least_visible_pixels)
     return (
         f"{count} resets: below 15 pixels {few:.1%}, "
+        f"median {np.median(pixels):.0f}, least {min(pixels)}; "
         f"below 50 gray levels {np.mean(np.array(contrasts) < 50):.1%} "
         f"(median {np.median(contrasts):.0f}), deepest overlap {1000 * max(depths):.2f} mm"
     )
@@ -75,10 +107,19 @@ def play(environment: MiniTouchEnv, count: int) -> str:
     found, client = RandomPlay(), environment.client
     limit = environment.task.spec.force_limit
     step_client = client.step
+    episodes: list[Felt] = []
+    with_both: set[bool] = set()
 
     def step_and_look() -> None:
         step_client()
         found.ticks += 1
+        touching = {
+            contact.link_a
+            for contact in client.contacts(environment.arm.body, environment.task.target_body)
+            if contact.normal_force > 0 and contact.link_b in environment.task.target_links
+        }
+        if touching.issuperset(FINGERS):
+            with_both.add(True)
         found.table_ticks += any(
             contact.link_a >= 0 and contact.normal_force > 0
             for contact in client.contacts(environment.arm.body, TABLE)
@@ -88,14 +129,17 @@ def play(environment: MiniTouchEnv, count: int) -> str:
     for seed in range(FIRST_SEED, FIRST_SEED + count):
         environment.reset(seed=seed)
         rng, ended, angle = np.random.default_rng(seed), False, 0.0
+        forces, touched, both = [], [], []
         while not ended:
             action = rng.uniform(-1.0, 1.0, environment.action_space.shape).astype(np.float32)
             observation, _, terminated, truncated, info = environment.step(action)
             ended = terminated or truncated
-            found.steps += 1
-            found.clipped_steps += bool((np.abs(observation["touch"][5:]) >= limit).any())
+            forces.append(observation["touch"][FORCES])
+            touched.append(info["contact_ticks"] > 0)
+            both.append(bool(with_both))
+            with_both.clear()
+            found.clipped_steps += bool((np.abs(forces[-1]) >= limit).any())
             found.touch_ticks += int(info["contact_ticks"])
-            found.touch_steps += info["contact_ticks"] > 0
             angle = max(angle, float(info["object_state"][0]))
             for finger in FINGERS:
                 points = pybullet.getContactPoints(
@@ -105,6 +149,7 @@ def play(environment: MiniTouchEnv, count: int) -> str:
                     physicsClientId=client._id,
                 )
                 found.deepest = max(found.deepest, *(-point[8] for point in points), 0.0)
+        episodes.append(Felt(np.array(forces), np.array(touched), np.array(both)))
         found.successes += bool(info["success"])
         found.discovered += angle > DISCOVERED_RAD
     opening = environment.task.spec.name == "opening"
@@ -112,8 +157,8 @@ def play(environment: MiniTouchEnv, count: int) -> str:
         f"{count} random episodes: on the table {found.table_ticks / found.ticks:.2%} of ticks, "
         f"clipped force {found.clipped_steps / count:.1f} steps an episode, "
         f"deepest finger {1000 * found.deepest:.1f} mm, "
-        f"touch {found.touch_ticks / count:.0f} ticks "
-        f"({found.touch_steps / found.steps:.3f} of steps), success {found.successes / count:.3f}"
+        f"touch {found.touch_ticks / count:.0f} ticks, success {found.successes / count:.3f}, "
+        + felt_in_words(episodes)
         + (f", door beyond 5 degrees {found.discovered / count:.2f}" if opening else "")
     )
 
@@ -127,8 +172,9 @@ def look(task: str, episodes: int, resets: int) -> str:
 
 
 if __name__ == "__main__":
-    given = [int(text) for text in sys.argv[1:]]
+    given = [int(text) for text in sys.argv[1:] if text.isdigit()]
+    tasks = [text for text in sys.argv[1:] if not text.isdigit()] or TASK_NAMES
     episodes, resets = (*given, *(50, 500)[len(given) :])
     with multiprocessing.get_context("spawn").Pool(2) as pool:
-        for lines in pool.starmap(look, [(task, episodes, resets) for task in TASK_NAMES]):
+        for lines in pool.starmap(look, [(task, episodes, resets) for task in tasks]):
             print(lines, flush=True)

@@ -40,6 +40,7 @@ class Role(StrEnum):
 class EpisodeSpec:
     """One episode to run; it fixes everything but the policy.
 
+    ``seed`` makes the scene; ``policy_seed`` is what the policy is given, and does not tell it.
     ``shape`` names the object ("" where the task has none), ``family`` and ``split`` say
     what it is in its shape set ("" for a task's own cube).
     """
@@ -48,6 +49,7 @@ class EpisodeSpec:
     task: str
     index: int
     seed: int
+    policy_seed: int = 0
     shape: str = ""
     family: str = ""
     split: str = ""

@@ -22,7 +22,7 @@ from minitouch_bench.policies.policy import Observation, Policy, close_policy
 from minitouch_bench.policies.scripted import Controller, make_controller
 from minitouch_bench.policies.sources import PolicySource, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.protocol.seeds import policy_seed, senses_generator
+from minitouch_bench.protocol.seeds import senses_generator
 from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -38,7 +38,7 @@ class PolicyActor:
 
     def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
         """Load the policy again and reset it with its seed."""
-        self._policy.reset(policy_seed(spec.seed), spec.task)
+        self._policy.reset(spec.policy_seed, spec.task)
         if self._conditions.change_the_senses:
             self._senses = AlteredSenses(self._conditions, spec.seed)
 

@@ -76,7 +76,7 @@ class RunRequest:
         header = RunHeader(
             protocol=PROTOCOL.name,
             protocol_digest=PROTOCOL.digest(),
-            task_digests={task: PROTOCOL.task_digest(task) for task in self.tasks},
+            task_digests={task: PROTOCOL.task_digest(task, self.suite.name) for task in self.tasks},
             suite=self.suite.name,
             official=True,
             unofficial_because=(),

@@ -10,11 +10,10 @@ from msgspec import UNSET
 from minitouch_bench.errors import UsageError
 from minitouch_bench.policies.limits import USUAL_LIMITS
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
-from minitouch_bench.protocol.seeds import episode_seed, suite_generator
-from minitouch_bench.protocol.spec import SuiteSpec
+from minitouch_bench.protocol.seeds import episode_seed, policy_seed, suite_generator
+from minitouch_bench.protocol.spec import CUBE, SuiteSpec
 from minitouch_bench.records import IN_MEMORY, EpisodeSpec, Role, RunHeader
 from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
-from minitouch_bench.tasks.objects import CUBE
 
 NAMED = 6
 """Chosen episodes that a label names; the rest are counted."""
@@ -31,7 +30,7 @@ class Suite(SuiteSpec):
         """
         wanted = frozenset(chosen)
         final = tuple(
-            self.assign_object(EpisodeSpec(Role.FINAL, task, index, self._seed_of(task, index)))
+            self.assign_object(self._spec(task, index))
             for task in self.tasks
             for index in range(self.episodes_per_task)
             if not wanted or f"{task}/{index}" in wanted
@@ -42,8 +41,9 @@ class Suite(SuiteSpec):
             replace(spec, role=Role.EXPLORATION) for spec in final if spec.task in GOAL_TASKS
         )
 
-    def _seed_of(self, task: str, index: int) -> int:
-        return episode_seed(self.name, task, index, self.seed)
+    def _spec(self, task: str, index: int) -> EpisodeSpec:
+        words = (self.name, task, index, self.seed)
+        return EpisodeSpec(Role.FINAL, task, index, episode_seed(*words), policy_seed(*words))
 
     def assign_object(self, spec: EpisodeSpec) -> EpisodeSpec:
         """Return the episode with its object filled in.

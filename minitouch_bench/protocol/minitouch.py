@@ -5,7 +5,6 @@ fact behind every R and the reason of every D.
 """
 
 import math
-from importlib.metadata import version
 
 from minitouch_bench.protocol.spec import (
     ControlSpec,
@@ -17,8 +16,9 @@ from minitouch_bench.protocol.tasks import SUITES, TASKS
 
 PROTOCOL = ProtocolSpec(
     name="minitouch-v1",
+    seeds=2,
     physics=PhysicsSpec(
-        simulator=f"pybullet {version('pybullet')}",
+        simulator="pybullet 3.2.7",  # D
         tick_rate=240,  # R
         gravity=-9.8,  # R
         table_top=-0.025,  # R

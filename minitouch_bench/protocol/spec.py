@@ -18,6 +18,9 @@ from minitouch_bench.errors import UsageError
 
 Rgba = tuple[float, float, float, float]
 
+CUBE = "cube"
+"""What ``default_objects`` calls a task's own cube."""
+
 UNDIGESTED: Mapping[str, Any] = {"undigested": True}
 
 
@@ -174,7 +177,7 @@ class TaskSpec:
     camera: CameraSpec
     arm: ArmSpec
     force_limit: float = 50.0
-    default_objects: str = "cube"
+    default_objects: str = CUBE
     object_can_leave: bool = False
     """Whether an episode ends when the object leaves the workspace in x, y."""
     shadows: bool = True
@@ -223,9 +226,14 @@ Named = TypeVar("Named", TaskSpec, SuiteSpec)
 
 @dataclass(frozen=True)
 class ProtocolSpec:
-    """The whole protocol. ``shapes`` is the digest of the canonical shape set."""
+    """The whole protocol.
+
+    ``seeds`` is raised when ``protocol.seeds`` gives other numbers. ``shapes`` is the digest of
+    the canonical shape set.
+    """
 
     name: str
+    seeds: int
     physics: PhysicsSpec
     control: ControlSpec
     observation: ObservationSpec
@@ -250,23 +258,35 @@ class ProtocolSpec:
         return _named(name, "suite", self.suites)
 
     @cache  # noqa: B019  a protocol is a value that lives as long as the program
-    def task_digest(self, name: str) -> str:
-        """Return the SHA-256 over all that an episode of one task depends on."""
+    def task_digest(self, name: str, suite: str) -> str:
+        """Return the SHA-256 over all that an episode of one task in a suite depends on.
+
+        That is the shape set only where the objects are taken from it.
+        """
         shared = {
             "protocol": self.name,
+            "seeds": self.seeds,
             "physics": document(self.physics),
             "control": document(self.control),
             "observation": document(self.observation),
         }
         task = self.task(name)
-        shapes = self.shapes if task.default_objects else ""
+        own_object = task.default_objects in ("", CUBE) and not self.suite(suite).novel_shapes
+        shapes = "" if own_object else self.shapes
         return _sha({**shared, "task": document(task), "shapes": shapes})
 
     @cache  # noqa: B019
     def digest(self) -> str:
-        """Return the SHA-256 over the digests of all tasks and the suites."""
-        tasks = {task.name: self.task_digest(task.name) for task in self.tasks}
-        return _sha({"tasks": tasks, "suites": [document(suite) for suite in self.suites]})
+        """Return the SHA-256 over the suites and the digests of their tasks."""
+        return _sha(
+            [
+                {
+                    "suite": document(suite),
+                    "tasks": [self.task_digest(t, suite.name) for t in suite.tasks],
+                }
+                for suite in self.suites
+            ]
+        )
 
 
 def _named(name: str, kind: str, known: Sequence[Named]) -> Named:

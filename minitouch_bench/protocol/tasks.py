@@ -51,8 +51,6 @@ class TabletopSpec(TaskSpec):
     margin: float = 0.05
     clearance: float = 0.07
     settle_ticks: int = 30
-    stands: float = 0.026
-    """A shape lies in its likeliest pose that is this high (m), else in its highest."""
 
 
 @dataclass(frozen=True, kw_only=True)

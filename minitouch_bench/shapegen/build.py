@@ -9,7 +9,7 @@ import numpy as np
 
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.shapegen.families import FAMILIES
-from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments, widest_side
+from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments
 from minitouch_bench.shapegen.poses import RestPose
 from minitouch_bench.shapegen.record import (
     Body,
@@ -27,7 +27,7 @@ from minitouch_bench.shapegen.soundness import (
     UnsoundError,
     check_mesh,
     examine,
-    statically_sound,
+    grip_scale,
 )
 
 
@@ -45,7 +45,7 @@ class DecompositionConfig:
     max_hulls: int = 16
     max_hull_vertices: int = 64
     resolution: int = 1000
-    longest_edge: float = 0.015
+    longest_edge: float = 0.02
     seed: int = 0
 
 
@@ -53,15 +53,15 @@ class DecompositionConfig:
 class BuildConfig:
     """How shapes are drawn; lengths in m, density in kg/m³.
 
-    ``density`` runs from foam and balsa to steel. ``widest``: the largest width a shape is
-    given in any direction of a plane of two of its axes, which leaves the open fingers (80 mm)
-    room on both sides.
+    ``sides``: the sides of a shape's box along its axes, before it has its size. ``width``: how
+    wide it is then, in the pose in which the tasks lay it down, over all yaws. ``density`` runs
+    from aluminum to lead.
     """
 
     faces: int = 400
-    shortest_longest_side: float = 0.041
-    widest: float = 0.063
-    density: tuple[float, float] = (400.0, 8000.0)
+    sides: tuple[float, float] = (0.9, 1.25)
+    width: tuple[float, float] = (0.070, 0.0755)
+    density: tuple[float, float] = (2700.0, 11340.0)
     attempts: int = 400
     decomposition: DecompositionConfig = field(default_factory=DecompositionConfig)
     soundness: SoundnessConfig = field(default_factory=SoundnessConfig)
@@ -145,24 +145,19 @@ def sized(solid: Solid, rng: np.random.Generator, config: BuildConfig) -> Mesh:
     """Simplify a drawn solid, bring it into its body frame and give it a random size.
 
     Raises:
-        UnsoundError: it is no single closed body, or no size fits both hand and bounds.
+        UnsoundError: it is not a single closed body, or no size fits both hand and bounds.
     """
     mesh = simplified(to_mesh(solid), config.faces)
     check = to_solid(mesh)
     if check.is_empty() or check.volume() <= 0.0:
         raise UnsoundError(Reason.NOT_CLOSED)
     mesh = in_body_frame(mesh)
-    longest = float(mesh.extents.max())
-    largest = min(config.widest / widest_side(mesh) * longest, config.soundness.longest_side[1])
-    if largest < config.shortest_longest_side:
-        raise UnsoundError(Reason.TOO_WIDE)
-    # Drawn from the upper half more often: small things are quickly too thin or too flat.
-    share = float(np.sqrt(rng.random()))
-    side = config.shortest_longest_side + share * (largest - config.shortest_longest_side)
-    mesh = Mesh(quantized(mesh.vertices * (side / longest)), mesh.faces)
+    # Solid parts as long as wide: what is flat or thin is hardly felt by a hand above it.
+    sides = np.sort(rng.uniform(*config.sides, size=3))[::-1]
+    mesh = in_body_frame(Mesh(mesh.vertices * (sides / mesh.extents), mesh.faces))
+    factor = grip_scale(mesh, rng.uniform(*config.width), config.soundness)
+    mesh = Mesh(quantized(mesh.vertices * factor), mesh.faces)
     check_mesh(mesh, config.soundness)
-    # The hulls' stable poses are nearly the mesh's: this refuses most flat ones before CoACD.
-    list(statically_sound(hull_of(mesh.vertices), config.soundness))
     return mesh
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.shapegen.mesh import Points
 from minitouch_bench.shapegen.poses import Quaternion, RestPose, product, rotation_matrix, yaw
 from minitouch_bench.shapegen.record import Body, body_files
@@ -62,7 +63,7 @@ _GRIPPER = """<?xml version="1.0"?>
 </robot>
 """
 _FINGER = """<link name="{name}">
-    <contact><friction_anchor/><stiffness value="30000.0"/><damping value="1000.0"/>
+    <contact><friction_anchor/><stiffness value="{stiffness}"/><damping value="{damping}"/>
       <spinning_friction value="0.1"/><lateral_friction value="1.0"/></contact>
     <inertial><mass value="0.1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>
     </inertial>
@@ -181,7 +182,14 @@ class GripRig:
         self._gripper = folder / "gripper.urdf"
         mesh = stock_panda().parent / "meshes/collision/finger.obj"
         fingers = "".join(
-            _FINGER.format(name=name, turn=turn, side=side, mesh=mesh)
+            _FINGER.format(
+                name=name,
+                turn=turn,
+                side=side,
+                mesh=mesh,
+                stiffness=PROTOCOL.physics.finger_stiffness,
+                damping=PROTOCOL.physics.finger_damping,
+            )
             for name, turn, side in (("left", 0.0, 1), ("right", np.pi, -1))
         )
         self._gripper.write_text(_GRIPPER.format(fingers=fingers))

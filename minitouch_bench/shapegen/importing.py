@@ -17,15 +17,17 @@ from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import BuildConfig, entry_of, weighed
 from minitouch_bench.shapegen.generate import Progress, write_set
 from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
-from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments, widest_side
+from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments
 from minitouch_bench.shapegen.reading import UnreadableError, find_objects, read_object
 from minitouch_bench.shapegen.record import encode, quantized
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
+    Reason,
     UnsoundError,
     check_mesh,
     examine,
-    statically_sound,
+    grip_scale,
+    stable_poses,
 )
 
 FAMILY = "imported"
@@ -38,7 +40,8 @@ class ImportConfig:
     """How objects become shapes.
 
     ``scale`` turns the files' units into m. ``fit`` then shrinks or grows each object into the
-    size the Panda can grip. ``density`` in kg/m³, moved to the nearest that gives 50-500 g.
+    size the Panda can grip. ``density`` in kg/m³, moved to the nearest at which the
+    mass is within the bounds of a shape.
     """
 
     scale: float = 1.0
@@ -113,14 +116,18 @@ def repaired(mesh: Mesh, config: ImportConfig) -> Mesh:
 
     Raises:
         UnreadableError: it holds no solid that can be repaired.
+        UnsoundError: at no size can the Panda grip it.
     """
+    build = BuildConfig()
     if not np.isfinite(mesh.vertices).all():
         raise UnreadableError("a vertex, mass or moment is not a finite number")
     solid = _solid_of(mesh)
     if solid.is_empty() or solid.volume() <= 0.0:
         raise UnreadableError("not a closed 2-manifold, and no repair made it one")
-    moved = in_body_frame(_simplified_solid(solid, BuildConfig().faces))
-    factor = _fitting(moved) if config.fit else config.scale
+    moved = in_body_frame(_simplified_solid(solid, build.faces))
+    factor = config.scale
+    if config.fit:
+        factor = grip_scale(moved, build.width[1], build.soundness)
     try:
         mesh = Mesh(quantized(moved.vertices * factor), moved.faces)
         # Slivers may have lost their area to the grid; the way through a solid drops them.
@@ -128,7 +135,7 @@ def repaired(mesh: Mesh, config: ImportConfig) -> Mesh:
         return Mesh(quantized(cleaned.vertices), cleaned.faces)
     except ValueError:
         longest = float(moved.extents.max()) * factor * 1000.0
-        raise UnreadableError(f"longest side outside 40-70 mm ({longest:.1f} mm)") from None
+        raise UnreadableError(f"{Reason.SIZE} ({longest:.1f} mm)") from None
 
 
 def _simplified_solid(solid: Solid, faces: int) -> Mesh:
@@ -190,13 +197,6 @@ def _swollen(parts: list[Solid]) -> list[Solid]:
     return grown
 
 
-def _fitting(mesh: Mesh) -> float:
-    """Return the factor that gives the largest size the hand can grip."""
-    config = BuildConfig()
-    largest = config.soundness.longest_side[1] - 0.001
-    return min(config.widest / widest_side(mesh), largest / float(mesh.extents.max()))
-
-
 def _proven(mesh: Mesh, config: ImportConfig) -> tuple[dict[str, Any], bytes]:
     """Return entry and record of a mesh that passes every criterion.
 
@@ -205,7 +205,7 @@ def _proven(mesh: Mesh, config: ImportConfig) -> tuple[dict[str, Any], bytes]:
     """
     build = BuildConfig()
     check_mesh(mesh, build.soundness)
-    list(statically_sound(hull_of(mesh.vertices), build.soundness))
+    stable_poses(hull_of(mesh.vertices), build.soundness)
     volume = solid_moments(mesh).volume
     low, high = (mass / volume for mass in build.soundness.mass)
     density = float(np.clip(config.density, low * 1.0001, high * 0.9999))

@@ -41,7 +41,8 @@ GROUP = 5
 class Shape:
     """One object of a set. ``mass`` in kg, ``extents`` (its sides along its own axes) in m.
 
-    ``poses``: the ways it lies on a table, likeliest first; the height is that of the center
+    ``poses``: the ways it lies on a table: the one in which the tasks lay it down, then the
+    others, likeliest first; the height is that of the center
     of mass, which is the origin of its frame. ``digest`` is the SHA-256 of its record,
     ``files_sha256`` that of its meshes and URDF.
     ``entry`` is everything the manifest says about it.

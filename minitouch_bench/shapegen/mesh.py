@@ -196,9 +196,3 @@ def widest_across(points: Points) -> float:
     angles = np.pi * np.arange(180) / 180.0
     along = points @ np.stack([np.cos(angles), np.sin(angles)])
     return float(np.ptp(along, axis=0).max())
-
-
-def widest_side(mesh: Mesh) -> float:
-    """Return the largest width in m over all directions in the planes of two axes."""
-    planes = ((0, 1), (0, 2), (1, 2))
-    return max(widest_across(mesh.vertices[:, plane]) for plane in planes)

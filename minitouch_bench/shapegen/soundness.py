@@ -3,7 +3,7 @@
 All criteria are computed, never timed, so that a slow machine makes the same shapes.
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -28,9 +28,6 @@ from minitouch_bench.shapegen.solids import (
     union_of,
 )
 
-GOLDEN = 0.618034
-"""Shift of the yaws from one pose to the next: any number of poses fills the circle evenly."""
-
 
 class Reason(StrEnum):
     """Why a shape is refused."""
@@ -40,9 +37,9 @@ class Reason(StrEnum):
     SEVERAL_BODIES = "more than one body"
     GENUS = "too many handles through it"
     THIN_WALL = "a wall is too thin"
-    SIZE = "longest side outside 40-70 mm"
+    SIZE = "too long or too short"
     FACES = "too many faces"
-    MASS = "mass outside 50-500 g"
+    MASS = "too light or too heavy"
     INERTIA = "moments of inertia no body can have"
     HULLS = "too many hulls or hull vertices"
     MISFIT = "hulls differ from the mesh by too large a volume"
@@ -50,17 +47,23 @@ class Reason(StrEnum):
     FEW_POSES = "fewer than two stable poses"
     RESTLESS = "jitters at rest"
     SINKS = "sinks into the table or floats above it"
-    TOO_FLAT = "too low to grip in a stable pose"
-    TOO_WIDE = "wider than 70 mm across the fingers at some yaw"
+    TOO_FLAT = "too low in every stable pose"
+    TOO_WIDE = "too wide for the fingers where it is high enough"
     SLIPS = "cannot be lifted by two fingers"
 
 
 @dataclass(frozen=True)
 class SoundnessConfig:
-    """Limits; lengths in m, masses in kg, speeds in m/s and rad/s, angles in rad."""
+    """Limits; lengths in m, masses in kg, speeds in m/s and rad/s, angles in rad.
 
-    longest_side: tuple[float, float] = (0.040, 0.070)
-    mass: tuple[float, float] = (0.050, 0.500)
+    ``least_height`` and ``widest`` hold for the pose in which the tasks lay a shape down: high
+    enough that a hand which moves at random meets it, and at no yaw wider than the open fingers
+    (80 mm) with room to spare. ``margin`` is what PyBullet adds on each side. ``slips``: share
+    of the ``yaws`` at which the fingers may fail to lift it.
+    """
+
+    longest_side: tuple[float, float] = (0.050, 0.095)
+    mass: tuple[float, float] = (1.2, 3.5)
     max_faces: int = 440
     max_genus: int = 4
     least_wall: float = 0.0022
@@ -72,13 +75,12 @@ class SoundnessConfig:
     speed: float = 0.005
     spin: float = 0.15
     gap: tuple[float, float] = (-0.0005, 0.0025)
-    least_height: float = 0.016
-    widest: float = 0.070
+    least_height: float = 0.055
+    widest: float = 0.078
     margin: float = 0.001
-    yaws: int = 3
-    trial_poses: int = 5
+    yaws: int = 8
     least_share: float = 0.05
-    slips: float = 0.12
+    slips: float = 0.125
 
 
 class UnsoundError(Exception):
@@ -94,7 +96,8 @@ class UnsoundError(Exception):
 class Measures:
     """What was measured on a sound shape: SI units, ``misfit`` and ``convexity`` as shares.
 
-    ``lifted`` is the share of grip trials, weighted by pose, in which the shape came up.
+    ``lifted`` is the share of grip trials in which the shape came up. ``poses``: the one in
+    which the tasks lay it down, then the others, likeliest first.
     """
 
     volume: float
@@ -125,7 +128,8 @@ def check_mesh(mesh: Mesh, config: SoundnessConfig) -> tuple[int, float]:
     low, high = config.longest_side
     longest = float(mesh.extents.max())
     if not low <= longest <= high:
-        raise UnsoundError(Reason.SIZE, f"{longest * 1000:.1f} mm")
+        bounds = f"{low * 1000:.0f} to {high * 1000:.0f} mm"
+        raise UnsoundError(Reason.SIZE, f"{longest * 1000:.1f} mm, not {bounds}")
     genus = int(solid.genus())
     if genus > config.max_genus:
         raise UnsoundError(Reason.GENUS, str(genus))
@@ -172,8 +176,9 @@ def check_numbers(body: Body, config: SoundnessConfig) -> None:
     numbers = np.array([body.mass, *body.inertia])
     if not np.isfinite(numbers).all():
         raise UnsoundError(Reason.NOT_FINITE, "mass or inertia")
-    if not config.mass[0] <= body.mass <= config.mass[1]:
-        raise UnsoundError(Reason.MASS, f"{body.mass * 1000:.1f} g")
+    low, high = config.mass
+    if not low <= body.mass <= high:
+        raise UnsoundError(Reason.MASS, f"{body.mass:.3f} kg, not {low} to {high} kg")
     moments = np.sort(numbers[1:])
     if moments[0] <= 0.0 or moments[2] > moments[0] + moments[1]:
         raise UnsoundError(Reason.INERTIA)
@@ -189,33 +194,74 @@ def examine(body: Body, config: SoundnessConfig) -> Measures:
     genus, wall = check_mesh(body.visual, config)
     misfit, outside = check_hulls(body, config)
     hull = hull_of(np.concatenate([part.vertices for part in body.hulls]))
-    poses = tuple(statically_sound(hull, config))
     with open_rig(body) as rig:
-        poses = with_shares(hull, settled_poses(rig, poses, config))
-        lifted = lifted_share(rig, poses, surface_points(body.visual, 0.003), config)
+        held = with_shares(hull, settled_poses(rig, stable_poses(hull, config), config))
+        laid = held[laid_pose(hull, held, config)]
+        lifted = lifted_share(rig, laid, surface_points(body.visual, 0.003), config)
+    poses = (laid, *(pose for pose in held if pose is not laid))
     volume = float(to_solid(body.visual).volume())
     convexity = volume / float(to_solid(hull_of(body.visual.vertices)).volume())
     return Measures(volume, convexity, genus, wall, misfit, outside, lifted, poses)
 
 
-def statically_sound(hull: Mesh, config: SoundnessConfig) -> Iterator[RestPose]:
-    """Yield the stable poses of a hull, all of them low and wide enough for the fingers.
+def stable_poses(hull: Mesh, config: SoundnessConfig) -> tuple[RestPose, ...]:
+    """Return the stable poses of a hull by statics, likeliest first.
 
     Raises:
-        UnsoundError: there are fewer than two, or one is too flat or too wide.
+        UnsoundError: there are fewer than two, or the tasks can lay it down in none of them.
     """
     poses = rest_poses(hull, config.least_share)
     if len(poses) < 2:
         raise UnsoundError(Reason.FEW_POSES)
+    laid_pose(hull, poses, config)
+    return poses
+
+
+def laid_pose(hull: Mesh, poses: Sequence[RestPose], config: SoundnessConfig) -> int:
+    """Return which of a hull's poses the tasks lay it down in.
+
+    That is the first, so the likeliest, which is high enough and narrow enough at every yaw.
+
+    Raises:
+        UnsoundError: there is none.
+    """
+    boxes = [height_and_width(hull, pose) for pose in poses]
+    high = [index for index, (height, _) in enumerate(boxes) if height >= config.least_height]
+    if not high:
+        highest = max(height for height, _ in boxes)
+        limit = f"{config.least_height * 1000:.0f} mm"
+        raise UnsoundError(Reason.TOO_FLAT, f"{highest * 1000:.1f} mm, not {limit}")
+    for index in high:
+        if boxes[index][1] + 2.0 * config.margin <= config.widest:
+            return index
+    narrowest = min(boxes[index][1] for index in high) + 2.0 * config.margin
+    limit = f"{config.widest * 1000:.0f} mm"
+    raise UnsoundError(Reason.TOO_WIDE, f"{narrowest * 1000:.1f} mm, not {limit}")
+
+
+def height_and_width(mesh: Mesh, pose: RestPose) -> tuple[float, float]:
+    """Return the height of a mesh in a pose and its largest width over all yaws, in m."""
+    placed = mesh.vertices @ pose.rotation.T
+    return float(np.ptp(placed[:, 2])), widest_across(placed[:, :2])
+
+
+def grip_scale(mesh: Mesh, width: float, config: SoundnessConfig) -> float:
+    """Return the factor at which a mesh is ``width`` (m) wide in the pose the tasks lay it in.
+
+    Raises:
+        UnsoundError: at no factor is it high enough in a stable pose, and not too long.
+    """
+    hull = hull_of(mesh.vertices)
+    poses = rest_poses(hull, config.least_share)
+    if not poses:
+        raise UnsoundError(Reason.FEW_POSES)
+    longest = float(mesh.extents.max())
     for pose in poses:
-        placed = hull.vertices @ pose.rotation.T
-        height = float(np.ptp(placed[:, 2]))
-        if height < config.least_height:
-            raise UnsoundError(Reason.TOO_FLAT, f"{height * 1000:.1f} mm")
-        width = widest_across(placed[:, :2]) + 2.0 * config.margin
-        if width > config.widest:
-            raise UnsoundError(Reason.TOO_WIDE, f"{width * 1000:.1f} mm")
-        yield pose
+        height, across = height_and_width(hull, pose)
+        factor = width / across
+        if height * factor >= config.least_height and longest * factor <= config.longest_side[1]:
+            return factor
+    raise UnsoundError(Reason.TOO_FLAT)
 
 
 def settled_poses(
@@ -258,24 +304,15 @@ def with_shares(hull: Mesh, held: tuple[RestPose, ...]) -> tuple[RestPose, ...]:
     return tuple(RestPose(held[i].quaternion, held[i].height, float(shares[i])) for i in order)
 
 
-def lifted_share(
-    rig: GripRig, poses: tuple[RestPose, ...], surface: Points, config: SoundnessConfig
-) -> float:
-    """Return the share of grip trials that lift the body, weighted by pose.
-
-    The likeliest poses are tried at evenly spaced yaws, in each pose at other ones.
+def lifted_share(rig: GripRig, pose: RestPose, surface: Points, config: SoundnessConfig) -> float:
+    """Return the share of evenly spaced yaws at which two fingers lift the body from a pose.
 
     Raises:
         UnsoundError: too many fail.
     """
-    failed = 0.0
-    tried = poses[: config.trial_poses]
-    total = sum(pose.probability for pose in tried)
-    for number, pose in enumerate(tried):
-        for step in range(config.yaws):
-            angle = np.pi * (step + number * GOLDEN) / config.yaws
-            if not rig.lift(pose, angle, surface):
-                failed += pose.probability / total / config.yaws
-                if failed > config.slips:
-                    raise UnsoundError(Reason.SLIPS)
-    return 1.0 - failed
+    failed = 0
+    for step in range(config.yaws):
+        failed += not rig.lift(pose, np.pi * step / config.yaws, surface)
+        if failed > config.slips * config.yaws:
+            raise UnsoundError(Reason.SLIPS)
+    return 1.0 - failed / config.yaws

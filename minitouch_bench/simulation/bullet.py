@@ -2,12 +2,16 @@
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec, Rgba
 
 
@@ -25,6 +29,30 @@ def _import_pybullet() -> Any:
 
 
 pybullet: Any = _import_pybullet()
+
+BUILDS = {"pybullet": "3.2.7", "pybullet-arm64": "3.2.8"}
+"""Distributions of the protocol's simulator: the golden episodes are the same bits with both."""
+
+
+def _check_build() -> None:
+    """Refuse a simulator that is not the protocol's: its episodes would be others.
+
+    Raises:
+        UsageError: so it is.
+    """
+    installed = {}
+    for name in BUILDS:
+        with suppress(PackageNotFoundError):
+            installed[name] = version(name)
+    if not installed.items() & BUILDS.items():
+        here = " and ".join(f"{name} {number}" for name, number in installed.items())
+        raise UsageError(
+            f"the protocol's simulator is {PROTOCOL.physics.simulator}, installed is "
+            f"{here or 'another'}: pip install pybullet=={BUILDS['pybullet']}"
+        )
+
+
+_check_build()
 
 Vector = Sequence[float]
 Part = tuple[int, int]

@@ -10,18 +10,17 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.spec import CUBE
 from minitouch_bench.protocol.tasks import CubeSpec
 from minitouch_bench.shapegen.manifest import Shape, ShapeSet, canonical_shape_set
 from minitouch_bench.shapegen.mesh import Mesh
-from minitouch_bench.shapegen.poses import Quaternion, product, rotation_matrix
+from minitouch_bench.shapegen.poses import Quaternion, product
 from minitouch_bench.simulation.bodies import cube_urdf
 from minitouch_bench.simulation.client import PhysicsClient
 
 Objects = str | Sequence[str] | Sequence[Shape] | ShapeSet
 """What an environment's objects can be named by."""
 
-CUBE = "cube"
-"""The name of a task's own cube."""
 ALL = "all"
 """The name of every shape of the canonical set."""
 
@@ -119,15 +118,8 @@ def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:
     return tuple(one if isinstance(one, Shape) else canonical.by_name(one) for one in chosen)
 
 
-def shape_model(shape: Shape, stands: float) -> ObjectModel:
-    """Return a shape as an object.
-
-    It lies in its likeliest pose that is ``stands`` (m) high, else in its highest: the pads,
-    kept 17 mm above the table, must have enough to hold.
-    """
-    body = shape.body()
+def shape_model(shape: Shape) -> ObjectModel:
+    """Return a shape as an object, lying as the first of its poses says."""
+    body, pose = shape.body(), shape.poses[0]
     corners = np.concatenate([hull.vertices for hull in body.hulls])
-    heights = [float(np.ptp(corners @ rotation_matrix(p.quaternion)[2])) for p in shape.poses]
-    high = [index for index, height in enumerate(heights) if height >= stands]
-    pose = shape.poses[high[0] if high else int(np.argmax(heights))]
     return ObjectModel(shape.name, shape.urdf, pose.quaternion, pose.height, body.visual, corners)

@@ -1,10 +1,10 @@
 """The one table of tasks, and what their objects can be named by."""
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.spec import CUBE
 from minitouch_bench.protocol.tasks import TabletopSpec
 from minitouch_bench.shapegen.manifest import ShapeSet, canonical_shape_set
 from minitouch_bench.tasks.objects import (
-    CUBE,
     ObjectModel,
     ObjectPool,
     Objects,
@@ -46,7 +46,6 @@ def object_pool(task: Task, objects: Objects | None) -> ObjectPool | None:
         if chosen:
             raise UsageError(f"{task.spec.name} has no object to choose")
         return None
-    stands = task.spec.stands
     listed = () if chosen == CUBE else choose_shapes(chosen)
     known = {shape.name: shape for shape in listed}
     others = chosen if isinstance(chosen, ShapeSet) else None
@@ -55,6 +54,6 @@ def object_pool(task: Task, objects: Objects | None) -> ObjectPool | None:
         if name == CUBE:
             return own
         shape = known.get(name) or (others or canonical_shape_set()).by_name(name)
-        return shape_model(shape, stands)
+        return shape_model(shape)
 
     return ObjectPool(tuple(known) or (CUBE,), load)

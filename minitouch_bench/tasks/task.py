@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.protocol.spec import TaskSpec, Workspace
+from minitouch_bench.protocol.spec import CUBE, TaskSpec, Workspace
 from minitouch_bench.protocol.tasks import TabletopSpec
 from minitouch_bench.records import Outcome
 from minitouch_bench.simulation.bullet import Part
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import PandaArm
-from minitouch_bench.tasks.objects import CUBE, ObjectModel, cube_model
+from minitouch_bench.tasks.objects import ObjectModel, cube_model
 
 START_XY = (0.700, -0.029)
 """Where the end effector of ``POINTING_DOWN`` starts (m), at a height of 0.039 m."""

@@ -24,12 +24,11 @@ def new_draw() -> str:
 
 
 def fresh_seed(checkpoint: str, draw: str) -> int:
-    """Return the seed of a run's fresh episodes, 0 to 2^63 - 1, for ``evaluate --seed``.
+    """Return the seed of a run's fresh episodes, 0 to 2^256 - 1, for ``evaluate --seed``.
 
     SHA-256 over the checkpoint's own SHA-256, as in the run, and the draw.
     """
-    content = f"{checkpoint} {draw}".encode()
-    return int.from_bytes(hashlib.sha256(content).digest()[:8], "big") >> 1
+    return int.from_bytes(hashlib.sha256(f"{checkpoint} {draw}".encode()).digest(), "big")
 
 
 @dataclass(frozen=True)

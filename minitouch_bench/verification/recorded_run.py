@@ -103,11 +103,12 @@ def _episodes_of(
 
 def _protocol(header: RunHeader) -> Iterator[Problem]:
     """Hold the digest of each task against this installation's."""
-    other = [
-        task for task in header.tasks if header.task_digests.get(task) != PROTOCOL.task_digest(task)
-    ]
+    if header.suite not in SUITES:
+        return  # which _settings says
+    rules = {task: PROTOCOL.task_digest(task, header.suite) for task in header.tasks}
+    other = [task for task, own in rules.items() if header.task_digests.get(task) != own]
     if other:
-        recorded, own = header.task_digests.get(other[0], ""), PROTOCOL.task_digest(other[0])
+        recorded, own = header.task_digests.get(other[0], ""), rules[other[0]]
         yield Problem(
             "protocol",
             f"the rules of {', '.join(other)} are not this installation's ({other[0]}: "

@@ -139,7 +139,9 @@ def _playable(baseline: SavedRun, callbacks: Callbacks) -> tuple[SavedRun, tuple
     header = baseline.header
     suite_tasks = choose_tasks(header.tasks, find_suite(header.suite))
     tasks = tuple(
-        task for task in suite_tasks if PROTOCOL.task_digest(task) == header.task_digests.get(task)
+        task
+        for task in suite_tasks
+        if PROTOCOL.task_digest(task, header.suite) == header.task_digests.get(task)
     )
     left_out = tuple(task for task in suite_tasks if task not in tasks)
     if not tasks:

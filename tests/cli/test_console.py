@@ -9,7 +9,7 @@ from minitouch_bench.cli.console import EpisodeProgress
 from minitouch_bench.records import EpisodeSpec, Role
 from tests.reporting.synthetic import make_record
 
-SPEC = EpisodeSpec(Role.FINAL, "pushing", 0, 1, "cube")
+SPEC = EpisodeSpec(Role.FINAL, "pushing", 0, 1, 0, "cube")
 
 
 def test_without_a_terminal_there_is_one_line_per_minute():

@@ -11,7 +11,6 @@ from minitouch_bench.evaluation.run import open_run
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.limits import limits_of
-from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import Outcome, Role
 from tests.evaluation.runs import digests, request, run
 
@@ -143,7 +142,7 @@ def test_ten_faults_are_a_whole_run_and_nine_are_no_reason(tmp_path, importable,
     wanted = request("misbehaved:Hopeless", ("opening",), 10)
     assert len(run(wanted, tmp_path / "whole").records) == 10
     wanted = request("misbehaved:Hopeless", ("opening",), 11, isolation=Isolation.PROCESS)
-    monkeypatch.setenv("FINE", str(policy_seed(wanted.specs()[3].seed)))
+    monkeypatch.setenv("FINE", str(wanted.specs()[3].policy_seed))
     monkeypatch.setattr("minitouch_bench.evaluation.run.HOPELESS_AFTER", 4)
     assert len(run(wanted, tmp_path / "fine").records) == 11
 

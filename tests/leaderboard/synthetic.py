@@ -73,7 +73,7 @@ def official_run(
     header = RunHeader(
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
-        task_digests={task: PROTOCOL.task_digest(task) for task in SUITES[suite].tasks},
+        task_digests={task: PROTOCOL.task_digest(task, suite) for task in SUITES[suite].tasks},
         suite=suite,
         official=True,
         unofficial_because=(),

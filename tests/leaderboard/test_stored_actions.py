@@ -18,7 +18,6 @@ from minitouch_bench.leaderboard.submission import (
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import Role
 from minitouch_bench.reporting.run_directory import write_run
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -54,9 +53,9 @@ class Table(torch.nn.Module):
         return action[None]
 
 
-def drawn(seed):
-    """Return the first number of torch's generator in the episode with this seed."""
-    return torch.rand(1, 1, 1, generator=torch.Generator().manual_seed(policy_seed(seed)))
+def drawn(spec):
+    """Return the first number of torch's generator in an episode."""
+    return torch.rand(1, 1, 1, generator=torch.Generator().manual_seed(spec.policy_seed))
 
 
 @pytest.fixture(scope="module", params=["image", "seed"])
@@ -67,9 +66,9 @@ def verdict(tmp_path_factory, request):
     (directory / CHECKPOINT).parent.mkdir(parents=True)
     solved = run(wanted_run("scripted", ("pushing",), OFFICIAL), directory.parent / "solved")
     environment = MiniTouchEnv("pushing")
-    seeds = [record.spec.seed for record in solved.records]
-    images = [torch.from_numpy(environment.reset(seed=seed)[0]["image"]) for seed in seeds]
-    keys = torch.stack(list(map(drawn, seeds)) if by_seed else images).float()
+    specs = [record.spec for record in solved.records]
+    images = [torch.from_numpy(environment.reset(seed=spec.seed)[0]["image"]) for spec in specs]
+    keys = torch.stack(list(map(drawn, specs)) if by_seed else images).float()
     actions = np.zeros((OFFICIAL, max(len(one.trace.actions) for one in solved.records), 4))
     for row, record in zip(actions, solved.records, strict=True):
         row[: len(record.trace.actions)] = record.trace.actions

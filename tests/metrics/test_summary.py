@@ -8,7 +8,7 @@ from minitouch_bench.metrics.summary import measure, measure_run, summarize
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
 from tests.reporting.synthetic import make_run, with_fault
 
-SPEC = EpisodeSpec(Role.FINAL, "pushing", 3, 42, "mug-017")
+SPEC = EpisodeSpec(Role.FINAL, "pushing", 3, 42, 0, "mug-017")
 
 
 def make_trace() -> EpisodeTrace:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 from gymnasium.utils.seeding import np_random
 
@@ -30,12 +32,45 @@ def test_no_two_episodes_of_the_suites_share_a_seed():
     assert max(seeds) < 2**32
 
 
-def test_the_world_the_policy_and_the_senses_share_no_stream():
-    world, _ = np_random(3)
+KNOWN_POLICY_SEED = ("table4", "pushing", 0, 0)
+SECRET = 2**255 + 3
+
+
+def test_known_policy_seed():
+    assert policy_seed(*KNOWN_POLICY_SEED) == 2020787732168967154
+
+
+def test_policy_seeds_have_64_bits_and_differ_wherever_a_word_differs():
+    suite = find_suite("table4")
+    seeds = [spec.policy_seed for spec in suite.episodes(exploration=False)]
+    seeds += [policy_seed(*key) for key in KNOWN if key not in {("table4", "pushing", 0, 0)}][3:]
+    assert len(set(seeds)) == len(seeds)
+    assert max(seeds) >= 2**63
+    assert max(seeds) < 2**64
+
+
+def test_the_search_that_found_the_scene_of_a_secret_run_finds_nothing():
+    """Where the policy's seed was a function of the 32-bit episode seed, a search inverted it.
+
+    Whatever seed of 32 bits is tried, an episode's own seed and the policy's are not among them.
+    """
+    secret = replace(find_suite("table4"), seed=SECRET)
+    specs = secret.episodes(exploration=False)
+    assert min(spec.seed for spec in specs).bit_length() > 64
+    public = {spec.policy_seed for spec in find_suite("table4").episodes(exploration=False)}
+    assert not public & {spec.policy_seed for spec in specs}
+    again = [
+        spec.policy_seed for spec in replace(secret, seed=SECRET + 1).episodes(exploration=False)
+    ]
+    assert not set(again) & {spec.policy_seed for spec in specs}
+
+
+def test_the_scene_the_policy_and_the_senses_share_no_stream():
+    scene, _ = np_random(3)
     generators = [
-        world,
+        scene,
         np_random(3)[0].spawn(1)[0],  # from which the changed conditions are drawn
-        np.random.default_rng(policy_seed(3)),
+        np.random.default_rng(policy_seed("table4", "pushing", 0, 3)),
         senses_generator(3),
     ]
     first_numbers = [generator.random() for generator in generators]

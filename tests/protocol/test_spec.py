@@ -5,14 +5,14 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL, TASK_NAMES
 from minitouch_bench.protocol.spec import TaskSpec, document
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.simulation.bodies import MESHES
 
 
 def digests(protocol):
-    return {task: protocol.task_digest(task) for task in TASK_NAMES}
+    return {task: protocol.task_digest(task, MAIN_SUITE) for task in TASK_NAMES}
 
 
 def with_task(name, **changes):
@@ -70,8 +70,16 @@ def test_what_people_see_changes_no_digest():
     assert other.digest() == PROTOCOL.digest()
 
 
-def test_another_shape_set_leaves_opening_alone():
-    assert changed(replace(PROTOCOL, shapes="other")) == {"playing", "pushing", "pick-up"}
+def test_another_shape_set_changes_the_tasks_that_take_objects_from_it():
+    other = replace(PROTOCOL, shapes="other")
+    assert changed(other) == {"pick-up"}
+    for task in PROTOCOL.suite(NOVEL_SHAPES).tasks:
+        assert other.task_digest(task, NOVEL_SHAPES) != PROTOCOL.task_digest(task, NOVEL_SHAPES)
+    assert other.digest() != PROTOCOL.digest()
+
+
+def test_other_seeds_change_every_digest():
+    assert changed(replace(PROTOCOL, seeds=PROTOCOL.seeds + 1)) == set(TASK_NAMES)
 
 
 def test_a_fifth_task_changes_no_digest_of_the_four():

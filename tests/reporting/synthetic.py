@@ -86,7 +86,7 @@ def make_run(  # noqa: PLR0917 - a fixture with defaults reads best as one call
     records = []
     for task in tasks:
         for index in range(episodes):
-            spec = EpisodeSpec(Role.FINAL, task, index, 1000 + index, "mug-017" * (index % 2))
+            spec = EpisodeSpec(Role.FINAL, task, index, 1000 + index, 0, "mug-017" * (index % 2))
             record = make_record(rng, spec, skill)
             if index < faults and task == "pushing":
                 record = with_fault(record, "act() gave NaN in element 2 of 4", steps=index)

@@ -9,6 +9,7 @@ from minitouch_bench.shapegen.exporting import export
 from minitouch_bench.shapegen.importing import ImportConfig, import_objects, import_one
 from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.shapegen.reading import find_objects
+from tests.shapegen.bodies import BLOCK
 
 
 def refusal(path: Path, config: ImportConfig | None = None) -> str:
@@ -16,21 +17,21 @@ def refusal(path: Path, config: ImportConfig | None = None) -> str:
 
 
 def block(*sides: float) -> trimesh.Trimesh:
-    return trimesh.creation.box(sides or (0.05, 0.04, 0.03))
+    return trimesh.creation.box(sides or BLOCK)
 
 
 @pytest.mark.parametrize("suffix", ["obj", "stl", "glb"])
 def test_a_block_of_each_format_is_accepted(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"block.{suffix}"
     block().export(str(path))
-    reason, entry, _ = import_one((str(path), ImportConfig(density=2000.0)))
+    reason, entry, _ = import_one((str(path), ImportConfig(density=9000.0)))
     assert reason == ""
-    assert entry["volume_m3"] == pytest.approx(6e-5, rel=1e-3)
-    assert entry["mass_kg"] == pytest.approx(0.12, rel=1e-3)
+    assert entry["volume_m3"] == pytest.approx(1.6192e-4, rel=1e-3)
+    assert entry["mass_kg"] == pytest.approx(1.4573, rel=1e-3)
 
 
 def test_a_urdf_brings_its_mesh_and_scale(tmp_path: Path) -> None:
-    block(50, 40, 30).export(str(tmp_path / "mesh.obj"))
+    block(80, 46, 44).export(str(tmp_path / "mesh.obj"))
     (tmp_path / "thing.urdf").write_text(
         '<robot name="r"><link name="l"><collision><geometry><mesh filename="mesh.obj" '
         'scale="0.001 0.001 0.001"/></geometry></collision></link></robot>'
@@ -48,15 +49,15 @@ def test_holes_are_filled_faces_turned_and_parts_joined(tmp_path: Path) -> None:
     inside_out.invert()
     inside_out.export(str(tmp_path / "inside.stl"))
     assert refusal(tmp_path / "inside.stl") == ""
-    pair = [block(0.025, 0.03, 0.03), block(0.025, 0.03, 0.03)]
-    pair[1].apply_translation([0.025, 0.0, 0.0])
+    pair = [block(0.04, 0.046, 0.044), block(0.04, 0.046, 0.044)]
+    pair[1].apply_translation([0.04, 0.0, 0.0])
     trimesh.util.concatenate(pair).export(str(tmp_path / "touching.stl"))
     assert refusal(tmp_path / "touching.stl") == ""
 
 
 def test_fit_gives_a_size_the_hand_can_grip(tmp_path: Path) -> None:
-    block(3.0, 2.0, 1.5).export(str(tmp_path / "big.stl"))
-    assert "longest side" in refusal(tmp_path / "big.stl")
+    block(3.0, 1.7, 1.6).export(str(tmp_path / "big.stl"))
+    assert "too long" in refusal(tmp_path / "big.stl")
     assert refusal(tmp_path / "big.stl", ImportConfig(fit=True)) == ""
 
 

@@ -5,6 +5,7 @@ from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from minitouch_bench.errors import InfrastructureError, UsageError
@@ -18,7 +19,12 @@ from minitouch_bench.shapegen.manifest import (
     split_by_hash,
     splits_of,
 )
+from minitouch_bench.shapegen.mesh import widest_across
+from minitouch_bench.shapegen.poses import rotation_matrix
 from minitouch_bench.shapegen.record import encode
+from minitouch_bench.shapegen.soundness import SoundnessConfig
+
+CONFIG = SoundnessConfig()
 
 
 def urdf_of(place: tuple[str, int]) -> str:
@@ -40,8 +46,13 @@ def test_the_canonical_bytes_are_the_manifests() -> None:
     for shape in canonical_shape_set().shapes:
         body = shape.body()
         assert encode(body) == shape.record()
-        assert 0.05 <= shape.mass <= 0.5
-        assert 0.04 <= max(shape.extents) <= 0.07
+        assert CONFIG.mass[0] <= shape.mass <= CONFIG.mass[1]
+        assert CONFIG.longest_side[0] <= max(shape.extents) <= CONFIG.longest_side[1]
+        laid = rotation_matrix(shape.poses[0].quaternion)
+        placed = np.concatenate([hull.vertices for hull in body.hulls]) @ laid.T
+        # Measured where statics puts it; the simulator leaves it turned by a fraction of a degree.
+        assert np.ptp(placed[:, 2]) >= CONFIG.least_height - 5e-4
+        assert widest_across(placed[:, :2]) + 2 * CONFIG.margin <= CONFIG.widest + 5e-4
         assert shape.mass == body.mass
         assert len(shape.poses) >= 2
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from minitouch_bench.shapegen.mesh import Mesh
+from minitouch_bench.shapegen.poses import rest_poses
 from minitouch_bench.shapegen.record import Body
-from minitouch_bench.shapegen.solids import Solid, to_mesh
+from minitouch_bench.shapegen.solids import Solid, hull_of, to_mesh
 from minitouch_bench.shapegen.soundness import (
     Reason,
     SoundnessConfig,
@@ -14,8 +15,11 @@ from minitouch_bench.shapegen.soundness import (
     check_mesh,
     check_numbers,
     examine,
+    grip_scale,
+    height_and_width,
+    laid_pose,
 )
-from tests.shapegen.bodies import box, box_body
+from tests.shapegen.bodies import BLOCK, box, box_body
 
 CONFIG = SoundnessConfig()
 
@@ -27,58 +31,58 @@ def reason_of(check: object, *arguments: object) -> Reason:
 
 
 def test_a_plain_block_is_sound() -> None:
-    measures = examine(box_body(0.045, 0.035, 0.03), CONFIG)
+    measures = examine(box_body(*BLOCK), CONFIG)
     assert len(measures.poses) == 6
     assert measures.convexity == pytest.approx(1.0)
     assert measures.misfit == pytest.approx(0.0, abs=1e-9)
     assert measures.lifted == 1.0
     # The collision margin of 1 mm lifts what rests.
-    assert measures.poses[0].height == pytest.approx(0.016, abs=5e-4)
+    assert measures.poses[0].height == pytest.approx(0.041, abs=5e-4)
 
 
 def test_the_same_body_measures_the_same_bits() -> None:
-    body = box_body(0.045, 0.035, 0.03)
+    body = box_body(*BLOCK)
     assert examine(body, CONFIG) == examine(body, CONFIG)
 
 
 def test_nan_vertex() -> None:
-    mesh = box(0.045, 0.035, 0.03)
+    mesh = box(*BLOCK)
     vertices = mesh.vertices.copy()
     vertices[3, 1] = np.nan
     assert reason_of(check_mesh, Mesh(vertices, mesh.faces)) is Reason.NOT_FINITE
 
 
 def test_open_mesh() -> None:
-    mesh = box(0.045, 0.035, 0.03)
+    mesh = box(*BLOCK)
     assert reason_of(check_mesh, Mesh(mesh.vertices, mesh.faces[1:])) is Reason.NOT_CLOSED
 
 
 def test_two_bodies() -> None:
-    cube = Solid.cube([0.01, 0.02, 0.02], True)
-    pair = cube + cube.translate([0.035, 0.0, 0.0])
+    cube = Solid.cube([0.02, 0.02, 0.02], True)
+    pair = cube + cube.translate([0.04, 0.0, 0.0])
     assert reason_of(check_mesh, to_mesh(pair)) is Reason.SEVERAL_BODIES
 
 
 def test_sizes_walls_and_faces() -> None:
     assert reason_of(check_mesh, box(0.03, 0.03, 0.03)) is Reason.SIZE
-    assert reason_of(check_mesh, box(0.08, 0.03, 0.03)) is Reason.SIZE
-    assert reason_of(check_mesh, box(0.05, 0.03, 0.001)) is Reason.THIN_WALL
-    assert reason_of(check_mesh, to_mesh(Solid.sphere(0.025, 60))) is Reason.FACES
+    assert reason_of(check_mesh, box(0.1, 0.03, 0.03)) is Reason.SIZE
+    assert reason_of(check_mesh, box(0.06, 0.03, 0.001)) is Reason.THIN_WALL
+    assert reason_of(check_mesh, to_mesh(Solid.sphere(0.03, 60))) is Reason.FACES
 
 
 def test_masses_and_moments() -> None:
-    body = box_body(0.045, 0.035, 0.03)
-    assert reason_of(check_numbers, replace(body, mass=0.02)) is Reason.MASS
+    body = box_body(*BLOCK)
+    assert reason_of(check_numbers, replace(body, mass=1.1)) is Reason.MASS
     assert reason_of(check_numbers, replace(body, mass=float("nan"))) is Reason.NOT_FINITE
     assert reason_of(check_numbers, replace(body, inertia=(1.0, 1.0, 0.0))) is Reason.INERTIA
     assert reason_of(check_numbers, replace(body, inertia=(1.0, 1.0, 3.0))) is Reason.INERTIA
 
 
 def test_hulls_must_follow_the_mesh() -> None:
-    body = box_body(0.045, 0.035, 0.03)
-    larger = box(0.049, 0.035, 0.03)
+    body = box_body(*BLOCK)
+    larger = box(0.083, 0.046, 0.044)
     assert check_hulls(body, CONFIG) == (pytest.approx(0.0, abs=1e-9), 0.0)
-    fat = Body(body.visual, (box(0.055, 0.035, 0.03),), body.mass, body.inertia)
+    fat = Body(body.visual, (box(0.095, 0.046, 0.044),), body.mass, body.inertia)
     assert reason_of(check_hulls, fat) is Reason.MISFIT
     loose = replace(CONFIG, outside=0.001)
     with pytest.raises(UnsoundError, match="stands out"):
@@ -86,17 +90,36 @@ def test_hulls_must_follow_the_mesh() -> None:
 
 
 def test_flat_and_wide() -> None:
-    assert reason_of(examine, box_body(0.06, 0.05, 0.01, density=3000)) is Reason.TOO_FLAT
-    assert reason_of(examine, box_body(0.06, 0.06, 0.03)) is Reason.TOO_WIDE
+    assert reason_of(examine, box_body(0.053, 0.05, 0.045, density=12_000)) is Reason.TOO_FLAT
+    assert reason_of(examine, box_body(0.07, 0.07, 0.058, density=5000)) is Reason.TOO_WIDE
+
+
+def test_the_first_pose_is_the_one_that_the_tasks_lay_it_down_in() -> None:
+    """A block lies likeliest on its largest side, which is not high enough."""
+    hull = hull_of(box(*BLOCK).vertices)
+    poses = rest_poses(hull)
+    boxes = [height_and_width(hull, pose) for pose in poses]
+    assert boxes[0][0] == pytest.approx(0.044)
+    chosen = boxes[laid_pose(hull, poses, CONFIG)]
+    assert chosen == pytest.approx((0.08, np.hypot(0.046, 0.044)), abs=1e-5)
+    assert height_and_width(hull, examine(box_body(*BLOCK), CONFIG).poses[0]) == pytest.approx(
+        chosen, abs=5e-4
+    )
+
+
+def test_a_size_is_chosen_by_the_width_in_that_pose() -> None:
+    mesh = box(*BLOCK)
+    factor = grip_scale(mesh, 0.0755, CONFIG)
+    assert factor == pytest.approx(0.0755 / np.hypot(0.046, 0.044), abs=1e-4)
+    assert reason_of(grip_scale, box(0.06, 0.06, 0.005), 0.07) is Reason.TOO_FLAT
 
 
 def test_what_slips_from_the_fingers_is_refused() -> None:
     pyramid = Solid.hull_points(
         np.array(
-            [[x, y, -0.01] for x in (-0.022, 0.022) for y in (-0.022, 0.022)] + [[0, 0, 0.014]]
+            [[x, y, -0.02] for x in (-0.025, 0.025) for y in (-0.025, 0.025)] + [[0, 0, 0.037]]
         )
     )
     mesh = to_mesh(pyramid)
-    body = Body(mesh, (mesh,), 0.3, (6e-5, 6e-5, 8e-5))
-    with pytest.raises(UnsoundError):
-        examine(body, CONFIG)
+    body = Body(mesh, (mesh,), 1.5, (4e-4, 4e-4, 4e-4))
+    assert reason_of(examine, body) is Reason.SLIPS

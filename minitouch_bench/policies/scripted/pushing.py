@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from minitouch_bench.policies.scripted.controller import Controller
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.spec import CUBE
 from minitouch_bench.protocol.tasks import PUSHING
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.objects import CUBE
 from minitouch_bench.tasks.pushing import Pushing
 
 REACH_M = PROTOCOL.control.reach

@@ -34,5 +34,5 @@ So another entry makes other sets: raise GENERATOR_VERSION, generate ``shapes/``
 its digest in ``protocol/minitouch.py``.
 """
 
-GENERATOR_VERSION = 1
+GENERATOR_VERSION = 2
 """Raised whenever the same seed would give another shape."""
