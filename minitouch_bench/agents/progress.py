@@ -1,13 +1,16 @@
 """What a training tells of itself: rows of ``progress.csv``."""
 
 import csv
+import io
+import os
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from torch import Tensor
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import os_errors_as, write_file
+from minitouch_bench.files import append_bytes, read_file, write_file
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,22 @@ class Tally:
         self.task_reward = 0.0
         self.losses: dict[str, Tensor] = {}
 
+    def load(self, state: dict[str, Any]) -> None:
+        """Take over the sums that ``vars`` gave.
+
+        Raises:
+            ValueError: they are not such sums.
+        """
+        own = vars(self)
+        losses = state.get("losses")
+        if state.keys() != own.keys() or not isinstance(losses, dict):
+            raise ValueError("its sums have other names")
+        numbers = [value for name, value in state.items() if name != "losses"]
+        are_scalars = all(isinstance(one, Tensor) and one.numel() == 1 for one in losses.values())
+        if not all(type(one) in (int, float) for one in numbers) or not are_scalars:
+            raise ValueError("its sums are not numbers")
+        own.update(state)
+
     def add_step(self, reward: float, *, success: bool, touched: bool, ended: bool) -> None:
         """Count a control step."""
         self.steps += 1
@@ -109,15 +128,12 @@ def append_row(path: Path, row: ProgressRow) -> None:
     Raises:
         RunDirectoryError: there is no room, or no permission.
     """
-    new = not path.exists()
-    with (
-        os_errors_as(RunDirectoryError, path, "written"),
-        path.open("a", newline="", encoding="utf-8") as file,
-    ):
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        if new:
-            writer.writeheader()
-        writer.writerow({n: "" if v is None else v for n, v in asdict(row).items()})
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    if not os.path.lexists(path):
+        writer.writeheader()
+    writer.writerow({n: "" if v is None else v for n, v in asdict(row).items()})
+    append_bytes(path, text.getvalue().encode())
 
 
 def cut_rows(path: Path, step: int) -> None:
@@ -126,10 +142,10 @@ def cut_rows(path: Path, step: int) -> None:
     Raises:
         RunDirectoryError: a row is damaged.
     """
-    if not path.exists():
+    if not os.path.lexists(path):
         return
     try:
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        lines = read_file(path).decode().splitlines(keepends=True)
         rows = [line for line in lines[1:] if line.endswith("\n")]
         kept = [line for line in rows if int(line.split(",")[0]) <= step]
     except (OSError, ValueError) as error:

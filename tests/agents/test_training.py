@@ -3,9 +3,11 @@
 import csv
 import pickle
 import shutil
+import struct
 from dataclasses import replace
 
 import pytest
+from tensorboardX.proto import event_pb2
 
 import minitouch_bench as mt
 from minitouch_bench.agents.config import (
@@ -59,6 +61,20 @@ def test_it_leaves_two_policies_and_its_curves(undisturbed):
     for name in ("exploration", "final"):
         content = (undisturbed / f"{name}.safetensors").read_bytes()
         load_native(Checkpoint(name, content))
+
+
+def test_its_events_are_tensorboard_s(undisturbed):
+    (file,) = (undisturbed / "events").iterdir()
+    assert ".tfevents." in file.name
+    content, events = file.read_bytes(), []
+    while content:
+        (length,) = struct.unpack_from("<Q", content)
+        events.append(event_pb2.Event.FromString(content[12 : 12 + length]))
+        content = content[16 + length :]
+    assert events[0].file_version == "brain.Event:2"
+    assert [event.step for event in events[1:]] == list(range(5, 51, 5))
+    tags = {value.tag for value in events[-1].summary.value}
+    assert {"task/touch_share", "task/critic_loss"} <= tags
 
 
 class KilledError(Exception):
