@@ -62,15 +62,28 @@ class Training:
         self._episode = -1
         self._seconds = 0.0
         self.step = 0
+        self.kept_step: int | None = None
+        """Step of the last checkpoint."""
 
-    def run(self) -> bool:
-        """Train to the end and return True, or False where it was asked to stop before."""
+    def start(self) -> None:
+        """Begin, or go on from the last checkpoint.
+
+        Raises:
+            RunDirectoryError: a file of it is damaged.
+        """
         self._clock = time.perf_counter()
         if self._files.exists():
             self._resume()
         else:
             self._begin()
         cut_rows(self._directory / PROGRESS_FILE, self.step)
+
+    def run(self) -> bool:
+        """Train to the end and return True, or False where it was asked to stop before.
+
+        Raises:
+            RunDirectoryError: a file cannot be written; the last checkpoint is kept.
+        """
         while self.step < self.config.steps:
             if self._callbacks.should_stop():
                 self._save()
@@ -190,6 +203,7 @@ class Training:
 
     def _save(self) -> None:
         self._files.save(self._state(), self._replay)
+        self.kept_step = self.step
 
     def _state(self) -> dict[str, Any]:
         """Return everything but the replay memory."""
@@ -207,6 +221,7 @@ class Training:
         with self._files.damage_named():
             refuse_other_form(state, self._state() | {"tally": {**state["tally"]}})
             self.step, self._episode = state["step"], state["episode"]
+            self.kept_step = self.step
             self._seconds = state["seconds"]
             self._tally.load(state["tally"])
             self._learner.load_state(state["learner"])

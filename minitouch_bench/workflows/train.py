@@ -17,7 +17,12 @@ from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_conf
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
 from minitouch_bench.agents.training import Training, TrainingCallbacks
 from minitouch_bench.documents import write_toml
-from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageError
+from minitouch_bench.errors import (
+    InfrastructureError,
+    MissingExtraError,
+    RunDirectoryError,
+    UsageError,
+)
 from minitouch_bench.evaluation.actors import PolicyActor
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.suites import Suite
@@ -74,6 +79,7 @@ def train(request: TrainingRequest) -> bool:
         UsageError: no such device.
         RunDirectoryError: the directory is in use, holds another training, or its
             checkpoint is damaged.
+        InfrastructureError: a file cannot be written; the training can be resumed.
     """
     device = choose_device(request.device)
     torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
@@ -94,13 +100,32 @@ def train(request: TrainingRequest) -> bool:
         callbacks = TrainingCallbacks(evaluator.evaluate, on_row, request.should_stop)
         try:
             training = Training(config, environment, request.directory, callbacks, device)
-            finished = training.run()
+            training.start()
+            finished = _run(training, request.directory)
         finally:
             evaluator.close()
             environment.close()
         if (request.directory / PROGRESS_FILE).exists():  # there is a row to draw
             write_file(request.directory / REPORT_PAGE, training_page(request.directory))
     return finished
+
+
+def _run(training: Training, directory: Path) -> bool:
+    """Train; where a file cannot be written, say what is kept and how to go on.
+
+    Raises:
+        InfrastructureError: a file cannot be written.
+    """
+    try:
+        return training.run()
+    except RunDirectoryError as error:
+        kept = training.kept_step
+        what = "There is no checkpoint yet" if kept is None else f"The checkpoint of step {kept}"
+        what += "" if kept is None else f" is kept in {directory}"
+        go_on = "begins again" if kept is None else "continues"
+        raise InfrastructureError(
+            f"{error}\n{what}; with room made, the same command with --resume {go_on}"
+        ) from error
 
 
 class _Events:

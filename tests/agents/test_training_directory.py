@@ -6,14 +6,16 @@ import signal
 import zipfile
 import zlib
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
-from minitouch_bench.errors import MiniTouchError, RunDirectoryError
+from minitouch_bench.agents import checkpoint, progress
+from minitouch_bench.errors import InfrastructureError, MiniTouchError, RunDirectoryError
 from minitouch_bench.workflows.train import TrainingRequest, train
-from tests.agents.test_training import CONFIG, break_off
+from tests.agents.test_training import CONFIG, break_off, outcome
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +104,47 @@ def test_nobody_waits_for_a_pipe(prepared, name):
     os.mkfifo(prepared / name)
     with pytest.raises(MiniTouchError, match="no plain file"):
         train(TrainingRequest(CONFIG, prepared, resume=True, device="cpu"))
+
+
+# A full disk
+
+
+@pytest.fixture(scope="module")
+def quiet(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("quiet")
+    assert train(TrainingRequest(CONFIG, directory, device="cpu"))
+    return directory
+
+
+@pytest.mark.parametrize(
+    ("module", "name"), [(checkpoint, "write_file"), (progress, "append_bytes")]
+)
+@pytest.mark.parametrize("kept", [0, 21])
+def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
+    quiet, tmp_path, monkeypatch, module, name, kept
+):
+    """``kept``: the step of the last checkpoint; there is one at every seventh step."""
+    write, calls = getattr(module, name), []
+
+    def fill(path, content):
+        calls.append(path)
+        # A row is written at every fifth step: after step 21 the fifth is the next.
+        if len(calls) > (kept // 7 if name == "write_file" else kept // 5):
+            raise RunDirectoryError(f"{path} cannot be written: No space left on device")
+        write(path, content)
+
+    monkeypatch.setattr(module, name, fill)
+    request = TrainingRequest(CONFIG, tmp_path / "run", device="cpu")
+    with pytest.raises(InfrastructureError) as full:
+        train(request)
+    reason, advice = str(full.value).splitlines()
+    assert "No space left on device" in reason
+    assert advice.startswith(f"The checkpoint of step {kept}" if kept else "There is no checkpoint")
+    assert "--resume" in advice
+    assert (tmp_path / "run" / "checkpoint.pt").exists() == bool(kept)
+    monkeypatch.undo()
+    assert train(replace(request, resume=True))
+    assert outcome(tmp_path / "run") == outcome(quiet)
 
 
 # What a checkpoint says
