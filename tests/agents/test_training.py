@@ -195,7 +195,7 @@ def test_a_damaged_checkpoint_is_named(broken_off, tmp_path, name, damage):
 def test_a_mistake_leaves_the_directory_free(tmp_path):
     with pytest.raises(UsageError, match="typo"):
         train(TrainingRequest(replace(CONFIG, objects="typo"), tmp_path, device="cpu"))
-    with pytest.raises(UsageError, match="no Minari dataset"):
+    with pytest.raises(UsageError, match="is not a Minari dataset"):
         train(TrainingRequest(replace(CONFIG, log="typo"), tmp_path, device="cpu"))
     assert train(TrainingRequest(CONFIG, tmp_path, device="cpu", should_stop=lambda: True)) is False
 

@@ -116,14 +116,13 @@ def quiet(tmp_path_factory):
     return directory
 
 
-@pytest.mark.parametrize(
-    ("module", "name"), [(checkpoint, "write_file"), (progress, "append_bytes")]
-)
+@pytest.mark.parametrize("writer", [(checkpoint, "write_file"), (progress, "append_bytes")])
 @pytest.mark.parametrize("kept", [0, 21])
 def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
-    quiet, tmp_path, monkeypatch, module, name, kept
+    quiet, tmp_path, monkeypatch, writer, kept
 ):
     """``kept``: the step of the last checkpoint; there is one at every seventh step."""
+    module, name = writer
     write, calls = getattr(module, name), []
 
     def fill(path, content):
