@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from torch import Tensor
 
 from minitouch_bench.errors import RunDirectoryError
@@ -43,6 +44,7 @@ class ProgressRow:
 
 
 COLUMNS = tuple(field.name for field in fields(ProgressRow))
+PHASES = ("exploration", "task")
 LOSSES = (
     "intrinsic_reward",
     "curiosity_loss",
@@ -147,10 +149,25 @@ def cut_rows(path: Path, step: int) -> None:
     try:
         lines = read_file(path).decode().splitlines(keepends=True)
         rows = [line for line in lines[1:] if line.endswith("\n")]
-        kept = [line for line in rows if int(line.split(",")[0]) <= step]
+        if lines and lines[0] != ",".join(COLUMNS) + "\n":
+            raise ValueError("its columns have other names")
+        kept = [line for line in rows if _checked_step(line) <= step]
     except (OSError, ValueError) as error:
         raise RunDirectoryError(f"{path} cannot be read: {error}") from error
     if kept:
         write_file(path, "".join([lines[0], *kept]))
     else:
         path.unlink()
+
+
+def _checked_step(line: str) -> int:
+    """Return the step of a row whose other values are a phase, and numbers or empty.
+
+    Raises:
+        ValueError: they are not.
+    """
+    step, phase, *values = line.rstrip("\n").split(",")
+    numbers = [float(value) for value in values if value]
+    if len(values) + 2 != len(COLUMNS) or phase not in PHASES or np.isinf(numbers).any():
+        raise ValueError(f"a row of it is damaged: {line[:80]!a}")
+    return int(step)

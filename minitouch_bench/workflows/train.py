@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE
+from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE, PICTURES_FILE
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_config
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
 from minitouch_bench.agents.training import Training, TrainingCallbacks
@@ -32,6 +32,7 @@ from minitouch_bench.files import (
     append_bytes,
     lock_directory,
     make_folder,
+    open_plain,
     os_errors_as,
     write_file,
 )
@@ -124,7 +125,7 @@ def _run(training: Training, directory: Path) -> bool:
         what += "" if kept is None else f" is kept in {directory}"
         go_on = "begins again" if kept is None else "continues"
         raise InfrastructureError(
-            f"{error}\n{what}; with room made, the same command with --resume {go_on}"
+            f"{error}\n{what}; once it can be, the same command with --resume {go_on}"
         ) from error
 
 
@@ -195,6 +196,10 @@ def _prepare(request: TrainingRequest) -> None:
     """Write the settings of a new or longer training, or check those of one to resume."""
     directory, config = request.directory, request.config
     file = directory / CONFIG_FILE
+    for name in (PICTURES_FILE, PROGRESS_FILE):
+        if os.path.lexists(directory / name):
+            with os_errors_as(RunDirectoryError, directory / name, "written"):
+                os.close(open_plain(directory / name, os.O_RDWR))
     if request.resume and not os.path.lexists(file):
         request.note(f"{directory} holds no training yet: it begins")
     if any(os.path.lexists(directory / name) for name in (CHECKPOINT_FILE, PROGRESS_FILE)):

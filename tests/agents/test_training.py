@@ -10,30 +10,12 @@ import pytest
 from tensorboardX.proto import event_pb2
 
 import minitouch_bench as mt
-from minitouch_bench.agents.config import (
-    CuriosityConfig,
-    PhaseConfig,
-    SacConfig,
-    TrainingConfig,
-)
+from minitouch_bench.agents.config import PhaseConfig
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.policies.native import load_native
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.workflows.train import TrainingRequest, train
-
-CONFIG = TrainingConfig(
-    "pushing",
-    random_steps=10,
-    log_every=5,
-    evaluate_every=40,
-    evaluate_episodes=1,
-    checkpoint_every=7,
-    carry=("encoder", "actor"),
-    exploration=PhaseConfig(30),
-    task_phase=PhaseConfig(20, n_step=3, success_share=0.25),
-    sac=SacConfig(batch_size=4),
-    curiosity=CuriosityConfig(width=0.25),
-)
+from tests.agents.trainings import CONFIG
 
 
 def outcome(directory):

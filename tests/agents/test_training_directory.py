@@ -15,7 +15,8 @@ import torch
 from minitouch_bench.agents import checkpoint, progress
 from minitouch_bench.errors import InfrastructureError, MiniTouchError, RunDirectoryError
 from minitouch_bench.workflows.train import TrainingRequest, train
-from tests.agents.test_training import CONFIG, break_off, outcome
+from tests.agents.test_training import break_off, outcome
+from tests.agents.trainings import CONFIG
 
 
 @pytest.fixture(scope="module")
