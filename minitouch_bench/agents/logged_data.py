@@ -121,11 +121,11 @@ class _Reader:
     def episode(self, action_size: int) -> LoggedEpisode:
         """Return the episode, every number of it checked."""
         observations = self._member(self._group, "observations", self._h5py.Group)
-        found = self._member(self._group, "actions", self._h5py.Dataset).shape
-        steps = found[0] if found else 0
-        if found != (steps, action_size) or not 0 < steps <= LONGEST_EPISODE:
+        actions = self._member(self._group, "actions", self._h5py.Dataset).shape
+        steps = actions[0] if actions else 0
+        if actions != (steps, action_size) or not 0 < steps <= LONGEST_EPISODE:
             raise ValueError(
-                f"{self._name} has actions {found}; wanted are 1 to {LONGEST_EPISODE:,} of "
+                f"{self._name} has actions {actions}; wanted are 1 to {LONGEST_EPISODE:,} of "
                 f"{action_size} numbers"
             )
         rewards = self._numbers(self._group, "rewards", (steps,), LARGEST_VALUE)
@@ -159,19 +159,19 @@ class _Reader:
         return self._numbers(infos, "is_success", shape, 1.0)[-steps:] > 0
 
     def _images(self, group: Any, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-        found = self._array(group, "image", shape)
-        if found.dtype != np.uint8:
-            raise ValueError(f"{self._name} has images of {found.dtype}, not uint8")
-        return found
+        images = self._array(group, "image", shape)
+        if images.dtype != np.uint8:
+            raise ValueError(f"{self._name} has images of {images.dtype}, not uint8")
+        return images
 
     def _numbers(
         self, group: Any, name: str, shape: tuple[int, ...], largest: float
     ) -> NDArray[np.float64]:
         """Return finite numbers of at most a size, float64."""
-        found = self._array(group, name, shape)
-        if found.dtype.kind not in "fiub":
-            raise ValueError(f"{self._name} has {name} of {found.dtype}")
-        numbers = found.astype(np.float64)
+        array = self._array(group, name, shape)
+        if array.dtype.kind not in "fiub":
+            raise ValueError(f"{self._name} has {name} of {array.dtype}")
+        numbers = array.astype(np.float64)
         if not (np.abs(numbers) <= largest).all():  # NaN is not
             raise ValueError(f"{self._name} has {name} that are not numbers within ±{largest:g}")
         return numbers
@@ -186,8 +186,8 @@ class _Reader:
         chunk = np.prod(data.chunks or (0,), dtype=np.float64) * data.dtype.itemsize
         if chunk > LARGEST_CHUNK:
             raise ValueError(f"{self._name} has {name} in chunks of {chunk:.0f} bytes")
-        found: NDArray[Any] = data[()]
-        return found
+        array: NDArray[Any] = data[()]
+        return array
 
     def _member(self, group: Any, name: str, kind: Any) -> Any:
         """Return a member that lies in the file itself."""
@@ -196,7 +196,7 @@ class _Reader:
             raise ValueError(f"{self._name} has no {name.removeprefix(self._name)}".rstrip())
         if not isinstance(link, self._h5py.HardLink):
             raise ValueError(f"{self._name} has {name} that is a link")
-        found = group[name]
-        if not isinstance(found, kind):
+        member = group[name]
+        if not isinstance(member, kind):
             raise ValueError(f"{self._name} has {name} of another kind")
-        return found
+        return member

@@ -203,8 +203,9 @@ def endpoint_values(
     goals = [task for task in tasks if task in GOAL_TASKS]
     name = settings.metric or ranking_metric((goals or list(tasks))[0])
     metric = METRICS[name]
-    own = tuple(task for task in tasks if metric.is_in(task) and metric.direction_in(task))
-    values = PairedValues(MEAN_TASK if len(own) > 1 else "".join(own), name, own).with_pairs(pairs)
+    deciding = tuple(task for task in tasks if metric.is_in(task) and metric.direction_in(task))
+    title = MEAN_TASK if len(deciding) > 1 else "".join(deciding)
+    values = PairedValues(title, name, deciding).with_pairs(pairs)
     if not len(values.first):
         raise UsageError(f"nothing to judge: in {', '.join(tasks)} {name} cannot get worse")
     return values
@@ -219,14 +220,14 @@ def judge_endpoint(values: PairedValues, settings: GateSettings, root: Root) -> 
     """
     effect = measure_effect(values, root)
     allowed = settings.tolerance_of(values.metric).absolute(effect.first)
-    found = Endpoint(effect, values.tasks, one_sided(effect), allowed, Decision.NOT_ENOUGH)
+    endpoint = Endpoint(effect, values.tasks, one_sided(effect), allowed, Decision.NOT_ENOUGH)
     # The interval of a share is good for any number of episodes.
     is_believed = effect.count >= FEWEST_FOR_A_MEAN or is_binary(effect.metric)
-    if found.is_beyond and found.p_value <= settings.alpha:
-        return replace(found, decision=Decision.REGRESSION)
+    if endpoint.is_beyond and endpoint.p_value <= settings.alpha:
+        return replace(endpoint, decision=Decision.REGRESSION)
     if effect.worst <= allowed and is_believed:
-        return replace(found, decision=Decision.NO_REGRESSION)
-    return replace(found, episodes_needed=_needed(values, effect, allowed, settings.alpha))
+        return replace(endpoint, decision=Decision.NO_REGRESSION)
+    return replace(endpoint, episodes_needed=_needed(values, effect, allowed, settings.alpha))
 
 
 def one_sided(effect: Effect) -> float:
@@ -266,12 +267,12 @@ def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) 
     """
     resolution = resolution_of(values)
     if effect.worsening > allowed:
-        found = resolution.episodes_to_detect(2.0 * level, beyond=allowed)  # a two-sided level
+        needed = resolution.episodes_to_detect(2.0 * level, beyond=allowed)  # a two-sided level
     else:
-        found = resolution.episodes_to_exclude(allowed)
-    if found is None:
+        needed = resolution.episodes_to_exclude(allowed)
+    if needed is None:
         return None
-    per_task = -(-max(found, effect.count + 1) // len(values.tasks))
+    per_task = -(-max(needed, effect.count + 1) // len(values.tasks))
     return per_task if per_task <= MAX_EPISODES else None
 
 

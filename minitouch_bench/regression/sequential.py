@@ -104,11 +104,11 @@ class SequentialGate:
         for episode in episodes:
             self._waiting[episode_key(Role.FINAL, episode)] = episode
         while not self.is_certain and self.used < self.planned:
-            own = self._order[self.used]
-            other = self._waiting.pop(episode_key(Role.FINAL, own), None)
-            if other is None:
+            expected = self._order[self.used]
+            played = self._waiting.pop(episode_key(Role.FINAL, expected), None)
+            if played is None:
                 break
-            pair = EpisodePair(Role.FINAL, own, other)
+            pair = EpisodePair(Role.FINAL, expected, played)
             refuse_other_episode(pair)
             self._pairs.append(pair)
             self._seen = self._seen.with_pairs([pair])
@@ -118,13 +118,13 @@ class SequentialGate:
 
     def _look_ahead(self) -> Decision | None:
         """Return what the whole run will be judged to be, None while that is open."""
-        found = count_discordance(self._seen.first, self._seen.second)
+        seen = count_discordance(self._seen.first, self._seen.second)
         left_to_lose = int(self._baseline.first.sum() - self._seen.first.sum())
         left_to_win = self.planned - self.used - left_to_lose
-        best = Discordance(self.planned, found.lost, found.won + left_to_win)
+        best = Discordance(self.planned, seen.lost, seen.won + left_to_win)
         if -best.difference > self._allowed and best.p_value / 2.0 <= self.settings.alpha:
             return Decision.REGRESSION
-        worst = Discordance(self.planned, found.lost + left_to_lose, found.won)
+        worst = Discordance(self.planned, seen.lost + left_to_lose, seen.won)
         if -worst.difference <= self._allowed and -tango(worst).low <= self._allowed:
             return Decision.NO_REGRESSION
         return None

@@ -126,14 +126,14 @@ def _checked(settings: GateSettings) -> GateSettings:
 
 def _tolerance(value: Any, metric: str) -> Tolerance:
     """Read a tolerance of a metric, or check the one that there is."""
-    found = value if isinstance(value, Tolerance) else _parse(value)
-    if found is None:
+    tolerance = value if isinstance(value, Tolerance) else _parse(value)
+    if tolerance is None:
         raise UsageError("the tolerance is one number, or a percentage like '10%'")
     is_share = METRICS[metric or MEAN_METRIC].is_share
-    if not 0.0 <= found.amount < (1.0 if is_share else float("inf")):
+    if not 0.0 <= tolerance.amount < (1.0 if is_share else float("inf")):
         room = "from 0 to below 1" if is_share else "0 or more"
         raise UsageError(f"the tolerance is {room}, not {printable(str(value))}")
-    return found
+    return tolerance
 
 
 def _parse(value: Any) -> Tolerance | None:

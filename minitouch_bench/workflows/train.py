@@ -121,12 +121,14 @@ def _run(training: Training, directory: Path) -> bool:
         return training.run()
     except RunDirectoryError as error:
         kept = training.kept_step
-        what = "There is no checkpoint yet" if kept is None else f"The checkpoint of step {kept}"
-        what += "" if kept is None else f" is kept in {directory}"
-        go_on = "begins again" if kept is None else "continues"
-        raise InfrastructureError(
-            f"{error}\n{what}; once it can be, the same command with --resume {go_on}"
-        ) from error
+        if kept is None:
+            advice = "There is no checkpoint yet; the same command with --resume begins again"
+        else:
+            advice = (
+                f"The checkpoint of step {kept} is kept in {directory}; once there is room, the "
+                "same command with --resume continues"
+            )
+        raise InfrastructureError(f"{error}\n{advice}") from error
 
 
 class _Events:
