@@ -11,6 +11,7 @@ from tensorboardX.proto import event_pb2
 
 import minitouch_bench as mt
 from minitouch_bench.agents.config import PhaseConfig
+from minitouch_bench.agents.curiosity import METHODS
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.policies.native import load_native
 from minitouch_bench.policies.policy import Checkpoint
@@ -86,6 +87,20 @@ def test_resumed_in_both_phases_it_ends_in_the_same_bits(tmp_path, undisturbed, 
     break_off(tmp_path, 24, kill=kill, resume=True)
     assert train(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
     assert outcome(tmp_path) == outcome(undisturbed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [name for name in METHODS if name != "sac"])
+def test_every_method_is_resumed_in_both_phases(tmp_path, method):
+    config = replace(CONFIG, method=method, evaluate_every=0)
+    directories = [tmp_path / name for name in ("quiet", "stopped")]
+    for stops in (14, 24):
+        answers = iter([False] * stops + [True])
+        request = TrainingRequest(config, directories[1], resume=True, device="cpu")
+        assert train(replace(request, should_stop=answers.__next__)) is False
+    for directory in directories:
+        assert train(TrainingRequest(config, directory, resume=True, device="cpu"))
+    assert outcome(directories[0]) == outcome(directories[1])
 
 
 @pytest.mark.parametrize(("explored", "trained"), [(30, 10), (30, 0), (20, 0)])
