@@ -238,6 +238,18 @@ def append_text(path: Path, text: str) -> None:
             file.write(text)
 
 
+def append_bytes(path: Path, content: bytes) -> None:
+    """Add to the end of a plain file that has no other name, and create it if need be.
+
+    Raises:
+        RunDirectoryError: it cannot be written, or is something else.
+    """
+    with os_errors_as(RunDirectoryError, path, "written"):
+        handle = open_plain(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+        with os.fdopen(handle, "ab") as file:
+            file.write(content)
+
+
 def make_folder(path: Path) -> Path:
     """Create a folder if need be, and return it; one that is a link is refused.
 

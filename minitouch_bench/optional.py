@@ -1,6 +1,7 @@
 """Optional packages, and look-up of ``package.module:attribute``."""
 
 import importlib
+from importlib.metadata import PackageNotFoundError, requires
 from types import ModuleType
 from typing import Any
 
@@ -16,9 +17,22 @@ def require(module: str, extra: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
+        wanted = " ".join(f"'{one}'" for one in _packages_of(extra))
         raise MissingExtraError(
-            f"this needs the package '{error.name}': pip install 'minitouch-bench[{extra}]'"
+            f"this needs the package '{error.name}': pip install {wanted} "
+            f"(the extra minitouch-bench[{extra}])"
         ) from error
+
+
+def _packages_of(extra: str) -> list[str]:
+    """Return the packages of an extra; their names work wherever this package came from."""
+    try:
+        lines = requires("minitouch-bench") or ()
+    except PackageNotFoundError:  # a checkout that is not installed
+        lines = ()
+    parts = [line.partition(";") for line in lines]
+    found = [name.strip() for name, _, marker in parts if marker.strip() == f'extra == "{extra}"']
+    return found or [f"minitouch-bench[{extra}]"]
 
 
 def look_up(target: str) -> Any:

@@ -8,23 +8,32 @@ cut off.
 import io
 import os
 import pickle
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import torch
+from torch import Tensor
 
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import os_errors_as, write_file
+from minitouch_bench.files import GIB, open_plain, os_errors_as, write_file
+from minitouch_bench.policies.policy import IMAGE_SHAPE
 
 DAMAGE = (
     OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, EOFError,
-    pickle.UnpicklingError,
+    ArithmeticError, AssertionError, pickle.UnpicklingError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 """What reading a damaged file can raise."""
 
 CHECKPOINT_FILE = "checkpoint.pt"
 PICTURES_FILE = "replay.bin"
+
+LARGEST_CHECKPOINT = GIB
+"""The most bytes of ``checkpoint.pt``: a million steps take a tenth of it."""
 
 
 class CheckpointFiles:
@@ -37,7 +46,7 @@ class CheckpointFiles:
 
     def exists(self) -> bool:
         """Tell whether there is a checkpoint."""
-        return self._file.exists()
+        return os.path.lexists(self._file)
 
     def save(self, state: dict[str, Any], replay: Replay) -> None:
         """Write a checkpoint; one before it stays whole until this one is.
@@ -55,7 +64,7 @@ class CheckpointFiles:
 
     def _append(self, pictures: bytes) -> None:
         """Write pictures behind those of the checkpoint before."""
-        with self._pictures.open("r+b" if self._length else "wb") as file:
+        with os.fdopen(open_plain(self._pictures, os.O_RDWR | os.O_CREAT), "r+b") as file:
             file.seek(self._length)
             file.truncate()
             file.write(pictures)
@@ -65,21 +74,84 @@ class CheckpointFiles:
     def load(self, replay: Replay) -> dict[str, Any]:
         """Fill the replay memory and return the rest of the state.
 
+        Nothing in the files is believed: they are read as data only, within limits.
+
         Raises:
             RunDirectoryError: the checkpoint is missing or damaged.
         """
-        try:
-            state: dict[str, Any] = torch.load(self._file, map_location="cpu", weights_only=True)
+        with self.damage_named():
+            with os.fdopen(open_plain(self._file, os.O_RDONLY), "rb") as file:
+                _refuse_archive(file)
+                file.seek(0)
+                state: dict[str, Any] = torch.load(file, map_location="cpu", weights_only=True)
             self._length = state.pop("pictures")
             kept = state.pop("replay")
-            held = int(kept["lengths"].sum())
-            with self._pictures.open("rb") as file:
-                file.seek(self._length - held)
-                pictures = file.read(held)
-            if len(pictures) < held:
-                raise EOFError(f"{self._pictures.name} is too short")
-            replay.load(kept, pictures)
-        except DAMAGE as error:
-            raise RunDirectoryError(f"{self._file} cannot be resumed from: {error}") from error
+            if kept["rows"] and tuple(kept["image_shape"]) != IMAGE_SHAPE:
+                raise ValueError("its pictures have another shape")
+            replay.load(kept, self._read_pictures)
         self._rows = replay.rows
         return state
+
+    def _read_pictures(self, held: int) -> bytes:
+        """Return the last bytes of the pictures that the checkpoint counts."""
+        with os.fdopen(open_plain(self._pictures, os.O_RDONLY), "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            if not held <= self._length <= size:
+                raise EOFError(f"{self._pictures.name} is too short")
+            file.seek(self._length - held)
+            return file.read(held)
+
+    @contextmanager
+    def damage_named(self) -> Iterator[None]:
+        """Raise what a damaged checkpoint causes as an error that names it.
+
+        Raises:
+            RunDirectoryError: the block failed.
+        """
+        try:
+            yield
+        except DAMAGE as error:
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            raise RunDirectoryError(f"{self._file} cannot be resumed from: {reason}") from error
+
+
+def _refuse_archive(file: BinaryIO) -> None:
+    """Refuse an archive that is damaged, or that unpacks to more than it is.
+
+    Raises:
+        ValueError, zipfile.BadZipFile: it is one.
+    """
+    if os.fstat(file.fileno()).st_size > LARGEST_CHECKPOINT:
+        raise ValueError(f"it is larger than {LARGEST_CHECKPOINT // GIB} GiB")
+    with zipfile.ZipFile(file) as archive:
+        if any(one.compress_type != zipfile.ZIP_STORED for one in archive.infolist()):
+            raise ValueError("it is packed")
+        if (damaged := archive.testzip()) is not None:
+            raise ValueError(f"its part {damaged} is damaged")
+
+
+def refuse_other_form(found: object, wanted: object, place: str = "") -> None:
+    """Refuse a state whose keys, types and shapes are not those of a sound one.
+
+    What a sound one has no entries for yet, such as an optimizer's state, may hold any tensors of
+    their own memory.
+
+    Raises:
+        ValueError: the text names the place.
+    """
+    if isinstance(wanted, Tensor) and isinstance(found, Tensor):
+        same = found.dtype == wanted.dtype and found.shape == wanted.shape
+        if not same or found.nbytes > found.untyped_storage().nbytes():
+            raise ValueError(f"{place} has another form")
+    elif type(found) is not type(wanted):
+        raise ValueError(f"{place} is of another type")
+    elif isinstance(found, dict) and isinstance(wanted, dict):
+        if wanted and found.keys() != wanted.keys():
+            raise ValueError(f"{place} has other keys")
+        for key, value in found.items():
+            refuse_other_form(value, wanted.get(key, value), f"{place} {key}".strip())
+    elif isinstance(found, list | tuple) and isinstance(wanted, list | tuple):
+        if len(found) != len(wanted):
+            raise ValueError(f"{place} has another length")
+        for index, value in enumerate(found):
+            refuse_other_form(value, wanted[index], f"{place} {index}".strip())

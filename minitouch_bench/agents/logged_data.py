@@ -1,75 +1,202 @@
 """Episodes that somebody recorded: a robot, a policy, a person (Minari's dataset format)."""
 
-from collections.abc import Mapping
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import UsageError
+from minitouch_bench.files import MIB, open_plain, read_file
 from minitouch_bench.optional import require
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE
-from minitouch_bench.simulation.observation import Observation
+
+METADATA_FILE, DATA_FILE = "metadata.json", "main_data.hdf5"
+
+LONGEST_EPISODE = 20_000
+"""The most control steps of a recorded episode: 135 MiB of pictures."""
+LARGEST_CHUNK = 256 * MIB
+"""The most bytes that are unpacked at once."""
+
+LARGEST_VALUE = 1e4
+"""The largest number that a touch sensor in m and N, or a reward, may have."""
+
+DAMAGE = (
+    OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, MemoryError,
+)  # fmt: skip
+"""What reading a damaged file can raise, ``RecursionError`` among the ``RuntimeError``s."""
+
+
+@dataclass(frozen=True)
+class LoggedEpisode:
+    """One recorded episode of T control steps.
+
+    ``images`` uint8 (T + 1, 1, H, W), ``touch`` float32 (T + 1, 11), ``actions`` float32 (T, A),
+    ``rewards`` float64 (T,); ``successes`` and ``terminations`` bool (T,).
+    """
+
+    images: NDArray[np.uint8]
+    touch: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    rewards: NDArray[np.float64]
+    successes: NDArray[np.bool_]
+    terminations: NDArray[np.bool_]
 
 
 def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
     """Fill the replay memory with the episodes of a dataset directory.
 
-    Observations are ``image`` uint8 (T + 1, 1, H, W) and ``touch`` float32 (T + 1, 11),
-    actions float32 (T, A), as ``minitouch-bench record`` writes them.
-
     Raises:
-        MissingExtraError: Minari is not installed.
-        UsageError: there is no such dataset, or it is of another environment.
+        MissingExtraError: h5py is not installed.
+        UsageError: there is no such dataset, it is of another environment, damaged or larger
+            than the memory.
     """
-    minari = require("minari", "data")
-    try:
-        dataset = minari.MinariDataset(path)
-        episodes = list(dataset.iterate_episodes())
-    except (OSError, ValueError, KeyError, AssertionError) as error:
-        raise UsageError(f"{path} is no Minari dataset: {error}") from error
-    for episode in episodes:
-        _check(path, episode.observations, episode.actions.shape, action_size)
-        images, touch = episode.observations["image"], episode.observations["touch"]
-        successes = _successes(episode)
-        replay.begin_episode(images[0], touch[0])
+    for episode in read_log(path, action_size):
+        if replay.rows + len(episode.images) > replay.capacity:
+            raise UsageError(
+                f"{path} holds more than the {replay.capacity:,} steps of the memory: "
+                "set a larger replay_size"
+            )
+        replay.begin_episode(episode.images[0], episode.touch[0])
         for step, action in enumerate(episode.actions):
             replay.add(
                 action,
                 float(episode.rewards[step]),
-                images[step + 1],
-                touch[step + 1],
-                success=bool(successes[step]),
+                episode.images[step + 1],
+                episode.touch[step + 1],
+                success=bool(episode.successes[step]),
                 ended=bool(episode.terminations[step]),
             )
-    if replay.rows <= len(episodes):
+    if not replay.rows:
         raise UsageError(f"{path} holds no control step")
 
 
-def _successes(episode: Any) -> Any:
-    """Return whether each step reached the goal, (T,): what ``is_success`` in the infos says.
+def read_log(path: Path, action_size: int) -> Iterator[LoggedEpisode]:
+    """Read a dataset episode by episode, as ``minitouch-bench record`` writes it.
 
-    Without it a step did that has a positive reward. Rewards of another kind need ``is_success``.
-    """
-    told = (episode.infos or {}).get("is_success")
-    return episode.rewards > 0 if told is None else told[-len(episode.actions) :]  # no reset's
-
-
-def _check(
-    path: Path, observations: Observation, actions: tuple[int, ...], action_size: int
-) -> None:
-    """Refuse what is no episode of this task.
+    The dataset is a stranger's: its shapes are looked at before anything is unpacked, and nothing
+    outside the file is read. Minari itself would follow the file's links.
 
     Raises:
-        UsageError: an array is missing, or has another form.
+        MissingExtraError: h5py is not installed.
+        UsageError: it is not such a dataset.
     """
-    steps = actions[0]
-    wanted = {"image": (steps + 1, *IMAGE_SHAPE), "touch": (steps + 1, *TOUCH_SHAPE)}
-    arrays = observations if isinstance(observations, Mapping) else {}
-    found = {name: np.shape(arrays.get(name, ())) for name in wanted}
-    if found != wanted or actions[1:] != (action_size,):
-        raise UsageError(
-            f"{path} holds an episode with {found} and actions {actions}; wanted are {wanted} "
-            f"and {action_size} numbers per action"
+    h5py = require("h5py", "data")
+    try:
+        count = _count_episodes(path)
+        handle = open_plain(path / DATA_FILE, os.O_RDONLY, follow=True)
+        with os.fdopen(handle, "rb") as plain, h5py.File(plain, "r") as file:
+            if len(file) != count:
+                raise ValueError(f"{METADATA_FILE} counts {count} episodes, the data {len(file)}")
+            for index in range(count):
+                yield _Reader(h5py, file, f"episode_{index}").episode(action_size)
+    except DAMAGE as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise UsageError(f"{path} is not a Minari dataset of this task: {reason}") from error
+
+
+def _count_episodes(path: Path) -> int:
+    metadata = json.loads(read_file(path / METADATA_FILE, MIB, follow=True))
+    if not isinstance(metadata, dict) or metadata.get("data_format", "hdf5") != "hdf5":
+        raise ValueError(f"{METADATA_FILE} does not say that the data are HDF5")
+    count = metadata.get("total_episodes")
+    if type(count) is not int:
+        raise ValueError(f"{METADATA_FILE} does not count the episodes")
+    return count
+
+
+class _Reader:
+    """Reads the arrays of one episode, each with the shape that it must have."""
+
+    def __init__(self, h5py: Any, file: Any, name: str) -> None:
+        self._h5py = h5py
+        self._name = name
+        self._group = self._member(file, name, h5py.Group)
+
+    def episode(self, action_size: int) -> LoggedEpisode:
+        """Return the episode, every number of it checked."""
+        observations = self._member(self._group, "observations", self._h5py.Group)
+        actions = self._member(self._group, "actions", self._h5py.Dataset).shape
+        steps = actions[0] if actions else 0
+        if actions != (steps, action_size) or not 0 < steps <= LONGEST_EPISODE:
+            raise ValueError(
+                f"{self._name} has actions {actions}; wanted are 1 to {LONGEST_EPISODE:,} of "
+                f"{action_size} numbers"
+            )
+        rewards = self._numbers(self._group, "rewards", (steps,), LARGEST_VALUE)
+        return LoggedEpisode(
+            images=self._images(observations, (steps + 1, *IMAGE_SHAPE)),
+            touch=self._numbers(
+                observations, "touch", (steps + 1, *TOUCH_SHAPE), LARGEST_VALUE
+            ).astype(np.float32),
+            actions=self._numbers(self._group, "actions", (steps, action_size), 1.0).astype(
+                np.float32
+            ),
+            rewards=rewards,
+            successes=self._successes(rewards > 0),
+            terminations=self._numbers(self._group, "terminations", (steps,), 1.0) > 0,
         )
+
+    def _successes(self, rewarded: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return whether each step reached the goal, (T,): what ``is_success`` in the infos says.
+
+        Without it a step did that has a positive reward. Rewards of another kind need
+        ``is_success``; its first value is the reset's, if there is one more than steps.
+        """
+        if "infos" not in self._group:
+            return rewarded
+        infos = self._member(self._group, "infos", self._h5py.Group)
+        if "is_success" not in infos:
+            return rewarded
+        length = self._member(infos, "is_success", self._h5py.Dataset).shape
+        steps = len(rewarded)
+        shape = (steps + 1,) if length == (steps + 1,) else (steps,)
+        return self._numbers(infos, "is_success", shape, 1.0)[-steps:] > 0
+
+    def _images(self, group: Any, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+        images = self._array(group, "image", shape)
+        if images.dtype != np.uint8:
+            raise ValueError(f"{self._name} has images of {images.dtype}, not uint8")
+        return images
+
+    def _numbers(
+        self, group: Any, name: str, shape: tuple[int, ...], largest: float
+    ) -> NDArray[np.float64]:
+        """Return finite numbers of at most a size, float64."""
+        array = self._array(group, name, shape)
+        if array.dtype.kind not in "fiub":
+            raise ValueError(f"{self._name} has {name} of {array.dtype}")
+        numbers = array.astype(np.float64)
+        if not (np.abs(numbers) <= largest).all():  # NaN is not
+            raise ValueError(f"{self._name} has {name} that are not numbers within ±{largest:g}")
+        return numbers
+
+    def _array(self, group: Any, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
+        """Read an array whose shape is the one wanted; its chunks are not larger than allowed."""
+        data = self._member(group, name, self._h5py.Dataset)
+        if data.shape != shape:
+            raise ValueError(f"{self._name} has {name} {data.shape}; wanted is {shape}")
+        if data.dtype.hasobject or data.is_virtual or data.external:
+            raise ValueError(f"{self._name} has {name} that are stored elsewhere")
+        chunk = np.prod(data.chunks or (0,), dtype=np.float64) * data.dtype.itemsize
+        if chunk > LARGEST_CHUNK:
+            raise ValueError(f"{self._name} has {name} in chunks of {chunk:.0f} bytes")
+        array: NDArray[Any] = data[()]
+        return array
+
+    def _member(self, group: Any, name: str, kind: Any) -> Any:
+        """Return a member that lies in the file itself."""
+        link = group.get(name, getlink=True)
+        if link is None:
+            raise ValueError(f"{self._name} has no {name.removeprefix(self._name)}".rstrip())
+        if not isinstance(link, self._h5py.HardLink):
+            raise ValueError(f"{self._name} has {name} that is a link")
+        member = group[name]
+        if not isinstance(member, kind):
+            raise ValueError(f"{self._name} has {name} of another kind")
+        return member

@@ -1,13 +1,17 @@
 """What a training tells of itself: rows of ``progress.csv``."""
 
 import csv
+import io
+import os
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from torch import Tensor
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import os_errors_as, write_file
+from minitouch_bench.files import append_bytes, read_file, write_file
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,7 @@ class ProgressRow:
 
 
 COLUMNS = tuple(field.name for field in fields(ProgressRow))
+PHASES = ("exploration", "task")
 LOSSES = (
     "intrinsic_reward",
     "curiosity_loss",
@@ -66,6 +71,22 @@ class Tally:
         self.steps = self.touched = self.episodes = self.successes = self.updates = 0
         self.task_reward = 0.0
         self.losses: dict[str, Tensor] = {}
+
+    def load(self, state: dict[str, Any]) -> None:
+        """Take over the sums that ``vars`` gave.
+
+        Raises:
+            ValueError: they are not such sums.
+        """
+        own = vars(self)
+        losses = state.get("losses")
+        if state.keys() != own.keys() or not isinstance(losses, dict):
+            raise ValueError("its sums have other names")
+        numbers = [value for name, value in state.items() if name != "losses"]
+        are_scalars = all(isinstance(one, Tensor) and one.numel() == 1 for one in losses.values())
+        if not all(type(one) in (int, float) for one in numbers) or not are_scalars:
+            raise ValueError("its sums are not numbers")
+        own.update(state)
 
     def add_step(self, reward: float, *, success: bool, touched: bool, ended: bool) -> None:
         """Count a control step."""
@@ -109,15 +130,12 @@ def append_row(path: Path, row: ProgressRow) -> None:
     Raises:
         RunDirectoryError: there is no room, or no permission.
     """
-    new = not path.exists()
-    with (
-        os_errors_as(RunDirectoryError, path, "written"),
-        path.open("a", newline="", encoding="utf-8") as file,
-    ):
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        if new:
-            writer.writeheader()
-        writer.writerow({n: "" if v is None else v for n, v in asdict(row).items()})
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    if not os.path.lexists(path):
+        writer.writeheader()
+    writer.writerow({n: "" if v is None else v for n, v in asdict(row).items()})
+    append_bytes(path, text.getvalue().encode())
 
 
 def cut_rows(path: Path, step: int) -> None:
@@ -126,15 +144,30 @@ def cut_rows(path: Path, step: int) -> None:
     Raises:
         RunDirectoryError: a row is damaged.
     """
-    if not path.exists():
+    if not os.path.lexists(path):
         return
     try:
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        lines = read_file(path).decode().splitlines(keepends=True)
         rows = [line for line in lines[1:] if line.endswith("\n")]
-        kept = [line for line in rows if int(line.split(",")[0]) <= step]
+        if lines and lines[0] != ",".join(COLUMNS) + "\n":
+            raise ValueError("its columns have other names")
+        kept = [line for line in rows if _checked_step(line) <= step]
     except (OSError, ValueError) as error:
         raise RunDirectoryError(f"{path} cannot be read: {error}") from error
     if kept:
         write_file(path, "".join([lines[0], *kept]))
     else:
         path.unlink()
+
+
+def _checked_step(line: str) -> int:
+    """Return the step of a row whose other values are a phase, and numbers or empty.
+
+    Raises:
+        ValueError: they are not.
+    """
+    step, phase, *values = line.rstrip("\n").split(",")
+    numbers = [float(value) for value in values if value]
+    if len(values) + 2 != len(COLUMNS) or phase not in PHASES or np.isinf(numbers).any():
+        raise ValueError(f"a row of it is damaged: {line[:80]!a}")
+    return int(step)

@@ -1,7 +1,9 @@
 """Replay memory: each picture once, rewards left to whoever samples."""
 
+import math
 import zlib
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +14,9 @@ from torch import Tensor
 
 COMPRESSION_LEVEL = 6
 """Of zlib: a picture takes 60 to 90 microseconds in, 20 out, and 300 to 800 of 7,056 bytes."""
+
+ZLIB_ROOM = 64
+"""Bytes that a picture may grow by where zlib cannot make it smaller."""
 
 SUCCESS_STEPS = 50
 """How many of the last steps before a success count as leading to it."""
@@ -205,21 +210,51 @@ class Replay:
         """Return the pictures from a row on, one after the other, as they are kept."""
         return b"".join(self._images[one % self.capacity] for one in range(row, self.rows))
 
-    def load(self, state: dict[str, Any], pictures: bytes) -> None:
-        """Take over what ``state`` returned, and all pictures that were held then."""
-        self.rows = state["rows"]
-        self._episode_start = state["episode_start"]
-        self._image_shape = tuple(state["image_shape"])
-        self._successes = deque(state["successes"])
+    def load(self, state: dict[str, Any], read_pictures: Callable[[int], bytes]) -> None:
+        """Take over what ``state`` returned; ``read_pictures`` gives the pictures' last bytes.
+
+        Raises:
+            ValueError, LookupError, TypeError, zlib.error: no memory of this size says so.
+        """
+        rows, start, lengths = state["rows"], state["episode_start"], state["lengths"]
+        size = min(rows, self.capacity)
+        if not (type(rows) is type(start) is int and 0 <= start <= rows):
+            raise ValueError("its episode is not in the memory")
         for name in _COLUMNS:
-            setattr(self, name, state[name].numpy().copy())
-        lengths, size = state["lengths"].tolist(), len(self)
+            wanted, found = getattr(self, name), state[name].numpy()
+            same = found.dtype == wanted.dtype and found.shape == (size, *wanted.shape[1:])
+            if not (same and found.flags.c_contiguous and np.isfinite(found).all()):
+                raise ValueError(f"its {name[1:]} has another form")
+            setattr(self, name, found.copy())
+        if rows > 1 and self._last.all():
+            raise ValueError("no row has an action")
+        successes = [(first, last) for first, last in state["successes"]]
+        if len(successes) > rows or not all(0 <= a < b <= rows for a, b in successes):
+            raise ValueError("its successes are not in the memory")
+        if lengths.shape != (size,) or lengths.dtype != torch.int32 or not lengths.is_contiguous():
+            raise ValueError("its pictures are not as many as its rows")
+        shape = tuple(state["image_shape"])
+        largest = math.prod(shape) + ZLIB_ROOM
+        if size and not 0 < int(lengths.min()) <= int(lengths.max()) <= largest:
+            raise ValueError("a picture in it has another size")
+        self.rows, self._episode_start = rows, start
+        self._image_shape, self._successes = shape, deque(successes)
+        self._take_pictures(lengths.tolist(), read_pictures(int(lengths.sum())))
+
+    def _take_pictures(self, lengths: list[int], pictures: bytes) -> None:
+        size, end, wanted = len(self), 0, math.prod(self._image_shape)
         self._images = [b""] * size
-        end = 0
         for row in range(self.rows - size, self.rows):
-            length = lengths[row % self.capacity]
-            self._images[row % self.capacity] = pictures[end : end + length]
-            end += length
+            content = pictures[end : end + lengths[row % self.capacity]]
+            plain = content
+            if self._compress:  # no more than a picture is unpacked
+                unpacking = zlib.decompressobj()
+                plain = unpacking.decompress(content, wanted + 1)
+                plain = plain if unpacking.eof else b""
+            if len(plain) != wanted:
+                raise ValueError("a picture in it is damaged")
+            self._images[row % self.capacity] = content
+            end += len(content)
 
     def episode_actions(self) -> NDArray[np.float32]:
         """Return the actions of the episode under way, float32 (T, A)."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from minitouch_bench.agents.checkpoint import CheckpointFiles
+from minitouch_bench.agents.checkpoint import CheckpointFiles, refuse_other_form
 from minitouch_bench.agents.config import TrainingConfig
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.logged_data import fill_from_log
@@ -62,15 +62,28 @@ class Training:
         self._episode = -1
         self._seconds = 0.0
         self.step = 0
+        self.kept_step: int | None = None
+        """Step of the last checkpoint."""
 
-    def run(self) -> bool:
-        """Train to the end and return True, or False where it was asked to stop before."""
+    def start(self) -> None:
+        """Begin, or go on from the last checkpoint.
+
+        Raises:
+            RunDirectoryError: a file of it is damaged.
+        """
         self._clock = time.perf_counter()
         if self._files.exists():
             self._resume()
         else:
             self._begin()
         cut_rows(self._directory / PROGRESS_FILE, self.step)
+
+    def run(self) -> bool:
+        """Train to the end and return True, or False where it was asked to stop before.
+
+        Raises:
+            RunDirectoryError: a file cannot be written; the last checkpoint is kept.
+        """
         while self.step < self.config.steps:
             if self._callbacks.should_stop():
                 self._save()
@@ -189,24 +202,34 @@ class Training:
         self._save()
 
     def _save(self) -> None:
-        state: dict[str, Any] = {
+        self._files.save(self._state(), self._replay)
+        self.kept_step = self.step
+
+    def _state(self) -> dict[str, Any]:
+        """Return everything but the replay memory."""
+        return {
             "step": self.step,
             "episode": self._episode,
             "seconds": self._elapsed(),
             "tally": vars(self._tally),
             "learner": self._learner.state(),
         }
-        self._files.save(state, self._replay)
 
     def _resume(self) -> None:
         """Load the checkpoint, and bring the world back by doing the episode's actions again."""
         state = self._files.load(self._replay)
-        self.step, self._episode = state["step"], state["episode"]
-        self._seconds = state["seconds"]
-        vars(self._tally).update(state["tally"])
-        self._learner.load_state(state["learner"])
-        if self._is_from_log:
-            return
-        self._observation, _ = self._environment.reset(seed=self._episode_seed())
-        for action in self._replay.episode_actions():
-            self._observation = self._environment.step(action)[0]
+        with self._files.damage_named():
+            refuse_other_form(state, self._state() | {"tally": {**state["tally"]}})
+            self.step, self._episode = state["step"], state["episode"]
+            self.kept_step = self.step
+            self._seconds = state["seconds"]
+            self._tally.load(state["tally"])
+            self._learner.load_state(state["learner"])
+            actions = self._replay.episode_actions()
+            if self._is_from_log:
+                return
+            if len(actions) > (self.config.episode_steps or self._environment.task.spec.max_steps):
+                raise ValueError("its episode is longer than any")
+            self._observation, _ = self._environment.reset(seed=self._episode_seed())
+            for action in actions:
+                self._observation = self._environment.step(action)[0]

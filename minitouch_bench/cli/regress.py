@@ -36,20 +36,24 @@ def regress(
         Path | None, typer.Option(help="Directory of a finished run, in place of POLICY.")
     ] = None,
     config: Annotated[
-        Path | None, typer.Option(help=f"Tolerances and levels; by default {CONFIG_FILE}.")
+        Path | None, typer.Option(help=f"Tolerance and level; by default {CONFIG_FILE}.")
+    ] = None,
+    metric: Annotated[
+        str | None,
+        typer.Option(help="What decides: the mean of this over its tasks; by default success."),
     ] = None,
     tolerance: Annotated[
-        list[str] | None,
-        typer.Option(help="[TASK.]METRIC=AMOUNT or =PERCENT%, for example pushing.success=0.1."),
-    ] = None,
-    metrics: Annotated[
-        str | None, typer.Option(help="Guard only these, separated by commas.")
+        str | None,
+        typer.Option(help="How much worse it may get, such as 0.05 or 10%; by default 0.05."),
     ] = None,
     alpha: Annotated[
         float | None, typer.Option(help="Chance of a false regression; by default 0.05.")
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Exit 1 where the gate is inconclusive too.")
+        bool, typer.Option("--strict", help="Always fail where there are not enough episodes.")
+    ] = False,
+    lenient: Annotated[
+        bool, typer.Option("--lenient", help="Never fail where there are not enough episodes.")
     ] = False,
     workers: options.Workers = options.AUTO,
     engine: options.EngineName = "local",
@@ -73,7 +77,7 @@ def regress(
         bool, typer.Option("--json", help="Print the result as JSON in place of the tables.")
     ] = False,
 ) -> None:
-    """Say PASS, or FAIL (exit 1) if a candidate is worse beyond tolerance and chance."""
+    """Say whether a candidate is worse: regression (exit 1), no regression, not enough episodes."""
     if (policy is None) == (candidate is None):
         raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
     if candidate is not None and (output is not None or resume or fresh or trust):
@@ -90,7 +94,12 @@ def regress(
         policy,
         candidate,
         with_flags(
-            _file_settings(config), tolerance or (), alpha=alpha, strict=strict, metrics=metrics
+            _file_settings(config),
+            metric=metric,
+            tolerance=tolerance,
+            alpha=alpha,
+            strict=strict,
+            lenient=lenient,
         ),
         EngineOptions(engine, options.worker_count(workers), address),
         options.isolation_options(isolation, trust, act_timeout, episode_timeout),

@@ -18,11 +18,24 @@ Workers = Annotated[int, typer.Option(min=1, help="Processes; the result never d
 
 @contextmanager
 def progress_bar(label: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar on stderr; yield a function that takes (done, total)."""
+    """Yield a function that takes (done, total); its first call shows a bar on stderr."""
     columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(label, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    bar = Progress(*columns, console=Console(stderr=True))
+    task = bar.add_task(label, total=None)
+    is_shown = False
+
+    def show(done: int, total: int) -> None:
+        nonlocal is_shown
+        if not is_shown:
+            bar.start()
+            is_shown = True
+        bar.update(task, completed=done, total=total)
+
+    try:
+        yield show
+    finally:
+        if is_shown:
+            bar.stop()
 
 
 @app.command()
@@ -92,8 +105,9 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
     density: Annotated[float, typer.Option(min=1.0, help="Density in kg/m3.")] = 1000.0,
     workers: Workers = 1,
 ) -> None:
-    """Make a set of given objects; each refusal is printed with its reason."""
+    """Make a set of given objects; exit 1 with the reason of each refusal."""
     from minitouch_bench.shapegen import importing
+    from minitouch_bench.shapegen.soundness import Reason
 
     config = importing.ImportConfig(scale, fit, density)
     with progress_bar("objects") as progress:
@@ -103,9 +117,15 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
     typer.echo(f"{result.accepted} accepted, {len(result.refused)} refused")
     for reason, number in sorted(result.reasons().items()):
         typer.echo(f"  {number:5d} {reason}")
-    if not result.accepted:
+    sizes = (Reason.SIZE.value, Reason.TOO_WIDE.value, Reason.TOO_FLAT.value)
+    if not fit and any(reason.startswith(sizes) for reason in result.refused.values()):
+        typer.echo(
+            "--fit gives each object a size the hand can grip; --scale sets the unit", err=True
+        )
+    if result.accepted:
+        typer.echo(f"set in {result.folder}, digest {result.digest}")
+    if result.refused or not result.accepted:
         raise typer.Exit(1)
-    typer.echo(f"set in {result.folder}, digest {result.digest}")
 
 
 @app.command()

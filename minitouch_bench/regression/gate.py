@@ -1,4 +1,11 @@
-"""The regression gate: whether a candidate is worse than its baseline beyond a tolerance."""
+"""The regression gate: whether a candidate is worse than its baseline beyond a tolerance.
+
+One question decides, the endpoint: the mean of one metric over the tasks that have it, by default
+success over the tasks with a goal. It is tested once, at the gate's whole level. Only where it is
+a regression are the metrics of each task tested, to say where: a fixed sequence, which keeps the
+level (W. Maurer, L. A. Hothorn and W. Lehmacher, "Multiple comparisons in drug clinical trials
+and preclinical assays: a-priori ordered hypotheses", 1995).
+"""
 
 import shlex
 from collections.abc import Sequence
@@ -7,7 +14,10 @@ from enum import StrEnum
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
+from minitouch_bench.metrics.intervals import Root
 from minitouch_bench.metrics.metric import NO_DIRECTION
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Outcome, RunHeader, SavedRun
 from minitouch_bench.regression.comparison import (
     ComparedRun,
@@ -35,37 +45,53 @@ from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
 
-FAILED = 1
-"""Exit code of a regression, and with ``strict`` of an inconclusive gate."""
-
 
 class Decision(StrEnum):
-    """What the gate says of a metric of a task, or of all."""
+    """What the gate says."""
 
     REGRESSION = "regression"
-    PASSED = "no regression"
-    INCONCLUSIVE = "inconclusive"
-    OPEN = "not decided"
+    NO_REGRESSION = "no regression"
+    NOT_ENOUGH = "not enough episodes"
+
+
+REGRESSION_CODE = 1
+NOT_ENOUGH_CODE = 5
+"""Exit codes: the check failed; the check has no result, as everywhere."""
 
 
 @dataclass(frozen=True)
-class JudgedMetric:
-    """One metric of one task.
+class Endpoint:
+    """What decides: the mean of one metric over its tasks.
 
-    ``p_adjusted`` is over everything judged; ``tolerance`` is in the metric's unit;
+    ``p_value``: one-sided, of a candidate that is no worse. ``tolerance`` is in the metric's unit.
     ``episodes_needed``: per task, to settle it, None for none or too many.
     """
 
     effect: Effect
-    p_adjusted: float
+    tasks: tuple[str, ...]
+    p_value: float
     tolerance: float
     decision: Decision
     episodes_needed: int | None = None
 
+    @property
+    def is_beyond(self) -> bool:
+        """Whether the candidate is worse by more than the tolerance in the episodes seen."""
+        return self.effect.worsening > self.tolerance
+
+
+@dataclass(frozen=True)
+class TaskMetric:
+    """A metric of one task. ``p_adjusted`` is over all of them, None where none was tested."""
+
+    effect: Effect
+    p_adjusted: float | None
+    is_worse: bool
+
 
 @dataclass(frozen=True)
 class EpisodesUsed:
-    """Episodes that a sequential gate has used, of those it had planned, and why it stopped."""
+    """Episodes that a policy has played, of those it had to, and why it stopped."""
 
     used: int
     planned: int
@@ -76,10 +102,9 @@ class EpisodesUsed:
 class GateResult:
     """What the gate found, and the command to type next.
 
-    ``identical``: every episode of both runs has the same bits. ``unjudged``: metrics
-    without a better direction. ``left_out``: tasks whose rules have changed.
-    ``episodes_used`` is None where both runs were there already; ``unfinished``: the
-    candidate's run was stopped.
+    ``identical``: every episode of both runs has the same bits. ``wall_s``: seconds that the
+    candidate's run took. ``episodes_used`` is None where both runs were there already;
+    ``unfinished``: the candidate's run was stopped.
     """
 
     baseline: ComparedRun
@@ -87,26 +112,23 @@ class GateResult:
     decision: Decision
     settings: GateSettings
     identical: bool
-    judged: tuple[JudgedMetric, ...]
-    unjudged: tuple[Effect, ...]
+    endpoint: Endpoint
+    per_task: tuple[TaskMetric, ...]
     changes: tuple[OutcomeChange, ...]
     notes: tuple[str, ...]
     next_command: str
-    left_out: tuple[str, ...] = ()
+    wall_s: float
     episodes_used: EpisodesUsed | None = None
     unfinished: bool = False
 
     @property
     def exit_code(self) -> int:
-        """0, or 1 for a regression; with ``strict`` 1 for whatever is not passed."""
-        if self.decision is Decision.PASSED:
-            return 0
-        return FAILED if self.decision is Decision.REGRESSION or self.settings.strict else 0
-
-    @property
-    def episodes_needed(self) -> int | None:
-        """The most episodes per task that an inconclusive metric needs, None if unknown."""
-        return episodes_needed(self.judged)
+        """0, 1 for a regression, 5 where there are not enough episodes and it fails."""
+        if self.decision is Decision.REGRESSION:
+            return REGRESSION_CODE
+        is_open = self.decision is Decision.NOT_ENOUGH and not self.settings.lenient
+        fails = is_open and (self.settings.strict or self.endpoint.is_beyond)
+        return NOT_ENOUGH_CODE if fails else 0
 
 
 def judge_runs(
@@ -114,88 +136,128 @@ def judge_runs(
 ) -> GateResult:
     """Judge a candidate by its whole run, beside the baseline's.
 
-    A metric is a regression where it is worse by more than its tolerance and, after Holm's
-    method over everything judged, significantly different; it has passed where the 95 %
-    interval excludes such a worsening; else it is inconclusive.
-
     Raises:
-        UsageError: the runs cannot be paired, or have none of the metrics.
+        UsageError: the runs cannot be paired, or have none of the metric.
     """
+    refuse_other_rules(baseline, candidate.header)
     pairs = pair_runs(baseline, candidate)
-    guarded, others = guarded_values(pairs, tasks_in_order((baseline,)), settings)
-    root = (baseline.header.seed,)
-    judged = judge_values(guarded, settings, root)
+    tasks, root = tasks_in_order((baseline,)), (baseline.header.seed,)
+    values = endpoint_values(pairs, tasks, settings)
+    endpoint = judge_endpoint(values, settings, root)
     identical = are_identical(baseline, candidate, pairs)
     if identical:
-        judged = tuple(
-            replace(one, decision=Decision.PASSED, episodes_needed=None) for one in judged
-        )
+        endpoint = replace(endpoint, decision=Decision.NO_REGRESSION, episodes_needed=None)
+    per_task = measure_tasks(pairs, tasks, endpoint, settings.alpha, root)
     changes = find_changes(pairs, paths)
     return GateResult(
         baseline=ComparedRun.of("baseline", baseline, paths[0]),
         candidate=ComparedRun.of("candidate", candidate, paths[1]),
-        decision=overall([one.decision for one in judged]),
+        decision=endpoint.decision,
         settings=settings,
         identical=identical,
-        judged=judged,
-        unjudged=tuple(measure_effect(values, root) for values in others),
+        endpoint=endpoint,
+        per_task=per_task,
         changes=changes,
         notes=differences_of_making(baseline, candidate),
-        next_command=_next_command(judged, changes, (baseline.header, candidate.header), paths),
-        left_out=baseline.header.rules_differ(candidate.header),
+        next_command=_next_command(endpoint, changes, (baseline.header, candidate.header), paths),
+        wall_s=candidate.environment.wall_s,
     )
 
 
-def guarded_values(
-    pairs: Sequence[EpisodePair], tasks: Sequence[str], settings: GateSettings
-) -> tuple[tuple[PairedValues, ...], tuple[PairedValues, ...]]:
-    """Return the values of the metrics that the gate guards: with a direction, and without.
+def refuse_other_rules(baseline: SavedRun, candidate: RunHeader) -> None:
+    """Refuse a candidate that was not played by the baseline's rules, in each of its tasks.
 
     Raises:
-        UsageError: none has a direction.
+        UsageError: the line names the tasks whose rules differ, or what else does.
     """
-    found = [one for one in collect_values(pairs, tasks) if one.metric in settings.metrics]
-    guarded = tuple(one for one in found if one.direction != NO_DIRECTION)
-    if not guarded:
-        names = ", ".join(settings.metrics)
-        raise UsageError(f"nothing to judge: in {', '.join(tasks)} {names} cannot get worse")
-    return guarded, tuple(one for one in found if one.direction == NO_DIRECTION)
+    header, name = baseline.header, printable(baseline.name)
+    again = "make the baseline again"
+    if other := header.rules_differ(candidate):
+        raise UsageError(
+            f"the rules of {printable(', '.join(other))} are not those that '{name}' was played "
+            f"by: {again}"
+        )
+    for what, here, there in (
+        ("protocol digest", candidate.protocol_digest[:12], header.protocol_digest[:12]),
+        ("conditions", *map(_conditions, (candidate, header))),
+    ):
+        if here != there:
+            raise UsageError(
+                f"the candidate's {what} and that of '{name}' differ "
+                f"({printable(here)}; {printable(there)}): {again}"
+            )
 
 
-def judge_values(
-    guarded: Sequence[PairedValues], settings: GateSettings, root: tuple[int, ...]
-) -> tuple[JudgedMetric, ...]:
-    """Judge metrics together, at the level of the settings."""
-    effects = [measure_effect(values, root) for values in guarded]
-    adjusted = holm([effect.p_value for effect in effects])
-    found = []
-    for values, effect, p_value in zip(guarded, effects, adjusted, strict=True):
-        allowed = settings.tolerance(effect.task, effect.metric).absolute(effect.first)
-        # The interval of a share is good for any number of episodes.
-        is_believed = effect.count >= FEWEST_FOR_A_MEAN or is_binary(effect.metric)
-        decision, needed = Decision.INCONCLUSIVE, None
-        if effect.worsening > allowed and p_value <= settings.alpha:
-            decision = Decision.REGRESSION
-        elif effect.worst <= allowed and is_believed:
-            decision = Decision.PASSED
-        else:
-            needed = _needed(values, effect, allowed, settings.alpha / len(effects))
-        found.append(JudgedMetric(effect, p_value, allowed, decision, needed))
-    return tuple(found)
+def _conditions(header: RunHeader) -> str:
+    return ", ".join(header.played_under.in_words()) or "standard"
 
 
-def overall(decisions: Sequence[Decision]) -> Decision:
-    """Return the decision over all: one regression is enough, and all must have passed."""
-    if Decision.REGRESSION in decisions:
-        return Decision.REGRESSION
-    return Decision.PASSED if set(decisions) == {Decision.PASSED} else Decision.INCONCLUSIVE
+def endpoint_values(
+    pairs: Sequence[EpisodePair], tasks: Sequence[str], settings: GateSettings
+) -> PairedValues:
+    """Return the values that decide, of all tasks in which the metric can get worse.
+
+    Raises:
+        UsageError: there are none.
+    """
+    goals = [task for task in tasks if task in GOAL_TASKS]
+    name = settings.metric or ranking_metric((goals or list(tasks))[0])
+    metric = METRICS[name]
+    deciding = tuple(task for task in tasks if metric.is_in(task) and metric.direction_in(task))
+    title = MEAN_TASK if len(deciding) > 1 else "".join(deciding)
+    values = PairedValues(title, name, deciding).with_pairs(pairs)
+    if not len(values.first):
+        raise UsageError(f"nothing to judge: in {', '.join(tasks)} {name} cannot get worse")
+    return values
 
 
-def episodes_needed(judged: Sequence[JudgedMetric]) -> int | None:
-    """Return the most episodes per task that an inconclusive metric needs, None if unknown."""
-    counts = [one.episodes_needed for one in judged if one.decision is Decision.INCONCLUSIVE]
-    known = [count for count in counts if count is not None]
-    return max(known) if known and len(known) == len(counts) else None
+def judge_endpoint(values: PairedValues, settings: GateSettings, root: Root) -> Endpoint:
+    """Judge the endpoint over whole runs.
+
+    It is a regression where the candidate is worse by more than the tolerance and, at the gate's
+    level, significantly worse. It is none where the 95 % interval excludes a worsening beyond the
+    tolerance. Otherwise there are not enough episodes.
+    """
+    effect = measure_effect(values, root)
+    allowed = settings.tolerance_of(values.metric).absolute(effect.first)
+    endpoint = Endpoint(effect, values.tasks, one_sided(effect), allowed, Decision.NOT_ENOUGH)
+    # The interval of a share is good for any number of episodes.
+    is_believed = effect.count >= FEWEST_FOR_A_MEAN or is_binary(effect.metric)
+    if endpoint.is_beyond and endpoint.p_value <= settings.alpha:
+        return replace(endpoint, decision=Decision.REGRESSION)
+    if effect.worst <= allowed and is_believed:
+        return replace(endpoint, decision=Decision.NO_REGRESSION)
+    return replace(endpoint, episodes_needed=_needed(values, effect, allowed, settings.alpha))
+
+
+def one_sided(effect: Effect) -> float:
+    """Return the p-value of an effect, that the second run is no worse.
+
+    Both tests are symmetric where the policies are equal, so that it is half the two-sided one.
+    """
+    return effect.p_value / 2.0 if effect.worsening > 0.0 else 1.0
+
+
+def measure_tasks(
+    pairs: Sequence[EpisodePair],
+    tasks: Sequence[str],
+    endpoint: Endpoint,
+    alpha: float,
+    root: Root,
+) -> tuple[TaskMetric, ...]:
+    """Measure every metric of every task that can get worse; test them after a regression only."""
+    effects = [
+        measure_effect(values, root)
+        for values in collect_values(pairs, tasks)
+        if values.task != MEAN_TASK and values.direction != NO_DIRECTION
+    ]
+    if endpoint.decision is not Decision.REGRESSION:
+        return tuple(TaskMetric(effect, None, is_worse=False) for effect in effects)
+    adjusted = holm([one_sided(effect) for effect in effects])
+    return tuple(
+        TaskMetric(effect, p_value, p_value <= alpha)
+        for effect, p_value in zip(effects, adjusted, strict=True)
+    )
 
 
 def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) -> int | None:
@@ -205,17 +267,17 @@ def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) 
     """
     resolution = resolution_of(values)
     if effect.worsening > allowed:
-        found = resolution.episodes_to_detect(level, beyond=allowed)
+        needed = resolution.episodes_to_detect(2.0 * level, beyond=allowed)  # a two-sided level
     else:
-        found = resolution.episodes_to_exclude(allowed)
-    if found is None:
+        needed = resolution.episodes_to_exclude(allowed)
+    if needed is None:
         return None
-    per_task = -(-max(found, effect.count + 1) // len(values.tasks))
+    per_task = -(-max(needed, effect.count + 1) // len(values.tasks))
     return per_task if per_task <= MAX_EPISODES else None
 
 
 def _next_command(
-    judged: Sequence[JudgedMetric],
+    endpoint: Endpoint,
     changes: Sequence[OutcomeChange],
     headers: tuple[RunHeader, RunHeader],
     paths: tuple[str, str],
@@ -223,15 +285,13 @@ def _next_command(
     """Return the command line that leads on from here.
 
     After a regression it replays an episode that was lost; where more episodes would settle
-    the matter it plays them; else it compares the runs in full.
+    the matter it plays them; otherwise it compares the runs in full.
     """
-    worse = {one.effect.task for one in judged if one.decision is Decision.REGRESSION}
     lost = [change for change in changes if change.first is Outcome.SUCCESS]
-    for change in lost:
-        if change.episode.split("/")[-2] in worse or worse == {MEAN_TASK}:
-            return change.replays[1]
-    if not worse and not headers[0].chosen and (needed := episodes_needed(judged)):
-        return _longer_gate(headers, paths[0], needed)
+    if endpoint.decision is Decision.REGRESSION and lost:
+        return lost[0].replays[1]
+    if endpoint.episodes_needed and not headers[0].chosen:
+        return _longer_gate(headers, paths[0], endpoint.episodes_needed)
     return shlex.join(["minitouch-bench", "compare", *map(printable, paths)])
 
 

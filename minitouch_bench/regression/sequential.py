@@ -1,20 +1,18 @@
-"""The gate that looks after every episode, and stops as soon as its answer is certain.
+"""A policy that plays the baseline's episodes, and stops as soon as the answer is certain.
 
-A part of the gate's level is for stopping early, the rest for judging a run that was played to
-its end, so that together a false answer keeps the level:
+The baseline's outcomes are known: where it failed the candidate can only win, where it succeeded
+only lose. The answer is certain once the remaining episodes, however they end, leave it as it is.
+So an early answer is the answer of the whole run, and costs nothing of the gate's level.
 
-- a regression is certain by an e-process (Bonferroni over all metrics and tasks), or because
-  no outcome of the remaining episodes could change what the whole run will be judged to be;
-- no regression is certain once every metric of every task is within its tolerance: a share by
-  an e-process or by what remains, a mean by its interval at one of LOOKS.
-
-Episodes count in one fixed order, whatever the order they end in: the answer does not depend
-on the number of workers.
+Episodes count in one fixed order, whatever the order they end in: the answer does not depend on
+the number of workers.
 """
 
 import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from minitouch_bench.metrics.intervals import Root, stream
 from minitouch_bench.records import EpisodeMetrics, Role, RunHeader, SavedRun
@@ -23,16 +21,16 @@ from minitouch_bench.regression.comparison import (
     differences_of_isolation,
     find_changes,
 )
+from minitouch_bench.regression.differences import Discordance, count_discordance, tango
 from minitouch_bench.regression.gate import (
     Decision,
     EpisodesUsed,
     GateResult,
-    JudgedMetric,
-    guarded_values,
-    judge_runs,
-    overall,
+    endpoint_values,
+    judge_endpoint,
+    measure_tasks,
 )
-from minitouch_bench.regression.metric_watch import AlphaParts, MetricWatch
+from minitouch_bench.regression.paired_tests import is_binary
 from minitouch_bench.regression.pairing import EpisodePair, episode_key, refuse_other_episode
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.reporting.labels import reproduce_command
@@ -56,22 +54,26 @@ def play_order(episodes: Sequence[EpisodeMetrics], root: Root) -> tuple[EpisodeM
 class SequentialGate:
     """Takes a candidate's episodes as they end, and says when to stop.
 
-    ``order``: the baseline's episodes as ``play_order`` has them; ``root`` seeds the bootstrap.
+    Only shares of episodes are ever certain before the end. ``order``: the baseline's episodes as
+    ``play_order`` has them, each of a task of the endpoint; ``root`` seeds the bootstrap.
 
     Raises:
-        UsageError: the episodes have none of the metrics that the settings guard.
+        UsageError: the episodes have none of the metric.
     """
 
     def __init__(self, order: Sequence[EpisodeMetrics], settings: GateSettings, root: Root) -> None:
         self._order = tuple(order)
+        self._root = root
         self.settings = settings
+        self.decision: Decision | None = None
         self._waiting: dict[str, EpisodeMetrics] = {}
         self._pairs: list[EpisodePair] = []
+        self._tasks = tuple(dict.fromkeys(episode.task for episode in order))
         mirror = [EpisodePair(Role.FINAL, episode, episode) for episode in order]
-        tasks = tuple(dict.fromkeys(episode.task for episode in order))
-        guarded, _ = guarded_values(mirror, tasks, settings)
-        self.alpha = AlphaParts.of(settings.alpha, len(guarded))
-        self._watches = [MetricWatch(values, settings, self.alpha, root) for values in guarded]
+        self._baseline = endpoint_values(mirror, self._tasks, settings)
+        self._seen = replace(self._baseline, first=np.empty(0), second=np.empty(0))
+        tolerance = settings.tolerance_of(self._baseline.metric)
+        self._allowed = tolerance.absolute(float(self._baseline.first.mean()))
 
     @property
     def used(self) -> int:
@@ -89,23 +91,9 @@ class SequentialGate:
         return tuple(self._pairs)
 
     @property
-    def decision(self) -> Decision:
-        """The answer; OPEN while it is not certain."""
-        found = overall([watch.decision for watch in self._watches])
-        return Decision.OPEN if found is Decision.INCONCLUSIVE else found
-
-    @property
     def is_certain(self) -> bool:
         """Whether there is an answer."""
-        return self.decision is not Decision.OPEN
-
-    @property
-    def reason(self) -> str:
-        """Why the answer is certain, in words."""
-        return next(
-            (watch.reason for watch in self._watches if watch.decision is Decision.REGRESSION),
-            "every metric is within its tolerance",
-        )
+        return self.decision is not None
 
     def add(self, episodes: Iterable[EpisodeMetrics]) -> bool:
         """Take episodes in any order; return whether the answer is certain.
@@ -116,49 +104,62 @@ class SequentialGate:
         for episode in episodes:
             self._waiting[episode_key(Role.FINAL, episode)] = episode
         while not self.is_certain and self.used < self.planned:
-            own = self._order[self.used]
-            other = self._waiting.pop(episode_key(Role.FINAL, own), None)
-            if other is None:
+            expected = self._order[self.used]
+            played = self._waiting.pop(episode_key(Role.FINAL, expected), None)
+            if played is None:
                 break
-            pair = EpisodePair(Role.FINAL, own, other)
+            pair = EpisodePair(Role.FINAL, expected, played)
             refuse_other_episode(pair)
             self._pairs.append(pair)
-            for watch in self._watches:
-                watch.add(pair)
+            self._seen = self._seen.with_pairs([pair])
+            if is_binary(self._baseline.metric):
+                self.decision = self._look_ahead()
         return self.is_certain
 
-    def judged(self) -> tuple[JudgedMetric, ...]:
-        """Return what is known of each metric that has an episode, at an early stop."""
-        return tuple(watch.judged() for watch in self._watches if watch.count)
+    def _look_ahead(self) -> Decision | None:
+        """Return what the whole run will be judged to be, None while that is open."""
+        seen = count_discordance(self._seen.first, self._seen.second)
+        left_to_lose = int(self._baseline.first.sum() - self._seen.first.sum())
+        left_to_win = self.planned - self.used - left_to_lose
+        best = Discordance(self.planned, seen.lost, seen.won + left_to_win)
+        if -best.difference > self._allowed and best.p_value / 2.0 <= self.settings.alpha:
+            return Decision.REGRESSION
+        worst = Discordance(self.planned, seen.lost + left_to_lose, seen.won)
+        if -worst.difference <= self._allowed and -tango(worst).low <= self._allowed:
+            return Decision.NO_REGRESSION
+        return None
 
-
-def early_result(
-    gate: SequentialGate, baseline: SavedRun, path: str, candidate: ComparedRun, header: RunHeader
-) -> GateResult:
-    """Return the result of a gate that is certain; ``header`` is the candidate's."""
-    rest = shlex.join(["--output", candidate.path, "--resume"])
-    return GateResult(
-        baseline=ComparedRun.of("baseline", baseline, path),
-        candidate=candidate,
-        decision=gate.decision,
-        settings=gate.settings,
-        identical=False,
-        judged=gate.judged(),
-        unjudged=(),
-        changes=find_changes(gate.pairs, (path, candidate.path)),
-        notes=differences_of_isolation(baseline.header, header),
-        next_command=f"{reproduce_command(header)} {rest}",
-        episodes_used=EpisodesUsed(gate.used, gate.planned, gate.reason),
-        unfinished=True,
-    )
-
-
-def final_result(
-    baseline: SavedRun, candidate: SavedRun, paths: tuple[str, str], settings: GateSettings
-) -> GateResult:
-    """Judge a whole run at the part of the level that early stops have left."""
-    level = AlphaParts.of(settings.alpha, tests=1).final
-    found = judge_runs(baseline, candidate, paths, replace(settings, alpha=level))
-    count = len(candidate.episodes)
-    used = EpisodesUsed(count, count, "no answer was certain before the end")
-    return replace(found, settings=settings, episodes_used=used)
+    def result(
+        self,
+        baseline: SavedRun,
+        path: str,
+        candidate: ComparedRun,
+        header: RunHeader,
+        wall_s: float,
+    ) -> GateResult:
+        """Return the result of a gate that is certain; ``header`` is the candidate's."""
+        assert self.decision is not None
+        judged = judge_endpoint(self._seen, self.settings, self._root)
+        endpoint = replace(
+            judged, decision=self.decision, tolerance=self._allowed, episodes_needed=None
+        )
+        rest = shlex.join(["--output", candidate.path, "--resume"])
+        return GateResult(
+            baseline=ComparedRun.of("baseline", baseline, path),
+            candidate=candidate,
+            decision=self.decision,
+            settings=self.settings,
+            identical=False,
+            endpoint=endpoint,
+            per_task=measure_tasks(
+                self._pairs, self._tasks, endpoint, self.settings.alpha, self._root
+            ),
+            changes=find_changes(self._pairs, (path, candidate.path)),
+            notes=differences_of_isolation(baseline.header, header),
+            next_command=f"{reproduce_command(header)} {rest}",
+            wall_s=wall_s,
+            episodes_used=EpisodesUsed(
+                self.used, self.planned, "the remaining episodes cannot change the answer"
+            ),
+            unfinished=True,
+        )

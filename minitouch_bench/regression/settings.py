@@ -1,21 +1,18 @@
-"""What a regression gate lets pass: levels and tolerances, from flags and a TOML file."""
+"""What a regression gate lets pass: level, metric and tolerance, from flags and a TOML file."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from minitouch_bench.documents import read_toml
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.protocol.minitouch import TASK_NAMES
-from minitouch_bench.regression.pairing import COMPARED_METRICS, MEAN_METRIC, MEAN_TASK
+from minitouch_bench.regression.pairing import COMPARED_METRICS, MEAN_METRIC
 from minitouch_bench.rendering.escaping import printable
 
-SECTION_KEYS = ("alpha", "strict", "metrics", "tolerance")
-ROWS = (*TASK_NAMES, MEAN_TASK)
-"""What a tolerance may be of: a task, or the mean."""
+SECTION_KEYS = ("alpha", "metric", "tolerance", "strict", "lenient")
 
 _PERCENT = re.compile(r"(\d+(?:\.\d+)?)\s*%")
 
@@ -50,18 +47,20 @@ OTHER_TOLERANCE = Tolerance(0.20, relative=True)
 class GateSettings:
     """What the gate asks for.
 
-    ``tolerances`` by ``METRIC`` or ``TASK.METRIC``; ``strict`` fails what is inconclusive.
+    ``metric``: what the endpoint is the mean of; "" for success, or for the touch share where no
+    task has a goal. ``tolerance``: None for the metric's default. Where there are not enough
+    episodes, ``strict`` always fails and ``lenient`` never does.
     """
 
     alpha: float = 0.05
+    metric: str = ""
+    tolerance: Tolerance | None = None
     strict: bool = False
-    metrics: tuple[str, ...] = COMPARED_METRICS
-    tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
+    lenient: bool = False
 
-    def tolerance(self, task: str, metric: str) -> Tolerance:
-        """Return the tolerance of a metric in a task: its own, the metric's, the default."""
-        own = self.tolerances.get(f"{task}.{metric}") or self.tolerances.get(metric)
-        return own or DEFAULT_TOLERANCES.get(metric, OTHER_TOLERANCE)
+    def tolerance_of(self, metric: str) -> Tolerance:
+        """Return the tolerance of the endpoint's metric."""
+        return self.tolerance or DEFAULT_TOLERANCES.get(metric, OTHER_TOLERANCE)
 
 
 STANDARD = GateSettings()
@@ -81,129 +80,69 @@ def read_settings(file: Path) -> GateSettings:
         raise UsageError(f"{file}: {error}") from error
 
 
-def with_flags(
-    settings: GateSettings,
-    tolerances: Sequence[str],
-    *,
-    alpha: float | None = None,
-    strict: bool = False,
-    metrics: str | None = None,
-) -> GateSettings:
+def with_flags(settings: GateSettings, **flags: Any) -> GateSettings:
     """Return the settings with those of the command line in place of the file's.
 
+    A flag that is None or False leaves the file's setting, except that ``strict`` and ``lenient``
+    each replace the other.
+
     Raises:
-        UsageError: a tolerance that is not ``[TASK.]METRIC=NUMBER`` or ``=NUMBER%``.
+        UsageError: a value has no meaning.
     """
-    own = dict(settings.tolerances)
-    for text in tolerances:
-        key, sign, value = (part.strip() for part in text.partition("="))
-        if not sign:
-            raise UsageError(
-                f"a tolerance is METRIC=NUMBER or TASK.METRIC=NUMBER, not '{printable(text)}'"
-            )
-        checked = _checked_key(key)
-        own[checked] = _tolerance(checked, _number(value))
-    names = settings.metrics
-    if metrics is not None:
-        names = _metrics([name.strip() for name in metrics.split(",") if name.strip()])
-    return replace(
-        settings,
-        alpha=settings.alpha if alpha is None else _alpha(alpha),
-        strict=strict or settings.strict,
-        metrics=names,
-        tolerances=own,
-    )
+    given = {
+        name: value for name, value in flags.items() if value is not None and value is not False
+    }
+    if "strict" in given or "lenient" in given:
+        settings = replace(settings, strict=False, lenient=False)
+    return _checked(replace(settings, **given))
 
 
 def _settings(values: Any) -> GateSettings:
-    table = _table(values, SECTION_KEYS, "[regress]")
-    strict = table.get("strict", False)
-    if not isinstance(strict, bool):
-        raise UsageError("regress.strict is true or false")
-    return GateSettings(
-        alpha=_alpha(table.get("alpha", GateSettings.alpha)),
-        strict=strict,
-        metrics=_metrics(table.get("metrics", list(COMPARED_METRICS))),
-        tolerances={
-            key: _tolerance(key, value) for key, value in _flat(table.get("tolerance", {}))
-        },
-    )
+    if not isinstance(values, dict):
+        raise UsageError("[regress] is a table")
+    for key in values:
+        if key not in SECTION_KEYS:
+            known = ", ".join(SECTION_KEYS)
+            raise UsageError(f"[regress] has no key '{printable(key)}'; it knows {known}")
+    return _checked(GateSettings(**values))
 
 
-def _flat(values: Any) -> Iterator[tuple[str, Any]]:
-    """Walk through a table of tolerances; those of a task stand in a table of its name."""
-    table = _table(values, (*COMPARED_METRICS, *ROWS), "[regress.tolerance]")
-    for name, value in table.items():
-        if name in ROWS:
-            own = _table(value, COMPARED_METRICS, f"[regress.tolerance.{name}]")
-            yield from ((_checked_key(f"{name}.{metric}"), one) for metric, one in own.items())
-        else:
-            yield name, value
-
-
-def _table(value: Any, known: Sequence[str], name: str) -> dict[str, Any]:
-    """Return a table whose keys are all known."""
-    if not isinstance(value, dict):
-        raise UsageError(f"{name} is a table")
-    for key in value:
-        if key not in known:
-            raise UsageError(f"{name} has no key '{printable(key)}'; it knows {', '.join(known)}")
-    return value
-
-
-def _checked_key(key: str) -> str:
-    """Return a tolerance's key, of a metric that can get worse in its task."""
-    task, dot, metric = key.rpartition(".")
-    if metric not in COMPARED_METRICS:
+def _checked(settings: GateSettings) -> GateSettings:
+    """Return settings whose values have a meaning together; a tolerance may still be text."""
+    alpha, metric = settings.alpha, settings.metric
+    if not isinstance(alpha, float) or not 0.0 < alpha < 0.5:
+        raise UsageError(f"alpha is a number between 0 and 0.5, not {alpha}")
+    if metric and metric not in COMPARED_METRICS:
         known = ", ".join(COMPARED_METRICS)
-        raise UsageError(f"no metric '{printable(metric)}' to tolerate; there are {known}")
-    if not dot:
-        return key
-    if task not in ROWS:
-        raise UsageError(f"no task '{printable(task)}'; there are {', '.join(ROWS)}")
-    if metric != MEAN_METRIC if task == MEAN_TASK else not METRICS[metric].is_in(task):
-        raise UsageError(f"{task} has no {metric}")
-    if not METRICS[metric].direction_in(task):
-        raise UsageError(
-            f"more {metric} is neither better nor worse in {task}: nothing to tolerate"
-        )
-    return key
+        raise UsageError(f"no metric '{printable(str(metric))}' to guard; there are {known}")
+    for name in ("strict", "lenient"):
+        if not isinstance(getattr(settings, name), bool):
+            raise UsageError(f"regress.{name} is true or false")
+    if settings.strict and settings.lenient:
+        raise UsageError("a gate is strict or lenient, not both")
+    tolerance = settings.tolerance
+    return replace(settings, tolerance=None if tolerance is None else _tolerance(tolerance, metric))
 
 
-def _tolerance(key: str, value: Any) -> Tolerance:
-    percent = _PERCENT.fullmatch(value.strip()) if isinstance(value, str) else None
-    if percent:
-        found = Tolerance(float(percent[1]) / 100.0, relative=True)
-    elif isinstance(value, int | float) and not isinstance(value, bool):
-        found = Tolerance(float(value))
-    else:
-        raise UsageError(f"the tolerance of {key} is a number or a percentage like '10%'")
-    is_share = METRICS[key.rpartition(".")[2]].is_share
-    if not 0.0 <= found.amount < (1.0 if is_share else float("inf")):
+def _tolerance(value: Any, metric: str) -> Tolerance:
+    """Read a tolerance of a metric, or check the one that there is."""
+    tolerance = value if isinstance(value, Tolerance) else _parse(value)
+    if tolerance is None:
+        raise UsageError("the tolerance is one number, or a percentage like '10%'")
+    is_share = METRICS[metric or MEAN_METRIC].is_share
+    if not 0.0 <= tolerance.amount < (1.0 if is_share else float("inf")):
         room = "from 0 to below 1" if is_share else "0 or more"
-        raise UsageError(f"the tolerance of {key} is {room}, not {value}")
-    return found
+        raise UsageError(f"the tolerance is {room}, not {printable(str(value))}")
+    return tolerance
 
 
-def _number(text: str) -> float | str:
-    """Return a flag's value as a number, or as it is."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def _alpha(value: Any) -> float:
-    if not isinstance(value, float) or not 0.0 < value < 0.5:
-        raise UsageError(f"alpha is a number between 0 and 0.5, not {value}")
-    return value
-
-
-def _metrics(names: Any) -> tuple[str, ...]:
-    known = ", ".join(COMPARED_METRICS)
-    if not isinstance(names, list) or not names:
-        raise UsageError(f"metrics is a list of some of {known}")
-    for name in names:
-        if name not in COMPARED_METRICS:
-            raise UsageError(f"no metric '{printable(str(name))}' to guard; there are {known}")
-    return tuple(metric for metric in COMPARED_METRICS if metric in names)
+def _parse(value: Any) -> Tolerance | None:
+    if isinstance(value, str):
+        if percent := _PERCENT.fullmatch(value.strip()):
+            return Tolerance(float(percent[1]) / 100.0, relative=True)
+        try:
+            return Tolerance(float(value))
+        except ValueError:
+            return None
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return Tolerance(float(value)) if is_number else None

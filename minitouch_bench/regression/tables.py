@@ -8,9 +8,8 @@ from minitouch_bench.regression.comparison import (
     Comparison,
     OutcomeChange,
     RunPair,
-    verdict,
 )
-from minitouch_bench.regression.gate import Decision, GateResult, JudgedMetric
+from minitouch_bench.regression.gate import NOT_ENOUGH_CODE, Decision, GateResult
 from minitouch_bench.regression.paired_tests import Effect
 from minitouch_bench.regression.pairing import COMPARED_METRICS
 from minitouch_bench.rendering.escaping import printable
@@ -32,10 +31,14 @@ GATE_COLUMNS = (
     Column("Baseline"),
     Column("Candidate"),
     Column("Difference"),
+)
+ENDPOINT_COLUMNS = (
+    *GATE_COLUMNS,
     Column("Tolerance"),
-    Column("p adjusted"),
+    Column("p"),
     Column("Decision", is_text=True),
 )
+TASK_COLUMNS = (*GATE_COLUMNS, Column("p adjusted"), Column("Verdict", is_text=True))
 
 NOT_ALIKE = "Not alike beside the policies"
 
@@ -72,20 +75,40 @@ def comparison_tables(comparison: RunPair) -> tuple[Table, ...]:
     return tuple(_by_metric(columns, rows))
 
 
-def gate_tables(result: GateResult) -> tuple[Table, ...]:
-    """Lay out what the gate judged in narrow tables, one per metric: tasks down."""
-    return tuple(_by_metric(GATE_COLUMNS, _gate_rows(result)))
+def endpoint_table(result: GateResult) -> Table:
+    """Lay out what decides."""
+    endpoint = result.endpoint
+    effect = endpoint.effect
+    tolerance = result.settings.tolerance_of(effect.metric)
+    allowed = format_value(effect.metric, endpoint.tolerance)
+    cells = (
+        *_values(effect),
+        Cell(f"{allowed} ({tolerance})" if tolerance.relative else allowed),
+        Cell(p_text(endpoint.p_value)),
+        Cell(endpoint.decision.value),
+    )
+    return Table(
+        title=f"What decides: {effect_head(effect)}, over {listed(endpoint.tasks)}",
+        corner=("Task",),
+        columns=ENDPOINT_COLUMNS,
+        rows=(Row((task_title(effect.task),), cells),),
+    )
 
 
-def gate_table(result: GateResult) -> Table:
-    """Lay out what the gate judged, one row per metric of a task."""
+def task_tables(result: GateResult) -> tuple[Table, ...]:
+    """Lay out the metrics of each task in narrow tables, one per metric: tasks down."""
+    return tuple(_by_metric(TASK_COLUMNS, _task_rows(result)))
+
+
+def task_table(result: GateResult) -> Table:
+    """Lay out the metrics of each task, one row per metric of a task."""
     return Table(
         title="Candidate minus baseline, on the same episodes",
         corner=("Task", "Metric"),
-        columns=GATE_COLUMNS,
+        columns=TASK_COLUMNS,
         rows=tuple(
             Row((task_title(effect.task), effect_head(effect)), cells)
-            for effect, cells in _gate_rows(result)
+            for effect, cells in _task_rows(result)
         ),
     )
 
@@ -124,35 +147,20 @@ def p_text(p_value: float) -> str:
     return f"<{SMALLEST_P:.4f}" if p_value < SMALLEST_P else f"{p_value:.4f}"
 
 
-def decision_text(judged: JudgedMetric) -> str:
-    """Write a decision, with the episodes that would settle it."""
-    if judged.decision is not Decision.INCONCLUSIVE:
-        return judged.decision.value
-    if judged.episodes_needed is None:
-        return f"{judged.decision.value}, at the very tolerance"
-    return f"{judged.decision.value}, needs {judged.episodes_needed:,} episodes"
-
-
 def effect_head(effect: Effect) -> str:
     """Name the metric of an effect with its better direction in the task, and its unit."""
     label = f"{METRICS[effect.metric].label} {effect.direction}".rstrip()
     return f"{label} ({effect.unit})"
 
 
-def _gate_rows(result: GateResult) -> list[tuple[Effect, tuple[Cell, ...]]]:
-    """Return the cells of what was judged, then of what cannot get worse."""
-    titles = (result.baseline.title, result.candidate.title)
+def _task_rows(result: GateResult) -> list[tuple[Effect, tuple[Cell, ...]]]:
+    """Return the cells of every metric of every task."""
     rows = []
-    for one in result.judged:
-        effect = one.effect
-        tolerance = result.settings.tolerance(effect.task, effect.metric)
-        allowed = format_value(effect.metric, one.tolerance)
-        text = f"{allowed} ({tolerance})" if tolerance.relative else allowed
-        tail = (Cell(text), Cell(p_text(one.p_adjusted)), Cell(decision_text(one)))
-        rows.append((effect, (*_values(effect), *tail)))
-    for effect in result.unjudged:
-        words = verdict(effect, effect.p_value, titles)
-        rows.append((effect, (*_values(effect), Cell(), Cell(), Cell(f"not judged: {words}"))))
+    for one in result.per_task:
+        tested = one.p_adjusted is not None
+        words = ("worse" if one.is_worse else "not worse for certain") if tested else "not tested"
+        p_value = Cell() if one.p_adjusted is None else Cell(p_text(one.p_adjusted))
+        rows.append((one.effect, (*_values(one.effect), p_value, Cell(words))))
     return rows
 
 
@@ -211,21 +219,25 @@ def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
 
 
 def result_line(result: GateResult) -> str:
-    """Say the gate's answer in one sentence that begins with PASS or FAIL."""
-    word = "FAIL" if result.exit_code else "PASS"
+    """Say the gate's answer in one sentence that begins with the decision."""
+    return f"{result.decision.value}: {_reason(result)}"
+
+
+def _reason(result: GateResult) -> str:
+    endpoint, effect = result.endpoint, result.endpoint.effect
     if result.identical:
-        reason = "the run digests are equal, every episode is the same to the last bit"
-    elif result.decision is Decision.REGRESSION:
-        reason = f"worse beyond the tolerance in {_named(result, Decision.REGRESSION)}"
-    elif result.decision is Decision.PASSED:
-        reason = "a worsening beyond the tolerance is excluded"
-    elif result.episodes_needed is None:
-        reason = f"inconclusive in {_named(result, Decision.INCONCLUSIVE)}"
-    else:
-        reason = f"inconclusive, {result.episodes_needed:,} episodes per task would settle it"
-    if result.left_out:
-        reason += f"; {listed(result.left_out)} left out, make the baseline again"
-    return f"{word}: {reason}"
+        return "the run digests are equal, every episode is the same to the last bit"
+    values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
+    change = f"{effect.task} {effect.metric} {' → '.join(values)}"
+    where = "beyond" if endpoint.is_beyond else "within"
+    seen = f"{change} in {effect.count} episodes, {where} the tolerance"
+    if endpoint.decision is Decision.REGRESSION:
+        return f"{seen}, p {p_text(endpoint.p_value)}"
+    if endpoint.decision is Decision.NO_REGRESSION:
+        return f"{change}, a worsening beyond the tolerance is excluded"
+    if endpoint.episodes_needed is None:
+        return f"{seen}; no number of episodes would settle it if the difference is as observed"
+    return f"{seen}; {endpoint.episodes_needed:,} episodes per task would settle it"
 
 
 def next_line(result: GateResult) -> str:
@@ -250,28 +262,22 @@ def episodes_line(result: GateResult) -> str:
 def gate_notes(result: GateResult) -> tuple[str, ...]:
     """Say how the figures of a result were made, and what is not alike."""
     found = [f"{NOT_ALIKE}: {note}." for note in result.notes]
-    alpha = f"{100 * result.settings.alpha:g} %"
     if result.unfinished:
         found.append(
-            "p adjusted: e-processes, which hold wherever one stops. Brackets: for shares of "
-            "episodes confidence sequences, which do so too; for means the 95 % interval of the "
-            f"episodes seen. Chance of a false regression: at most {alpha}. The candidate's run "
-            "is unfinished: the next command finishes it, then its episodes can be replayed."
+            "The candidate's run is unfinished: differences and p are of the episodes seen; the "
+            "decision is that of the whole run. The next command finishes it, then its episodes "
+            "can be replayed."
         )
-    else:
-        found.append(
-            "Brackets: 95 % interval of the paired difference, of the row alone. p adjusted: by "
-            "Holm's method over everything judged. Chance of a false regression: at most "
-            f"{alpha}. Mean: over the tasks with a goal."
-        )
+    alpha = f"{100 * result.settings.alpha:g} %"
+    found.append(
+        "Brackets: 95 % interval of the paired difference, of the row alone. p: one-sided, that "
+        f"the candidate is no worse. Chance of a false regression: at most {alpha}. Only after a "
+        "regression are the metrics of each task tested, adjusted together by Holm's method."
+    )
     found.append(
         "regression: worse beyond the tolerance, and significant. no regression: the interval "
-        "excludes a worsening beyond the tolerance. inconclusive: neither."
+        "excludes a worsening beyond the tolerance. not enough episodes: neither; it fails "
+        f"(exit {NOT_ENOUGH_CODE}) where the episodes seen are worse beyond the tolerance, with "
+        "--strict always, with --lenient never."
     )
     return tuple(found)
-
-
-def _named(result: GateResult, decision: Decision) -> str:
-    """Name the metrics that were decided so."""
-    own = [one.effect for one in result.judged if one.decision is decision]
-    return listed([f"{effect.task} {effect.metric}" for effect in own])

@@ -11,7 +11,8 @@ from rich.text import Text
 
 from minitouch_bench.regression import tables
 from minitouch_bench.regression.comparison import Comparison, OutcomeChange
-from minitouch_bench.regression.gate import Decision, GateResult, JudgedMetric
+from minitouch_bench.regression.gate import Decision, GateResult
+from minitouch_bench.regression.paired_tests import Effect
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.markdown import code_span, escape, table_lines
 from minitouch_bench.reporting.writers import draw_table
@@ -20,13 +21,13 @@ SHOWN_CHANGES, SUMMARY_CHANGES = 20, 50
 """Changed episodes that a screen and a result's page list; the JSON has all of them."""
 
 STYLES = {
-    Decision.PASSED: "bold green",
+    Decision.NO_REGRESSION: "bold green",
     Decision.REGRESSION: "bold red",
-    Decision.INCONCLUSIVE: "bold",
+    Decision.NOT_ENOUGH: "bold yellow",
 }
-MARKS = {Decision.PASSED: "✅", Decision.REGRESSION: "❌", Decision.INCONCLUSIVE: "❔"}
+MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌", Decision.NOT_ENOUGH: "❔"}
 
-VERSION = 2
+COMPARISON_VERSION, RESULT_VERSION = 2, 3
 """Of the JSON documents."""
 
 SUITE = "minitouch-bench regress"
@@ -46,13 +47,14 @@ def show_comparison(comparison: Comparison, console: Console) -> None:
 
 
 def show_result(result: GateResult, console: Console) -> None:
-    """Print a gate's result; the last two lines are PASS or FAIL, and what to type next."""
+    """Print a gate's result; the last two lines are the answer, and what to type next."""
     titles = (result.baseline.title, result.candidate.title)
     parts: list[RenderableType] = [
         Text(tables.run_line(result.baseline)),
         Text(tables.run_line(result.candidate)),
         Text(),
-        *(draw_table(table) for table in tables.gate_tables(result)),
+        draw_table(tables.endpoint_table(result)),
+        *(draw_table(table) for table in tables.task_tables(result)),
         *_changes_on_screen(result.changes, titles),
         Text(),
         *(Text(note, style="dim") for note in tables.gate_notes(result)),
@@ -107,7 +109,9 @@ def gate_markdown(result: GateResult) -> str:
     if line := tables.episodes_line(result):
         parts.append(f"- {escape(line)}")
     parts.append(f"- next: {code_span(result.next_command)}")
-    parts += ["", *table_lines(tables.gate_table(result)), ""]
+    for table in (tables.endpoint_table(result), tables.task_table(result)):
+        parts += ["", f"### {escape(table.title)}", "", *table_lines(table)]
+    parts.append("")
     parts += [f"- {escape(note)}" for note in tables.gate_notes(result)]
     if result.changes:
         title = f"{len(result.changes)} episodes ended in another way"
@@ -131,21 +135,19 @@ def _markdown_changes(
 
 def comparison_json(comparison: Comparison) -> str:
     """Write a comparison; the keys are the fields of ``Comparison``."""
-    return _text({"format": "minitouch-comparison", "version": VERSION, **asdict(comparison)})
+    return _text(
+        {"format": "minitouch-comparison", "version": COMPARISON_VERSION, **asdict(comparison)}
+    )
 
 
 def gate_json(result: GateResult) -> str:
     """Write a gate's result; the keys are the fields of ``GateResult``."""
     found = {
         "format": "minitouch-regression",
-        "version": VERSION,
+        "version": RESULT_VERSION,
         "exit_code": result.exit_code,
-        "episodes_needed": result.episodes_needed,
         **asdict(result),
     }
-    for judged in found["judged"]:
-        tolerance = result.settings.tolerance(judged["effect"]["task"], judged["effect"]["metric"])
-        judged["tolerance_as_set"] = str(tolerance)
     return _text(found)
 
 
@@ -155,18 +157,20 @@ def _text(document: dict[str, Any]) -> str:
 
 
 def gate_junit(result: GateResult) -> str:
-    """Write a result as a JUnit report, one test case per metric of a task.
+    """Write a result as a JUnit report: a test case for what decides, and its time.
 
-    A regression is a failure, and what is inconclusive is skipped, with ``strict`` a failure
-    too. Source of the form: the Ant task "JUnitReport", as CI servers read it.
+    Not enough episodes are a failure where the gate fails, otherwise skipped. After a regression
+    each metric of a task is a test case too. Source of the form: the Ant task "JUnitReport", as CI
+    servers read it.
     """
-    kinds = [_kind(one, result) for one in result.judged]
+    tested = [one for one in result.per_task if one.p_adjusted is not None]
+    kinds = [_kind(result), *("failure" if one.is_worse else "system-out" for one in tested)]
     counts = {
         "tests": str(len(kinds)),
         "failures": str(kinds.count("failure")),
         "errors": "0",
         "skipped": str(kinds.count("skipped")),
-        "time": "0",
+        "time": f"{result.wall_s:.3f}",
     }
     root = ElementTree.Element("testsuites", {"name": SUITE, **counts})
     suite = ElementTree.SubElement(root, "testsuite", {"name": SUITE, **counts})
@@ -178,8 +182,12 @@ def gate_junit(result: GateResult) -> str:
         ("result", tables.result_line(result)),
     ):
         ElementTree.SubElement(properties, "property", {"name": name, "value": printable(value)})
-    for one, kind in zip(result.judged, kinds, strict=True):
-        _add_case(suite, one, kind)
+    endpoint = result.endpoint
+    case = _add_case(suite, endpoint.effect, kinds[0], tables.result_line(result), endpoint.p_value)
+    case.set("time", counts["time"])
+    for one, kind in zip(tested, kinds[1:], strict=True):
+        assert one.p_adjusted is not None
+        _add_case(suite, one.effect, kind, "worse", one.p_adjusted)
     lines = [tables.episodes_line(result), *tables.gate_notes(result), tables.next_line(result)]
     ElementTree.SubElement(suite, "system-out").text = "\n".join(
         printable(line) for line in lines if line
@@ -188,26 +196,26 @@ def gate_junit(result: GateResult) -> str:
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _kind(judged: JudgedMetric, result: GateResult) -> str:
-    """Return the element that says how a test case ended; a passed one has its output only."""
-    if judged.decision is Decision.PASSED:
-        return "system-out"
-    strict = result.settings.strict and judged.decision is Decision.INCONCLUSIVE
-    return "failure" if judged.decision is Decision.REGRESSION or strict else "skipped"
+def _kind(result: GateResult) -> str:
+    """Return the element that says how the gate ended; a passed one has its output only."""
+    if result.exit_code:
+        return "failure"
+    return "skipped" if result.decision is Decision.NOT_ENOUGH else "system-out"
 
 
-def _add_case(suite: ElementTree.Element, judged: JudgedMetric, kind: str) -> None:
-    effect = judged.effect
+def _add_case(
+    suite: ElementTree.Element, effect: Effect, kind: str, words: str, p_value: float
+) -> ElementTree.Element:
     difference = tables.difference_text(effect)
-    names = {"classname": f"minitouch.{effect.task}", "name": effect.metric, "time": "0"}
+    names = {"classname": f"minitouch.{effect.task}", "name": effect.metric}
     case = ElementTree.SubElement(suite, "testcase", names)
     found = ElementTree.SubElement(case, kind)
     if kind != "system-out":
-        found.set("message", printable(f"{tables.decision_text(judged)}: {difference}"))
+        found.set("message", printable(f"{words}: {difference}"))
     if kind == "failure":
-        found.set("type", judged.decision.value)
+        found.set("type", printable(words.partition(":")[0]))
     found.text = printable(
         f"{tables.effect_head(effect)}: candidate minus baseline {difference}, "
-        f"tolerance {judged.tolerance:g}, p {tables.p_text(judged.p_adjusted)}, "
-        f"{effect.count} episodes"
+        f"p {tables.p_text(p_value)}, {effect.count} episodes"
     )
+    return case

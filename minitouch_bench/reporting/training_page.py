@@ -1,5 +1,6 @@
 """A training's ``report.html``: its learning curves and settings on one page."""
 
+import io
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from minitouch_bench.files import PROGRESS_FILE
+from minitouch_bench.files import PROGRESS_FILE, read_file
 from minitouch_bench.rendering.charts import (
     Axis,
     Chart,
@@ -30,8 +31,8 @@ TRAINING, EVALUATION = series_tone(0), series_tone(1)
 
 def training_page(directory: Path) -> str:
     """Return the page of a training directory, from ``progress.csv`` and ``config.toml``."""
-    rows = pd.read_csv(directory / PROGRESS_FILE)
-    settings = (directory / "config.toml").read_text(encoding="utf-8")
+    rows = pd.read_csv(io.BytesIO(read_file(directory / PROGRESS_FILE)))
+    settings = read_file(directory / "config.toml").decode()
     return render_page(
         TEMPLATE,
         name=directory.resolve().name,

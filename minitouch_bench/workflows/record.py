@@ -103,7 +103,8 @@ def _new_directory(directory: Path) -> Iterator[Path]:
     with os_errors_as(RunDirectoryError, directory, "written"):
         directory.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as folder:
-            unfinished = Path(folder) / directory.name
+            # Minari joins a relative path to itself.
+            unfinished = Path(folder).absolute() / directory.name
             yield unfinished
             unfinished.rename(directory)
 

@@ -1,20 +1,22 @@
 """Hold a candidate to its baseline; a policy is played no longer than the answer needs."""
 
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from minitouch_bench.errors import UsageError
+from msgspec import UNSET
+
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.rollout import ActorSource
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run
-from minitouch_bench.evaluation.suites import choose_tasks, find_suite
+from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import append_text, lock_directory, write_file
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
-from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import (
     EpisodeRecord,
     EpisodeSpec,
@@ -25,18 +27,20 @@ from minitouch_bench.records import (
     SavedRun,
 )
 from minitouch_bench.regression.comparison import ComparedRun
-from minitouch_bench.regression.gate import GateResult, judge_runs
-from minitouch_bench.regression.pairing import episode_key
-from minitouch_bench.regression.sequential import (
-    SequentialGate,
-    early_result,
-    final_result,
-    play_order,
+from minitouch_bench.regression.gate import (
+    EpisodesUsed,
+    GateResult,
+    endpoint_values,
+    judge_runs,
+    refuse_other_rules,
 )
+from minitouch_bench.regression.pairing import EpisodePair, episode_key
+from minitouch_bench.regression.sequential import SequentialGate, play_order
 from minitouch_bench.regression.settings import STANDARD, GateSettings
 from minitouch_bench.regression.writers import gate_junit, gate_markdown
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.run_directory import read_run
+from minitouch_bench.reporting.labels import tasks_in_order
+from minitouch_bench.reporting.run_directory import read_run, run_digest
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.evaluate import REPORTS, OutputOptions, play, run_name, save_run
 
@@ -72,10 +76,11 @@ def regress(options: RegressOptions, callbacks: Callbacks = SILENT) -> GateResul
         RunDirectoryError: a directory is in use, holds another run, or none.
         InfrastructureError, InterruptedRunError: the run is incomplete and can be resumed.
     """
-    baseline = read_run(options.baseline)
+    baseline = _read_unedited(options.baseline)
     if options.candidate is not None:
         paths = (str(options.baseline), str(options.candidate))
-        result = judge_runs(baseline, read_run(options.candidate), paths, options.settings)
+        candidate = _read_unedited(options.candidate)
+        result = judge_runs(baseline, candidate, paths, options.settings)
     elif options.policy is not None:
         result = _play_gate(baseline, options.policy, options, callbacks)
     else:
@@ -85,6 +90,20 @@ def regress(options: RegressOptions, callbacks: Callbacks = SILENT) -> GateResul
     if options.summary is not None:
         append_text(options.summary, gate_markdown(result))
     return result
+
+
+def _read_unedited(directory: Path) -> SavedRun:
+    """Read a run whose digest is that of its episodes.
+
+    Raises:
+        RunDirectoryError: it is none, or was edited.
+    """
+    run = read_run(directory)
+    if run_digest(run.header, run.episodes, run.exploration_episodes) != run.digest:
+        raise RunDirectoryError(
+            f"{directory} was edited: its digest is not that of its episodes; make the run again"
+        )
+    return run
 
 
 class _EnoughError(Exception):
@@ -112,52 +131,51 @@ def _play_gate(
 ) -> GateResult:
     """Play the baseline's episodes until the answer is certain, or all."""
     opening = open_engine(options.engine, callbacks.note)
-    baseline, left_out = _playable(baseline, callbacks)
+    whole, baseline = baseline, _deciding_part(baseline, options.settings)
     request = _request_like(baseline, policy, options.isolation, callbacks)
+    if left_out := [task for task in whole.header.tasks if task not in request.tasks]:
+        callbacks.note(f"{', '.join(left_out)} of the baseline decide nothing and are not played")
+    if whole.exploration_episodes:
+        callbacks.note("the baseline's exploration episodes are left out: POLICY has none")
     path, output = str(options.baseline), options.output
     directory = output.directory or REPORTS / f"{run_name(request)}-regress"
     root = (baseline.header.seed,)
     order = play_order(baseline.episodes, root)
     gate = SequentialGate(order, options.settings, root)
+    clock = time.monotonic()
     with opening as engine, lock_directory(directory):
         opened = open_run(request, directory, resume=output.resume, fresh=output.fresh)
         turns = [episode_key(Role.FINAL, episode) for episode in order]
         run = _play(request, opened, _InOrder(engine, turns), gate, callbacks)
         saved = None if run is None else save_run(run, directory).saved
-    if saved is not None and not gate.is_certain:
-        result = final_result(baseline, saved, (path, str(directory)), options.settings)
-    else:
-        header = request.header()
-        name, labels = printable(header.policy.name), _labels(header.policy, gate)
-        candidate = ComparedRun("candidate", name, str(directory), labels)
-        result = early_result(gate, baseline, path, candidate, header)
-    return replace(result, left_out=left_out)
+    if saved is not None:
+        result = judge_runs(baseline, saved, (path, str(directory)), options.settings)
+        used = EpisodesUsed(gate.planned, gate.planned, "no answer was certain before the end")
+        return replace(result, episodes_used=used)
+    header = request.header()
+    name, labels = printable(header.policy.name), _labels(header.policy, gate)
+    candidate = ComparedRun("candidate", name, str(directory), labels)
+    return gate.result(baseline, path, candidate, header, round(time.monotonic() - clock, 3))
 
 
-def _playable(baseline: SavedRun, callbacks: Callbacks) -> tuple[SavedRun, tuple[str, ...]]:
-    """Return what a policy can be held to, and the tasks whose rules have changed."""
-    header = baseline.header
-    suite_tasks = choose_tasks(header.tasks, find_suite(header.suite))
-    tasks = tuple(
-        task
-        for task in suite_tasks
-        if PROTOCOL.task_digest(task, header.suite) == header.task_digests.get(task)
-    )
-    left_out = tuple(task for task in suite_tasks if task not in tasks)
-    if not tasks:
-        raise UsageError(
-            f"the rules of {', '.join(left_out)} are others than when '{printable(baseline.name)}' "
-            "was made: make the baseline again"
-        )
-    if baseline.exploration_episodes:
-        callbacks.note("the baseline's exploration episodes are left out: POLICY has none")
-    kept = replace(
+def _deciding_part(baseline: SavedRun, settings: GateSettings) -> SavedRun:
+    """Return the baseline with the episodes that decide: a policy plays no others.
+
+    Raises:
+        UsageError: none can.
+    """
+    pairs = [EpisodePair(Role.FINAL, one, one) for one in baseline.episodes]
+    tasks = endpoint_values(pairs, tasks_in_order((baseline,)), settings).tasks
+    episodes = tuple(one for one in baseline.episodes if one.task in tasks)
+    chosen = tuple(key for key in baseline.header.chosen if key.partition("/")[0] in tasks)
+    header = replace(baseline.header, tasks=tasks, chosen_episodes=chosen or UNSET)
+    return replace(
         baseline,
-        header=replace(header, tasks=tasks),
-        episodes=tuple(one for one in baseline.episodes if one.task in tasks),
+        digest=run_digest(header, episodes),
+        header=header,
+        episodes=episodes,
         exploration_episodes=(),
     )
-    return kept, left_out
 
 
 def _request_like(
@@ -166,7 +184,7 @@ def _request_like(
     """Return the request that plays a policy on the baseline's episodes.
 
     Raises:
-        UsageError: the baseline does not hold the episodes that its header says.
+        UsageError: the baseline has other rules, or not the episodes that its header says.
         PolicyError: the policy cannot be used.
     """
     header = baseline.header
@@ -175,6 +193,7 @@ def _request_like(
     )
     suite = find_suite(header.suite)
     request = RunRequest(suite, header.tasks, header.episodes, header.seed, setup, header.chosen)
+    refuse_other_rules(baseline, request.header())
     found = {episode_key(Role.FINAL, one): (one.seed, one.shape) for one in baseline.episodes}
     expected = {spec.key: (spec.seed, spec.shape) for spec in request.specs()}
     if found != expected or len(baseline.episodes) != len(expected):

@@ -1,6 +1,9 @@
 """Train a learner in a directory, evaluated as it goes under the protocol's own rollout."""
 
 import os
+import socket
+import struct
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -9,19 +12,27 @@ from typing import Any
 import numpy as np
 import torch
 
-from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE
+from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE, PICTURES_FILE
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_config
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
 from minitouch_bench.agents.training import Training, TrainingCallbacks
 from minitouch_bench.documents import write_toml
-from minitouch_bench.errors import MissingExtraError, RunDirectoryError, UsageError
+from minitouch_bench.errors import (
+    InfrastructureError,
+    MissingExtraError,
+    RunDirectoryError,
+    UsageError,
+)
 from minitouch_bench.evaluation.actors import PolicyActor
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.evaluation.suites import Suite
 from minitouch_bench.files import (
     PROGRESS_FILE,
     REPORT_PAGE,
+    append_bytes,
     lock_directory,
+    make_folder,
+    open_plain,
     os_errors_as,
     write_file,
 )
@@ -69,6 +80,7 @@ def train(request: TrainingRequest) -> bool:
         UsageError: no such device.
         RunDirectoryError: the directory is in use, holds another training, or its
             checkpoint is damaged.
+        InfrastructureError: a file cannot be written; the training can be resumed.
     """
     device = choose_device(request.device)
     torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
@@ -84,15 +96,14 @@ def train(request: TrainingRequest) -> bool:
         def on_row(row: ProgressRow) -> None:
             request.on_row(row)
             if events is not None:
-                _write_events(events, row)
+                events.add(row)
 
         callbacks = TrainingCallbacks(evaluator.evaluate, on_row, request.should_stop)
         try:
             training = Training(config, environment, request.directory, callbacks, device)
-            finished = training.run()
+            training.start()
+            finished = _run(training, request.directory)
         finally:
-            if events is not None:
-                events.close()
             evaluator.close()
             environment.close()
         if (request.directory / PROGRESS_FILE).exists():  # there is a row to draw
@@ -100,22 +111,69 @@ def train(request: TrainingRequest) -> bool:
     return finished
 
 
-def _open_events(request: TrainingRequest) -> Any:
+def _run(training: Training, directory: Path) -> bool:
+    """Train; where a file cannot be written, say what is kept and how to go on.
+
+    Raises:
+        InfrastructureError: a file cannot be written.
+    """
+    try:
+        return training.run()
+    except RunDirectoryError as error:
+        kept = training.kept_step
+        if kept is None:
+            advice = "There is no checkpoint yet; the same command with --resume begins again"
+        else:
+            advice = (
+                f"The checkpoint of step {kept} is kept in {directory}; once there is room, the "
+                "same command with --resume continues"
+            )
+        raise InfrastructureError(f"{error}\n{advice}") from error
+
+
+class _Events:
+    """TensorBoard's events of one training, each written when it happens.
+
+    tensorboardX's own writer opens its file through links, and its thread ends with a traceback
+    where the disk is full; its protocol buffers and check sums are used here.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        events = require("tensorboardX.proto.event_pb2", "train")
+        summary = require("tensorboardX.proto.summary_pb2", "train")
+        self._event, self._summary = events.Event, summary.Summary
+        self._checksum = require("tensorboardX.record_writer", "train").masked_crc32c
+        name = f"events.out.tfevents.{time.time():.0f}.{socket.gethostname()}"
+        self._file = make_folder(folder) / name
+        self._write(file_version="brain.Event:2")
+
+    def add(self, row: ProgressRow) -> None:
+        """Write every number of a row as a scalar at its control step."""
+        scalars = [
+            self._summary.Value(tag=f"{row.phase}/{name}", simple_value=value)
+            for name, value in asdict(row).items()
+            if name != "step" and isinstance(value, float | int)
+        ]
+        self._write(step=row.step, summary=self._summary(value=scalars))
+
+    def _write(self, **fields: Any) -> None:
+        """Add an event in the form of TFRecord: length, content, a check sum after each."""
+        content = self._event(wall_time=time.time(), **fields).SerializeToString()
+        length = struct.pack("<Q", len(content))
+        parts = (length, self._sum(length), content, self._sum(content))
+        append_bytes(self._file, b"".join(parts))
+
+    def _sum(self, content: bytes) -> bytes:
+        return struct.pack("<I", self._checksum(content))
+
+
+def _open_events(request: TrainingRequest) -> _Events | None:
     """Return the writer of a new file of events, None where its package is not installed."""
     try:
-        tensorboard = require("tensorboardX", "train")
+        return _Events(request.directory / EVENTS_DIRECTORY)
     except MissingExtraError as error:
         request.note(f"no TensorBoard events are written: {error}")
         return None
-    return tensorboard.SummaryWriter(str(request.directory / EVENTS_DIRECTORY))
-
-
-def _write_events(events: Any, row: ProgressRow) -> None:
-    """Write every number of a row as a scalar at its control step."""
-    for name, value in asdict(row).items():
-        if name != "step" and isinstance(value, float | int):
-            events.add_scalar(f"{row.phase}/{name}", value, row.step)
-    events.flush()
 
 
 def choose_device(name: str) -> torch.device:
@@ -140,9 +198,13 @@ def _prepare(request: TrainingRequest) -> None:
     """Write the settings of a new or longer training, or check those of one to resume."""
     directory, config = request.directory, request.config
     file = directory / CONFIG_FILE
-    if request.resume and not file.exists():
+    for name in (PICTURES_FILE, PROGRESS_FILE):
+        if os.path.lexists(directory / name):
+            with os_errors_as(RunDirectoryError, directory / name, "written"):
+                os.close(open_plain(directory / name, os.O_RDWR))
+    if request.resume and not os.path.lexists(file):
         request.note(f"{directory} holds no training yet: it begins")
-    if any((directory / name).exists() for name in (CHECKPOINT_FILE, PROGRESS_FILE)):
+    if any(os.path.lexists(directory / name) for name in (CHECKPOINT_FILE, PROGRESS_FILE)):
         if not request.resume:
             raise RunDirectoryError(
                 f"{directory} holds a training; go on with it by --resume, or choose another "
@@ -161,7 +223,7 @@ def _prepare(request: TrainingRequest) -> None:
 
 def _keep_policy(file: Path, steps: int) -> None:
     """Name the policy of a training that is made longer by its steps: it is no longer the last."""
-    if file.exists():
+    if os.path.lexists(file):
         with os_errors_as(RunDirectoryError, file, "renamed"):
             file.rename(file.with_stem(f"{file.stem}_{steps}_steps"))
 

@@ -84,7 +84,8 @@ def test_the_oldest_rows_leave():
 def test_a_copy_from_state_and_pictures_samples_the_same(capacity):
     replay, other = (Replay(capacity, 11, 4, compress=True) for _ in range(2))
     fill(replay, [(9, 25.0, True)] * 5)
-    other.load(replay.state(), replay.pictures_since(replay.rows - len(replay)))
+    pictures = replay.pictures_since(replay.rows - len(replay))
+    other.load(replay.state(), lambda held: pictures[len(pictures) - held :])
     fill(replay, [(3, 0.0, False)])
     fill(other, [(3, 0.0, False)])
     first, second = (sample(one, share=0.3, n_step=2) for one in (replay, other))

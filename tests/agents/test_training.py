@@ -3,35 +3,20 @@
 import csv
 import pickle
 import shutil
+import struct
 from dataclasses import replace
 
 import pytest
+from tensorboardX.proto import event_pb2
 
 import minitouch_bench as mt
-from minitouch_bench.agents.config import (
-    CuriosityConfig,
-    PhaseConfig,
-    SacConfig,
-    TrainingConfig,
-)
+from minitouch_bench.agents.config import PhaseConfig
+from minitouch_bench.agents.curiosity import METHODS
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.policies.native import load_native
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.workflows.train import TrainingRequest, train
-
-CONFIG = TrainingConfig(
-    "pushing",
-    random_steps=10,
-    log_every=5,
-    evaluate_every=40,
-    evaluate_episodes=1,
-    checkpoint_every=7,
-    carry=("encoder", "actor"),
-    exploration=PhaseConfig(30),
-    task_phase=PhaseConfig(20, n_step=3, success_share=0.25),
-    sac=SacConfig(batch_size=4),
-    curiosity=CuriosityConfig(width=0.25),
-)
+from tests.agents.trainings import CONFIG
 
 
 def outcome(directory):
@@ -61,6 +46,20 @@ def test_it_leaves_two_policies_and_its_curves(undisturbed):
         load_native(Checkpoint(name, content))
 
 
+def test_its_events_are_tensorboard_s(undisturbed):
+    (file,) = (undisturbed / "events").iterdir()
+    assert ".tfevents." in file.name
+    content, events = file.read_bytes(), []
+    while content:
+        (length,) = struct.unpack_from("<Q", content)
+        events.append(event_pb2.Event.FromString(content[12 : 12 + length]))
+        content = content[16 + length :]
+    assert events[0].file_version == "brain.Event:2"
+    assert [event.step for event in events[1:]] == list(range(5, 51, 5))
+    tags = {value.tag for value in events[-1].summary.value}
+    assert {"task/touch_share", "task/critic_loss"} <= tags
+
+
 class KilledError(Exception):
     """Stands for a kill: nothing is saved on the way out."""
 
@@ -88,6 +87,20 @@ def test_resumed_in_both_phases_it_ends_in_the_same_bits(tmp_path, undisturbed, 
     break_off(tmp_path, 24, kill=kill, resume=True)
     assert train(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
     assert outcome(tmp_path) == outcome(undisturbed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [name for name in METHODS if name != "sac"])
+def test_every_method_is_resumed_in_both_phases(tmp_path, method):
+    config = replace(CONFIG, method=method, evaluate_every=0)
+    directories = [tmp_path / name for name in ("quiet", "stopped")]
+    for stops in (14, 24):
+        answers = iter([False] * stops + [True])
+        request = TrainingRequest(config, directories[1], resume=True, device="cpu")
+        assert train(replace(request, should_stop=answers.__next__)) is False
+    for directory in directories:
+        assert train(TrainingRequest(config, directory, resume=True, device="cpu"))
+    assert outcome(directories[0]) == outcome(directories[1])
 
 
 @pytest.mark.parametrize(("explored", "trained"), [(30, 10), (30, 0), (20, 0)])
@@ -179,7 +192,7 @@ def test_a_damaged_checkpoint_is_named(broken_off, tmp_path, name, damage):
 def test_a_mistake_leaves_the_directory_free(tmp_path):
     with pytest.raises(UsageError, match="typo"):
         train(TrainingRequest(replace(CONFIG, objects="typo"), tmp_path, device="cpu"))
-    with pytest.raises(UsageError, match="no Minari dataset"):
+    with pytest.raises(UsageError, match="is not a Minari dataset"):
         train(TrainingRequest(replace(CONFIG, log="typo"), tmp_path, device="cpu"))
     assert train(TrainingRequest(CONFIG, tmp_path, device="cpu", should_stop=lambda: True)) is False
 

@@ -16,7 +16,7 @@ from minitouch_bench.records import EvaluationRun, RunEnvironment, SavedRun
 from minitouch_bench.regression.gate import GateResult, judge_runs
 from minitouch_bench.regression.sequential import SequentialGate, play_order
 from minitouch_bench.regression.settings import GateSettings
-from minitouch_bench.regression.tables import difference_text, p_text, result_line
+from minitouch_bench.regression.tables import difference_text, result_line
 from tests.evaluation.runs import request
 from tests.reporting.synthetic import save
 
@@ -79,12 +79,13 @@ def judged(baseline: SavedRun, candidate: SavedRun) -> tuple[GateResult, Sequent
 def report(baseline: SavedRun, candidate: SavedRun) -> None:
     result, gate = judged(baseline, candidate)
     print(f"\n{candidate.name}: {result_line(result)}", flush=True)
-    print(f"  sequential: {gate.decision.value} after {gate.used} of {gate.planned} episodes")
-    for one in result.judged:
+    early = "no answer" if gate.decision is None else gate.decision.value
+    print(f"  sequential: {early} after {gate.used} of {gate.planned} episodes")
+    for one in result.per_task:
         effect = one.effect
         print(
             f"  {effect.task} {effect.metric}: {effect.first:.2f} -> {effect.second:.2f}, "
-            f"{difference_text(effect)}, p {p_text(one.p_adjusted)}, {one.decision.value}"
+            f"{difference_text(effect)}{', worse' * one.is_worse}"
         )
 
 

@@ -21,12 +21,17 @@ def script():
     return "\n".join(line.removeprefix("        ") for line in text.splitlines())
 
 
-def gate(tmp_path, code=0, decision="no regression", **given):
-    """Run the script with a stand-in command that notes its arguments."""
+def gate(tmp_path, code=0, decision="no regression", refused="", **given):
+    """Run the script with a stand-in command that notes its arguments.
+
+    ``refused``: it refuses to resume what is there.
+    """
     command = tmp_path / "minitouch-bench"
     body = json.dumps({"decision": decision})
     command.write_text(
-        f"#!/usr/bin/env bash\nprintf '%s\\n' \"$@\" > arguments\necho '{body}'\nexit {code}\n"
+        "#!/usr/bin/env bash\nprintf '%s\\n' \"$@\" > arguments\n"
+        f'[[ " $* " == *" --resume "* ]] && [ -n "{refused}" ] && exit 6\n'
+        f"echo '{body}'\nexit {code}\n"
     )
     command.chmod(0o755)
     names = re.findall(r"^        ([A-Z]+): \$\{\{ inputs\.", ACTION.read_text(), re.MULTILINE)
@@ -54,15 +59,15 @@ def test_the_script_passes_the_inputs_on_as_they_are(tmp_path):
         policy=hostile,
         output="out/run",
         junit="out/j.xml",
-        tolerance="success=0.1\n\npushing.success=5%\n",
+        metric="success",
+        tolerance="5%",
         strict="true",
     )
     assert done.returncode == 0, done.stderr
     assert arguments == [
         "regress", "--baseline", "reports/base line", "--junit", "out/j.xml", "--json",
-        "--output", "out/run", "--fresh", "--strict",
-        "--tolerance", "success=0.1", "--tolerance", "pushing.success=5%",
-        "--", hostile,
+        "--metric", "success", "--tolerance", "5%", "--strict",
+        "--output", "out/run", "--", hostile,
     ]  # fmt: skip
     assert not (tmp_path / "owned").exists()
     assert (tmp_path / "output").read_text() == "decision=no regression\n"
@@ -75,6 +80,23 @@ def test_the_script_ends_as_the_gate_does(tmp_path):
     assert (tmp_path / "output").read_text() == "decision=regression\n"
 
 
+@pytest.mark.parametrize(("refused", "option"), [("", "--resume"), ("yes", "--fresh")])
+def test_a_run_that_was_stopped_is_continued_and_another_one_replaced(tmp_path, refused, option):
+    (tmp_path / "out").mkdir()
+    done, arguments = gate(tmp_path, refused=refused, policy="p.onnx", baseline="b", output="out")
+    assert done.returncode == 0, done.stderr
+    assert arguments[-5:] == ["--output", "out", option, "--", "p.onnx"]
+
+
+def test_not_enough_episodes_leave_a_warning(tmp_path):
+    for code in (0, 5):
+        done, _ = gate(
+            tmp_path, code=code, decision="not enough episodes", baseline="b", candidate="c"
+        )
+        assert done.returncode == code
+        assert done.stdout.startswith("::warning title=MiniTouch regression gate::")
+
+
 def test_no_input_stands_in_a_script():
     for step in ACTION.read_text().split("run: |")[1:]:
         assert "${{" not in step.split("    - name:")[0].split("      env:")[0]
@@ -83,7 +105,7 @@ def test_no_input_stands_in_a_script():
 def test_every_input_is_handed_to_a_step():
     text = ACTION.read_text()
     declared = re.findall(r"^  (\w+):\n    description", text.split("outputs:")[0], re.MULTILINE)
-    assert len(declared) == 10
+    assert len(declared) == 12
     for name in declared:
         assert f"${{{{ inputs.{name} }}}}" in text
 
@@ -93,8 +115,8 @@ def test_the_example_uses_inputs_that_exist_and_tolerances_that_mean_something()
     given = text.split("        with:\n          baseline")[1].split("      - uses")[0]
     used = re.findall(r"^          (\w+):", "          baseline" + given, re.MULTILINE)
     assert used == ["baseline", "policy", "tolerance"]
-    flags = [line.strip() for line in given.split("tolerance: |\n")[1].splitlines() if line.strip()]
-    with_flags(GateSettings(), flags)
+    (tolerance,) = re.findall(r'^          tolerance: "(.*)"$', given, re.MULTILINE)
+    with_flags(GateSettings(), tolerance=tolerance)
 
 
 @pytest.mark.parametrize("file", [ACTION, WORKFLOW])

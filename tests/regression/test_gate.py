@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import UsageError
-from minitouch_bench.regression.gate import Decision, judge_runs, overall
+from minitouch_bench.regression.gate import Decision, judge_runs
 from minitouch_bench.regression.settings import GateSettings, Tolerance
 from minitouch_bench.regression.tables import result_line
 from minitouch_bench.regression.writers import gate_json, gate_junit, gate_markdown, show_result
@@ -18,7 +19,8 @@ from tests.reporting.conftest import HOSTILE
 
 N = 100
 BASELINE = make_saved({"pushing": values(flags(90, N)), "opening": values(flags(95, N))}, "base")
-SUCCESS = GateSettings(metrics=("success",))
+STANDARD = GateSettings()
+STEPS = GateSettings(metric="episode_steps")
 
 
 def candidate(pushing, opening=95, name="candidate"):
@@ -26,213 +28,255 @@ def candidate(pushing, opening=95, name="candidate"):
     return make_saved(tasks, name)
 
 
-def judged(other, settings=SUCCESS, baseline=BASELINE):
+def judged(other, settings=STANDARD, baseline=BASELINE):
     return judge_runs(baseline, other, ("runs/base", "runs/new"), settings)
 
 
-def by_task(result):
-    return {one.effect.task: one.decision for one in result.judged}
+def worse_in(result):
+    return [(one.effect.task, one.effect.metric) for one in result.per_task if one.is_worse]
 
 
-def test_a_clear_worsening_is_a_regression():
+# The decision
+
+
+def test_a_clear_worsening_is_a_regression_and_the_tasks_say_where():
     result = judged(candidate(70))
-    assert by_task(result) == {
-        "pushing": Decision.REGRESSION,
-        "opening": Decision.PASSED,
-        "mean": Decision.REGRESSION,
-    }
     assert (result.decision, result.exit_code) == (Decision.REGRESSION, 1)
+    effect = result.endpoint.effect
+    assert (effect.task, effect.metric, effect.count) == ("mean", "success", 2 * N)
+    assert worse_in(result) == [("pushing", "success"), ("pushing", "episode_steps")]
     assert len(result.changes) == 20
 
 
-def test_a_worsening_within_the_tolerance_is_none():
-    lenient = replace(SUCCESS, tolerances={"success": Tolerance(0.35)})
-    result = judged(candidate(70), lenient)
-    assert result.decision is Decision.PASSED  # significant, and tolerated
-    assert result.judged[0].p_adjusted < 0.001
-    tolerances = {
-        "success": Tolerance(0.05),
-        "pushing.success": Tolerance(0.35),
-        "mean.success": Tolerance(0.2),
-    }
-    own = replace(SUCCESS, tolerances=tolerances)
-    assert judged(candidate(70), own).decision is Decision.PASSED
-
-
-def test_a_worsening_that_chance_explains_is_inconclusive():
-    result = judged(candidate(84))  # six lost: beyond 5 points, p = 0.03 before Holm
-    assert result.judged[0].effect.p_value < 0.05 < result.judged[0].p_adjusted
-    assert result.decision is Decision.INCONCLUSIVE
-    assert result.exit_code == 0
-    assert result.episodes_needed > N
-    assert judged(candidate(84), replace(SUCCESS, strict=True)).exit_code == 1
-
-
-def test_few_episodes_per_task_are_enough_together():
-    goals = ("pushing", "opening", "pick-up")
-    all_won = make_saved({task: values(flags(5, 5)) for task in goals}, "base")
-    none_won = make_saved({task: values(flags(0, 5)) for task in goals}, "x")
-    result = judged(none_won, GateSettings(metrics=("success",)), all_won)
-    expected = dict.fromkeys(goals, Decision.INCONCLUSIVE) | {"mean": Decision.REGRESSION}
-    assert by_task(result) == expected
-    assert result.exit_code == 1
-    assert result_line(result) == "FAIL: worse beyond the tolerance in mean success"
+def test_every_episode_lost_is_a_regression_however_few():
+    goals = ("pushing", "opening")
+    won = make_saved({task: values(flags(4, 4)) for task in goals}, "base")
+    lost = make_saved({task: values(flags(0, 4)) for task in goals}, "x")
+    result = judged(lost, baseline=won)
+    assert (result.decision, result.exit_code) == (Decision.REGRESSION, 1)
+    assert result.endpoint.p_value == pytest.approx(0.5**8)
+    assert result_line(result) == (
+        "regression: mean success 1.000 → 0.000 in 8 episodes, beyond the tolerance, p 0.0039"
+    )
     assert result.next_command == "minitouch-bench replay runs/new pushing/0"
 
 
-def test_what_has_no_direction_is_shown_and_never_judged():
-    more = values(flags(90, N), touch=np.full(N, 900))
-    base = make_saved({"pushing": values(flags(90, N))}, "base")
-    result = judged(make_saved({"pushing": more}, "x"), GateSettings(), base)
-    assert result.decision is Decision.PASSED
-    (shown,) = result.unjudged
-    assert (shown.task, shown.metric, shown.direction) == ("pushing", "touch_interaction", "")
-    assert "not judged: candidate has more" in gate_markdown(result)
-    with pytest.raises(UsageError, match="touch_interaction cannot get worse"):
-        judged(base, GateSettings(metrics=("touch_interaction",)), base)
+def test_a_worsening_within_the_tolerance_is_none():
+    result = judged(candidate(70), GateSettings(tolerance=Tolerance(0.2)))
+    assert result.decision is Decision.NO_REGRESSION
+    assert result.endpoint.p_value < 0.001  # significant, and tolerated
 
 
-def test_a_task_with_other_rules_is_left_out_and_named():
-    header = replace(BASELINE.header, task_digests={"opening": "as before", "pushing": "before"})
-    changed = replace(header, task_digests={"opening": "as before", "pushing": "now"})
-    other = candidate(20)
-    result = judged(replace(other, header=changed), baseline=replace(BASELINE, header=header))
-    assert by_task(result) == {"opening": Decision.PASSED}
-    assert result.left_out == ("pushing",)
-    assert result_line(result).endswith("excluded; pushing left out, make the baseline again")
+FEW = {task: values(flags(10, 10)) for task in ("pushing", "opening")}
+
+
+def few(lost):
+    tasks = FEW | {"pushing": values(flags(10 - lost, 10))}
+    return make_saved(tasks, "few")
 
 
 @pytest.mark.parametrize(
-    ("pushing", "settings", "line", "command"),
+    ("lost", "options", "code"),
     [
-        (70, SUCCESS, "FAIL: worse beyond", "minitouch-bench replay runs/new pushing/70"),
-        (84, SUCCESS, "PASS: inconclusive, ", "--output runs/base-"),
-        (84, replace(SUCCESS, strict=True), "FAIL: inconclusive, ", "--output runs/base-"),
-        (100, SUCCESS, "PASS: a worsening", "minitouch-bench compare runs/base runs/new"),
+        (0, {}, 0),  # 20 episodes do not exclude a loss of 5 points
+        (0, {"strict": True}, 5),
+        (4, {}, 5),  # 20 points, p = 0.06: worse, perhaps by chance
+        (4, {"lenient": True}, 0),
     ],
 )
-def test_it_ends_in_pass_or_fail_and_the_command_to_type_next(pushing, settings, line, command):
-    result = judged(candidate(pushing, 100), settings)
-    console = Console(width=120, record=True, file=io.StringIO())
-    show_result(result, console)
-    answer, following = console.export_text().strip().splitlines()[-2:]
-    assert answer.startswith(line)
-    assert following.startswith("next: minitouch-bench ")
-    assert command in following
-    if result.episodes_needed:
-        assert f"--episodes {result.episodes_needed}" in following
+def test_what_chance_explains_is_not_enough_and_fails_where_it_is_beyond(lost, options, code):
+    result = judged(few(lost), GateSettings(**options), make_saved(FEW, "base"))
+    assert (result.decision, result.exit_code) == (Decision.NOT_ENOUGH, code)
+    assert result.endpoint.episodes_needed > 10
+    assert result.endpoint.is_beyond == (lost == 4)
+    assert worse_in(result) == []
+    assert {one.p_adjusted for one in result.per_task} == {None}
+    words = result_line(result)
+    assert words.startswith("not enough episodes: mean success 1.000 → ")
+    assert "PASS" not in words
+    assert "--output runs/base-" in result.next_command
+    assert f"--episodes {result.endpoint.episodes_needed}" in result.next_command
 
 
-def test_an_improvement_passes():
+def test_an_improvement_is_no_regression():
     result = judged(candidate(100, 100))
-    assert set(by_task(result).values()) == {Decision.PASSED}
+    assert (result.decision, result.exit_code) == (Decision.NO_REGRESSION, 0)
+    assert result.endpoint.p_value == 1.0
+    assert result.next_command == "minitouch-bench compare runs/base runs/new"
 
 
-def test_direction_matters_for_each_metric():
-    goal = values(flags(N, N), np.full(N, 40), np.full(N, 300))
-    base = make_saved({"playing": goal, "pushing": goal})
-    rng = np.random.default_rng(0)
-    for steps, touch, wrong in ((60, 300, "episode_steps"), (40, 200, "touch_interaction")):
-        other = values(
-            flags(N, N), rng.normal(steps, 3, N).round(), rng.normal(touch, 3, N).round()
-        )
-        candidate_run = make_saved({"playing": other, "pushing": other}, "x")
-        result = judged(candidate_run, GateSettings(), base)
-        failed = [o.effect.metric for o in result.judged if o.decision is Decision.REGRESSION]
-        assert failed == [wrong]
-    better = values(flags(N, N), rng.normal(20, 3, N).round(), rng.normal(400, 3, N).round())
-    result = judged(make_saved({"playing": better, "pushing": better}, "x"), GateSettings(), base)
-    assert result.decision is Decision.PASSED
-
-
-def test_equal_digests_pass_at_once_even_where_few_episodes_prove_nothing():
-    few = make_saved({"pushing": values(flags(2, 3))}, "few", digest="same")
-    result = judged(replace(few, name="again"), GateSettings(strict=True), few)
+def test_equal_digests_are_no_regression_even_where_few_episodes_prove_nothing():
+    base = make_saved({"pushing": values(flags(2, 3))}, "few", digest="same")
+    result = judged(replace(base, name="again"), GateSettings(strict=True), base)
     assert result.identical
-    assert (result.decision, result.exit_code) == (Decision.PASSED, 0)
-    other = judged(replace(few, digest="other"), GateSettings(strict=True), few)
+    assert (result.decision, result.exit_code) == (Decision.NO_REGRESSION, 0)
+    other = judged(replace(base, digest="other"), GateSettings(strict=True), base)
     assert not other.identical
-    assert (other.decision, other.exit_code) == (Decision.INCONCLUSIVE, 1)
-    assert other.episodes_needed == 73
+    assert (other.decision, other.exit_code) == (Decision.NOT_ENOUGH, 5)
+    assert other.endpoint.episodes_needed == 73
 
 
-def test_few_equal_values_do_not_pass_a_mean():
-    few = make_saved({"playing": values(flags(0, 9))}, "few")
-    enough = make_saved({"playing": values(flags(0, 10))}, "enough")
-    assert judged(replace(few, digest="o"), GateSettings(), few).decision is Decision.INCONCLUSIVE
-    assert judged(replace(enough, digest="o"), GateSettings(), enough).decision is Decision.PASSED
+# What decides
 
 
-def test_holm_is_over_everything_that_is_judged():
-    result = judged(candidate(82), GateSettings())
-    raw = [one.effect.p_value for one in result.judged]
-    assert len(raw) == 7
-    assert min(one.p_adjusted for one in result.judged) == pytest.approx(7 * min(raw))
+def test_playing_is_judged_by_its_touch_share_unless_a_task_has_a_goal():
+    touched = replace(values(flags(0, N)), touch_steps=np.full(N, 150))
+    rubbed = replace(touched, touch_steps=np.full(N, 50))
+    goal = values(flags(N, N))
+    alone = judged(make_saved({"playing": rubbed}, "x"), baseline=make_saved({"playing": touched}))
+    assert (alone.endpoint.effect.task, alone.endpoint.effect.metric) == ("playing", "touch_share")
+    assert alone.decision is Decision.REGRESSION
+    base, other = ({"playing": own, "pushing": goal} for own in (touched, rubbed))
+    both = judged(make_saved(other, "x"), baseline=make_saved(base))
+    assert (both.endpoint.effect.task, both.endpoint.effect.metric) == ("pushing", "success")
+    assert both.decision is Decision.NO_REGRESSION
 
 
-def test_metrics_that_no_run_has_are_a_mistake():
-    with pytest.raises(UsageError, match="exploration cannot get worse"):
-        judged(candidate(70), GateSettings(metrics=("exploration",)))
+def test_another_metric_can_decide():
+    goal = values(flags(N, N), np.full(N, 40))
+    rng = np.random.default_rng(0)
+    slower = values(flags(N, N), rng.normal(60, 3, N).round())
+    faster = values(flags(N, N), rng.normal(20, 3, N).round())
+    base = make_saved({"pushing": goal, "opening": goal})
+    for own, decision in (
+        (slower, Decision.REGRESSION),
+        (faster, Decision.NO_REGRESSION),
+    ):
+        other = make_saved({"pushing": own, "opening": own}, "x")
+        assert judged(other, baseline=base).decision is Decision.NO_REGRESSION  # success
+        result = judged(other, STEPS, base)
+        assert result.decision is decision
+        assert result.endpoint.tasks == ("pushing", "opening")
+        assert result.endpoint.tolerance == pytest.approx(4.0)
 
 
-def test_one_regression_is_enough_and_all_must_pass():
-    failed, passed, open_ = Decision.REGRESSION, Decision.PASSED, Decision.INCONCLUSIVE
-    assert overall([passed, open_, failed]) is failed
-    assert overall([passed, open_]) is open_
-    assert overall([passed, passed]) is passed
+def test_few_equal_values_are_not_enough_for_a_mean():
+    for n, decision in ((9, Decision.NOT_ENOUGH), (10, Decision.NO_REGRESSION)):
+        base = make_saved({"playing": values(flags(0, n))}, "base")
+        assert judged(replace(base, digest="other"), baseline=base).decision is decision
+
+
+def test_a_metric_that_cannot_get_worse_is_a_mistake():
+    for metric in ("exploration", "touch_interaction"):
+        with pytest.raises(UsageError, match=f"{metric} cannot get worse"):
+            judged(candidate(70), GateSettings(metric=metric))
+
+
+def test_holm_is_over_every_metric_of_every_task():
+    result = judged(candidate(70))
+    raw = min(one.effect.p_value for one in result.per_task) / 2
+    assert len(result.per_task) == 6
+    assert min(one.p_adjusted for one in result.per_task) == pytest.approx(6 * raw)
+
+
+# What cannot be compared
+
+
+def with_header(run, **changes):
+    return replace(run, header=replace(run.header, **changes))
+
+
+@pytest.mark.parametrize("other", [["pushing"], ["pushing", "opening"]])
+def test_a_task_with_other_rules_is_refused_by_name(other):
+    then = {"pushing": "p" * 64, "opening": "o" * 64}
+    now = {task: "n" * 64 if task in other else digest for task, digest in then.items()}
+    with pytest.raises(UsageError, match=f"the rules of {', '.join(other)} are not"):
+        judged(
+            with_header(candidate(90), task_digests=now),
+            baseline=with_header(BASELINE, task_digests=then),
+        )
+
+
+def test_another_protocol_digest_is_refused():
+    with pytest.raises(UsageError, match="protocol digest"):
+        judged(candidate(90), baseline=with_header(BASELINE, protocol_digest="0" * 64))
+
+
+def test_other_conditions_are_refused():
+    blind = with_header(candidate(90), conditions=Conditions(without=("vision",)))
+    with pytest.raises(UsageError, match=r"conditions .*vision.*standard"):
+        judged(blind)
+    assert judged(blind, baseline=with_header(BASELINE, conditions=blind.header.conditions))
 
 
 # What it writes
 
 
+@pytest.mark.parametrize(
+    ("other", "line", "command"),
+    [
+        (candidate(70), "regression: mean ", "minitouch-bench replay runs/new pushing/70"),
+        (candidate(84), "regression: mean ", "compare"),
+        (candidate(100), "no regression: mean ", "minitouch-bench compare runs/base runs/new"),
+    ],
+)
+def test_it_ends_in_the_answer_and_the_command_to_type_next(other, line, command):
+    result = judged(other, GateSettings(tolerance=Tolerance(0.02)))
+    console = Console(width=120, record=True, file=io.StringIO())
+    show_result(result, console)
+    answer, following = console.export_text().strip().splitlines()[-2:]
+    assert answer.startswith(line)
+    assert following.startswith("next: minitouch-bench ")
+    assert command in following or "replay" in following
+
+
 def test_the_document_says_all():
-    document = json.loads(gate_json(judged(candidate(84))))
-    assert (document["format"], document["decision"]) == ("minitouch-regression", "inconclusive")
-    assert document["exit_code"] == 0
-    first = document["judged"][0]
-    assert (first["decision"], first["tolerance_as_set"]) == ("inconclusive", "0.05")
-    assert first["episodes_needed"] == document["episodes_needed"] > N
+    document = json.loads(gate_json(judged(few(4), baseline=make_saved(FEW, "base"))))
+    assert (document["format"], document["decision"]) == (
+        "minitouch-regression",
+        "not enough episodes",
+    )
+    assert document["exit_code"] == 5
+    endpoint = document["endpoint"]
+    assert (endpoint["tolerance"], endpoint["tasks"]) == (0.05, ["pushing", "opening"])
+    assert endpoint["episodes_needed"] > 10
     assert document["episodes_used"] is None
     assert document["next_command"].startswith("minitouch-bench evaluate ")
 
 
 @pytest.mark.parametrize(
-    ("pushing", "strict", "failures", "skipped"),
-    [(70, False, 2, 0), (84, False, 0, 2), (84, True, 2, 0), (90, False, 0, 0)],
+    ("other", "lenient", "cases", "failures", "skipped"),
+    [
+        (few(10), False, 7, 3, 0),
+        (few(4), False, 1, 1, 0),
+        (few(4), True, 1, 0, 1),
+        (few(0), False, 1, 0, 1),
+    ],
 )
-def test_junit_has_a_case_per_task_and_metric(pushing, strict, failures, skipped):
-    text = gate_junit(judged(candidate(pushing), replace(SUCCESS, strict=strict)))
-    root = ElementTree.fromstring(text)
+def test_junit_has_a_case_for_the_answer_and_after_a_regression_for_each_metric(
+    other, lenient, cases, failures, skipped
+):
+    result = judged(other, GateSettings(lenient=lenient), make_saved(FEW, "base"))
+    root = ElementTree.fromstring(gate_junit(replace(result, wall_s=12.5)))
     suite = root.find("testsuite")
     for element in (root, suite):
-        assert element.attrib["tests"] == "3"
+        assert element.attrib["tests"] == str(cases)
         assert element.attrib["failures"] == str(failures)
         assert element.attrib["skipped"] == str(skipped)
-    cases = suite.findall("testcase")
-    assert [(c.attrib["classname"], c.attrib["name"]) for c in cases] == [
-        ("minitouch.pushing", "success"),
-        ("minitouch.opening", "success"),
-        ("minitouch.mean", "success"),
-    ]
+        assert element.attrib["time"] == "12.500"
+    first, *others = suite.findall("testcase")
+    assert (first.attrib["classname"], first.attrib["name"]) == ("minitouch.mean", "success")
+    assert first.attrib["time"] == "12.500"
+    assert not any("time" in case.attrib for case in others)
     assert len(suite.findall("testcase/failure")) == failures
     assert len(suite.findall("testcase/skipped")) == skipped
 
 
 def test_the_summary_begins_with_the_answer():
     assert gate_markdown(judged(candidate(70))).startswith(
-        "## ❌ minitouch-bench FAIL: worse beyond the tolerance in pushing success and mean success"
+        "## ❌ minitouch-bench regression: mean success 0.925 → 0.825"
     )
-    page = gate_markdown(judged(candidate(84)))
-    assert page.startswith("## ❔ minitouch-bench PASS: inconclusive, ")
-    assert gate_markdown(judged(candidate(90))).startswith("## ✅ minitouch-bench PASS: ")
-    assert "6 episodes ended in another way" in page
+    page = gate_markdown(judged(few(4), baseline=make_saved(FEW, "base")))
+    assert page.startswith("## ❔ minitouch-bench not enough episodes: ")
+    assert gate_markdown(judged(candidate(90))).startswith("## ✅ minitouch-bench no regression: ")
+    assert "4 episodes ended in another way" in page
 
 
 def test_the_screen_shows_every_metric_in_its_width():
     console = Console(width=120, record=True, file=io.StringIO())
-    show_result(judged(candidate(70), GateSettings()), console)
+    show_result(judged(candidate(70)), console)
     text = console.export_text()
-    for wanted in ("Success ↑ (share of episodes)", "Touch-interaction (ticks)", "Mean"):
+    for wanted in ("What decides: Success ↑", "Success ↑ (share of episodes)", "Mean"):
         assert wanted in text
     assert max(map(len, text.splitlines()[:-2])) <= 120  # the last two stay whole, to be copied
 
@@ -244,7 +288,7 @@ def outside_code(page):
 
 def test_hostile_names_are_harmless_everywhere():
     hostile = replace(candidate(70, name=HOSTILE), faults={"pushing/1": HOSTILE})
-    result = judge_runs(BASELINE, hostile, (HOSTILE, HOSTILE), SUCCESS)
+    result = judge_runs(BASELINE, hostile, (HOSTILE, HOSTILE), STANDARD)
     page = gate_markdown(result)
     assert "<script>" not in outside_code(page)
     console = Console(width=120, record=True, file=io.StringIO())

@@ -4,6 +4,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.regression.settings import (
     DEFAULT_TOLERANCES,
     OTHER_TOLERANCE,
+    STANDARD,
     GateSettings,
     Tolerance,
     read_settings,
@@ -15,15 +16,9 @@ GOOD = """
 kept = "for others"
 [regress]
 alpha = 0.01
+metric = "episode_steps"
+tolerance = "15 %"
 strict = true
-metrics = ["touch_interaction", "success"]
-[regress.tolerance]
-success = 0.1
-touch_share = "50 %"
-pushing.success = 0.02
-mean.success = 0.03
-[regress.tolerance.playing]
-touch_interaction = 40
 """
 
 
@@ -33,17 +28,18 @@ def read(tmp_path, text):
     return read_settings(file)
 
 
-def test_a_file_sets_levels_metrics_and_tolerances(tmp_path):
+def test_a_file_sets_level_metric_and_tolerance(tmp_path):
     settings = read(tmp_path, GOOD)
-    assert (settings.alpha, settings.strict) == (0.01, True)
-    assert settings.metrics == ("success", "touch_interaction")
-    assert settings.tolerance("opening", "success") == Tolerance(0.1)
-    assert settings.tolerance("pushing", "success") == Tolerance(0.02)
-    assert settings.tolerance("mean", "success") == Tolerance(0.03)
-    assert settings.tolerance("opening", "touch_share") == Tolerance(0.5, relative=True)
-    assert settings.tolerance("playing", "touch_interaction") == Tolerance(40)
-    assert GateSettings().tolerance("playing", "touch_interaction") == OTHER_TOLERANCE
-    assert settings.tolerance("opening", "episode_steps") == DEFAULT_TOLERANCES["episode_steps"]
+    wanted = GateSettings(0.01, "episode_steps", Tolerance(0.15, relative=True), strict=True)
+    assert settings == wanted
+    assert settings.tolerance_of("episode_steps") == Tolerance(0.15, relative=True)
+    assert read(tmp_path, "[regress]\ntolerance = 0.1\n").tolerance == Tolerance(0.1)
+
+
+def test_a_metric_has_its_default_tolerance():
+    for metric in ("success", "episode_steps"):
+        assert STANDARD.tolerance_of(metric) == DEFAULT_TOLERANCES[metric]
+    assert STANDARD.tolerance_of("touch_share") == OTHER_TOLERANCE
 
 
 def test_a_file_without_our_table_changes_nothing(tmp_path):
@@ -52,24 +48,20 @@ def test_a_file_without_our_table_changes_nothing(tmp_path):
 
 BAD = [
     ("[regress]\nalhpa = 0.1", "no key 'alhpa'"),
-    ("[regress.tolerance]\nsucces = 0.1", "no key 'succes'"),
-    ("[regress.tolerance.flying]\nsuccess = 0.1", "no key 'flying'"),
-    ("[regress.tolerance.pushing]\nsteps = 0.1", "no key 'steps'"),
-    ("[regress.tolerance.playing]\nsuccess = 0.1", "playing has no success"),
-    ("[regress.tolerance.mean]\nepisode_steps = 0.1", "mean has no episode_steps"),
-    ("[regress.tolerance.pushing]\ntouch_interaction = 9", "neither better nor worse in pushing"),
-    ("[regress.tolerance]\nsuccess = 1.5", "from 0 to below 1"),
-    ("[regress.tolerance]\nsuccess = -0.1", "from 0 to below 1"),
-    ("[regress.tolerance]\nepisode_steps = nan", "0 or more"),
-    ("[regress.tolerance]\nsuccess = 'much'", "number or a percentage"),
-    ("[regress.tolerance]\nsuccess = true", "number or a percentage"),
-    ("[regress.tolerance]\nsuccess = '150%'", "from 0 to below 1"),
+    ("[regress]\nmetrics = ['success']", "no key 'metrics'"),
+    ("[regress.tolerance]\nsuccess = 0.1", "one number, or a percentage"),
+    ("[regress]\ntolerance = 1.5", "from 0 to below 1"),
+    ("[regress]\ntolerance = -0.1", "from 0 to below 1"),
+    ("[regress]\nmetric = 'episode_steps'\ntolerance = nan", "0 or more"),
+    ("[regress]\ntolerance = 'much'", "one number, or a percentage"),
+    ("[regress]\ntolerance = true", "one number, or a percentage"),
+    ("[regress]\ntolerance = '150%'", "from 0 to below 1"),
     ("[regress]\nalpha = 0.7", "between 0 and 0.5"),
     ("[regress]\nalpha = 'a'", "between 0 and 0.5"),
-    ("[regress]\nmetrics = ['return']", "no metric 'return'"),
-    ("[regress]\nmetrics = []", "list of some of"),
+    ("[regress]\nmetric = 'return'", "no metric 'return'"),
+    ("[regress]\nmetric = 3", "no metric '3'"),
     ("[regress]\nstrict = 1", "true or false"),
-    ("[regress]\ntolerance = 3", "is a table"),
+    ("[regress]\nstrict = true\nlenient = true", "not both"),
     ("regress = 3", "is a table"),
     ("[regress", "not TOML"),
 ]
@@ -89,21 +81,31 @@ def test_a_file_that_is_not_there_is_refused(tmp_path):
 
 
 def test_flags_go_before_the_file(tmp_path):
-    flags = ["success=0.2", "pushing.success = 5%"]
-    settings = with_flags(read(tmp_path, GOOD), flags, alpha=0.1, metrics="success, episode_steps")
-    assert (settings.alpha, settings.strict) == (0.1, True)
-    assert settings.metrics == ("success", "episode_steps")
-    assert settings.tolerance("opening", "success") == Tolerance(0.2)
-    assert settings.tolerance("pushing", "success") == Tolerance(0.05, relative=True)
-    assert with_flags(GateSettings(), [], strict=True).strict
+    settings = read(tmp_path, GOOD)
+    flags = {"tolerance": "5%", "alpha": 0.1, "metric": None, "strict": False, "lenient": True}
+    wanted = GateSettings(0.1, "episode_steps", Tolerance(0.05, relative=True), lenient=True)
+    assert with_flags(settings, **flags) == wanted
+    assert with_flags(settings, tolerance=None) == settings
+    assert with_flags(GateSettings(), strict=True).strict
+    assert with_flags(GateSettings(), metric="episode_steps", tolerance="3") == GateSettings(
+        metric="episode_steps", tolerance=Tolerance(3)
+    )
 
 
 @pytest.mark.parametrize(
-    "flag", ["success", "success=", "=0.1", "flying.success=0.1", "playing.success=0", "a.b=1"]
+    "flags",
+    [
+        {"tolerance": ""},
+        {"tolerance": "success=0.1"},
+        {"tolerance": "1"},
+        {"metric": "flying"},
+        {"alpha": 0.0},
+        {"strict": True, "lenient": True},
+    ],
 )
-def test_a_flag_without_meaning_is_refused(flag):
+def test_a_flag_without_meaning_is_refused(flags):
     with pytest.raises(UsageError):
-        with_flags(GateSettings(), [flag])
+        with_flags(GateSettings(), **flags)
 
 
 def test_a_relative_tolerance_is_of_the_baseline_s_mean():

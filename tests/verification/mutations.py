@@ -1,4 +1,4 @@
-"""Runs and submissions spoiled at random, each read by every reader within limits.
+"""Runs, submissions, trainings and datasets spoiled at random, each read within limits.
 
 ``python -m tests.verification.mutations KIND SEED COUNT`` prints what was found, as JSON. It is a
 process of its own, because a limit of memory cannot be taken back.
@@ -24,9 +24,14 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import h5py
 import numpy as np
+import torch
 import typer
 
+from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE
+from minitouch_bench.agents.logged_data import DATA_FILE, fill_from_log
+from minitouch_bench.agents.replay import Replay
 from minitouch_bench.cli.report import report
 from minitouch_bench.errors import MiniTouchError
 from minitouch_bench.evaluation.actions import write_actions
@@ -45,6 +50,9 @@ from minitouch_bench.records import EpisodeRecord, EvaluationRun, RunEnvironment
 from minitouch_bench.regression.comparison import compare_runs
 from minitouch_bench.reporting.run_directory import read_run, write_report, write_run
 from minitouch_bench.verification.verify import verify_run
+from minitouch_bench.workflows.train import TrainingRequest, train
+from tests.agents.logs import write_log
+from tests.agents.trainings import CONFIG
 from tests.leaderboard.synthetic import make_submission
 from tests.reporting.synthetic import make_record
 
@@ -139,8 +147,9 @@ def link(file: Path, chance: random.Random, mine: Path) -> None:
 
 def folder_link(file: Path, chance: random.Random, mine: Path) -> None:
     folder = file.parent
-    if folder.name in ("run", "hac"):
-        folder /= chance.choice(["videos", "attempts", "replays", "checkpoints", "seed-0"])
+    if folder.name in ("run", "hac", "training", "log"):
+        names = ["videos", "attempts", "replays", "checkpoints", "seed-0", "events"]
+        folder /= chance.choice(names)
     if not folder.is_symlink():
         shutil.rmtree(folder, ignore_errors=True)
         folder.symlink_to(mine)
@@ -223,9 +232,60 @@ def other_type(file: Path, chance: random.Random, mine: Path) -> None:
         if chance.random() < 0.3:
             with zipfile.ZipFile(file, "a") as archive:
                 archive.writestr(key + ".npy", pickle.dumps(print))
+    elif file.name == CHECKPOINT_FILE:
+        state = torch.load(file, weights_only=True)
+        torch.save(change_state(state, chance), file)
+    elif file.name == DATA_FILE:
+        change_arrays(file, chance, mine)
     else:
         text = file.read_text(errors="replace").replace("0", str(other_value(chance, mine))[:99], 2)
         file.write_text(text, errors="replace")
+
+
+def change_state(state: object, chance: random.Random) -> object:
+    """Put another value at one place in a checkpoint."""
+    if isinstance(state, dict | list) and state and chance.random() < 0.9:
+        key = (
+            chance.choice(list(state)) if isinstance(state, dict) else chance.randrange(len(state))
+        )
+        state[key] = change_state(state[key], chance)
+        return state
+    tensors = [
+        torch.zeros(3), torch.zeros(0), torch.zeros(1).expand(10**12), torch.zeros(2, 2) / 0,
+        torch.zeros(4, dtype=torch.int64), torch.tensor(2**40), torch.tensor(-1),
+    ]  # fmt: skip
+    if isinstance(state, torch.Tensor):
+        tensors += [state[:1], -state.float(), torch.full_like(state, 1), state.double()]
+    values = [None, True, -1, 0, 2**62, 10**30, float("nan"), "", "x", [], {}, (), [[]]]
+    return chance.choice([*tensors, *values])
+
+
+def change_arrays(file: Path, chance: random.Random, mine: Path) -> None:
+    """Put another array, or a link, at one place in a dataset."""
+    with h5py.File(file, "r+") as data:
+        names: list[str] = []
+        data.visit(names.append)
+        name = chance.choice(names)
+        kind = chance.choice(["shape", "declared", "link", "outside", "removed", "number", "type"])
+        old = data[name] if isinstance(data[name], h5py.Dataset) else None
+        shape = (4, 4) if old is None else old.shape
+        if kind == "number" and old is not None and shape:
+            old[chance.randrange(shape[0])] = chance.choice([np.nan, 1e30, -1e300, 255, 7])
+            return
+        del data[name]
+        if kind == "shape":
+            data[name] = np.zeros(chance.choice([(), (0,), (3,), (2, 2), shape[1:], (9, *shape)]))
+        elif kind == "declared":
+            large = (10 ** chance.randrange(4, 12), *shape[1:])
+            data.create_dataset(name, large, "u1", chunks=(1, *shape[1:]), compression="gzip")
+        elif kind == "link":
+            where = chance.choice([str(mine / "secret.txt"), "other.hdf5", str(mine / "pipe")])
+            data[name] = chance.choice([h5py.ExternalLink(where, "/"), h5py.SoftLink("/")])
+        elif kind == "outside":
+            where = [(str(mine / chance.choice(["secret.txt", "pipe"])), 0, 64)]
+            data.create_dataset(name, (16,), "f4", external=where)
+        elif kind == "type":
+            data[name] = chance.choice(["text", b"bytes", np.float16(1), 1j, [True], ["a", "b"]])
 
 
 MUTATIONS: tuple[Callable[[Path, random.Random, Path], None], ...] = (
@@ -247,7 +307,13 @@ def mutate(directory: Path, chance: random.Random, mine: Path) -> str:
         file = chance.choice(small)
         mutation = chance.choice(MUTATIONS)
         with contextlib.suppress(
-            ValueError, KeyError, OSError, zipfile.BadZipFile
+            ValueError,
+            LookupError,
+            OSError,
+            zipfile.BadZipFile,
+            MemoryError,
+            TypeError,
+            ArithmeticError,
         ):  # spoiled before
             mutation(file, chance, mine)
             done.append(f"{mutation.__name__} {file.relative_to(directory)}")
@@ -276,6 +342,22 @@ def readers_of_a_submission(
 ) -> Iterator[tuple[str, Callable[[], object]]]:
     yield "validate", lambda: validate(directory)
     yield "build", lambda: build_board(directory.parent, directory.parents[1] / "board")
+
+
+def readers_of_a_training(
+    directory: Path, sound: Path, engine: Replayed
+) -> Iterator[tuple[str, Callable[[], object]]]:
+    asked = iter([False] * 3 + [True])
+    request = TrainingRequest(
+        CONFIG, directory, resume=True, device="cpu", should_stop=lambda: next(asked)
+    )
+    yield "train", lambda: train(request)
+
+
+def readers_of_a_dataset(
+    directory: Path, sound: Path, engine: Replayed
+) -> Iterator[tuple[str, Callable[[], object]]]:
+    yield "fill", lambda: fill_from_log(Replay(1000, 11, 4, compress=True), directory, 4)
 
 
 def within_limits(read: Callable[[], object], memory: int) -> tuple[str, float]:
@@ -324,21 +406,36 @@ def secret_shown(root: Path) -> bool:
     )
 
 
+Readers = Callable[[Path, Path, Replayed], Iterator[tuple[str, Callable[[], object]]]]
+
+
+def make_sound(kind: str, place: Path) -> tuple[Path, Replayed, Readers]:
+    """Make what is spoiled, and name who reads it."""
+    if kind == "submission":
+        return make_submission(place), Replayed(()), readers_of_a_submission
+    place.mkdir()
+    if kind == "run":
+        records = sound_run(place / "run").records
+        return place / "run", Replayed(records), readers_of_a_run
+    if kind == "training":
+        asked = iter([False] * 25 + [True])
+        train(
+            TrainingRequest(
+                CONFIG, place / "training", device="cpu", should_stop=lambda: next(asked)
+            )
+        )
+        return place / "training", Replayed(()), readers_of_a_training
+    write_log(place / "log", dense=True)
+    return place / "log", Replayed(()), readers_of_a_dataset
+
+
 def try_mutations(kind: str, seed: int, count: int) -> dict[str, object]:
-    """Spoil a run or a submission ``count`` times and have all readers read each."""
+    """Spoil one of a kind ``count`` times and have all readers read each."""
     problems: list[str] = []
     slowest: Counter[str] = Counter()
     with TemporaryDirectory() as folder:
         root = Path(folder)
-        if kind == "run":
-            sound = root / "sound" / "run"
-            sound.parent.mkdir()
-            engine = Replayed(sound_run(sound).records)
-            readers = readers_of_a_run
-        else:
-            sound = make_submission(root / "sound")
-            engine = Replayed(())
-            readers = readers_of_a_submission
+        sound, engine, readers = make_sound(kind, root / "sound")
         mine = root / "mine"
         mine.mkdir()
         (mine / "secret.txt").write_text(SECRET)

@@ -1,4 +1,4 @@
-"""No spoiled run or submission makes a reader hang, fail, take memory, or touch a user's file."""
+"""Nothing that is spoiled makes a reader hang, fail, take memory, or touch a user's file."""
 
 import json
 import subprocess
@@ -19,8 +19,10 @@ def tried(kind: str, seed: int, count: int) -> dict:
     return json.loads(done.stdout[done.stdout.index("{") :])
 
 
-@pytest.mark.parametrize(("kind", "count"), [("run", 50), ("submission", 10)])
-def test_sixty_mutations_are_read_or_refused(kind, count):
+@pytest.mark.parametrize(
+    ("kind", "count"), [("run", 50), ("submission", 10), ("training", 10), ("dataset", 30)]
+)
+def test_a_hundred_mutations_are_read_or_refused(kind, count):
     found = tried(kind, 0, count)
     assert found["tried"] == count
     assert found["problems"] == []
@@ -30,5 +32,5 @@ def test_sixty_mutations_are_read_or_refused(kind, count):
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("seed", range(10_000, 12_000, 250))
 def test_two_thousand_mutations_are_read_or_refused(seed):
-    for kind, count in (("run", 200), ("submission", 50)):
+    for kind, count in (("run", 200), ("submission", 50), ("training", 50), ("dataset", 200)):
         assert tried(kind, seed, count)["problems"] == []

@@ -36,6 +36,14 @@ def test_minari_reads_what_was_recorded(dataset):
     assert not np.array_equal(first, second)
 
 
+def test_a_relative_directory_is_written_to(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    directory = Path("data/log")
+    assert record(RecordOptions("zero", "opening", directory, 1)).directory == directory
+    assert len(list(minari.MinariDataset(directory).iterate_episodes())) == 1
+    assert [entry.name for entry in Path("data").iterdir()] == ["log"]
+
+
 def test_a_training_reads_it_too(dataset):
     replay = Replay(1000, 11, 4, compress=True)
     fill_from_log(replay, dataset, 4)
