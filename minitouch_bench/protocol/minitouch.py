@@ -67,7 +67,7 @@ PROTOCOL = ProtocolSpec(
         least_visible_pixels=15,  # D
         max_draws=50,  # D
     ),
-    shapes="2083181d29df0c08f8f9d42604212b9774ee4150d89f2622388b446ff083635f",
+    shapes="67875f10c1536289adc8ec3a2d9a1b4c3adcc8518ed7541d0629e43c7e55f2b6",
     tasks=TASKS,
     suites=SUITES,
 )

@@ -12,7 +12,7 @@ from minitouch_bench.shapegen.mesh import Mesh, Points, face_normals, solid_mome
 from minitouch_bench.shapegen.record import Body
 from minitouch_bench.shapegen.solids import to_solid
 
-BIN, BINS = 0.0025, 32
+BIN, BINS = 0.0025, 48
 """Bins of the distance histogram, m: absolute, so that size counts; the last takes the rest."""
 NEAR_DUPLICATE = 0.95
 """Shared share of the joint volume (IoU) from which two shapes are near-duplicates."""
@@ -32,7 +32,7 @@ class Pair:
 
 
 def descriptor(body: Body) -> Points:
-    """Return the features of a body, float64 (38,): mass, volume, sides, and D2 by quadrature.
+    """Return the features of a body, float64 (54,): mass, volume, sides, and D2 by quadrature.
 
     D2, the share of pairs of surface points closer than d, is summed over all pairs of
     area-weighted points; a random sample of it could not tell a copy from a resampling.

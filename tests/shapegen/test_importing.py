@@ -56,7 +56,7 @@ def test_holes_are_filled_faces_turned_and_parts_joined(tmp_path: Path) -> None:
 
 
 def test_fit_gives_a_size_the_hand_can_grip(tmp_path: Path) -> None:
-    block(3.0, 1.7, 1.6).export(str(tmp_path / "big.stl"))
+    block(2.8, 1.7, 1.6).export(str(tmp_path / "big.stl"))
     assert "too long" in refusal(tmp_path / "big.stl")
     assert refusal(tmp_path / "big.stl", ImportConfig(fit=True)) == ""
 
