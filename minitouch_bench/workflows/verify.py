@@ -90,7 +90,12 @@ def _find_checkpoints(options: VerifyOptions, callbacks: Callbacks) -> PolicySet
         exploration = options.exploration or _source_of(header.exploration, "--exploration")
     isolation = replace(options.isolation, limits=limits_of(header))
     setup = prepare_policies(
-        policy, header.tasks, isolation, callbacks.note, exploration=exploration
+        policy,
+        header.tasks,
+        isolation,
+        callbacks.note,
+        exploration=exploration,
+        conditions=header.played_under,
     )
     check_identity(header.policy, setup.policy)
     if header.exploration is not None and setup.exploration is not None:
