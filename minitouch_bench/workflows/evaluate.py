@@ -23,6 +23,7 @@ from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_ep
 from minitouch_bench.evaluation.suites import choose_episodes, choose_tasks, find_suite
 from minitouch_bench.files import (
     MAX_EPISODES,
+    REPORTS,
     SETTINGS_FILE,
     VIDEOS,
     lock_directory,
@@ -36,9 +37,6 @@ from minitouch_bench.reporting.report import Report, build_report
 from minitouch_bench.reporting.run_directory import save, write_report, write_run
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.experiment_log import check_tracker, log_run
-
-REPORTS = Path("reports")
-"""A run without ``output`` gets a directory in here, named after its policy and suite."""
 
 
 @dataclass(frozen=True)
