@@ -230,7 +230,8 @@ class _Packer:
                     f"{directory} holds {foreign[0]!a}, which is no file of a run: move it away"
                 )
         old = self.directory / CHECKPOINTS / f"seed-{self.options.training_seed}"
-        elsewhere = parts.digests_there()
+        # What is included is copied before anything is replaced.
+        elsewhere = parts.digests_there(None if self.options.include else old)
         for path in sorted(old.rglob("*")):
             if is_folder(path):
                 continue
@@ -301,11 +302,19 @@ class _Parts:
     policy: PolicySource
     exploration: PolicySource | None
 
-    def digests_there(self) -> set[str]:
-        """Return the SHA-256 of the checkpoint files that are where they were evaluated."""
+    def digests_there(self, removed: Path | None) -> set[str]:
+        """Return the SHA-256 of the checkpoint files that are where they were evaluated.
+
+        Those in a directory that is to be ``removed`` do not count.
+        """
         sources = [source for source in (self.policy, self.exploration) if source is not None]
         files = [file for source in sources for file in (source, *(p for _, p in source.parts))]
-        return {file.digest for file in files if Path(file.target).is_file()}
+        paths = {Path(file.target): file.digest for file in files}
+        return {
+            digest
+            for path, digest in paths.items()
+            if path.is_file() and not (removed and path.resolve().is_relative_to(removed.resolve()))
+        }
 
 
 def _check_submittable(header: RunHeader, path: Path, main: PolicyIdentity) -> None:

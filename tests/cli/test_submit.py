@@ -116,6 +116,24 @@ def test_the_only_copy_of_a_checkpoint_is_never_removed(packed):
     assert not list(packed.rglob("*.safetensors"))
 
 
+@pytest.mark.parametrize("include", [True, False])
+def test_a_checkpoint_that_a_submission_alone_holds_stays(tmp_path, monkeypatch, include):
+    """The run was made with the submission's own file."""
+    monkeypatch.chdir(tmp_path)
+    checkpoint = Path("submissions/hac/checkpoints/seed-0/final/only.safetensors")
+    checkpoint.parent.mkdir(parents=True)
+    checkpoint.write_bytes(CHECKPOINT)
+    done = official_run()
+    policy = replace(done.header.policy, source=str(checkpoint))
+    write_official(replace(done, header=replace(done.header, policy=policy)), PACK.runs[0])
+    if include:
+        assert submit(PACK).problems == ()
+    else:
+        with pytest.raises(RunDirectoryError, match="no other copy"):
+            submit(replace(PACK, include=False))
+    assert checkpoint.read_bytes() == CHECKPOINT
+
+
 def test_a_file_of_the_user_in_a_submission_s_run_is_not_replaced(packed):
     (packed / "seed-0" / "table4" / "notes.txt").write_text("mine")
     with pytest.raises(RunDirectoryError, match=r"notes\.txt"):
