@@ -75,6 +75,8 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
         valid += not found.problems
         unchecked = unchecked and all(problem.is_unchecked for problem in found.problems)
         _show_problems(name, found.problems)
+        if found.withdrawn:
+            print(f"{name}: its proof ({found.withdrawn}) is withdrawn")
         if not found.problems:
             print(f"{name}: valid, {found.level}")
     notes.print(f"{valid} of {len(directories)} valid", markup=False)

@@ -14,7 +14,7 @@ from typing import Literal
 
 from minitouch_bench.documents import read_json, write_json
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, write_file
+from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, os_errors_as, write_file
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.records import Count, SavedRun
@@ -127,6 +127,16 @@ def write_proof(proof: Proof, path: Path) -> None:
         RunDirectoryError: it cannot be written.
     """
     write_file(path, write_json(proof))
+
+
+def withdraw_proof(path: Path) -> None:
+    """Remove a proof.
+
+    Raises:
+        RunDirectoryError: it cannot be removed.
+    """
+    with os_errors_as(RunDirectoryError, path, "removed"):
+        path.unlink(missing_ok=True)
 
 
 def read_proof(path: Path) -> Proof | None:

@@ -15,6 +15,7 @@ from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import CHECKPOINTS
 from minitouch_bench.leaderboard.proof import (
+    PROOFS,
     PROVED_LEVELS,
     FreshProof,
     ProofLevel,
@@ -22,6 +23,7 @@ from minitouch_bench.leaderboard.proof import (
     level_of,
     make_proof,
     proof_path,
+    withdraw_proof,
     write_proof,
 )
 from minitouch_bench.leaderboard.submission import TrainingSeed
@@ -72,10 +74,14 @@ class ValidateOptions:
 
 @dataclass(frozen=True)
 class Validation:
-    """What came of it: the problems, or where there are none the level of proof."""
+    """What came of it: the problems, or where there are none the level of proof.
+
+    ``withdrawn``: the level of an older proof that these problems end.
+    """
 
     problems: tuple[Problem, ...]
     level: ProofLevel | None = None
+    withdrawn: ProofLevel | None = None
 
 
 def validate_submission(
@@ -83,18 +89,30 @@ def validate_submission(
 ) -> Validation:
     """Check a submission without trusting it; a proof is written beside it if all holds.
 
+    An older proof is withdrawn if anything fails. A check that could not be made leaves it.
+
     Raises:
         InfrastructureError: an episode could not be run.
         IncompleteCheckError: the checkpoint is not in it; what was replayed is proved.
     """
     verdict = validate(directory)
-    if not verdict.passed:
-        return Validation(verdict.problems)
-    if options.replay or options.rerun or options.fresh_episodes:
+    problems = verdict.problems
+    if verdict.passed and (options.replay or options.rerun or options.fresh_episodes):
         problems = prove(verdict, options, callbacks)
-        if problems:
-            return Validation(problems)
+    if problems:
+        return _failed(verdict, problems)
     return Validation((), level_of(verdict, find_proof(verdict)))
+
+
+def _failed(verdict: Verdict, problems: tuple[Problem, ...]) -> Validation:
+    """Withdraw the proof of a submission in which something differs, if it has one."""
+    proof = find_proof(verdict)
+    if proof is None or all(one.is_unchecked or one.is_other_protocol for one in problems):
+        return Validation(problems)
+    found = Problems()
+    with found.caught(PROOFS, "remove the proof yourself"):
+        withdraw_proof(proof_path(verdict.directory.resolve()))
+    return Validation((*problems, *found), withdrawn=None if found else proof.level)
 
 
 def prove(
@@ -116,21 +134,20 @@ def prove(
     callbacks.phase("proof", _episode_count(verdict, again, options.fresh_episodes))
     with open_engine(options.engine, callbacks.note) as engine:
         prover = Prover(verdict, engine, on_record=callbacks.episode)
-        problems = [*prover.replay()]
+        prover.replay()
         try:
-            if not problems and again:
-                problems += prover.run_again(again)
-            if not problems and options.fresh_episodes:
-                fresh, found = prover.run_fresh(options.fresh_episodes, options.draw)
-                problems += found
+            if not prover.problems and again:
+                prover.run_again(again)
+            if not prover.problems and options.fresh_episodes:
+                fresh = prover.run_fresh(options.fresh_episodes, options.draw)
         except IncompleteCheckError:  # a checkpoint is not there, but the replay holds
-            if not problems:
+            if not prover.problems:
                 keep(ProofLevel.REPLAYED)
-            raise
-    if not problems:
+                raise
+    if not prover.problems:
         tested = ProofLevel.RERUN if again else ProofLevel.REPLAYED
         keep(ProofLevel.FRESH if fresh else tested, again, fresh)
-    return tuple(problems)
+    return tuple(prover.problems)
 
 
 def _episode_count(verdict: Verdict, again: int, fresh: int) -> int:
@@ -147,7 +164,7 @@ def _episode_count(verdict: Verdict, again: int, fresh: int) -> int:
 
 @dataclass(frozen=True)
 class Prover:
-    """Plays the episodes that prove a submission; each difference is a problem.
+    """Plays the episodes that prove a submission; each difference is added to ``problems``.
 
     ``rng`` draws those that are run again; ``on_record`` takes each episode that was played.
     """
@@ -156,27 +173,25 @@ class Prover:
     engine: Engine
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
     on_record: Callable[[EpisodeRecord], None] = ignore
+    problems: Problems = field(default_factory=Problems)
 
-    def replay(self) -> Problems:
+    def replay(self) -> None:
         """Replay the actions of every run. No checkpoint is opened."""
-        problems = Problems()
         for place in self.verdict.runs:
-            with problems.caught(place):
+            with self.problems.caught(place):
                 found = verify_run(self.verdict.directory / place, self.engine, self.on_record)
                 for one in found.problems:
-                    problems.add_below(place, replace(one, remedy=one.remedy or NOT_REPLAYED))
-        return problems
+                    remedy = one.remedy or NOT_REPLAYED
+                    self.problems.add_below(place, replace(one, remedy=remedy))
 
-    def run_again(self, count: int) -> Problems:
+    def run_again(self, count: int) -> None:
         """Run ``count`` drawn episodes of each run with the checkpoint, held in the sandbox."""
-        problems = Problems()
         for seed in self.verdict.submission.seeds:
             for place in seed.runs.values():
-                with problems.caught(place):
+                with self.problems.caught(place):
                     run, found = open_run(self.verdict.directory / place)
                     for problem in found if run is None else self._run_again(seed, run, count):
-                        problems.add_below(place, problem)
-        return problems
+                        self.problems.add_below(place, problem)
 
     def _run_again(self, seed: TrainingSeed, run: RecordedRun, count: int) -> Iterator[Problem]:
         specs = draw_episodes(run, count, self.rng)
@@ -184,17 +199,16 @@ class Prover:
             self.on_record(record)
             yield from (replace(problem, remedy=NOT_REPEATED) for problem in differing)
 
-    def run_fresh(self, count: int, draw: str) -> tuple[FreshProof, Problems]:
+    def run_fresh(self, count: int, draw: str) -> FreshProof:
         """Run ``count`` new episodes of each task of the main suite, and compare with the official.
 
         A significant drop is a problem.
         """
-        problems = Problems()
         seeds: dict[str, int] = {}
         results: dict[str, tuple[FreshResult, ...]] = {}
         for seed in self.verdict.submission.seeds:
             place = seed.runs[MAIN_SUITE]
-            with problems.caught(place):
+            with self.problems.caught(place):
                 saved = self.verdict.runs[place]
                 seeds[place] = fresh_seed(saved.header.policy.digest, draw)
                 setup = self._setup(seed, saved)
@@ -205,8 +219,8 @@ class Prover:
                         f"{drop.episodes} fresh episodes (p = {drop.p:.2g})"
                     )
                     problem = Problem(f"{drop.role} {drop.task}", what, FITS_OFFICIAL)
-                    problems.add_below(place, problem)
-        return FreshProof(draw, count, seeds, results), problems
+                    self.problems.add_below(place, problem)
+        return FreshProof(draw, count, seeds, results)
 
     def _fresh_results(
         self, saved: SavedRun, setup: PolicySetup, count: int, seed: int

@@ -22,7 +22,13 @@ from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.reporting.run_directory import run_json, write_run
-from minitouch_bench.workflows.validate import Prover, ValidateOptions, prove
+from minitouch_bench.verification.problems import Problem
+from minitouch_bench.workflows.validate import (
+    Prover,
+    ValidateOptions,
+    prove,
+    validate_submission,
+)
 from tests.evaluation.runs import request, run
 
 PLACE = "seed-0/table4"
@@ -65,7 +71,8 @@ def change_actions(verdict, change):
 
 def test_an_honest_run_replays(prover):
     done = []
-    assert list(dataclasses.replace(prover, on_record=done.append).replay()) == []
+    dataclasses.replace(prover, on_record=done.append).replay()
+    assert not prover.problems
     assert len(done) == 2
 
 
@@ -74,7 +81,8 @@ def test_swapped_actions_do_not_give_the_figures(verdict, prover):
         actions["opening/0"], actions["opening/1"] = actions["opening/1"], actions["opening/0"]
 
     change_actions(verdict, swap)
-    found = [str(problem) for problem in prover.replay()]
+    prover.replay()
+    found = [str(problem) for problem in prover.problems]
     assert any("opening/0" in line and "do not give these figures" in line for line in found)
 
 
@@ -83,11 +91,13 @@ def test_one_changed_bit_of_an_action_is_found(verdict, prover):
         actions["opening/1"][3, 0] = np.nextafter(actions["opening/1"][3, 0], np.float32(0))
 
     change_actions(verdict, nudge)
-    assert any("opening/1" in str(problem) for problem in prover.replay())
+    prover.replay()
+    assert any("opening/1" in str(problem) for problem in prover.problems)
 
 
 def test_episodes_run_again_with_the_policy_give_the_same_actions(prover):
-    assert list(prover.run_again(1)) == []
+    prover.run_again(1)
+    assert not prover.problems
 
 
 def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, prover):
@@ -144,6 +154,49 @@ def test_a_weaker_proof_does_not_replace_a_stronger_one(verdict, known):
     proof = find_proof(verdict)
     assert proof.level is known
     assert proof.rerun_episodes == (5 if known is ProofLevel.RERUN else 0)
+
+
+FRESH_DROP = Problem("seed-0/table4", "success 1.000 officially, 0.000 in 50 fresh episodes")
+UNREAD = Problem("seed-0/table4", "it cannot be read", is_unchecked=True)
+
+
+@pytest.mark.parametrize(
+    ("problems", "is_withdrawn"),
+    [((FRESH_DROP,), True), ((UNREAD, FRESH_DROP), True), ((UNREAD,), False), ((), False)],
+)
+def test_a_failed_check_withdraws_an_older_proof(submission, monkeypatch, problems, is_withdrawn):
+    level = ProofLevel.RERUN
+    write_proof(make_proof(validate(submission), level, 5), proof_path(submission))
+    monkeypatch.setattr("minitouch_bench.workflows.validate.prove", lambda *_: problems)
+    found = validate_submission(submission, ValidateOptions(replay=True))
+    assert found.problems == problems
+    assert found.withdrawn == (level if is_withdrawn else None)
+    assert level_of(validate(submission), find_proof(validate(submission))) == (
+        ProofLevel.SELF_REPORTED if is_withdrawn else level
+    )
+
+
+def test_a_check_that_could_not_be_made_leaves_the_proof(verdict, monkeypatch):
+    """The checkpoint is gone; the proof was made when it was there."""
+    write_proof(make_proof(verdict, ProofLevel.RERUN, 5), proof_path(verdict.directory))
+
+    def gone(*_):
+        raise IncompleteCheckError("the final checkpoint of seed 0 is not in the submission")
+
+    monkeypatch.setattr(Prover, "run_again", gone)
+    with pytest.raises(IncompleteCheckError):
+        prove(verdict, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
+    assert find_proof(verdict).level is ProofLevel.RERUN
+
+
+def test_what_differs_counts_though_the_check_could_not_be_finished(verdict, monkeypatch):
+    def differs_and_ends(prover, _):
+        prover.problems.add("seed-0/table4", "it differs")
+        raise IncompleteCheckError("the final checkpoint of seed 1 is not in the submission")
+
+    monkeypatch.setattr(Prover, "run_again", differs_and_ends)
+    (problem,) = prove(verdict, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
+    assert problem.what == "it differs"
 
 
 def test_a_proof_lies_beside_the_submissions(submission):

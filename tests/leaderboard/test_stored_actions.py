@@ -90,12 +90,15 @@ def verdict(tmp_path_factory, request):
 
 def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(verdict):
     assert all(episode.success for episode in verdict.runs[PLACE].episodes)
-    assert list(Prover(verdict, LocalEngine(1), np.random.default_rng(0)).run_again(3)) == []
+    prover = Prover(verdict, LocalEngine(1), np.random.default_rng(0))
+    prover.run_again(3)
+    assert not prover.problems
 
 
 def test_fresh_episodes_tell(verdict):
-    fresh, problems = Prover(verdict, LocalEngine(1)).run_fresh(FRESH, "a phrase")
-    (problem,) = problems
+    prover = Prover(verdict, LocalEngine(1))
+    fresh = prover.run_fresh(FRESH, "a phrase")
+    (problem,) = prover.problems
     assert "pushing: success 1.000 officially" in str(problem)
     assert "fits the official episodes" in str(problem)
     (found,) = fresh.results[PLACE]
@@ -108,6 +111,7 @@ def test_an_honest_policy_passes(verdict):
     policy = replace(saved.header.policy, kind="scripted", digest="")
     honest = replace(saved, header=replace(saved.header, policy=policy))
     known = replace(verdict, runs={PLACE: honest})
-    fresh, problems = Prover(known, LocalEngine(1)).run_fresh(FRESH, "a phrase")
-    assert list(problems) == []
+    prover = Prover(known, LocalEngine(1))
+    fresh = prover.run_fresh(FRESH, "a phrase")
+    assert not prover.problems
     assert fresh.results[PLACE][0].fresh == 1.0
