@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.documents import write_json
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import list_videos, write_file
 from minitouch_bench.leaderboard.board import (
     BoardRow,
@@ -18,6 +18,7 @@ from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.entries import Entry, count_endings, make_entry
 from minitouch_bench.leaderboard.kept_rows import KeptRows
 from minitouch_bench.leaderboard.page import submission_page
+from minitouch_bench.leaderboard.proof import proof_path, read_proof
 from minitouch_bench.leaderboard.scores import RANKED_BY, score, score_gaps
 from minitouch_bench.leaderboard.site import write_site
 from minitouch_bench.leaderboard.submission import BOARD_TASKS
@@ -51,12 +52,13 @@ def build_board(
 ) -> Built:
     """Check every submission, rank those of this protocol, and write the board.
 
-    One that does not pass is left out with its reasons and does not stop the others. What an
-    earlier build found of a submission is used again as long as nothing it depends on changes.
+    One that does not pass is left out with its reasons and does not stop the others. One whose
+    proof cannot be read is listed without it, and ``log`` takes why. What an earlier build found
+    of a submission is used again as long as nothing it depends on changes.
 
     Raises:
         UsageError: there is no such directory.
-        RunDirectoryError: a file cannot be read or written, or a proof is damaged.
+        RunDirectoryError: a file cannot be read or written.
     """
     rows = KeptRows(output)
     digests = {path: rows.digest(path) for path in find_submissions(submissions)}
@@ -66,6 +68,11 @@ def build_board(
         kept[path] = row
         rows.keep(digests[path], row)
     log(f"{len(digests)} submissions, {len(missing)} new or changed")
+    for path in digests:
+        try:
+            read_proof(proof_path(path.resolve()))
+        except RunDirectoryError as error:
+            log(f"{printable(path.name)} is listed without a proof: {error}")
     board = make_board(row for row in kept.values() if row is not None)
     tables = views(board)
     write_file(output / "leaderboard.md", board_markdown(board, tables))

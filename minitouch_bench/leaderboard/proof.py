@@ -5,6 +5,7 @@ adds a submission has no reason to touch it. It binds a level to the bytes of ea
 """
 
 import hashlib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -13,8 +14,8 @@ from pathlib import Path
 from typing import Literal
 
 from minitouch_bench.documents import read_json, write_json
-from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, os_errors_as, write_file
+from minitouch_bench.errors import RunDirectoryError, UnreadableFileError
+from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, os_errors_as, read_file, write_file
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.records import Count, SavedRun
@@ -145,22 +146,20 @@ def read_proof(path: Path) -> Proof | None:
     Raises:
         RunDirectoryError: the file is something else.
     """
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
-    proof = read_json(read_plain(path.parent, path.name, MAX_PROOF), Proof, path.name)
+    with os_errors_as(UnreadableFileError, path, "read"):
+        content = read_file(path, MAX_PROOF)
+    proof = read_json(content, Proof, str(path))
     if proof.level not in PROVED_LEVELS:
-        raise RunDirectoryError(f"{path.name}: the level {proof.level} needs no proof")
+        raise RunDirectoryError(f"{path}: the level {proof.level} needs no proof")
     return proof
 
 
 def find_proof(verdict: Verdict) -> Proof | None:
-    """Return the proof of a submission's runs as they are now, None where there is none.
-
-    Raises:
-        RunDirectoryError: the proof's file is something else.
-    """
-    proof = read_proof(proof_path(verdict.directory.resolve()))
+    """Return the proof of a submission's runs as they are now, None where none can be read."""
     try:
+        proof = read_proof(proof_path(verdict.directory.resolve()))
         holds = proof and proof.files == file_digests(verdict.directory, tuple(verdict.runs))
     except RunDirectoryError:
         return None
