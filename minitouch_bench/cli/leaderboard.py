@@ -39,12 +39,17 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
         typer.Option(
             min=0,
             max=MAX_EPISODES,
-            help="Run N new episodes per task, too, on seeds drawn now (50 is usual).",
+            help="Run N new episodes per task of each run, too, on seeds drawn now: 50 is usual, "
+            "fewer than 20 give no level.",
         ),
     ] = 0,
     draw: Annotated[
         str | None,
-        typer.Option(metavar="TEXT", help="Draw the new seeds from this; by default at random."),
+        typer.Option(
+            metavar="TEXT",
+            help="Draw the new seeds from this text, which the submitter must not know before the "
+            "checkpoint is fixed; by default 128 random bits.",
+        ),
     ] = None,
     workers: options.Workers = options.AUTO,
 ) -> None:
@@ -53,6 +58,7 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
     With --replay, --rerun or --fresh-seeds a proof is written beside them, which the board shows.
     """
     from minitouch_bench.evaluation.engine import EngineOptions
+    from minitouch_bench.leaderboard.proof import MIN_FRESH_EPISODES
     from minitouch_bench.rendering.escaping import printable
     from minitouch_bench.verification.fresh import new_draw
     from minitouch_bench.workflows.validate import ValidateOptions, validate_submission
@@ -79,6 +85,9 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
             print(f"{name}: its proof ({found.withdrawn}) is withdrawn")
         if not found.problems:
             print(f"{name}: valid, {found.level}")
+    if 0 < fresh_seeds < MIN_FRESH_EPISODES:
+        few = f"fewer than {MIN_FRESH_EPISODES} fresh episodes per task give no level"
+        notes.print(few, markup=False)
     notes.print(f"{valid} of {len(directories)} valid", markup=False)
     if not unchecked:
         raise typer.Exit(INVALID)

@@ -27,6 +27,9 @@ PROOFS = "_proofs"
 PROVED_FILES = (RUN_FILE, ACTIONS_FILE)
 MAX_PROOF = 2**16
 
+MIN_FRESH_EPISODES = 20
+"""Fresh episodes per task below which there is no level: a large drop could be chance."""
+
 
 class ProofLevel(StrEnum):
     """What stands behind a row's figures, from the weakest up; ``remote`` stands apart."""
@@ -169,11 +172,24 @@ def find_proof(verdict: Verdict) -> Proof | None:
 def level_of(verdict: Verdict, proof: Proof | None) -> ProofLevel:
     """Return the level of a submission with this ``find_proof``.
 
-    A remote policy stays "remote" whatever was replayed: nobody else can run it.
+    A remote policy stays "remote" whatever was replayed: nobody else can run it. A submission is
+    "fresh-verified" where each of its runs was compared with enough fresh episodes.
     """
     if any(map(_is_remote, verdict.runs.values())):
         return ProofLevel.REMOTE
-    return proof.level if proof else ProofLevel.SELF_REPORTED
+    if proof is None:
+        return ProofLevel.SELF_REPORTED
+    if proof.level is ProofLevel.FRESH and not _is_fresh(verdict, proof.fresh):
+        return ProofLevel.RERUN
+    return proof.level
+
+
+def _is_fresh(verdict: Verdict, fresh: FreshProof | None) -> bool:
+    return (
+        fresh is not None
+        and fresh.episodes_per_task >= MIN_FRESH_EPISODES
+        and fresh.results.keys() >= verdict.runs.keys()
+    )
 
 
 def _is_remote(run: SavedRun) -> bool:

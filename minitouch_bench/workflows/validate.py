@@ -15,6 +15,7 @@ from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import CHECKPOINTS
 from minitouch_bench.leaderboard.proof import (
+    MIN_FRESH_EPISODES,
     PROOFS,
     PROVED_LEVELS,
     FreshProof,
@@ -61,8 +62,9 @@ class ValidateOptions:
     """How far to check.
 
     ``replay``: the recorded actions. ``rerun``: so many drawn episodes of each run with the
-    checkpoint. ``fresh_episodes``: so many new ones per task, whose seeds follow from ``draw``,
-    by default random bits. Each of them includes those before it.
+    checkpoint. ``fresh_episodes``: so many new ones per task of each run, whose seeds follow from
+    ``draw``, by default random bits: nobody may know it before the checkpoint is fixed. Each of
+    them includes those before it. Fewer than MIN_FRESH_EPISODES give no level.
     """
 
     replay: bool = False
@@ -145,8 +147,10 @@ def prove(
                 keep(ProofLevel.REPLAYED)
                 raise
     if not prover.problems:
-        tested = ProofLevel.RERUN if again else ProofLevel.REPLAYED
-        keep(ProofLevel.FRESH if fresh else tested, again, fresh)
+        if fresh and options.fresh_episodes >= MIN_FRESH_EPISODES:
+            keep(ProofLevel.FRESH, again, fresh)
+        else:
+            keep(ProofLevel.RERUN if again else ProofLevel.REPLAYED, again)
     return tuple(prover.problems)
 
 
@@ -155,11 +159,17 @@ def _episode_count(verdict: Verdict, again: int, fresh: int) -> int:
     count = again * len(verdict.runs)
     for run in verdict.runs.values():
         count += len(run.episodes) + len(run.exploration_episodes)
-    for seed in verdict.submission.seeds:
-        has_exploration = verdict.runs[seed.runs[MAIN_SUITE]].header.exploration is not None
-        suite = replace(find_suite(MAIN_SUITE), episodes_per_task=fresh)
-        count += len(suite.episodes(exploration=has_exploration))
+        suite = replace(find_suite(run.header.suite), episodes_per_task=fresh)
+        count += len(suite.episodes(exploration=run.header.exploration is not None))
     return count
+
+
+def _drop_problem(drop: FreshResult) -> Problem:
+    what = (
+        f"{drop.metric} {drop.official:.3f} officially, {drop.fresh:.3f} in "
+        f"{drop.episodes} fresh episodes (p = {drop.p:.2g})"
+    )
+    return Problem(f"{drop.role} {drop.task}", what, FITS_OFFICIAL)
 
 
 @dataclass(frozen=True)
@@ -200,32 +210,31 @@ class Prover:
             yield from (replace(problem, remedy=NOT_REPEATED) for problem in differing)
 
     def run_fresh(self, count: int, draw: str) -> FreshProof:
-        """Run ``count`` new episodes of each task of the main suite, and compare with the official.
+        """Run ``count`` new episodes of each task of each run, and compare with the official ones.
 
-        A significant drop is a problem.
+        A significant drop is a problem. On novel shapes they are the first ``count`` of the suite:
+        its shapes in its order, in new scenes.
         """
         seeds: dict[str, int] = {}
         results: dict[str, tuple[FreshResult, ...]] = {}
         for seed in self.verdict.submission.seeds:
-            place = seed.runs[MAIN_SUITE]
-            with self.problems.caught(place):
-                saved = self.verdict.runs[place]
-                seeds[place] = fresh_seed(saved.header.policy.digest, draw)
-                setup = self._setup(seed, saved)
-                results[place] = self._fresh_results(saved, setup, count, seeds[place])
-                for drop in significant_drops(results[place]):
-                    what = (
-                        f"{drop.metric} {drop.official:.3f} officially, {drop.fresh:.3f} in "
-                        f"{drop.episodes} fresh episodes (p = {drop.p:.2g})"
-                    )
-                    problem = Problem(f"{drop.role} {drop.task}", what, FITS_OFFICIAL)
-                    self.problems.add_below(place, problem)
+            for place in seed.runs.values():
+                with self.problems.caught(place):
+                    saved = self.verdict.runs[place]
+                    seeds[place] = fresh_seed(saved.header.policy.digest, draw)
+                    setup = self._setup(seed, saved)
+                    results[place] = self._fresh_results(saved, setup, count, seeds[place])
+            compared = [one for place in seed.runs.values() for one in results.get(place, ())]
+            drops = significant_drops(compared) if compared else ()
+            for place in seed.runs.values():
+                for drop in (one for one in results.get(place, ()) if one in drops):
+                    self.problems.add_below(place, _drop_problem(drop))
         return FreshProof(draw, count, seeds, results)
 
     def _fresh_results(
         self, saved: SavedRun, setup: PolicySetup, count: int, seed: int
     ) -> tuple[FreshResult, ...]:
-        own = replace(find_suite(MAIN_SUITE), episodes_per_task=count, seed=seed)
+        own = replace(find_suite(saved.header.suite), episodes_per_task=count, seed=seed)
         suite = replace(own, tasks=saved.header.tasks)
         measured: dict[tuple[Role, str], list[EpisodeMetrics]] = {}
         for record in self.engine.run(setup, suite.episodes(exploration=bool(setup.exploration))):

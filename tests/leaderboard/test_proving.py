@@ -10,6 +10,7 @@ from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.leaderboard.proof import (
+    FreshProof,
     ProofLevel,
     find_proof,
     level_of,
@@ -21,7 +22,9 @@ from minitouch_bench.leaderboard.proof import (
 from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.records import Role
 from minitouch_bench.reporting.run_directory import run_json, write_run
+from minitouch_bench.verification.fresh import FreshResult
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows.validate import (
     Prover,
@@ -154,6 +157,40 @@ def test_a_weaker_proof_does_not_replace_a_stronger_one(verdict, known):
     proof = find_proof(verdict)
     assert proof.level is known
     assert proof.rerun_episodes == (5 if known is ProofLevel.RERUN else 0)
+
+
+def fresh_proof(verdict, places, episodes):
+    drop = FreshResult(Role.FINAL, "pushing", "success", 0.9, 0.88, episodes, 0.4)
+    seeds, results = dict.fromkeys(places, 1), dict.fromkeys(places, (drop,))
+    fresh = FreshProof("a phrase", episodes, seeds, results)
+    return make_proof(verdict, ProofLevel.FRESH, 50, fresh)
+
+
+@pytest.mark.parametrize(
+    ("suites", "episodes", "level"),
+    [
+        (("table4", "novel-shapes"), 20, ProofLevel.FRESH),
+        (("table4",), 20, ProofLevel.RERUN),
+        (("table4", "novel-shapes"), 19, ProofLevel.RERUN),
+    ],
+)
+def test_a_row_is_fresh_where_each_of_its_runs_has_twenty_fresh_episodes_a_task(
+    verdict, suites, episodes, level
+):
+    both = [f"seed-0/{suite}" for suite in ("table4", "novel-shapes")]
+    shown = dataclasses.replace(verdict, runs=dict.fromkeys(both, verdict.runs[PLACE]))
+    places = [f"seed-0/{suite}" for suite in suites]
+    assert level_of(shown, fresh_proof(verdict, places, episodes)) is level
+
+
+@pytest.mark.parametrize(("count", "level"), [(1, ProofLevel.RERUN), (20, ProofLevel.FRESH)])
+def test_a_few_fresh_episodes_give_no_level(verdict, monkeypatch, count, level):
+    fresh = fresh_proof(verdict, [PLACE], count).fresh
+    monkeypatch.setattr(Prover, "run_fresh", lambda *_: fresh)
+    engine = EngineOptions(workers=1)
+    assert prove(verdict, ValidateOptions(rerun=1, fresh_episodes=count, engine=engine)) == ()
+    proof = find_proof(verdict)
+    assert (proof.level, proof.fresh) == (level, fresh if count == 20 else None)
 
 
 FRESH_DROP = Problem("seed-0/table4", "success 1.000 officially, 0.000 in 50 fresh episodes")

@@ -52,8 +52,8 @@ def board(tmp_path_factory) -> Path:
     verdict = validate(best)
     assert verdict.passed, verdict.problems
     drop = FreshResult(Role.FINAL, "pushing", "success", 0.9, 0.88, 50, 0.4)
-    place = "seed-0/table4"
-    fresh = FreshProof("a phrase", 50, {place: 1234}, {place: (drop,)})
+    places = [f"seed-0/{suite}" for suite in both]
+    fresh = FreshProof("a phrase", 50, dict.fromkeys(places, 1234), dict.fromkeys(places, (drop,)))
     write_proof(make_proof(verdict, ProofLevel.FRESH, 5, fresh), proof_path(best))
     build_board(submissions, root / "board")
     return root / "board"

@@ -18,6 +18,7 @@ from minitouch_bench.leaderboard.submission import (
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
 from minitouch_bench.protocol.seeds import policy_seed
 from minitouch_bench.records import Role
 from minitouch_bench.reporting.run_directory import write_run
@@ -104,6 +105,22 @@ def test_fresh_episodes_tell(verdict):
     (found,) = fresh.results[PLACE]
     assert found.fresh <= 1 / 3
     assert fresh.seeds[PLACE] == fresh_seed(verdict.runs[PLACE].header.policy.digest, "a phrase")
+
+
+def test_fresh_episodes_of_novel_shapes_tell_too(verdict):
+    """The same run as one of novel shapes: these episodes are all lost, as no scene is known."""
+    saved = verdict.runs[PLACE]
+    novel = replace(saved, header=replace(saved.header, suite=NOVEL_SHAPES))
+    place = f"seed-0/{NOVEL_SHAPES}"
+    seed = replace(verdict.submission.seeds[0], runs={NOVEL_SHAPES: place})
+    known = replace(
+        verdict, submission=replace(verdict.submission, seeds=(seed,)), runs={place: novel}
+    )
+    prover = Prover(known, LocalEngine(1))
+    fresh = prover.run_fresh(FRESH, "a phrase")
+    (problem,) = prover.problems
+    assert f"{place}, final pushing: success 1.000 officially" in str(problem)
+    assert fresh.results.keys() == {place}
 
 
 def test_an_honest_policy_passes(verdict):
