@@ -1,6 +1,7 @@
 """``minitouch-bench leaderboard``: check submissions, and draw the board."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -52,6 +53,14 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
         ),
     ] = None,
     workers: options.Workers = options.AUTO,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            min=1.0,
+            help="Seconds that the check of each submission may take; by default 6 hours.",
+        ),
+    ] = None,
 ) -> None:
     """Check submissions without trusting them; exit 1 with every problem and how to correct it.
 
@@ -65,6 +74,8 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
 
     engine = EngineOptions(workers=options.worker_count(workers))
     asked = ValidateOptions(replay, rerun, fresh_seeds, draw or new_draw(), engine)
+    if time_limit is not None:
+        asked = replace(asked, time_limit_s=time_limit)
     valid, unchecked, incomplete = 0, True, False
     for directory in directories:
         name = printable(directory.name or str(directory))

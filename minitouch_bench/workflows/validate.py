@@ -3,6 +3,7 @@
 Its actions are replayed, and drawn and fresh episodes are run with its checkpoint.
 """
 
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -52,6 +53,9 @@ from minitouch_bench.workflows import SILENT, Callbacks, ignore
 RERUN_BEFORE_FRESH = 50
 """Drawn episodes of each run that are run before fresh ones, where no other number is asked."""
 
+TIME_LIMIT_S = 6 * 3600.0
+"""How long the check of one submission may take: a policy may use minutes in each episode."""
+
 NOT_REPLAYED = "the recorded actions do not give these figures"
 NOT_REPEATED = "the checkpoint does not act as recorded"
 FITS_OFFICIAL = "the checkpoint fits the official episodes"
@@ -64,7 +68,8 @@ class ValidateOptions:
     ``replay``: the recorded actions. ``rerun``: so many drawn episodes of each run with the
     checkpoint. ``fresh_episodes``: so many new ones per task of each run, whose seeds follow from
     ``draw``, by default random bits: nobody may know it before the checkpoint is fixed. Each of
-    them includes those before it. Fewer than MIN_FRESH_EPISODES give no level.
+    them includes those before it. Fewer than MIN_FRESH_EPISODES give no level. After
+    ``time_limit_s`` no more episodes are played.
     """
 
     replay: bool = False
@@ -72,6 +77,7 @@ class ValidateOptions:
     fresh_episodes: int = 0
     draw: str = field(default_factory=new_draw)
     engine: EngineOptions = LOCAL
+    time_limit_s: float = TIME_LIMIT_S
 
 
 @dataclass(frozen=True)
@@ -95,7 +101,8 @@ def validate_submission(
 
     Raises:
         InfrastructureError: an episode could not be run.
-        IncompleteCheckError: the checkpoint is not in it; what was replayed is proved.
+        IncompleteCheckError: the checkpoint is not in it, or the time is up; what was replayed is
+            proved.
     """
     verdict = validate(directory)
     problems = verdict.problems
@@ -135,16 +142,20 @@ def prove(
     fresh: FreshProof | None = None
     callbacks.phase("proof", _episode_count(verdict, again, options.fresh_episodes))
     with open_engine(options.engine, callbacks.note) as engine:
-        prover = Prover(verdict, engine, on_record=callbacks.episode)
-        prover.replay()
+        on_record = within(options.time_limit_s, callbacks.episode)
+        prover = Prover(verdict, engine, on_record=on_record)
+        is_replayed = False
         try:
+            prover.replay()
+            is_replayed = True
             if not prover.problems and again:
                 prover.run_again(again)
             if not prover.problems and options.fresh_episodes:
                 fresh = prover.run_fresh(options.fresh_episodes, options.draw)
-        except IncompleteCheckError:  # a checkpoint is not there, but the replay holds
+        except IncompleteCheckError:  # what differs counts all the same, and so does the replay
             if not prover.problems:
-                keep(ProofLevel.REPLAYED)
+                if is_replayed:
+                    keep(ProofLevel.REPLAYED)
                 raise
     if not prover.problems:
         if fresh and options.fresh_episodes >= MIN_FRESH_EPISODES:
@@ -152,6 +163,25 @@ def prove(
         else:
             keep(ProofLevel.RERUN if again else ProofLevel.REPLAYED, again)
     return tuple(prover.problems)
+
+
+def within(
+    limit_s: float, on_record: Callable[[EpisodeRecord], None]
+) -> Callable[[EpisodeRecord], None]:
+    """Return a function that takes episodes as ``on_record`` does, until the time is up.
+
+    It raises ``IncompleteCheckError`` after the first episode that ends too late.
+    """
+    end = time.monotonic() + limit_s
+
+    def take(record: EpisodeRecord) -> None:
+        on_record(record)
+        if time.monotonic() > end:
+            raise IncompleteCheckError(
+                f"the check was not finished within {limit_s:g} s; --time-limit gives it longer"
+            )
+
+    return take
 
 
 def _episode_count(verdict: Verdict, again: int, fresh: int) -> int:

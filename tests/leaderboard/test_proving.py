@@ -26,11 +26,13 @@ from minitouch_bench.records import Role
 from minitouch_bench.reporting.run_directory import run_json, write_run
 from minitouch_bench.verification.fresh import FreshResult
 from minitouch_bench.verification.problems import Problem
+from minitouch_bench.workflows import Callbacks, ignore
 from minitouch_bench.workflows.validate import (
     Prover,
     ValidateOptions,
     prove,
     validate_submission,
+    within,
 )
 from tests.evaluation.runs import request, run
 
@@ -234,6 +236,26 @@ def test_what_differs_counts_though_the_check_could_not_be_finished(verdict, mon
     monkeypatch.setattr(Prover, "run_again", differs_and_ends)
     (problem,) = prove(verdict, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
     assert problem.what == "it differs"
+
+
+def test_a_check_ends_when_its_time_is_up(verdict):
+    """The older proof stays, and none is made."""
+    options = ValidateOptions(replay=True, engine=EngineOptions(workers=1), time_limit_s=1e-9)
+    played = []
+    with pytest.raises(IncompleteCheckError, match="not finished within 1e-09 s"):
+        prove(verdict, options, Callbacks(episode=played.append))
+    assert len(played) == 1
+    assert find_proof(verdict) is None
+
+
+def test_what_was_replayed_in_time_is_proved(verdict, monkeypatch):
+    def too_slow(prover, _):
+        within(0.0, ignore)(None)
+
+    monkeypatch.setattr(Prover, "run_again", too_slow)
+    with pytest.raises(IncompleteCheckError, match="--time-limit"):
+        prove(verdict, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
+    assert find_proof(verdict).level is ProofLevel.REPLAYED
 
 
 def test_a_proof_lies_beside_the_submissions(submission):
