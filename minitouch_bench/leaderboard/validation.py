@@ -1,7 +1,7 @@
 """A submission checked without trusting it: nothing of it is executed."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path, PurePosixPath
@@ -18,6 +18,7 @@ from minitouch_bench.leaderboard.inventory import (
 from minitouch_bench.leaderboard.run_checks import (
     check_actions,
     check_estimates,
+    check_policies,
     check_run,
     check_tables,
 )
@@ -30,7 +31,7 @@ from minitouch_bench.leaderboard.submission import (
 )
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
-from minitouch_bench.records import SavedRun
+from minitouch_bench.records import RunHeader, SavedRun
 from minitouch_bench.reporting.run_directory import parse_run, run_digest, run_json
 from minitouch_bench.verification.problems import Problem, Problems
 from minitouch_bench.verification.recorded_run import AS_WRITTEN
@@ -103,9 +104,24 @@ def validate(directory: Path, depth: Depth = Depth.FULL) -> Verdict:
                     check_actions(directory, place, saved, problems)
             if depth is Depth.FULL:
                 _check_checkpoints(directory, seed, found, problems)
-        _check_about(submission, runs, directory, problems)
+        headers = [run.header for run in runs.values()]
+        _check_about(submission, headers, directory, problems)
         _check_copies(submission, runs, problems)
     return Verdict(directory, submission or Submission(), runs, tuple(problems))
+
+
+def check_planned(
+    submission: Submission, seed: TrainingSeed, headers: Sequence[RunHeader], directory: Path
+) -> tuple[Problem, ...]:
+    """Return what would be wrong with a submission whose ``seed`` has runs of these headers.
+
+    That is all that ``validate`` can say before their first episode.
+    """
+    problems = Problems()
+    for header in headers:
+        check_policies(header, seed, seed.runs[header.suite], problems)
+    _check_about(submission, headers, directory, problems)
+    return tuple(problems)
 
 
 def _read_submission(
@@ -140,7 +156,7 @@ def _read_run(
 
 
 def _check_about(
-    submission: Submission, runs: Mapping[str, SavedRun], directory: Path, problems: Problems
+    submission: Submission, headers: Sequence[RunHeader], directory: Path, problems: Problems
 ) -> None:
     """Hold what the submission tells against its directory and its policies."""
     if submission.name and submission.name != directory.resolve().name:
@@ -149,7 +165,7 @@ def _check_about(
             f"the name is '{submission.name}', the directory '{directory.resolve().name}'",
             "name the directory after the submission",
         )
-    kinds = {run.header.policy.kind for run in runs.values()}
+    kinds = {header.policy.kind for header in headers}
     for kind in sorted(kinds & set(BUILT_IN)):
         if submission.name != kind:
             problems.add(SUBMISSION_FILE, f"the built-in policy {kind} is not '{submission.name}'")

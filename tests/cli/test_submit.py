@@ -172,11 +172,50 @@ def test_an_unofficial_run_is_refused(scripted, tmp_path):
         (("--name", "zero"), ("POLICY", "--run")),
         (("--run", "reports/zero"), ("--name",)),
         (("Mine.onnx",), ("name", "Mine")),
+        (("random", "--name", "my-random"), ("built-in policy random is not 'my-random'",)),
+        (("random", "--modalities", "vision"), ("random is one seed with the modalities []",)),
+        (("zero", "--exploration", "scripted"), ("its exploration is the scripted policy's",)),
+        (("hopeless:Policy", "--trust", "--name", "zero"), ("is a built-in policy's",)),
+        (("zero", "--training-seed", 2**63), ("seed",)),
     ],
 )
 def test_mistakes_are_told_before_anything_is_run(tmp_path, options, words):
     run("submit", *options, directory=tmp_path).refused(2, *words)
     assert os.listdir(tmp_path) == []
+
+
+@pytest.fixture
+def nothing_is_played(monkeypatch):
+    def play(*_):
+        raise AssertionError("an episode would be played")
+
+    monkeypatch.setattr("minitouch_bench.workflows.submit.play", play)
+
+
+@pytest.mark.usefixtures("nothing_is_played")
+def test_a_checkpoint_s_name_is_checked_before_anything_is_run(tmp_path, monkeypatch):
+    from minitouch_bench.policies.native import save_native
+    from minitouch_bench.policies.networks import TouchActor
+
+    monkeypatch.chdir(tmp_path)
+    save_native(TouchActor(action_size=4), Path("my policy.safetensors"))
+    with pytest.raises(UsageError, match="no plain file name"):
+        submit(SubmitOptions("mine", policy="my policy.safetensors"))
+    assert os.listdir(tmp_path) == ["my policy.safetensors"]
+
+
+@pytest.mark.usefixtures("nothing_is_played")
+def test_every_suite_s_directory_is_checked_before_the_first_is_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    place = Path("submissions/zero/seed-0")
+    write_official(official_run("novel-shapes", kind="zero"), place / "novel-shapes")
+    both = SubmitOptions("zero", policy="zero", suites=("table4", "novel-shapes"))
+    with pytest.raises(RunDirectoryError, match="novel-shapes holds a finished run"):
+        submit(both)
+    (place / "novel-shapes" / "run.json").rename(place / "novel-shapes" / "journal.jsonl")
+    with pytest.raises(RunDirectoryError, match="novel-shapes holds a run already"):
+        submit(both)
+    assert os.listdir(place) == ["novel-shapes"]
 
 
 @pytest.mark.slow
