@@ -38,7 +38,7 @@ from minitouch_bench.leaderboard.submission import (
     read_submission,
 )
 from minitouch_bench.leaderboard.submission_rules import check_file_name
-from minitouch_bench.policies.sources import DIRECTORY, PolicySource
+from minitouch_bench.policies.sources import DIRECTORY, HUB, PolicySource, parse_hub_address
 from minitouch_bench.records import Role
 from minitouch_bench.reporting.run_directory import derived_files, read_run
 from minitouch_bench.verification.problems import Problems
@@ -203,7 +203,8 @@ def name_files(
         parts = [(ALL_TASKS, source)] if source.digest else []
     files = []
     for task, part in parts:
-        name = Path(part.target).name
+        target = part.target
+        name = Path(parse_hub_address(target).file if target.startswith(HUB) else target).name
         check_file_name(name)
         file = CheckpointFile(role, task, name, part.digest)
         if include:

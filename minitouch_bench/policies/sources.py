@@ -39,6 +39,7 @@ MAX_RATIO = 100
 
 MAX_MEMBERS = 10_000
 
+SERVERS = ("http://", "https://")
 HUB = "hf://"
 HUB_ADDRESS = re.compile(r"hf://([\w.-]+/[\w.-]+)/([^@]+)(?:@(.+))?")
 COMMIT = re.compile("[0-9a-f]{40}")
@@ -79,20 +80,32 @@ class PolicySource:
         )
 
 
+def is_remote(text: str) -> bool:
+    """Tell whether POLICY is a server's address or a file on the Hub."""
+    return text.startswith((*SERVERS, HUB))
+
+
 def parse_source(
-    text: str, tasks: Sequence[str] = (), *, trust: bool = False, role: Role = Role.FINAL
+    text: str,
+    tasks: Sequence[str] = (),
+    *,
+    trust: bool = False,
+    role: Role = Role.FINAL,
+    contact: bool = True,
 ) -> PolicySource:
     """Find out what POLICY means; a directory must have a file for each of ``tasks``.
+
+    Without ``contact`` a file on the Hub is looked for in the library's cache alone.
 
     Raises:
         PolicyLoadError: there is no such policy, or it needs ``trust``.
     """
     if text in BUILT_IN:
         return PolicySource(text, text, text)
-    if text.startswith(("http://", "https://")):
+    if text.startswith(SERVERS):
         return _parse_url(text)
     if text.startswith(HUB):
-        return _parse_hub(text)
+        return _parse_hub(text, contact=contact)
     path = Path(text)
     with os_errors_as(PolicyLoadError, path, "read"):
         exists, is_directory = path.exists(), path.is_dir()
@@ -179,11 +192,11 @@ def _parse_url(text: str) -> PolicySource:
     return PolicySource("remote", parts.netloc, text)
 
 
-def _parse_hub(text: str) -> PolicySource:
+def _parse_hub(text: str, *, contact: bool) -> PolicySource:
     """Fetch a file from the Hub; its address names the commit."""
     asked = parse_hub_address(text)
     _kind_of(Path(asked.file))
-    path, found = _fetch(asked)
+    path, found = _fetch(asked, contact=contact)
     return replace(_parse_file(path), address=str(found))
 
 
@@ -284,8 +297,10 @@ def parse_hub_address(text: str) -> HubFile:
     return HubFile(match[1], match[2], match[3] or "main")
 
 
-def _fetch(asked: HubFile) -> tuple[Path, HubFile]:
+def _fetch(asked: HubFile, *, contact: bool) -> tuple[Path, HubFile]:
     """Return the file, in the library's cache, and its address with the commit.
+
+    Without ``contact`` it must be there already.
 
     Raises:
         PolicyLoadError: there is no such file, it is too large, or the Hub cannot be reached.
@@ -293,13 +308,15 @@ def _fetch(asked: HubFile) -> tuple[Path, HubFile]:
     """
     library = require("huggingface_hub", "hub")
     try:
-        if not COMMIT.fullmatch(asked.revision):
+        if contact and not COMMIT.fullmatch(asked.revision):
             url = library.hf_hub_url(asked.repository, asked.file, revision=asked.revision)
             found = library.get_hf_file_metadata(url)
             if (found.size or 0) > MAX_FILE_BYTES:
                 raise PolicyLoadError(f"{asked} has {found.size} bytes, which is too large")
             asked = HubFile(asked.repository, asked.file, found.commit_hash)
-        path = library.hf_hub_download(asked.repository, asked.file, revision=asked.revision)
+        path = library.hf_hub_download(
+            asked.repository, asked.file, revision=asked.revision, local_files_only=not contact
+        )
     except PolicyLoadError:
         raise
     except Exception as error:  # of the library, of its HTTP client, of the system

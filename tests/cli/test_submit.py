@@ -240,7 +240,7 @@ def test_three_commands_lead_from_a_policy_to_a_row(tmp_path):
     again.refused(6, "finished run", "--training-seed")
     kept = run(*HOPELESS, "--resume", directory=tmp_path)
     assert kept.code == 0, kept.err
-    other = run("submit", "zero", *HOPELESS[3:], "--resume", directory=tmp_path)
+    other = run("submit", "strangers:Policy", *HOPELESS[2:], "--resume", directory=tmp_path)
     assert other.code == 6
     assert "another policy" in other.err
 

@@ -115,6 +115,17 @@ def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, prover):
         prover.run_again(1)
 
 
+def test_a_server_is_never_run_again(verdict, prover):
+    """Its address in a stranger's run is not contacted."""
+    saved = verdict.runs[PLACE]
+    policy = dataclasses.replace(saved.header.policy, kind="remote", source="http://127.0.0.1:1")
+    header = dataclasses.replace(saved.header, policy=policy)
+    content = run_json(dataclasses.replace(saved, header=header))
+    (verdict.directory / PLACE / "run.json").write_bytes(content)
+    with pytest.raises(IncompleteCheckError, match="not in the submission"):
+        prover.run_again(1)
+
+
 def test_what_was_replayed_is_proved_where_the_checkpoint_is_missing(verdict):
     saved = verdict.runs[PLACE]
     policy = dataclasses.replace(saved.header.policy, kind="native", digest="0" * 64)
