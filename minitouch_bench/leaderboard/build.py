@@ -15,6 +15,7 @@ from minitouch_bench.leaderboard.board import (
     make_board,
 )
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
+from minitouch_bench.leaderboard.copies import episode_digests
 from minitouch_bench.leaderboard.entries import Entry, count_endings, make_entry
 from minitouch_bench.leaderboard.kept_rows import KeptRows
 from minitouch_bench.leaderboard.page import submission_page
@@ -124,7 +125,6 @@ def _scored(entry: Entry) -> ScoredSubmission:
         rerun_episodes=entry.proof.rerun_episodes if entry.proof else 0,
         fresh=entry.proof.fresh if entry.proof else None,
         same_episodes_as=(),
-        nearly_same_actions_as=(),
         training_seeds=tuple(seed.seed for seed in about.seeds),
         runs={place: run.digest for place, run in runs.items()},
         ranks={},
@@ -140,7 +140,10 @@ def _scored(entry: Entry) -> ScoredSubmission:
             task: tuple(tuple(one.values[RANKED_BY[task]].tolist()) for one in own)
             for task, own in listed.items()
         },
-        sketches=entry.proof.sketches if entry.proof else {},
+        episodes={
+            seed.runs[MAIN_SUITE]: episode_digests(runs[seed.runs[MAIN_SUITE]])
+            for seed in about.seeds
+        },
         videos=tuple(video.relative_to(directory).as_posix() for video in videos),
     )
     return replace(scored, page=submission_page(entry, scored))

@@ -7,7 +7,7 @@ adds a submission has no reason to touch it. It binds a level to the bytes of ea
 import hashlib
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
@@ -79,7 +79,6 @@ class Proof:
     rerun_episodes: Count
     package: str
     fresh: FreshProof | None = None
-    sketches: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     format: Literal["minitouch-proof"] = "minitouch-proof"
     version: Literal[1] = 1
 
@@ -89,7 +88,6 @@ def make_proof(
     level: ProofLevel,
     rerun_episodes: int = 0,
     fresh: FreshProof | None = None,
-    sketches: Mapping[str, tuple[float, ...]] | None = None,
 ) -> Proof:
     """Bind a level to the runs of a submission as they are now.
 
@@ -102,7 +100,6 @@ def make_proof(
         rerun_episodes,
         version("minitouch-bench"),
         fresh,
-        sketches or {},
     )
 
 

@@ -7,6 +7,7 @@ from enum import Enum
 from pathlib import Path, PurePosixPath
 
 from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE
+from minitouch_bench.leaderboard.copies import episode_digests, find_copies
 from minitouch_bench.leaderboard.inventory import (
     MAX_CHECKPOINT,
     MAX_SUBMISSION_FILE,
@@ -32,7 +33,7 @@ from minitouch_bench.leaderboard.submission import (
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.records import RunHeader, SavedRun
-from minitouch_bench.reporting.run_directory import parse_run, run_digest, run_json
+from minitouch_bench.reporting.run_directory import parse_run, run_json
 from minitouch_bench.verification.problems import Problem, Problems
 from minitouch_bench.verification.recorded_run import AS_WRITTEN
 
@@ -106,7 +107,7 @@ def validate(directory: Path, depth: Depth = Depth.FULL) -> Verdict:
                 _check_checkpoints(directory, seed, found, problems)
         headers = [run.header for run in runs.values()]
         _check_about(submission, headers, directory, problems)
-        _check_copies(submission, runs, problems)
+        check_copies(runs, problems)
     return Verdict(directory, submission or Submission(), runs, tuple(problems))
 
 
@@ -186,21 +187,12 @@ def _check_about(
             )
 
 
-def final_digest(run: SavedRun) -> str:
-    """Return the digest of the final policy's episodes, whatever else is in the run."""
-    return run_digest(run.header, run.episodes)
-
-
-def _check_copies(submission: Submission, runs: Mapping[str, SavedRun], problems: Problems) -> None:
-    """Refuse a training seed whose episodes are, bit for bit, those of another one."""
-    first: dict[str, str] = {}
-    for seed in submission.seeds:
-        for place in seed.runs.values():
-            digest = final_digest(runs[place]) if place in runs else ""
-            if digest in first:
-                problems.add(place, f"it is bit for bit the run {first[digest]}", "remove it")
-            elif digest:
-                first[digest] = place
+def check_copies(runs: Mapping[str, SavedRun], problems: Problems) -> None:
+    """Refuse each run that has, bit for bit, the episodes of an earlier one."""
+    digests = {place: episode_digests(run) for place, run in runs.items()}
+    for (first, place), count in find_copies(digests).items():
+        what = f"{count} of its {len(digests[place])} episodes are bit for bit those of {first}"
+        problems.add(place, what, "remove it")
 
 
 def _check_checkpoints(

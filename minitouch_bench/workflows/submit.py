@@ -42,8 +42,8 @@ from minitouch_bench.leaderboard.submission import (
 from minitouch_bench.leaderboard.submission_rules import check_name
 from minitouch_bench.leaderboard.validation import (
     RESERVED_MODALITIES,
+    check_copies,
     check_planned,
-    final_digest,
     validate,
 )
 from minitouch_bench.policies.isolation.options import IsolationOptions
@@ -52,7 +52,7 @@ from minitouch_bench.processes import interrupts_held
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import PolicyIdentity, RunHeader, SavedRun
 from minitouch_bench.reporting.run_directory import read_run
-from minitouch_bench.verification.problems import Problem
+from minitouch_bench.verification.problems import Problem, Problems
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.evaluate import play, save_run
 
@@ -224,20 +224,16 @@ class _Packer:
         return Packed(self.directory, validate(self.directory).problems)
 
     def _copies(self, runs: Mapping[str, SavedRun], entry: TrainingSeed) -> tuple[Problem, ...]:
-        """Return a problem for each run that is, bit for bit, another training seed's."""
-        begun = begun_submission(self.directory)
+        """Return a problem for each run that is another training seed's."""
+        begun, problems = begun_submission(self.directory), Problems()
         others = {
-            final_digest(read_run(self.directory / place)): place
+            place: read_run(self.directory / place)
             for other in (begun.seeds if begun else ())
             if other.seed != entry.seed
             for place in other.runs.values()
         }
-        found = ((place, final_digest(run)) for place, run in runs.items())
-        return tuple(
-            Problem(place, f"it is bit for bit the run {others[digest]}")
-            for place, digest in found
-            if digest in others
-        )
+        check_copies({**others, **runs}, problems)
+        return tuple(problems)
 
     def _check_replaced(self, parts: Parts) -> None:
         """Refuse to replace files that are not a run's, or the only copy of a checkpoint.

@@ -29,14 +29,12 @@ from minitouch_bench.leaderboard.proof import (
     write_proof,
 )
 from minitouch_bench.leaderboard.submission import TrainingSeed
-from minitouch_bench.leaderboard.twins import Sketch, sketch_of
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.limits import limits_of
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
-from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, PolicyIdentity, Role, SavedRun
 from minitouch_bench.verification.fresh import (
     FreshResult,
@@ -135,7 +133,7 @@ def prove(
 
     def keep(level: ProofLevel, rerun: int = 0, fresh: FreshProof | None = None) -> None:
         if known is None or PROVED_LEVELS.index(known.level) <= PROVED_LEVELS.index(level):
-            proof = make_proof(verdict, level, rerun, fresh, dict(prover.sketches()))
+            proof = make_proof(verdict, level, rerun, fresh)
             write_proof(proof, proof_path(verdict.directory.resolve()))
 
     again = options.rerun or (RERUN_BEFORE_FRESH if options.fresh_episodes else 0)
@@ -275,18 +273,6 @@ class Prover:
             compare_fresh([one for one in official[role] if one.task == task], fresh, role, task)
             for (role, task), fresh in measured.items()
         )
-
-    def sketches(self) -> Iterator[tuple[str, Sketch]]:
-        """Walk through the paths of the main runs with the sketch of the final policy's actions.
-
-        A run with exploration episodes and one without them are then as like as their policies.
-        """
-        for seed in self.verdict.submission.seeds:
-            place = seed.runs[MAIN_SUITE]
-            run, _ = open_run(self.verdict.directory / place)
-            if run is not None:
-                final = [spec.key for spec in run.specs if spec.role is Role.FINAL]
-                yield place, sketch_of([run.actions[key] for key in final])
 
     def _setup(self, seed: TrainingSeed, saved: SavedRun) -> PolicySetup:
         header = saved.header

@@ -151,7 +151,7 @@ def test_a_submission_that_would_be_refused_changes_nothing(packed):
 def test_one_training_is_not_two_seeds_and_the_first_stays_as_it_is(packed):
     before = state(packed)
     (problem,) = submit(replace(PACK, training_seed=1)).problems
-    assert "bit for bit the run seed-0/table4" in str(problem)
+    assert "bit for bit those of seed-0/table4" in str(problem)
     assert state(packed) == before
 
 

@@ -1,4 +1,4 @@
-"""What stands on a board: the figures against the runs' own, ranks, twins, who is left out."""
+"""What stands on a board: the figures against the runs' own, ranks, copies, who is left out."""
 
 import csv
 import io
@@ -176,10 +176,10 @@ def test_the_same_episodes_under_another_name_are_told(submissions, tmp_path):
     shutil.rmtree(copied / "seed-0")
     shutil.copytree(root / "near" / "seed-0", copied / "seed-0")
     places = [root / "near", copied]
-    twins = {
+    same = {
         row.name: row.same_episodes_as for row in make_board(score_submissions(places)).unranked
     }
-    assert twins == {"near": ("copied",), "copied": ("near",)}
+    assert same == {"near": ("copied",), "copied": ("near",)}
 
 
 def test_another_protocol_is_listed_apart_and_a_bad_one_left_out(submissions, tmp_path):

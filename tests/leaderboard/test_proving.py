@@ -1,10 +1,12 @@
 """Replaying and running again: real episodes in the simulator, a few of them."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 
+from minitouch_bench.documents import write_json
 from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.engine import EngineOptions
@@ -149,6 +151,14 @@ def test_a_proof_counts_for_the_very_bytes_alone(sound, tmp_path):
     assert read_proof(path) == proof
     assert level_of(verdict, proof) is ProofLevel.REPLAYED
     assert level_of(verdict, None) is ProofLevel.SELF_REPORTED
+
+
+def test_a_proof_that_an_older_version_wrote_is_read(sound, tmp_path):
+    """It holds sketches of the actions, which nothing uses now."""
+    proof, path = make_proof(validate(sound), ProofLevel.RERUN, 50), tmp_path / "hac.json"
+    document = {**json.loads(write_json(proof)), "sketches": {PLACE: [0.25, -1.5]}}
+    path.write_text(json.dumps(document))
+    assert read_proof(path) == proof
 
 
 def test_a_proof_of_other_bytes_is_ignored(submission):
