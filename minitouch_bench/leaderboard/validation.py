@@ -82,7 +82,7 @@ def validate(directory: Path, depth: Depth = Depth.FULL) -> Verdict:
     """
     problems = Problems()
     if not directory.is_dir():
-        problems.add(str(directory), "there is no such directory", "give a submission's directory")
+        problems.add("", "there is no such directory", "give a submission's directory")
         return Verdict(directory, Submission(), {}, tuple(problems))
     found = list_files(directory, problems)
     submission = _read_submission(directory, found, problems)

@@ -217,8 +217,10 @@ def read_run(directory: Path) -> SavedRun:
     except FileNotFoundError as error:
         if (file.parent / JOURNAL_FILE).exists():
             what = "holds an unfinished run: the command that began it finishes it with --resume"
-        else:
+        elif file.parent.exists():
             what = f"is no run: it has no {RUN_FILE}"
+        else:
+            what = "is no run: there is no such directory"
         raise RunDirectoryError(f"{file.parent} {what}") from error
     except OSError as error:
         raise UnreadableFileError(f"{file} cannot be read: {error.strerror}") from error

@@ -87,6 +87,12 @@ def test_a_proof_that_is_withdrawn_is_told(tmp_path, monkeypatch, capsys):
     )
 
 
+def test_a_directory_that_is_not_there_is_named_once(tmp_path):
+    done = run("leaderboard", "validate", "nosuch", directory=tmp_path)
+    assert done.code == 1
+    assert done.out == "nosuch: there is no such directory; give a submission's directory\n"
+
+
 def test_every_fault_has_a_line_and_the_exit_code_is_1(root):
     (root / "submissions/hac/notes.txt").write_text("hello")
     (root / "submissions/hac/seed-0/table4/table4.csv").write_text("policy\n")
