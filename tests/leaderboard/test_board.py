@@ -25,6 +25,7 @@ from minitouch_bench.leaderboard.proof import (
     write_proof,
 )
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, _gap
+from minitouch_bench.leaderboard.site import index_html
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.leaderboard.views import views
 from minitouch_bench.metrics.definitions import ranking_metric
@@ -180,6 +181,25 @@ def test_the_same_episodes_under_another_name_are_told(submissions, tmp_path):
         row.name: row.same_episodes_as for row in make_board(score_submissions(places)).unranked
     }
     assert same == {"near": ("copied",), "copied": ("near",)}
+
+
+def test_a_copy_without_a_rank_is_told_and_filtered_on_the_site(submissions, tmp_path):
+    root = tmp_path / "submissions"
+    shutil.copytree(submissions / "near", root / "near")
+    (root / "_proofs").mkdir()
+    shutil.copy(proof_path(submissions / "near"), root / "_proofs")
+    copied = make_submission(root, "copied", 0.5, level=ProofLevel.SELF_REPORTED)
+    shutil.rmtree(copied / "seed-0")
+    shutil.copytree(root / "near" / "seed-0", copied / "seed-0")
+    board = make_board(score_submissions([root / "near", copied]))
+    (overall, *_) = index_html(board, views(board)).split("</section>")
+    _, ranked, unranked, _ = overall.split("<tbody")
+    for part, name, other in ((ranked, "near", "copied"), (unranked, "copied", "near")):
+        assert f'data-name="{name} ' in part
+        assert f"same episodes as {other}" in part
+    assert 'data-proof="self-reported"' in unranked
+    for level in ProofLevel:
+        assert f'name="proof" value="{level}"' in overall
 
 
 def test_another_protocol_is_listed_apart_and_a_bad_one_left_out(submissions, tmp_path):
