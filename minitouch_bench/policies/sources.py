@@ -137,8 +137,8 @@ def identify(source: PolicySource) -> PolicyIdentity:
     return PolicyIdentity(source.name, address, source.kind, source.digest, tuple(notes))
 
 
-def read_checkpoint(path: Path) -> bytes:
-    """Return a checkpoint file's bytes.
+def read_checkpoint(path: Path, *, follow: bool = True) -> bytes:
+    """Return a checkpoint file's bytes; ``follow`` allows a link.
 
     Raises:
         PolicyLoadError: missing, no plain file, empty, too large or not readable.
@@ -146,7 +146,7 @@ def read_checkpoint(path: Path) -> bytes:
     with os_errors_as(PolicyLoadError, path, "read"):
         if not path.exists():
             raise PolicyLoadError(f"the policy file {path} does not exist")
-        content = read_file(path, MAX_FILE_BYTES, follow=True)
+        content = read_file(path, MAX_FILE_BYTES, follow=follow)
     if not content:
         raise PolicyLoadError(f"the policy file {path} is empty")
     return content
@@ -176,9 +176,10 @@ def _kind_of(path: Path) -> str:
     return kind
 
 
-def _parse_file(path: Path) -> PolicySource:
+def _parse_file(path: Path, *, follow: bool = True) -> PolicySource:
+    """Find out what a file is; one that the user did not name may be no link to another file."""
     kind = _kind_of(path)
-    digest = hashlib.sha256(read_checkpoint(path)).hexdigest()
+    digest = hashlib.sha256(read_checkpoint(path, follow=follow)).hexdigest()
     return PolicySource(kind, path.stem, str(path), digest)
 
 
@@ -215,7 +216,9 @@ def _parse_submission(path: Path, role: Role) -> PolicySource:
     with os_errors_as(PolicyLoadError, folder, "read"):
         files = [file for file in folder.iterdir() if file.suffix in KIND_BY_SUFFIX]
     is_one_for_all = len(files) == 1 and files[0].stem not in TASK_NAMES
-    source = _parse_file(files[0]) if is_one_for_all else _parse_directory(folder, role)
+    source = (
+        _parse_file(files[0], follow=False) if is_one_for_all else _parse_directory(folder, role)
+    )
     return replace(source, name=path.resolve().name)
 
 
@@ -231,10 +234,10 @@ def _parse_directory(path: Path, role: Role) -> PolicySource:
         if file.stem in parts:
             other = Path(parts[file.stem].target).name
             raise PolicyLoadError(f"{path} has two policies for one task: {other}, {file.name}")
-        parts[file.stem] = _parse_file(file)
+        parts[file.stem] = _parse_file(file, follow=False)
     trained = path / TRAINED[role]
     if not parts and trained.is_file():
-        return replace(_parse_file(trained), name=path.resolve().name)
+        return replace(_parse_file(trained, follow=False), name=path.resolve().name)
     if not parts and (path / TRAINED_FILE).is_file():
         raise PolicyLoadError(f"{path} has no {trained.name}: nothing was explored there")
     if not parts:
@@ -292,7 +295,7 @@ def parse_hub_address(text: str) -> HubFile:
         PolicyLoadError: it is no such address.
     """
     match = HUB_ADDRESS.fullmatch(text)
-    if match is None:
+    if match is None or {"", ".", ".."} & {*match[1].split("/"), *match[2].split("/")}:
         raise PolicyLoadError(f"'{text}' is no file on the Hub; write hf://USER/REPO/FILE@REVISION")
     return HubFile(match[1], match[2], match[3] or "main")
 

@@ -140,7 +140,8 @@ def test_without_the_library_the_extra_is_named(tmp_path):
 def test_addresses():
     assert parse_hub_address("hf://a/b/c/d.onnx") == HubFile("a/b", "c/d.onnx", "main")
     assert str(parse_hub_address("hf://a/b/c.pt@refs/pr/1")) == "hf://a/b/c.pt@refs/pr/1"
-    for wrong in ("hf://a/b", "hf://a/b/", "hf://a@v1/b/c.pt@v2", "hf://a b/c/d.pt"):
+    leaving = ("hf://a/b/../../../x.onnx", "hf://../b/x.pt", "hf://a/./x.pt", "hf://a/b//x.pt")
+    for wrong in (*leaving, "hf://a/b", "hf://a/b/", "hf://a@v1/b/c.pt@v2", "hf://a b/c/d.pt"):
         with pytest.raises(PolicyLoadError, match="hf://USER/REPO/FILE"):
             parse_hub_address(wrong)
 
