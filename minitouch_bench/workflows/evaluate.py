@@ -26,6 +26,7 @@ from minitouch_bench.files import (
     REPORTS,
     SETTINGS_FILE,
     VIDEOS,
+    holds_run,
     lock_directory,
     make_folder,
     write_file,
@@ -117,6 +118,8 @@ def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Evaluat
         return EvaluationResult(saved, build_report([saved]))
     directory = output.directory or REPORTS / run_name(request)
     with opening as engine, lock_directory(directory):
+        if output.resume and not holds_run(directory):
+            callbacks.note(f"there is no run in {directory} to resume: a new one begins")
         opened = open_run(request, directory, resume=output.resume, fresh=output.fresh)
         if output.settings:
             text = f"# minitouch-bench evaluate --config {SETTINGS_FILE}\n"
