@@ -16,7 +16,7 @@
     │       └── PolicyRaisedError       its code raised
     ├── InfrastructureError         5   a worker died, a file could not be written
     │   └── CheckpointChangedError  5   a policy's file changed after the evaluation began
-    ├── IncompleteCheckError        5   a check could not be made: its checkpoint is missing
+    ├── IncompleteCheckError        5   a check could not be made: no checkpoint, or no time left
     ├── HopelessRunError            5   its first episodes are all policy faults
     ├── InterruptedRunError       130   Ctrl-C
     └── RunDirectoryError           6   locked, corrupt, or of another run
@@ -98,7 +98,7 @@ class CheckpointChangedError(InfrastructureError):
 
 
 class IncompleteCheckError(MiniTouchError):
-    """A check could not be made because something it needs is missing; it has no result."""
+    """A check could not be made: something it needs is missing, or its time is up."""
 
     exit_code = 5
 

@@ -34,6 +34,9 @@ PROGRESS_FILE = "progress.csv"
 VIDEOS = "videos"
 TENSORBOARD = "tensorboard"
 SUBMISSION_FILE, CHECKPOINTS = "submission.toml", "checkpoints"
+
+REPORTS = Path("reports")
+"""Where runs and reports without ``output`` get a directory of their own."""
 ATTEMPTS = "attempts"
 """Folder of what is known of episodes that have no record yet; a finished run has none."""
 

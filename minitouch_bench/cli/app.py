@@ -44,7 +44,9 @@ COMMANDS: dict[Callable[..., None], str] = {
 }
 """Every command with an example of its use, in the order of the help."""
 
-app = typer.Typer(name="minitouch-bench", no_args_is_help=True, pretty_exceptions_enable=False)
+PROGRAM = "minitouch-bench"
+
+app = typer.Typer(name=PROGRAM, no_args_is_help=True, pretty_exceptions_enable=False)
 for command, example in COMMANDS.items():
     app.command(epilog=f"Example: {example}")(command)
 app.add_typer(leaderboard, name="leaderboard")
@@ -70,14 +72,16 @@ def main() -> None:
     """Run the command line; a user's mistake ends in a line or two, without a traceback."""
     try:
         # So that usage errors come here too; the code of a typer.Exit is then returned.
-        code = app(standalone_mode=False)
+        code = app(prog_name=PROGRAM, standalone_mode=False)
     except MiniTouchError as error:
         _complain(str(error))
         sys.exit(error.exit_code)
     except typer.TyperException as error:
         # Where no arguments are given the message is empty: the help has been printed.
         if error.format_message().strip():
-            _complain(f"{error.format_message()}\nSee minitouch-bench --help")
+            context = getattr(error, "ctx", None)
+            command = context.command_path if context else PROGRAM
+            _complain(f"{error.format_message()}\nSee {command} --help")
         sys.exit(error.exit_code)
     if code == INTERRUPTED:
         _complain("interrupted")

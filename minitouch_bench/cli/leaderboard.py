@@ -1,6 +1,7 @@
 """``minitouch-bench leaderboard``: check submissions, and draw the board."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -39,26 +40,42 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
         typer.Option(
             min=0,
             max=MAX_EPISODES,
-            help="Run N new episodes per task, too, on seeds drawn now (50 is usual).",
+            help="Run N new episodes per task of each run, too, on seeds drawn now: 50 is usual, "
+            "fewer than 20 give no level.",
         ),
     ] = 0,
     draw: Annotated[
         str | None,
-        typer.Option(metavar="TEXT", help="Draw the new seeds from this; by default at random."),
+        typer.Option(
+            metavar="TEXT",
+            help="Draw the new seeds from this text, which the submitter must not know before the "
+            "checkpoint is fixed; by default 128 random bits.",
+        ),
     ] = None,
     workers: options.Workers = options.AUTO,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            min=1.0,
+            help="Seconds that the check of each submission may take; by default 6 hours.",
+        ),
+    ] = None,
 ) -> None:
     """Check submissions without trusting them; exit 1 with every problem and how to correct it.
 
     With --replay, --rerun or --fresh-seeds a proof is written beside them, which the board shows.
     """
     from minitouch_bench.evaluation.engine import EngineOptions
+    from minitouch_bench.leaderboard.proof import MIN_FRESH_EPISODES
     from minitouch_bench.rendering.escaping import printable
     from minitouch_bench.verification.fresh import new_draw
     from minitouch_bench.workflows.validate import ValidateOptions, validate_submission
 
     engine = EngineOptions(workers=options.worker_count(workers))
     asked = ValidateOptions(replay, rerun, fresh_seeds, draw or new_draw(), engine)
+    if time_limit is not None:
+        asked = replace(asked, time_limit_s=time_limit)
     valid, unchecked, incomplete = 0, True, False
     for directory in directories:
         name = printable(directory.name or str(directory))
@@ -75,8 +92,13 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
         valid += not found.problems
         unchecked = unchecked and all(problem.is_unchecked for problem in found.problems)
         _show_problems(name, found.problems)
+        if found.withdrawn:
+            print(f"{name}: its proof ({found.withdrawn}) is withdrawn")
         if not found.problems:
             print(f"{name}: valid, {found.level}")
+    if 0 < fresh_seeds < MIN_FRESH_EPISODES:
+        few = f"fewer than {MIN_FRESH_EPISODES} fresh episodes per task give no level"
+        notes.print(few, markup=False)
     notes.print(f"{valid} of {len(directories)} valid", markup=False)
     if not unchecked:
         raise typer.Exit(INVALID)

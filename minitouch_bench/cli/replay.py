@@ -23,7 +23,11 @@ def replay(
     *,
     film_file: Annotated[
         Path | None,
-        typer.Option("--film", metavar="FILE", help="An .mp4 or .gif; by default in RUN/replays/."),
+        typer.Option(
+            "--film",
+            metavar="FILE",
+            help="An .mp4 or .gif; by default in RUN/replays/, of a submission's run in reports/.",
+        ),
     ] = None,
     steps: Annotated[
         bool, typer.Option("--steps", help="Print what happened at each step, film nothing.")

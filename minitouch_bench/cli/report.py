@@ -17,7 +17,10 @@ def report(
     *,
     output: Annotated[
         Path | None,
-        typer.Option(help="Where to write report.md and report.html; by default the run's own."),
+        typer.Option(
+            help="Where to write report.md and report.html; by default the run's own directory, "
+            "of a submission's run one in reports/."
+        ),
     ] = None,
     names: Annotated[
         str | None,

@@ -21,7 +21,7 @@ from minitouch_bench.policies.isolation.options import (
 from minitouch_bench.policies.policy import Observation, Policy, close_policy
 from minitouch_bench.policies.scripted import Controller, make_controller
 from minitouch_bench.policies.sources import PolicySource, parse_source
-from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.protocol.seeds import senses_generator
 from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.simulation.observation import FORCES
@@ -180,5 +180,15 @@ def _find_policy(
     level = effective_level(source, isolation.level)
     if source.kind == "remote" and level is not isolation.level:
         note(f"a policy server needs the network: its client has isolation {level}")
+    if (
+        source.name in TASK_NAMES
+        and source.digest
+        and not source.parts
+        and {*tasks} - {source.name}
+    ):
+        note(
+            f"{source.target} is named after {source.name} and plays {', '.join(tasks)}: "
+            "choose --tasks, or give a directory with a file for each task"
+        )
     try_policy(source, tasks, isolation, deterministic=role is Role.FINAL)
     return source

@@ -8,16 +8,15 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from minitouch_bench.documents import schema_of
+from minitouch_bench.leaderboard.copies import find_copies
 from minitouch_bench.leaderboard.entries import Ending
 from minitouch_bench.leaderboard.proof import RANKED_LEVELS, FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank, rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
-from minitouch_bench.leaderboard.submission import run_place
-from minitouch_bench.leaderboard.twins import Sketch, exact_twins, near_twins
 from minitouch_bench.metrics.definitions import metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.policies.formats import BUILT_IN
-from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Count, Estimate, Gap, Sha256
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
 from minitouch_bench.reporting.run_directory import with_task_names
@@ -57,12 +56,11 @@ class PublishedMethod:
 class BoardRow:
     """A submission: what it tells, how well it is proved, and its figures.
 
-    ``same_episodes_as`` names the submissions with the very same episodes, bit for bit,
-    ``nearly_same_actions_as`` those with nearly the same actions; ``runs``
-    has the digest of each run. ``ranks`` by task and "overall", empty for a calibration policy;
-    ``figures`` by task (or "overall") and metric, in the units that ``docs/metrics.md`` gives;
-    ``novel_shapes`` by task: the metric that ranks it on held-out and on train shapes, and
-    held-out minus train. ``endings``: number of episodes by how they ended.
+    ``same_episodes_as`` names the submissions with a run of which at least half of the episodes
+    are the same, bit for bit; ``runs`` has the digest of each run. ``ranks`` by task and "overall",
+    empty for a calibration policy; ``figures`` by task (or "overall") and metric, in the units that
+    ``docs/metrics.md`` gives; ``novel_shapes`` by task: the metric that ranks it on held-out and on
+    train shapes, and held-out minus train. ``endings``: number of episodes by how they ended.
     """
 
     name: str
@@ -78,7 +76,6 @@ class BoardRow:
     rerun_episodes: Count
     fresh: FreshProof | None
     same_episodes_as: tuple[str, ...]
-    nearly_same_actions_as: tuple[str, ...]
     training_seeds: tuple[Count, ...]
     runs: Mapping[str, Sha256]
     ranks: Mapping[str, Rank]
@@ -99,11 +96,8 @@ class BoardRow:
     @property
     def repeats(self) -> str:
         """What it repeats of others, in words; "" if nothing."""
-        found = (
-            ("same episodes as", self.same_episodes_as),
-            ("nearly the actions of", self.nearly_same_actions_as),
-        )
-        return "; ".join(f"{words} {', '.join(names)}" for words, names in found if names)
+        others = ", ".join(self.same_episodes_as)
+        return f"same episodes as {others}" if others else ""
 
     def estimate(self, task: str, metric: str) -> Estimate | None:
         """Return an estimate, None where there is none."""
@@ -128,7 +122,7 @@ class Board:
     """
 
     format: Literal["minitouch-leaderboard"]
-    version: Literal[2]
+    version: Literal[3]
     protocol: str
     protocol_digest: str
     ranked: tuple[BoardRow, ...]
@@ -155,13 +149,13 @@ class ScoredSubmission:
     """A submission's row without what other submissions change, and what else a board needs.
 
     ``values`` by task: of each training seed, the episodes' values in the metric that ranks the
-    task. ``sketches``: see ``twins.sketch_of``; only a proof has them. ``videos`` are paths in
-    the submission. ``page`` is its page, with marks where ranks and twins stand.
+    task. ``episodes`` by the path of a main run: its ``episode_digests``. ``videos`` are paths in
+    the submission. ``page`` is its page, with marks where ranks and copies stand.
     """
 
     row: BoardRow
     values: Mapping[str, tuple[tuple[float, ...], ...]]
-    sketches: Mapping[str, Sketch]
+    episodes: Mapping[str, tuple[str, ...]]
     videos: tuple[str, ...]
     page: str = ""
 
@@ -181,24 +175,20 @@ def make_board(found: Iterable[ScoredSubmission | Refusal]) -> Board:
         (one for one in listed if isinstance(one, ScoredSubmission)), key=lambda one: one.row.name
     )
     ranks = iter(rank([one.values for one in scored if one.row.is_ranked]))
-    exact = exact_twins({one.row.name: _main_digests(one.row) for one in scored})
-    near = near_twins({one.row.name: tuple(one.sketches.values()) for one in scored})
-    rows = []
-    for row in (one.row for one in scored):
-        same = exact.get(row.name, ())
-        rows.append(
-            replace(
-                row,
-                same_episodes_as=same,
-                nearly_same_actions_as=tuple(n for n in near.get(row.name, ()) if n not in same),
-                ranks=next(ranks) if row.is_ranked else {},
-            )
+    same = _same_episodes(scored)
+    rows = [
+        replace(
+            row,
+            same_episodes_as=tuple(sorted(same.get(row.name, ()))),
+            ranks=next(ranks) if row.is_ranked else {},
         )
+        for row in (one.row for one in scored)
+    ]
     calibration = {row.name: row for row in rows if row.is_calibration}
     submitted = in_order([row for row in rows if not row.is_calibration], OVERALL)
     return Board(
         format="minitouch-leaderboard",
-        version=2,
+        version=3,
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
         ranked=tuple(row for row in submitted if row.is_ranked),
@@ -221,8 +211,17 @@ def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
     return sorted(rows, key=order)
 
 
-def _main_digests(row: BoardRow) -> list[str]:
-    return [row.runs[run_place(seed, MAIN_SUITE)] for seed in row.training_seeds]
+def _same_episodes(scored: Iterable[ScoredSubmission]) -> dict[str, set[str]]:
+    """Return by name the others with a run of the same episodes."""
+    runs = {
+        (one.row.name, place): digests for one in scored for place, digests in one.episodes.items()
+    }
+    found: dict[str, set[str]] = {}
+    for (one, _), (other, _) in find_copies(runs):
+        if one != other:
+            found.setdefault(one, set()).add(other)
+            found.setdefault(other, set()).add(one)
+    return found
 
 
 def _published(method: str) -> PublishedMethod:

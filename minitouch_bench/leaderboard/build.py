@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.documents import write_json
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import list_videos, write_file
 from minitouch_bench.leaderboard.board import (
     BoardRow,
@@ -15,9 +15,11 @@ from minitouch_bench.leaderboard.board import (
     make_board,
 )
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
+from minitouch_bench.leaderboard.copies import episode_digests
 from minitouch_bench.leaderboard.entries import Entry, count_endings, make_entry
 from minitouch_bench.leaderboard.kept_rows import KeptRows
 from minitouch_bench.leaderboard.page import submission_page
+from minitouch_bench.leaderboard.proof import proof_path, read_proof
 from minitouch_bench.leaderboard.scores import RANKED_BY, score, score_gaps
 from minitouch_bench.leaderboard.site import write_site
 from minitouch_bench.leaderboard.submission import BOARD_TASKS
@@ -51,12 +53,13 @@ def build_board(
 ) -> Built:
     """Check every submission, rank those of this protocol, and write the board.
 
-    One that does not pass is left out with its reasons and does not stop the others. What an
-    earlier build found of a submission is used again as long as nothing it depends on changes.
+    One that does not pass is left out with its reasons and does not stop the others. One whose
+    proof cannot be read is listed without it, and ``log`` takes why. What an earlier build found
+    of a submission is used again as long as nothing it depends on changes.
 
     Raises:
         UsageError: there is no such directory.
-        RunDirectoryError: a file cannot be read or written, or a proof is damaged.
+        RunDirectoryError: a file cannot be read or written.
     """
     rows = KeptRows(output)
     digests = {path: rows.digest(path) for path in find_submissions(submissions)}
@@ -66,6 +69,11 @@ def build_board(
         kept[path] = row
         rows.keep(digests[path], row)
     log(f"{len(digests)} submissions, {len(missing)} new or changed")
+    for path in digests:
+        try:
+            read_proof(proof_path(path.resolve()))
+        except RunDirectoryError as error:
+            log(f"{printable(path.name)} is listed without a proof: {error}")
     board = make_board(row for row in kept.values() if row is not None)
     tables = views(board)
     write_file(output / "leaderboard.md", board_markdown(board, tables))
@@ -117,7 +125,6 @@ def _scored(entry: Entry) -> ScoredSubmission:
         rerun_episodes=entry.proof.rerun_episodes if entry.proof else 0,
         fresh=entry.proof.fresh if entry.proof else None,
         same_episodes_as=(),
-        nearly_same_actions_as=(),
         training_seeds=tuple(seed.seed for seed in about.seeds),
         runs={place: run.digest for place, run in runs.items()},
         ranks={},
@@ -133,7 +140,10 @@ def _scored(entry: Entry) -> ScoredSubmission:
             task: tuple(tuple(one.values[RANKED_BY[task]].tolist()) for one in own)
             for task, own in listed.items()
         },
-        sketches=entry.proof.sketches if entry.proof else {},
+        episodes={
+            seed.runs[MAIN_SUITE]: episode_digests(runs[seed.runs[MAIN_SUITE]])
+            for seed in about.seeds
+        },
         videos=tuple(video.relative_to(directory).as_posix() for video in videos),
     )
     return replace(scored, page=submission_page(entry, scored))

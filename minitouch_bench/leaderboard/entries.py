@@ -80,11 +80,7 @@ class Entry:
 
 
 def make_entry(verdict: Verdict) -> Entry:
-    """Find the proof of a submission that passed, and put its episodes into columns.
-
-    Raises:
-        RunDirectoryError: the proof's file is something else.
-    """
+    """Find the proof of a submission that passed, and put its episodes into columns."""
     rows: dict[tuple[str, Role, str], list[EpisodeMetrics]] = {}
     for place, saved in verdict.runs.items():
         for role, episodes in saved.by_role():

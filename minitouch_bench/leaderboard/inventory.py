@@ -55,10 +55,10 @@ def list_files(directory: Path, problems: Problems) -> dict[str, int]:
     Links and special files are problems; nothing is followed and nothing is opened.
     """
     if not is_folder(directory):
-        problems.add(str(directory), "it is a link, not a directory", "give the directory itself")
+        problems.add("", "it is a link, not a directory", "give the directory itself")
         return {}
     found: dict[str, int] = {}
-    with problems.caught(str(directory)), os_errors_as(UnreadableFileError, directory, "read"):
+    with problems.caught(""), os_errors_as(UnreadableFileError, directory, "read"):
         _list_files(directory, found, problems)
     return found
 
@@ -76,7 +76,7 @@ def _list_files(directory: Path, found: dict[str, int], problems: Problems) -> N
         elif place.count("/") >= MAX_DEPTH - 1:
             problems.add(place, f"it is a directory more than {MAX_DEPTH} levels deep", "remove it")
         if len(found) > MAX_FILES:
-            problems.add(str(directory), f"it has more than {MAX_FILES} files", "remove some")
+            problems.add("", f"it has more than {MAX_FILES} files", "remove some")
             break
 
 

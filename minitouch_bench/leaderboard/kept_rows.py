@@ -67,11 +67,7 @@ class KeptRows:
         self._now: dict[str, tuple[str, str]] = {}
 
     def digest(self, submission: Path) -> str:
-        """Return ``submission_digest``, that of the last build where no file has changed.
-
-        Raises:
-            RunDirectoryError: the proof cannot be read.
-        """
+        """Return ``submission_digest``, that of the last build where no file has changed."""
         state = file_state(submission)
         before, digest = self._before.get(submission.name, ("", ""))
         if not state or state != before:
@@ -137,8 +133,8 @@ def file_state(directory: Path) -> str:
     sha = hashlib.sha256(f"{resolved.parent.name} {directory.is_symlink()}\n".encode())
     try:
         found = [(entry.path, entry.stat(follow_symlinks=False)) for entry in walk(directory)]
-        if proof.exists():
-            found.append((str(proof), proof.stat()))
+        if os.path.lexists(proof):
+            found.append((str(proof), proof.lstat()))
     except OSError:  # the reader of the submission says what is wrong
         return ""
     for path, now in found:
@@ -155,9 +151,6 @@ def submission_digest(directory: Path) -> str:
     That is the program and the protocol; the submission's name and place; the names and sizes of
     all its files, and the content of those that a board reads; and its proof, with the files
     that it is about.
-
-    Raises:
-        RunDirectoryError: the proof cannot be read.
     """
     sha = hashlib.sha256(_program_digest())
     for part in _parts(directory):
@@ -171,16 +164,21 @@ def _parts(directory: Path) -> Iterator[bytes]:
     yield str((directory.resolve().parent.name, directory.name, sorted(found.items()))).encode()
     yield str(list(map(str, problems))).encode()
     proof = proof_path(directory.resolve())
-    has_proof = proof.exists()
-    yield read_plain(proof.parent, proof.name, MAX_PROOF) if has_proof else b""
+    has_proof = os.path.lexists(proof)
+    yield _content(proof.parent, proof.name, MAX_PROOF) if has_proof else b""
     limits = {SUBMISSION_FILE: MAX_SUBMISSION_FILE, **RUN_LIMITS}
     for path in sorted(found):
         name = Path(path).name
         if name in limits and (has_proof or name != ACTIONS_FILE):
-            try:
-                yield read_plain(directory, path, limits[name])
-            except RunDirectoryError as error:  # the submission is refused for it
-                yield str(error).encode()
+            yield _content(directory, path, limits[name])
+
+
+def _content(directory: Path, place: str, limit: int) -> bytes:
+    """Return a file's content, or the reason why a board does not read it."""
+    try:
+        return read_plain(directory, place, limit)
+    except RunDirectoryError as error:
+        return str(error).encode()
 
 
 @cache

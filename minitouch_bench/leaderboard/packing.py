@@ -2,9 +2,9 @@
 
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.documents import write_toml
@@ -38,7 +38,7 @@ from minitouch_bench.leaderboard.submission import (
     read_submission,
 )
 from minitouch_bench.leaderboard.submission_rules import check_file_name
-from minitouch_bench.policies.sources import DIRECTORY, PolicySource
+from minitouch_bench.policies.sources import DIRECTORY, HUB, PolicySource, parse_hub_address
 from minitouch_bench.records import Role
 from minitouch_bench.reporting.run_directory import derived_files, read_run
 from minitouch_bench.verification.problems import Problems
@@ -63,19 +63,29 @@ def begun_submission(directory: Path) -> Submission | None:
     return submission
 
 
-def add_seed(
-    directory: Path, begun: Submission | None, told: Submission, seed: TrainingSeed
-) -> Submission:
-    """Write what is told, with this training seed added or put in place of its old entry.
+def with_seed(begun: Submission | None, told: Submission, seed: TrainingSeed) -> Submission:
+    """Return what is told, with this training seed added or put in place of its old entry.
 
     Raises:
         UsageError: the result would be refused.
-        RunDirectoryError: it cannot be written.
     """
     others = [other for other in (begun.seeds if begun else ()) if other.seed != seed.seed]
     seeds = tuple(sorted((*others, seed), key=lambda one: one.seed))
     submission = replace(told, seeds=seeds)
     check_submission(submission)
+    return submission
+
+
+def add_seed(
+    directory: Path, begun: Submission | None, told: Submission, seed: TrainingSeed
+) -> Submission:
+    """Write ``with_seed`` into a submission's directory.
+
+    Raises:
+        UsageError: the result would be refused.
+        RunDirectoryError: it cannot be written.
+    """
+    submission = with_seed(begun, told, seed)
     write_file(directory / SUBMISSION_FILE, write_toml(submission))
     return submission
 
@@ -124,6 +134,60 @@ def copy_run(run: Path, place: Path) -> None:
     tidy(place)
 
 
+@dataclass(frozen=True)
+class Parts:
+    """What a training seed's part of a submission is made of: its runs by suite, its policies."""
+
+    runs: Mapping[str, Path]
+    policy: PolicySource
+    exploration: PolicySource | None
+
+    def digests_there(self, removed: Path | None) -> set[str]:
+        """Return the SHA-256 of the checkpoint files that are where they were evaluated.
+
+        Those in a directory that is to be ``removed`` do not count.
+        """
+        files = [
+            file for _, one in self._sources() for file in (one, *(part for _, part in one.parts))
+        ]
+        paths = {Path(file.target): file.digest for file in files}
+        return {
+            digest
+            for path, digest in paths.items()
+            if path.is_file() and not (removed and path.resolve().is_relative_to(removed.resolve()))
+        }
+
+    def gone(self) -> list[str]:
+        """Return the checkpoints that are no longer where they were evaluated."""
+        return [one.target for _, one in self._sources() if not _is_there(one)]
+
+    def name_files(
+        self, directory: Path, seed: int, *, include: bool
+    ) -> tuple[CheckpointFile, ...]:
+        """Return the checkpoint files of both roles; with ``include`` those there are copied.
+
+        Raises:
+            UsageError: a file's name is not plain.
+            RunDirectoryError: one cannot be copied.
+        """
+        return tuple(
+            file
+            for role, source in self._sources()
+            for file in name_files(
+                directory, source, role, seed, include=include and _is_there(source)
+            )
+        )
+
+    def _sources(self) -> Iterator[tuple[Role, PolicySource]]:
+        yield Role.FINAL, self.policy
+        if self.exploration is not None:
+            yield Role.EXPLORATION, self.exploration
+
+
+def _is_there(source: PolicySource) -> bool:
+    return not source.digest or Path(source.target).exists()
+
+
 def name_files(
     directory: Path, source: PolicySource, role: Role, seed: int, *, include: bool
 ) -> tuple[CheckpointFile, ...]:
@@ -139,7 +203,8 @@ def name_files(
         parts = [(ALL_TASKS, source)] if source.digest else []
     files = []
     for task, part in parts:
-        name = Path(part.target).name
+        target = part.target
+        name = Path(parse_hub_address(target).file if target.startswith(HUB) else target).name
         check_file_name(name)
         file = CheckpointFile(role, task, name, part.digest)
         if include:

@@ -42,13 +42,13 @@ from minitouch_bench.reporting.writers import Card, make_card
 
 TEMPLATES = Path(__file__).parent / "templates"
 STYLES = ("board.css",)
-TWINS = "twins"
+COPIES = "copies"
 MARK = re.compile("\x00([^\x00]*)\x00")
 """What stands in a page in place of a text, with its key; no printable text holds it."""
 
 
 def submission_page(entry: Entry, scored: ScoredSubmission) -> str:
-    """Write the page of a submission, with marks where its ranks and its twins stand.
+    """Write the page of a submission, with marks where its ranks and its copies stand.
 
     Those depend on the other submissions; ``finish_page`` fills them in.
     """
@@ -65,7 +65,7 @@ def submission_page(entry: Entry, scored: ScoredSubmission) -> str:
         runs=entry.verdict.runs,
         path=path,
         rank=_mark(OVERALL) if row.is_ranked else "",
-        twins=_mark(TWINS),
+        copies=_mark(COPIES),
         level=list(ProofLevel).index(row.proof),
         meaning=PROOF_MEANINGS[row.proof],
         modalities=", ".join(row.modalities) or "sees nothing",
@@ -87,11 +87,11 @@ def submission_page(entry: Entry, scored: ScoredSubmission) -> str:
 
 
 def finish_page(page: str, row: BoardRow, ranked: int) -> str:
-    """Return a submission's page with its ranks among ``ranked`` rows, and its twins."""
+    """Return a submission's page with its ranks among ``ranked`` rows, and its copies."""
     texts = {key: _rank_text(rank) for key, rank in row.ranks.items()}
     if texts:
         texts[OVERALL] += f" of {ranked}"
-    texts[TWINS] = f" It repeats others: {row.repeats}." if row.repeats else ""
+    texts[COPIES] = f" It repeats others: {row.repeats}." if row.repeats else ""
     return MARK.sub(lambda found: str(escape(texts.get(found[1], ""))), page)
 
 

@@ -5,16 +5,17 @@ adds a submission has no reason to touch it. It binds a level to the bytes of ea
 """
 
 import hashlib
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
 from minitouch_bench.documents import read_json, write_json
-from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, write_file
+from minitouch_bench.errors import RunDirectoryError, UnreadableFileError
+from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, os_errors_as, read_file, write_file
 from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.records import Count, SavedRun
@@ -25,6 +26,9 @@ PROOFS = "_proofs"
 
 PROVED_FILES = (RUN_FILE, ACTIONS_FILE)
 MAX_PROOF = 2**16
+
+MIN_FRESH_EPISODES = 20
+"""Fresh episodes per task below which there is no level: a large drop could be chance."""
 
 
 class ProofLevel(StrEnum):
@@ -75,7 +79,6 @@ class Proof:
     rerun_episodes: Count
     package: str
     fresh: FreshProof | None = None
-    sketches: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     format: Literal["minitouch-proof"] = "minitouch-proof"
     version: Literal[1] = 1
 
@@ -85,7 +88,6 @@ def make_proof(
     level: ProofLevel,
     rerun_episodes: int = 0,
     fresh: FreshProof | None = None,
-    sketches: Mapping[str, tuple[float, ...]] | None = None,
 ) -> Proof:
     """Bind a level to the runs of a submission as they are now.
 
@@ -98,7 +100,6 @@ def make_proof(
         rerun_episodes,
         version("minitouch-bench"),
         fresh,
-        sketches or {},
     )
 
 
@@ -129,28 +130,36 @@ def write_proof(proof: Proof, path: Path) -> None:
     write_file(path, write_json(proof))
 
 
+def withdraw_proof(path: Path) -> None:
+    """Remove a proof.
+
+    Raises:
+        RunDirectoryError: it cannot be removed.
+    """
+    with os_errors_as(RunDirectoryError, path, "removed"):
+        path.unlink(missing_ok=True)
+
+
 def read_proof(path: Path) -> Proof | None:
     """Read a proof, None where there is none.
 
     Raises:
         RunDirectoryError: the file is something else.
     """
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
-    proof = read_json(read_plain(path.parent, path.name, MAX_PROOF), Proof, path.name)
+    with os_errors_as(UnreadableFileError, path, "read"):
+        content = read_file(path, MAX_PROOF)
+    proof = read_json(content, Proof, str(path))
     if proof.level not in PROVED_LEVELS:
-        raise RunDirectoryError(f"{path.name}: the level {proof.level} needs no proof")
+        raise RunDirectoryError(f"{path}: the level {proof.level} needs no proof")
     return proof
 
 
 def find_proof(verdict: Verdict) -> Proof | None:
-    """Return the proof of a submission's runs as they are now, None where there is none.
-
-    Raises:
-        RunDirectoryError: the proof's file is something else.
-    """
-    proof = read_proof(proof_path(verdict.directory.resolve()))
+    """Return the proof of a submission's runs as they are now, None where none can be read."""
     try:
+        proof = read_proof(proof_path(verdict.directory.resolve()))
         holds = proof and proof.files == file_digests(verdict.directory, tuple(verdict.runs))
     except RunDirectoryError:
         return None
@@ -160,11 +169,24 @@ def find_proof(verdict: Verdict) -> Proof | None:
 def level_of(verdict: Verdict, proof: Proof | None) -> ProofLevel:
     """Return the level of a submission with this ``find_proof``.
 
-    A remote policy stays "remote" whatever was replayed: nobody else can run it.
+    A remote policy stays "remote" whatever was replayed: nobody else can run it. A submission is
+    "fresh-verified" where each of its runs was compared with enough fresh episodes.
     """
     if any(map(_is_remote, verdict.runs.values())):
         return ProofLevel.REMOTE
-    return proof.level if proof else ProofLevel.SELF_REPORTED
+    if proof is None:
+        return ProofLevel.SELF_REPORTED
+    if proof.level is ProofLevel.FRESH and not _is_fresh(verdict, proof.fresh):
+        return ProofLevel.RERUN
+    return proof.level
+
+
+def _is_fresh(verdict: Verdict, fresh: FreshProof | None) -> bool:
+    return (
+        fresh is not None
+        and fresh.episodes_per_task >= MIN_FRESH_EPISODES
+        and fresh.results.keys() >= verdict.runs.keys()
+    )
 
 
 def _is_remote(run: SavedRun) -> bool:

@@ -69,12 +69,7 @@ def check_run(
         problems.add_below(place, problem)
         if problem.is_other_protocol:
             return
-    _check_header(header, place, problems)
-    _check_policy(header.policy, seed.files(Role.FINAL), place, problems)
-    if header.exploration is not None:
-        _check_policy(header.exploration, seed.files(Role.EXPLORATION), place, problems)
-        if header.exploration.kind == "scripted" != header.policy.kind:
-            problems.add(place, "its exploration is the scripted policy's, which reads the state")
+    check_policies(header, seed, place, problems)
     _check_texts(saved, place, problems)
     for role, rows in saved.by_role():
         _check_rows(rows, f"{place}, {role}", problems)
@@ -83,7 +78,16 @@ def check_run(
         problems.add(place, "its digest is not that of its episodes", AS_WRITTEN)
 
 
-def _check_header(header: RunHeader, place: str, problems: Problems) -> None:
+def check_policies(header: RunHeader, seed: TrainingSeed, place: str, problems: Problems) -> None:
+    """Check the policies that a run's header names: all that is known before its episodes."""
+    _check_policy(header.policy, seed.files(Role.FINAL), place, problems)
+    if header.exploration is not None:
+        _check_policy(header.exploration, seed.files(Role.EXPLORATION), place, problems)
+        if header.exploration.kind == "scripted" != header.policy.kind:
+            problems.add(place, "its exploration is the scripted policy's, which reads the state")
+    for policy in (header.policy, header.exploration):
+        if policy is not None:
+            _check_lengths((policy.name, policy.source), place, problems)
     if header.isolation not in tuple(Isolation):
         problems.add(place, f"'{header.isolation}' is no level of isolation", AS_WRITTEN)
     elif header.isolation == Isolation.NONE and header.policy.kind != "scripted":
@@ -123,14 +127,16 @@ def files_digest(kind: str, files: Sequence[CheckpointFile]) -> str:
 
 def _check_texts(saved: SavedRun, place: str, problems: Problems) -> None:
     """Refuse texts beyond any honest length; all are escaped wherever they are shown."""
-    header, environment = saved.header, saved.environment
-    texts = [header.policy.name, header.policy.source, environment.started, *saved.faults.values()]
-    if header.exploration is not None:
-        texts += [header.exploration.name, header.exploration.source]
+    environment = saved.environment
+    texts = [environment.started, *saved.faults.values()]
     for named in (environment.packages, environment.machine):
         texts += [*named.keys(), *named.values()]
         if len(named) > MAX_NAMED:
             problems.add(place, f"its environment names {len(named)} things", AS_WRITTEN)
+    _check_lengths(texts, place, problems)
+
+
+def _check_lengths(texts: Sequence[str], place: str, problems: Problems) -> None:
     longest = max(map(len, texts))
     if longest > MAX_TEXT:
         problems.add(

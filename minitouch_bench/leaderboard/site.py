@@ -14,7 +14,7 @@ from minitouch_bench.leaderboard.board import Board, BoardRow, ScoredSubmission
 from minitouch_bench.leaderboard.board_files import notes
 from minitouch_bench.leaderboard.inventory import MAX_VIDEO
 from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, amount, finish_page, video_address
-from minitouch_bench.leaderboard.proof import MEANINGS, RANKED_LEVELS, ProofLevel
+from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MODALITIES
 from minitouch_bench.leaderboard.views import View
@@ -73,7 +73,6 @@ def index_html(board: Board, tables: Sequence[View]) -> str:
         board=board,
         views=tables,
         levels=list(ProofLevel),
-        ranked_levels=RANKED_LEVELS,
         meanings=MEANINGS,
         modalities=MODALITIES,
         notes=notes(),

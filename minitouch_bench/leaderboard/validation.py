@@ -1,12 +1,13 @@
 """A submission checked without trusting it: nothing of it is executed."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path, PurePosixPath
 
 from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE
+from minitouch_bench.leaderboard.copies import episode_digests, find_copies
 from minitouch_bench.leaderboard.inventory import (
     MAX_CHECKPOINT,
     MAX_SUBMISSION_FILE,
@@ -18,6 +19,7 @@ from minitouch_bench.leaderboard.inventory import (
 from minitouch_bench.leaderboard.run_checks import (
     check_actions,
     check_estimates,
+    check_policies,
     check_run,
     check_tables,
 )
@@ -30,8 +32,8 @@ from minitouch_bench.leaderboard.submission import (
 )
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
-from minitouch_bench.records import SavedRun
-from minitouch_bench.reporting.run_directory import parse_run, run_digest, run_json
+from minitouch_bench.records import RunHeader, SavedRun
+from minitouch_bench.reporting.run_directory import parse_run, run_json
 from minitouch_bench.verification.problems import Problem, Problems
 from minitouch_bench.verification.recorded_run import AS_WRITTEN
 
@@ -80,7 +82,7 @@ def validate(directory: Path, depth: Depth = Depth.FULL) -> Verdict:
     """
     problems = Problems()
     if not directory.is_dir():
-        problems.add(str(directory), "there is no such directory", "give a submission's directory")
+        problems.add("", "there is no such directory", "give a submission's directory")
         return Verdict(directory, Submission(), {}, tuple(problems))
     found = list_files(directory, problems)
     submission = _read_submission(directory, found, problems)
@@ -103,9 +105,24 @@ def validate(directory: Path, depth: Depth = Depth.FULL) -> Verdict:
                     check_actions(directory, place, saved, problems)
             if depth is Depth.FULL:
                 _check_checkpoints(directory, seed, found, problems)
-        _check_about(submission, runs, directory, problems)
-        _check_copies(submission, runs, problems)
+        headers = [run.header for run in runs.values()]
+        _check_about(submission, headers, directory, problems)
+        check_copies(runs, problems)
     return Verdict(directory, submission or Submission(), runs, tuple(problems))
+
+
+def check_planned(
+    submission: Submission, seed: TrainingSeed, headers: Sequence[RunHeader], directory: Path
+) -> tuple[Problem, ...]:
+    """Return what would be wrong with a submission whose ``seed`` has runs of these headers.
+
+    That is all that ``validate`` can say before their first episode.
+    """
+    problems = Problems()
+    for header in headers:
+        check_policies(header, seed, seed.runs[header.suite], problems)
+    _check_about(submission, headers, directory, problems)
+    return tuple(problems)
 
 
 def _read_submission(
@@ -140,7 +157,7 @@ def _read_run(
 
 
 def _check_about(
-    submission: Submission, runs: Mapping[str, SavedRun], directory: Path, problems: Problems
+    submission: Submission, headers: Sequence[RunHeader], directory: Path, problems: Problems
 ) -> None:
     """Hold what the submission tells against its directory and its policies."""
     if submission.name and submission.name != directory.resolve().name:
@@ -149,7 +166,7 @@ def _check_about(
             f"the name is '{submission.name}', the directory '{directory.resolve().name}'",
             "name the directory after the submission",
         )
-    kinds = {run.header.policy.kind for run in runs.values()}
+    kinds = {header.policy.kind for header in headers}
     for kind in sorted(kinds & set(BUILT_IN)):
         if submission.name != kind:
             problems.add(SUBMISSION_FILE, f"the built-in policy {kind} is not '{submission.name}'")
@@ -170,21 +187,12 @@ def _check_about(
             )
 
 
-def final_digest(run: SavedRun) -> str:
-    """Return the digest of the final policy's episodes, whatever else is in the run."""
-    return run_digest(run.header, run.episodes)
-
-
-def _check_copies(submission: Submission, runs: Mapping[str, SavedRun], problems: Problems) -> None:
-    """Refuse a training seed whose episodes are, bit for bit, those of another one."""
-    first: dict[str, str] = {}
-    for seed in submission.seeds:
-        for place in seed.runs.values():
-            digest = final_digest(runs[place]) if place in runs else ""
-            if digest in first:
-                problems.add(place, f"it is bit for bit the run {first[digest]}", "remove it")
-            elif digest:
-                first[digest] = place
+def check_copies(runs: Mapping[str, SavedRun], problems: Problems) -> None:
+    """Refuse each run that has, bit for bit, the episodes of an earlier one."""
+    digests = {place: episode_digests(run) for place, run in runs.items()}
+    for (first, place), count in find_copies(digests).items():
+        what = f"{count} of its {len(digests[place])} episodes are bit for bit those of {first}"
+        problems.add(place, what, "remove it")
 
 
 def _check_checkpoints(

@@ -115,8 +115,11 @@ def _read_form(checkpoint: Checkpoint) -> NativeForm:
                 f"{length} bytes"
             )
         header = json.loads(checkpoint.content[8 : 8 + length])
+    except (struct.error, ValueError, RecursionError) as error:
+        raise PolicyLoadError(f"{checkpoint.target} is damaged: it is not safetensors") from error
+    try:
         form = msgspec.json.decode(header["__metadata__"][METADATA_KEY], type=NativeForm)
-    except (struct.error, ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise PolicyLoadError(
             f"{checkpoint.target} is no native checkpoint: no '{METADATA_KEY}' entry in its "
             "metadata. Write it with minitouch_bench.policies.native.save_native"

@@ -39,6 +39,7 @@ MAX_RATIO = 100
 
 MAX_MEMBERS = 10_000
 
+SERVERS = ("http://", "https://")
 HUB = "hf://"
 HUB_ADDRESS = re.compile(r"hf://([\w.-]+/[\w.-]+)/([^@]+)(?:@(.+))?")
 COMMIT = re.compile("[0-9a-f]{40}")
@@ -79,20 +80,32 @@ class PolicySource:
         )
 
 
+def is_remote(text: str) -> bool:
+    """Tell whether POLICY is a server's address or a file on the Hub."""
+    return text.startswith((*SERVERS, HUB))
+
+
 def parse_source(
-    text: str, tasks: Sequence[str] = (), *, trust: bool = False, role: Role = Role.FINAL
+    text: str,
+    tasks: Sequence[str] = (),
+    *,
+    trust: bool = False,
+    role: Role = Role.FINAL,
+    contact: bool = True,
 ) -> PolicySource:
     """Find out what POLICY means; a directory must have a file for each of ``tasks``.
+
+    Without ``contact`` a file on the Hub is looked for in the library's cache alone.
 
     Raises:
         PolicyLoadError: there is no such policy, or it needs ``trust``.
     """
     if text in BUILT_IN:
         return PolicySource(text, text, text)
-    if text.startswith(("http://", "https://")):
+    if text.startswith(SERVERS):
         return _parse_url(text)
     if text.startswith(HUB):
-        return _parse_hub(text)
+        return _parse_hub(text, contact=contact)
     path = Path(text)
     with os_errors_as(PolicyLoadError, path, "read"):
         exists, is_directory = path.exists(), path.is_dir()
@@ -124,8 +137,8 @@ def identify(source: PolicySource) -> PolicyIdentity:
     return PolicyIdentity(source.name, address, source.kind, source.digest, tuple(notes))
 
 
-def read_checkpoint(path: Path) -> bytes:
-    """Return a checkpoint file's bytes.
+def read_checkpoint(path: Path, *, follow: bool = True) -> bytes:
+    """Return a checkpoint file's bytes; ``follow`` allows a link.
 
     Raises:
         PolicyLoadError: missing, no plain file, empty, too large or not readable.
@@ -133,7 +146,7 @@ def read_checkpoint(path: Path) -> bytes:
     with os_errors_as(PolicyLoadError, path, "read"):
         if not path.exists():
             raise PolicyLoadError(f"the policy file {path} does not exist")
-        content = read_file(path, MAX_FILE_BYTES, follow=True)
+        content = read_file(path, MAX_FILE_BYTES, follow=follow)
     if not content:
         raise PolicyLoadError(f"the policy file {path} is empty")
     return content
@@ -163,9 +176,10 @@ def _kind_of(path: Path) -> str:
     return kind
 
 
-def _parse_file(path: Path) -> PolicySource:
+def _parse_file(path: Path, *, follow: bool = True) -> PolicySource:
+    """Find out what a file is; one that the user did not name may be no link to another file."""
     kind = _kind_of(path)
-    digest = hashlib.sha256(read_checkpoint(path)).hexdigest()
+    digest = hashlib.sha256(read_checkpoint(path, follow=follow)).hexdigest()
     return PolicySource(kind, path.stem, str(path), digest)
 
 
@@ -179,11 +193,11 @@ def _parse_url(text: str) -> PolicySource:
     return PolicySource("remote", parts.netloc, text)
 
 
-def _parse_hub(text: str) -> PolicySource:
+def _parse_hub(text: str, *, contact: bool) -> PolicySource:
     """Fetch a file from the Hub; its address names the commit."""
     asked = parse_hub_address(text)
     _kind_of(Path(asked.file))
-    path, found = _fetch(asked)
+    path, found = _fetch(asked, contact=contact)
     return replace(_parse_file(path), address=str(found))
 
 
@@ -202,7 +216,9 @@ def _parse_submission(path: Path, role: Role) -> PolicySource:
     with os_errors_as(PolicyLoadError, folder, "read"):
         files = [file for file in folder.iterdir() if file.suffix in KIND_BY_SUFFIX]
     is_one_for_all = len(files) == 1 and files[0].stem not in TASK_NAMES
-    source = _parse_file(files[0]) if is_one_for_all else _parse_directory(folder, role)
+    source = (
+        _parse_file(files[0], follow=False) if is_one_for_all else _parse_directory(folder, role)
+    )
     return replace(source, name=path.resolve().name)
 
 
@@ -218,10 +234,10 @@ def _parse_directory(path: Path, role: Role) -> PolicySource:
         if file.stem in parts:
             other = Path(parts[file.stem].target).name
             raise PolicyLoadError(f"{path} has two policies for one task: {other}, {file.name}")
-        parts[file.stem] = _parse_file(file)
+        parts[file.stem] = _parse_file(file, follow=False)
     trained = path / TRAINED[role]
     if not parts and trained.is_file():
-        return replace(_parse_file(trained), name=path.resolve().name)
+        return replace(_parse_file(trained, follow=False), name=path.resolve().name)
     if not parts and (path / TRAINED_FILE).is_file():
         raise PolicyLoadError(f"{path} has no {trained.name}: nothing was explored there")
     if not parts:
@@ -279,13 +295,15 @@ def parse_hub_address(text: str) -> HubFile:
         PolicyLoadError: it is no such address.
     """
     match = HUB_ADDRESS.fullmatch(text)
-    if match is None:
+    if match is None or {"", ".", ".."} & {*match[1].split("/"), *match[2].split("/")}:
         raise PolicyLoadError(f"'{text}' is no file on the Hub; write hf://USER/REPO/FILE@REVISION")
     return HubFile(match[1], match[2], match[3] or "main")
 
 
-def _fetch(asked: HubFile) -> tuple[Path, HubFile]:
+def _fetch(asked: HubFile, *, contact: bool) -> tuple[Path, HubFile]:
     """Return the file, in the library's cache, and its address with the commit.
+
+    Without ``contact`` it must be there already.
 
     Raises:
         PolicyLoadError: there is no such file, it is too large, or the Hub cannot be reached.
@@ -293,13 +311,15 @@ def _fetch(asked: HubFile) -> tuple[Path, HubFile]:
     """
     library = require("huggingface_hub", "hub")
     try:
-        if not COMMIT.fullmatch(asked.revision):
+        if contact and not COMMIT.fullmatch(asked.revision):
             url = library.hf_hub_url(asked.repository, asked.file, revision=asked.revision)
             found = library.get_hf_file_metadata(url)
             if (found.size or 0) > MAX_FILE_BYTES:
                 raise PolicyLoadError(f"{asked} has {found.size} bytes, which is too large")
             asked = HubFile(asked.repository, asked.file, found.commit_hash)
-        path = library.hf_hub_download(asked.repository, asked.file, revision=asked.revision)
+        path = library.hf_hub_download(
+            asked.repository, asked.file, revision=asked.revision, local_files_only=not contact
+        )
     except PolicyLoadError:
         raise
     except Exception as error:  # of the library, of its HTTP client, of the system

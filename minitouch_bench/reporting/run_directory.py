@@ -5,6 +5,7 @@ and is published as ``docs/run.schema.json``.
 """
 
 import hashlib
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -19,7 +20,9 @@ from minitouch_bench.files import (
     JOURNAL_FILE,
     REPORT_FILE,
     REPORT_PAGE,
+    REPORTS,
     RUN_FILE,
+    SUBMISSION_FILE,
     TABLE4_FILE,
     list_videos,
     read_file,
@@ -214,8 +217,10 @@ def read_run(directory: Path) -> SavedRun:
     except FileNotFoundError as error:
         if (file.parent / JOURNAL_FILE).exists():
             what = "holds an unfinished run: the command that began it finishes it with --resume"
-        else:
+        elif file.parent.exists():
             what = f"is no run: it has no {RUN_FILE}"
+        else:
+            what = "is no run: there is no such directory"
         raise RunDirectoryError(f"{file.parent} {what}") from error
     except OSError as error:
         raise UnreadableFileError(f"{file} cannot be read: {error.strerror}") from error
@@ -223,6 +228,18 @@ def read_run(directory: Path) -> SavedRun:
         return parse_run(content, file.resolve().parent.name)
     except RunDirectoryError as error:
         raise RunDirectoryError(f"{file.parent}: {error}") from error
+
+
+def view_directory(run: Path) -> Path:
+    """Return where reports and videos of a finished run are written: its own directory.
+
+    A submission stays as it is: the views of its runs are written to ``reports/NAME/...``.
+    """
+    directory = run.parent if run.name == RUN_FILE else run
+    submission = directory.resolve().parent.parent
+    if not os.path.lexists(submission / SUBMISSION_FILE):
+        return directory
+    return REPORTS / directory.resolve().relative_to(submission.parent)
 
 
 def write_report(

@@ -33,7 +33,8 @@ def fit_action(raw: object, size: int) -> NDArray[np.float32]:
     if action.ndim != 1:
         raise InvalidActionError(f"the action has shape {action.shape}, not ({size},)")
     if len(action) not in ACTION_SIZES:
-        raise InvalidActionError(f"the action has {len(action)} numbers, not {size}")
+        known = " or ".join(map(str, ACTION_SIZES))
+        raise InvalidActionError(f"the action has {len(action)} numbers, not {known}")
     fitted = np.zeros(size, np.float32)
     count = min(size, len(action))
     with np.errstate(over="ignore"):  # a float64 too large becomes infinite, and is refused below

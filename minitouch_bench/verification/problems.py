@@ -24,6 +24,7 @@ ROUNDING = 1e-9
 class Problem:
     """One problem: the file or key, what is wrong there, and what to do about it.
 
+    ``place`` is "" for the whole directory.
     ``is_other_protocol``: the run is of another protocol, which is no mistake of its maker.
     ``is_unchecked``: a file could not be read here, so that nothing is known of it.
     """
@@ -35,8 +36,9 @@ class Problem:
     is_unchecked: bool = False
 
     def __str__(self) -> str:
-        parts = [f"{_shown(self.place)}: {_shown(self.what)}"]
-        return "; ".join(parts + ([_shown(self.remedy)] if self.remedy else []))
+        place = f"{_shown(self.place)}: " if self.place else ""
+        remedy = f"; {_shown(self.remedy)}" if self.remedy else ""
+        return f"{place}{_shown(self.what)}{remedy}"
 
 
 class Problems:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -95,7 +95,11 @@ def compare_with_replay(run: RecordedRun, records: list[EpisodeRecord]) -> Itera
         for spec, row in run.rows()
     )
     evaluation = EvaluationRun(run.saved.header, run.saved.environment, replayed)
-    yield from _documents(run, save(evaluation, summarize(evaluation), run.saved.name))
+    found = save(evaluation, summarize(evaluation), run.saved.name)
+    if others := tuple(_other_episodes(run, found)):
+        yield from others
+        return  # every figure, table and journal follows from the episodes
+    yield from _documents(run, found)
     yield from _files(run)
     if os.path.lexists(run.directory / JOURNAL_FILE):
         yield from _journal(run, replayed)
@@ -111,6 +115,20 @@ def _with_claims(record: EpisodeRecord, row: EpisodeMetrics, fault: str) -> Epis
     clipped = np.zeros(len(record.trace.actions), np.bool_)
     clipped[at_bounds[: row.clipped_actions]] = True
     return replace(record, trace=replace(record.trace, clipped=clipped), fault=fault)
+
+
+def _other_episodes(run: RecordedRun, replayed: SavedRun) -> Iterator[Problem]:
+    """Name each episode that its recorded actions do not give, with all that differs in it."""
+    again = (*replayed.episodes, *replayed.exploration_episodes)
+    for (spec, row), other in zip(run.rows(), again, strict=True):
+        if row.digest != other.digest:
+            names = [field.name for field in fields(row) if _differs(row, other, field.name)]
+            what = f"its actions do not give the episode recorded: other {', '.join(names)}"
+            yield Problem(f"{spec.key}.digest", what)
+
+
+def _differs(row: EpisodeMetrics, other: EpisodeMetrics, name: str) -> bool:
+    return bool(getattr(row, name) != getattr(other, name))
 
 
 def _documents(run: RecordedRun, replayed: SavedRun) -> Iterator[Problem]:

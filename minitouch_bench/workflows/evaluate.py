@@ -23,8 +23,10 @@ from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_ep
 from minitouch_bench.evaluation.suites import choose_episodes, choose_tasks, find_suite
 from minitouch_bench.files import (
     MAX_EPISODES,
+    REPORTS,
     SETTINGS_FILE,
     VIDEOS,
+    holds_run,
     lock_directory,
     make_folder,
     write_file,
@@ -36,9 +38,6 @@ from minitouch_bench.reporting.report import Report, build_report
 from minitouch_bench.reporting.run_directory import save, write_report, write_run
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.experiment_log import check_tracker, log_run
-
-REPORTS = Path("reports")
-"""A run without ``output`` gets a directory in here, named after its policy and suite."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +118,8 @@ def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> Evaluat
         return EvaluationResult(saved, build_report([saved]))
     directory = output.directory or REPORTS / run_name(request)
     with opening as engine, lock_directory(directory):
+        if output.resume and not holds_run(directory):
+            callbacks.note(f"there is no run in {directory} to resume: a new one begins")
         opened = open_run(request, directory, resume=output.resume, fresh=output.fresh)
         if output.settings:
             text = f"# minitouch-bench evaluate --config {SETTINGS_FILE}\n"

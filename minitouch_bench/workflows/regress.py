@@ -14,7 +14,7 @@ from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open
 from minitouch_bench.evaluation.rollout import ActorSource
 from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run
 from minitouch_bench.evaluation.suites import find_suite
-from minitouch_bench.files import append_text, lock_directory, write_file
+from minitouch_bench.files import REPORTS, append_text, lock_directory, write_file
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.records import (
@@ -42,7 +42,7 @@ from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import tasks_in_order
 from minitouch_bench.reporting.run_directory import read_run, run_digest
 from minitouch_bench.workflows import SILENT, Callbacks
-from minitouch_bench.workflows.evaluate import REPORTS, OutputOptions, play, run_name, save_run
+from minitouch_bench.workflows.evaluate import OutputOptions, play, run_name, save_run
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from minitouch_bench.evaluation.filming import film, film_name
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import make_folder
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord
+from minitouch_bench.reporting.run_directory import view_directory
 from minitouch_bench.verification.recorded_run import open_run
 
 REPLAYS = "replays"
@@ -54,13 +55,17 @@ def replay(run: Path, episode: str) -> ReplayedEpisode:
 def film_replay(replayed: ReplayedEpisode, path: Path | None = None) -> Path:
     """Film the episode into an ``.mp4`` or a ``.gif``, by default in the run's ``replays/``.
 
+    The run of a submission has them in ``reports/``, see ``view_directory``.
+
     Raises:
         MissingExtraError: an ``.mp4`` needs the extra ``video``.
         UsageError: another kind of file.
         RunDirectoryError: the file cannot be written.
     """
     spec, actions = replayed.record.spec, replayed.record.trace.actions
-    file = path or make_folder(replayed.run / REPLAYS) / film_name(spec.key, _suffix())
+    file = path or (
+        make_folder(view_directory(replayed.run) / REPLAYS) / film_name(spec.key, _suffix())
+    )
     return film(spec, actions, file, replayed.conditions)
 
 

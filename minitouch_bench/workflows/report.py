@@ -5,15 +5,15 @@ from pathlib import Path
 
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_config
 from minitouch_bench.errors import MiniTouchError, UsageError
-from minitouch_bench.files import list_videos, write_file
+from minitouch_bench.files import REPORTS, list_videos, write_file
 from minitouch_bench.leaderboard.packing import begun_submission
 from minitouch_bench.records import Role, SavedRun
 from minitouch_bench.reporting.curve import curve_csv
 from minitouch_bench.reporting.over_runs import RunOrigin
 from minitouch_bench.reporting.report import AcrossRuns, Report
-from minitouch_bench.reporting.run_directory import read_run, write_report
+from minitouch_bench.reporting.run_directory import read_run, view_directory, write_report
 
-COMPARISON = Path("reports/comparison")
+COMPARISON = REPORTS / "comparison"
 """Where the report of several runs is written without ``output``."""
 
 CURVE_FILE = "learning-curve.csv"
@@ -56,7 +56,7 @@ def report(options: ReportOptions) -> WrittenReport:
         raise UsageError("--steps says where runs stand on a curve: add --curve")
     runs = [read_run(path) for path in options.runs]
     single = len(runs) == 1
-    directory = options.output or (options.runs[0] if single else COMPARISON)
+    directory = options.output or (view_directory(options.runs[0]) if single else COMPARISON)
     videos = list_videos(options.runs[0]) if single else []
     origins = tuple(find_origin(*pair) for pair in zip(options.runs, runs, strict=True))
     across = AcrossRuns(origins, options.curve, options.steps)

@@ -1,7 +1,7 @@
 """Evaluate a policy on the official suites, or take finished runs, and pack a submission."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,30 +24,35 @@ from minitouch_bench.files import (
 )
 from minitouch_bench.leaderboard.inventory import MAX_CHECKPOINT
 from minitouch_bench.leaderboard.packing import (
+    Parts,
     add_seed,
     aside,
     begun_submission,
     check_submission,
     copy_run,
-    name_files,
     swap,
+    with_seed,
 )
 from minitouch_bench.leaderboard.submission import (
     SUBMITTED_SUITES,
-    CheckpointFile,
     Submission,
     TrainingSeed,
     run_place,
 )
 from minitouch_bench.leaderboard.submission_rules import check_name
-from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES, final_digest, validate
+from minitouch_bench.leaderboard.validation import (
+    RESERVED_MODALITIES,
+    check_copies,
+    check_planned,
+    validate,
+)
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.processes import interrupts_held
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
-from minitouch_bench.records import PolicyIdentity, Role, RunHeader, SavedRun
+from minitouch_bench.records import PolicyIdentity, RunHeader, SavedRun
 from minitouch_bench.reporting.run_directory import read_run
-from minitouch_bench.verification.problems import Problem
+from minitouch_bench.verification.problems import Problem, Problems
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.evaluate import play, save_run
 
@@ -107,8 +112,9 @@ def submit(options: SubmitOptions, callbacks: Callbacks = SILENT) -> Packed:
         raise UsageError("give a POLICY to evaluate, or finished runs with --run")
     _check_apart(options, directory)
     packer = _Packer(options, directory, callbacks)
-    parts = packer.finished_runs() if options.policy is None else packer.evaluate(options.policy)
-    return packer.pack(parts, told)
+    if options.policy is None:
+        return packer.pack(packer.finished_runs(), told)
+    return packer.pack(packer.evaluate(options.policy, told), told)
 
 
 def _check_apart(options: SubmitOptions, directory: Path) -> None:
@@ -141,7 +147,7 @@ class _Packer:
     directory: Path
     callbacks: Callbacks
 
-    def evaluate(self, policy: str) -> "_Parts":
+    def evaluate(self, policy: str, told: Submission) -> Parts:
         """Run the suites in the submission's directory, where they can be resumed."""
         options = self.options
         opening = open_engine(options.engine, self.callbacks.note)
@@ -153,14 +159,27 @@ class _Packer:
             self.callbacks.note,
             exploration=options.exploration,
         )
-        parts = _Parts({s: self._run_directory(s) for s in suites}, setup.policy, setup.exploration)
-        self._check_replaced(parts)
+        parts = Parts({s: self._run_directory(s) for s in suites}, setup.policy, setup.exploration)
+        requests = [_request(suite, setup) for suite in suites]
+        self._check_plan(parts, [request.header() for request in requests], told)
+        for request in requests:
+            self._check_kept(request)
         with opening as engine:
-            for suite in suites:
-                self._run_suite(suite, setup, engine)
+            for request in requests:
+                self._run_suite(request, engine)
         return parts
 
-    def finished_runs(self) -> "_Parts":
+    def _check_plan(self, parts: Parts, headers: Sequence[RunHeader], told: Submission) -> None:
+        """Refuse before the first episode what would be refused after the last one."""
+        self._check_replaced(parts)
+        seed = self.options.training_seed
+        places = {suite: run_place(seed, suite) for suite in parts.runs}
+        entry = TrainingSeed(seed, places, parts.name_files(self.directory, seed, include=False))
+        whole = with_seed(begun_submission(self.directory), told, entry)
+        for problem in check_planned(whole, entry, headers, self.directory):
+            raise UsageError(str(problem))
+
+    def finished_runs(self) -> Parts:
         """Look at finished runs, and find their policies."""
         paths = self.options.runs
         runs = [read_run(path) for path in paths]
@@ -175,11 +194,11 @@ class _Packer:
                 raise RunDirectoryError(f"{directory} holds a run.\nAdd --fresh to replace it")
         explorer = None if main.exploration is None else _find_source(main.exploration)
         listed = {suite: by_suite[suite][1] for suite in SUBMITTED_SUITES if suite in by_suite}
-        parts = _Parts(listed, _find_source(main.policy), explorer)
+        parts = Parts(listed, _find_source(main.policy), explorer)
         self._check_replaced(parts)
         return parts
 
-    def pack(self, parts: "_Parts", told: Submission) -> Packed:
+    def pack(self, parts: Parts, told: Submission) -> Packed:
         """Copy the parts aside, check them, and put them in the place of those that were there.
 
         Where a maintainer would refuse them nothing is changed.
@@ -190,7 +209,10 @@ class _Packer:
             copy = folder / "new" / options.name
             for suite, run in parts.runs.items():
                 copy_run(run, copy / places[suite])
-            entry = TrainingSeed(seed, places, self._checkpoints(copy, parts))
+            for target in parts.gone() if options.include else ():
+                self.callbacks.note(f"{target} is gone: only its SHA-256 is kept")
+            files = parts.name_files(copy, seed, include=options.include)
+            entry = TrainingSeed(seed, places, files)
             add_seed(copy, None, told, entry)
             verdict = validate(copy)
             if problems := verdict.problems or self._copies(verdict.runs, entry):
@@ -202,22 +224,18 @@ class _Packer:
         return Packed(self.directory, validate(self.directory).problems)
 
     def _copies(self, runs: Mapping[str, SavedRun], entry: TrainingSeed) -> tuple[Problem, ...]:
-        """Return a problem for each run that is, bit for bit, another training seed's."""
-        begun = begun_submission(self.directory)
+        """Return a problem for each run that is another training seed's."""
+        begun, problems = begun_submission(self.directory), Problems()
         others = {
-            final_digest(read_run(self.directory / place)): place
+            place: read_run(self.directory / place)
             for other in (begun.seeds if begun else ())
             if other.seed != entry.seed
             for place in other.runs.values()
         }
-        found = ((place, final_digest(run)) for place, run in runs.items())
-        return tuple(
-            Problem(place, f"it is bit for bit the run {others[digest]}")
-            for place, digest in found
-            if digest in others
-        )
+        check_copies({**others, **runs}, problems)
+        return tuple(problems)
 
-    def _check_replaced(self, parts: "_Parts") -> None:
+    def _check_replaced(self, parts: Parts) -> None:
         """Refuse to replace files that are not a run's, or the only copy of a checkpoint.
 
         Raises:
@@ -230,7 +248,8 @@ class _Packer:
                     f"{directory} holds {foreign[0]!a}, which is no file of a run: move it away"
                 )
         old = self.directory / CHECKPOINTS / f"seed-{self.options.training_seed}"
-        elsewhere = parts.digests_there()
+        # What is included is copied before anything is replaced.
+        elsewhere = parts.digests_there(None if self.options.include else old)
         for path in sorted(old.rglob("*")):
             if is_folder(path):
                 continue
@@ -245,67 +264,44 @@ class _Packer:
     def _run_directory(self, suite: str) -> Path:
         return self.directory / run_place(self.options.training_seed, suite)
 
-    def _run_suite(self, name: str, setup: PolicySetup, engine: Engine) -> None:
+    def _run_suite(self, request: RunRequest, engine: Engine) -> None:
         """Run one suite alone in its directory, or keep the finished run that is there."""
-        suite, options = find_suite(name), self.options
-        # The exploration figure is one of Table 4 alone.
-        setup = setup if name == MAIN_SUITE else replace(setup, exploration=None)
-        request = RunRequest(suite, suite.tasks, suite.episodes_per_task, suite.seed, setup)
-        directory = self._run_directory(name)
+        options, directory = self.options, self._run_directory(request.suite.name)
         with lock_directory(directory):
-            is_finished = holds_run(directory) and not (directory / JOURNAL_FILE).exists()
-            if is_finished and not options.fresh:
-                self._check_kept(request, directory)
+            if _is_finished(directory) and not options.fresh:
                 return
             opened = open_run(request, directory, resume=options.resume, fresh=options.fresh)
-            self.callbacks.note(f"suite {name}")
+            self.callbacks.note(f"suite {request.suite.name}")
             save_run(play(request, opened, engine, self.callbacks), directory)
 
-    def _check_kept(self, request: RunRequest, directory: Path) -> None:
-        """Refuse to keep a finished run that nobody asked to keep, or that is another one."""
-        if not self.options.resume:
+    def _check_kept(self, request: RunRequest) -> None:
+        """Refuse to keep a run that nobody asked to keep, or that is another one."""
+        options, directory = self.options, self._run_directory(request.suite.name)
+        if options.fresh or not holds_run(directory):
+            return
+        if not _is_finished(directory):
+            with lock_directory(directory):
+                open_run(request, directory, resume=options.resume, fresh=False)
+        elif not options.resume:
             raise RunDirectoryError(
                 f"{directory} holds a finished run.\nAdd --resume to keep it, --fresh to replace "
                 "it, or another --training-seed"
             )
-        if read_run(directory).header != request.header():
+        elif read_run(directory).header != request.header():
             raise RunDirectoryError(
                 f"{directory} holds the run of another policy; --fresh replaces it"
             )
 
-    def _checkpoints(self, copy: Path, parts: "_Parts") -> tuple[CheckpointFile, ...]:
-        """Name the checkpoint files of both roles, and copy them if asked for."""
-        options = self.options
-        files: list[CheckpointFile] = []
-        for role, source in ((Role.FINAL, parts.policy), (Role.EXPLORATION, parts.exploration)):
-            if source is None:
-                continue
-            there = not source.digest or Path(source.target).exists()
-            if options.include and not there:
-                self.callbacks.note(f"{source.target} is gone: only its SHA-256 is kept")
-            files += name_files(
-                copy,
-                source,
-                role,
-                options.training_seed,
-                include=options.include and there,
-            )
-        return tuple(files)
+
+def _request(name: str, setup: PolicySetup) -> RunRequest:
+    suite = find_suite(name)
+    # The exploration figure is one of Table 4 alone.
+    setup = setup if name == MAIN_SUITE else replace(setup, exploration=None)
+    return RunRequest(suite, suite.tasks, suite.episodes_per_task, suite.seed, setup)
 
 
-@dataclass(frozen=True)
-class _Parts:
-    """What a training seed's part of a submission is made of: its runs by suite, its policies."""
-
-    runs: Mapping[str, Path]
-    policy: PolicySource
-    exploration: PolicySource | None
-
-    def digests_there(self) -> set[str]:
-        """Return the SHA-256 of the checkpoint files that are where they were evaluated."""
-        sources = [source for source in (self.policy, self.exploration) if source is not None]
-        files = [file for source in sources for file in (source, *(p for _, p in source.parts))]
-        return {file.digest for file in files if Path(file.target).is_file()}
+def _is_finished(directory: Path) -> bool:
+    return holds_run(directory) and not (directory / JOURNAL_FILE).exists()
 
 
 def _check_submittable(header: RunHeader, path: Path, main: PolicyIdentity) -> None:
@@ -324,7 +320,7 @@ def _find_source(recorded: PolicyIdentity) -> PolicySource:
         UsageError: it is a directory, which is known by its files alone.
     """
     try:
-        source = parse_source(recorded.source, trust=True)
+        source = parse_source(recorded.source, trust=True, contact=False)
         if (source.kind, source.digest) == (recorded.kind, recorded.digest):
             return source
     except PolicyLoadError:

@@ -3,6 +3,7 @@
 Its actions are replayed, and drawn and fresh episodes are run with its checkpoint.
 """
 
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,6 +16,8 @@ from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open
 from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import CHECKPOINTS
 from minitouch_bench.leaderboard.proof import (
+    MIN_FRESH_EPISODES,
+    PROOFS,
     PROVED_LEVELS,
     FreshProof,
     ProofLevel,
@@ -22,17 +25,16 @@ from minitouch_bench.leaderboard.proof import (
     level_of,
     make_proof,
     proof_path,
+    withdraw_proof,
     write_proof,
 )
 from minitouch_bench.leaderboard.submission import TrainingSeed
-from minitouch_bench.leaderboard.twins import Sketch, sketch_of
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.limits import limits_of
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
-from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, PolicyIdentity, Role, SavedRun
 from minitouch_bench.verification.fresh import (
     FreshResult,
@@ -49,6 +51,9 @@ from minitouch_bench.workflows import SILENT, Callbacks, ignore
 RERUN_BEFORE_FRESH = 50
 """Drawn episodes of each run that are run before fresh ones, where no other number is asked."""
 
+TIME_LIMIT_S = 6 * 3600.0
+"""How long the check of one submission may take: a policy may use minutes in each episode."""
+
 NOT_REPLAYED = "the recorded actions do not give these figures"
 NOT_REPEATED = "the checkpoint does not act as recorded"
 FITS_OFFICIAL = "the checkpoint fits the official episodes"
@@ -59,8 +64,10 @@ class ValidateOptions:
     """How far to check.
 
     ``replay``: the recorded actions. ``rerun``: so many drawn episodes of each run with the
-    checkpoint. ``fresh_episodes``: so many new ones per task, whose seeds follow from ``draw``,
-    by default random bits. Each of them includes those before it.
+    checkpoint. ``fresh_episodes``: so many new ones per task of each run, whose seeds follow from
+    ``draw``, by default random bits: nobody may know it before the checkpoint is fixed. Each of
+    them includes those before it. Fewer than MIN_FRESH_EPISODES give no level. After
+    ``time_limit_s`` no more episodes are played.
     """
 
     replay: bool = False
@@ -68,14 +75,19 @@ class ValidateOptions:
     fresh_episodes: int = 0
     draw: str = field(default_factory=new_draw)
     engine: EngineOptions = LOCAL
+    time_limit_s: float = TIME_LIMIT_S
 
 
 @dataclass(frozen=True)
 class Validation:
-    """What came of it: the problems, or where there are none the level of proof."""
+    """What came of it: the problems, or where there are none the level of proof.
+
+    ``withdrawn``: the level of an older proof that these problems end.
+    """
 
     problems: tuple[Problem, ...]
     level: ProofLevel | None = None
+    withdrawn: ProofLevel | None = None
 
 
 def validate_submission(
@@ -83,18 +95,31 @@ def validate_submission(
 ) -> Validation:
     """Check a submission without trusting it; a proof is written beside it if all holds.
 
+    An older proof is withdrawn if anything fails. A check that could not be made leaves it.
+
     Raises:
         InfrastructureError: an episode could not be run.
-        IncompleteCheckError: the checkpoint is not in it; what was replayed is proved.
+        IncompleteCheckError: the checkpoint is not in it, or the time is up; what was replayed is
+            proved.
     """
     verdict = validate(directory)
-    if not verdict.passed:
-        return Validation(verdict.problems)
-    if options.replay or options.rerun or options.fresh_episodes:
+    problems = verdict.problems
+    if verdict.passed and (options.replay or options.rerun or options.fresh_episodes):
         problems = prove(verdict, options, callbacks)
-        if problems:
-            return Validation(problems)
+    if problems:
+        return _failed(verdict, problems)
     return Validation((), level_of(verdict, find_proof(verdict)))
+
+
+def _failed(verdict: Verdict, problems: tuple[Problem, ...]) -> Validation:
+    """Withdraw the proof of a submission in which something differs, if it has one."""
+    proof = find_proof(verdict)
+    if proof is None or all(one.is_unchecked or one.is_other_protocol for one in problems):
+        return Validation(problems)
+    found = Problems()
+    with found.caught(PROOFS, "remove the proof yourself"):
+        withdraw_proof(proof_path(verdict.directory.resolve()))
+    return Validation((*problems, *found), withdrawn=None if found else proof.level)
 
 
 def prove(
@@ -108,29 +133,53 @@ def prove(
 
     def keep(level: ProofLevel, rerun: int = 0, fresh: FreshProof | None = None) -> None:
         if known is None or PROVED_LEVELS.index(known.level) <= PROVED_LEVELS.index(level):
-            proof = make_proof(verdict, level, rerun, fresh, dict(prover.sketches()))
+            proof = make_proof(verdict, level, rerun, fresh)
             write_proof(proof, proof_path(verdict.directory.resolve()))
 
     again = options.rerun or (RERUN_BEFORE_FRESH if options.fresh_episodes else 0)
     fresh: FreshProof | None = None
     callbacks.phase("proof", _episode_count(verdict, again, options.fresh_episodes))
     with open_engine(options.engine, callbacks.note) as engine:
-        prover = Prover(verdict, engine, on_record=callbacks.episode)
-        problems = [*prover.replay()]
+        on_record = within(options.time_limit_s, callbacks.episode)
+        prover = Prover(verdict, engine, on_record=on_record)
+        is_replayed = False
         try:
-            if not problems and again:
-                problems += prover.run_again(again)
-            if not problems and options.fresh_episodes:
-                fresh, found = prover.run_fresh(options.fresh_episodes, options.draw)
-                problems += found
-        except IncompleteCheckError:  # a checkpoint is not there, but the replay holds
-            if not problems:
-                keep(ProofLevel.REPLAYED)
-            raise
-    if not problems:
-        tested = ProofLevel.RERUN if again else ProofLevel.REPLAYED
-        keep(ProofLevel.FRESH if fresh else tested, again, fresh)
-    return tuple(problems)
+            prover.replay()
+            is_replayed = True
+            if not prover.problems and again:
+                prover.run_again(again)
+            if not prover.problems and options.fresh_episodes:
+                fresh = prover.run_fresh(options.fresh_episodes, options.draw)
+        except IncompleteCheckError:  # what differs counts all the same, and so does the replay
+            if not prover.problems:
+                if is_replayed:
+                    keep(ProofLevel.REPLAYED)
+                raise
+    if not prover.problems:
+        if fresh and options.fresh_episodes >= MIN_FRESH_EPISODES:
+            keep(ProofLevel.FRESH, again, fresh)
+        else:
+            keep(ProofLevel.RERUN if again else ProofLevel.REPLAYED, again)
+    return tuple(prover.problems)
+
+
+def within(
+    limit_s: float, on_record: Callable[[EpisodeRecord], None]
+) -> Callable[[EpisodeRecord], None]:
+    """Return a function that takes episodes as ``on_record`` does, until the time is up.
+
+    It raises ``IncompleteCheckError`` after the first episode that ends too late.
+    """
+    end = time.monotonic() + limit_s
+
+    def take(record: EpisodeRecord) -> None:
+        on_record(record)
+        if time.monotonic() > end:
+            raise IncompleteCheckError(
+                f"the check was not finished within {limit_s:g} s; --time-limit gives it longer"
+            )
+
+    return take
 
 
 def _episode_count(verdict: Verdict, again: int, fresh: int) -> int:
@@ -138,16 +187,22 @@ def _episode_count(verdict: Verdict, again: int, fresh: int) -> int:
     count = again * len(verdict.runs)
     for run in verdict.runs.values():
         count += len(run.episodes) + len(run.exploration_episodes)
-    for seed in verdict.submission.seeds:
-        has_exploration = verdict.runs[seed.runs[MAIN_SUITE]].header.exploration is not None
-        suite = replace(find_suite(MAIN_SUITE), episodes_per_task=fresh)
-        count += len(suite.episodes(exploration=has_exploration))
+        suite = replace(find_suite(run.header.suite), episodes_per_task=fresh)
+        count += len(suite.episodes(exploration=run.header.exploration is not None))
     return count
+
+
+def _drop_problem(drop: FreshResult) -> Problem:
+    what = (
+        f"{drop.metric} {drop.official:.3f} officially, {drop.fresh:.3f} in "
+        f"{drop.episodes} fresh episodes (p = {drop.p:.2g})"
+    )
+    return Problem(f"{drop.role} {drop.task}", what, FITS_OFFICIAL)
 
 
 @dataclass(frozen=True)
 class Prover:
-    """Plays the episodes that prove a submission; each difference is a problem.
+    """Plays the episodes that prove a submission; each difference is added to ``problems``.
 
     ``rng`` draws those that are run again; ``on_record`` takes each episode that was played.
     """
@@ -156,27 +211,25 @@ class Prover:
     engine: Engine
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
     on_record: Callable[[EpisodeRecord], None] = ignore
+    problems: Problems = field(default_factory=Problems)
 
-    def replay(self) -> Problems:
+    def replay(self) -> None:
         """Replay the actions of every run. No checkpoint is opened."""
-        problems = Problems()
         for place in self.verdict.runs:
-            with problems.caught(place):
+            with self.problems.caught(place):
                 found = verify_run(self.verdict.directory / place, self.engine, self.on_record)
                 for one in found.problems:
-                    problems.add_below(place, replace(one, remedy=one.remedy or NOT_REPLAYED))
-        return problems
+                    remedy = one.remedy or NOT_REPLAYED
+                    self.problems.add_below(place, replace(one, remedy=remedy))
 
-    def run_again(self, count: int) -> Problems:
+    def run_again(self, count: int) -> None:
         """Run ``count`` drawn episodes of each run with the checkpoint, held in the sandbox."""
-        problems = Problems()
         for seed in self.verdict.submission.seeds:
             for place in seed.runs.values():
-                with problems.caught(place):
+                with self.problems.caught(place):
                     run, found = open_run(self.verdict.directory / place)
                     for problem in found if run is None else self._run_again(seed, run, count):
-                        problems.add_below(place, problem)
-        return problems
+                        self.problems.add_below(place, problem)
 
     def _run_again(self, seed: TrainingSeed, run: RecordedRun, count: int) -> Iterator[Problem]:
         specs = draw_episodes(run, count, self.rng)
@@ -184,34 +237,32 @@ class Prover:
             self.on_record(record)
             yield from (replace(problem, remedy=NOT_REPEATED) for problem in differing)
 
-    def run_fresh(self, count: int, draw: str) -> tuple[FreshProof, Problems]:
-        """Run ``count`` new episodes of each task of the main suite, and compare with the official.
+    def run_fresh(self, count: int, draw: str) -> FreshProof:
+        """Run ``count`` new episodes of each task of each run, and compare with the official ones.
 
-        A significant drop is a problem.
+        A significant drop is a problem. On novel shapes they are the first ``count`` of the suite:
+        its shapes in its order, in new scenes.
         """
-        problems = Problems()
         seeds: dict[str, int] = {}
         results: dict[str, tuple[FreshResult, ...]] = {}
         for seed in self.verdict.submission.seeds:
-            place = seed.runs[MAIN_SUITE]
-            with problems.caught(place):
-                saved = self.verdict.runs[place]
-                seeds[place] = fresh_seed(saved.header.policy.digest, draw)
-                setup = self._setup(seed, saved)
-                results[place] = self._fresh_results(saved, setup, count, seeds[place])
-                for drop in significant_drops(results[place]):
-                    what = (
-                        f"{drop.metric} {drop.official:.3f} officially, {drop.fresh:.3f} in "
-                        f"{drop.episodes} fresh episodes (p = {drop.p:.2g})"
-                    )
-                    problem = Problem(f"{drop.role} {drop.task}", what, FITS_OFFICIAL)
-                    problems.add_below(place, problem)
-        return FreshProof(draw, count, seeds, results), problems
+            for place in seed.runs.values():
+                with self.problems.caught(place):
+                    saved = self.verdict.runs[place]
+                    seeds[place] = fresh_seed(saved.header.policy.digest, draw)
+                    setup = self._setup(seed, saved)
+                    results[place] = self._fresh_results(saved, setup, count, seeds[place])
+            compared = [one for place in seed.runs.values() for one in results.get(place, ())]
+            drops = significant_drops(compared) if compared else ()
+            for place in seed.runs.values():
+                for drop in (one for one in results.get(place, ()) if one in drops):
+                    self.problems.add_below(place, _drop_problem(drop))
+        return FreshProof(draw, count, seeds, results)
 
     def _fresh_results(
         self, saved: SavedRun, setup: PolicySetup, count: int, seed: int
     ) -> tuple[FreshResult, ...]:
-        own = replace(find_suite(MAIN_SUITE), episodes_per_task=count, seed=seed)
+        own = replace(find_suite(saved.header.suite), episodes_per_task=count, seed=seed)
         suite = replace(own, tasks=saved.header.tasks)
         measured: dict[tuple[Role, str], list[EpisodeMetrics]] = {}
         for record in self.engine.run(setup, suite.episodes(exploration=bool(setup.exploration))):
@@ -222,18 +273,6 @@ class Prover:
             compare_fresh([one for one in official[role] if one.task == task], fresh, role, task)
             for (role, task), fresh in measured.items()
         )
-
-    def sketches(self) -> Iterator[tuple[str, Sketch]]:
-        """Walk through the paths of the main runs with the sketch of the final policy's actions.
-
-        A run with exploration episodes and one without them are then as like as their policies.
-        """
-        for seed in self.verdict.submission.seeds:
-            place = seed.runs[MAIN_SUITE]
-            run, _ = open_run(self.verdict.directory / place)
-            if run is not None:
-                final = [spec.key for spec in run.specs if spec.role is Role.FINAL]
-                yield place, sketch_of([run.actions[key] for key in final])
 
     def _setup(self, seed: TrainingSeed, saved: SavedRun) -> PolicySetup:
         header = saved.header

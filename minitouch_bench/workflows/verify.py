@@ -11,7 +11,7 @@ from minitouch_bench.evaluation.actors import PolicySetup, prepare_policies
 from minitouch_bench.evaluation.engine import LOCAL, EngineOptions, open_engine
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.policies.limits import limits_of
-from minitouch_bench.policies.sources import HUB
+from minitouch_bench.policies.sources import is_remote
 from minitouch_bench.records import PolicyIdentity
 from minitouch_bench.reporting.run_directory import read_run
 from minitouch_bench.verification.problems import Problem
@@ -36,8 +36,8 @@ class VerifyOptions:
     """How to check a run.
 
     ``rerun``: how many drawn episodes are also run with the checkpoint. ``policy`` and
-    ``exploration``: where the checkpoints lie now, by default where they lay. ``draw``: the
-    seed of the draw, by default one that nobody can foresee.
+    ``exploration``: where the checkpoints lie now, by default where they lay on this machine.
+    ``draw``: the seed of the draw, by default one that nobody can foresee.
     """
 
     run: Path
@@ -54,7 +54,7 @@ def verify(options: VerifyOptions, callbacks: Callbacks = SILENT) -> Verificatio
 
     Raises:
         UsageError: a checkpoint is not the run's.
-        IncompleteCheckError: a checkpoint is missing.
+        IncompleteCheckError: a checkpoint is missing, or elsewhere and not named.
         PolicyError, IsolationError, MissingExtraError: a checkpoint cannot be used.
         RunDirectoryError: it is no run, or a file of it is damaged.
         InfrastructureError, InterruptedRunError: the check is incomplete.
@@ -90,7 +90,12 @@ def _find_checkpoints(options: VerifyOptions, callbacks: Callbacks) -> PolicySet
         exploration = options.exploration or _source_of(header.exploration, "--exploration")
     isolation = replace(options.isolation, limits=limits_of(header))
     setup = prepare_policies(
-        policy, header.tasks, isolation, callbacks.note, exploration=exploration
+        policy,
+        header.tasks,
+        isolation,
+        callbacks.note,
+        exploration=exploration,
+        conditions=header.played_under,
     )
     check_identity(header.policy, setup.policy)
     if header.exploration is not None and setup.exploration is not None:
@@ -99,13 +104,17 @@ def _find_checkpoints(options: VerifyOptions, callbacks: Callbacks) -> PolicySet
 
 
 def _source_of(recorded: PolicyIdentity, option: str) -> str:
-    """Return where a run's checkpoint was.
+    """Return where a run's checkpoint was; the run's maker does not choose who is contacted.
 
     Raises:
-        IncompleteCheckError: it is not there now.
+        IncompleteCheckError: it is not there now, or not on this machine.
     """
-    is_on_hub = recorded.source.startswith(HUB)
-    if recorded.digest and not is_on_hub and not Path(recorded.source).exists():
+    if is_remote(recorded.source):
+        raise IncompleteCheckError(
+            f"the policy is at {recorded.source}, which is contacted only if you name it.\n"
+            f"If you trust that address, give it with {option}"
+        )
+    if recorded.digest and not Path(recorded.source).exists():
         raise IncompleteCheckError(
             f"the checkpoint {recorded.source} is gone: no episode can be run again.\n"
             f"Say with {option} where it is now"

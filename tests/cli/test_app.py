@@ -6,17 +6,21 @@ import pytest
 from tests.cli.command import COMMAND, run
 
 USAGE = [
-    (["evaluate"], "POLICY"),
-    (["evaluate", "zero", "--episodes", "0"], "--episodes"),
-    (["evaluate", "zero", "--act-timeout", "inf"], "--act-timeout"),
-    (["evaluate", "zero", "--act-timeout", "nan"], "--act-timeout"),
-    (["evaluat", "zero"], "evaluate"),
+    (["evaluate"], "POLICY", "evaluate "),
+    (["evaluate", "zero", "--episodes", "0"], "--episodes", "evaluate "),
+    (["evaluate", "zero", "--act-timeout", "inf"], "--act-timeout", "evaluate "),
+    (["evaluate", "zero", "--act-timeout", "nan"], "--act-timeout", "evaluate "),
+    (["evaluat", "zero"], "evaluate", ""),
+    (["leaderboard", "validate"], "DIR", "leaderboard validate "),
+    (["leaderboard", "valid"], "validate", "leaderboard "),
 ]
 
 
-@pytest.mark.parametrize(("arguments", "word"), USAGE)
-def test_wrong_usage_takes_two_lines(tmp_path, arguments, word):
-    run(*arguments, directory=tmp_path).refused(2, word, "--help")
+@pytest.mark.parametrize(("arguments", "word", "command"), USAGE)
+def test_wrong_usage_takes_two_lines(tmp_path, arguments, word, command):
+    done = run(*arguments, directory=tmp_path)
+    done.refused(2, word)
+    assert done.err.endswith(f"\nSee minitouch-bench {command}--help\n")
 
 
 def test_without_arguments_there_is_help(tmp_path):

@@ -3,16 +3,21 @@
 import hashlib
 import json
 import threading
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.sources import HubFile, parse_hub_address
+from minitouch_bench.policies.sources import HubFile, parse_hub_address, parse_source
+from minitouch_bench.workflows.submit import SubmitOptions, submit
 from tests.cli.command import run
+from tests.leaderboard.synthetic import official_run, write_official
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 ADDRESS = "hf://somebody/touch/nets/pushing.safetensors"
@@ -25,7 +30,8 @@ needs_library = pytest.mark.skipif(
 
 @pytest.fixture
 def hub(tmp_path, monkeypatch):
-    """A server with one file at one commit, called main and v1; the bytes it serves."""
+    """A server with one file at one commit, called main and v1: what it serves and was asked."""
+    asked = []
     save_native(TouchActor(action_size=4).eval(), tmp_path / "served.safetensors")
     content = (tmp_path / "served.safetensors").read_bytes()
 
@@ -38,6 +44,7 @@ def hub(tmp_path, monkeypatch):
                 self.wfile.write(content)
 
         def answer(self):
+            asked.append(self.path)
             paths = {
                 f"/somebody/touch/resolve/{one}/nets/pushing.safetensors"
                 for one in ("main", "v1", COMMIT)
@@ -59,7 +66,7 @@ def hub(tmp_path, monkeypatch):
     threading.Thread(target=server.serve_forever, daemon=True).start()
     monkeypatch.setenv("HF_ENDPOINT", f"http://127.0.0.1:{server.server_port}")
     monkeypatch.setenv("HF_HOME", str(tmp_path / "home"))
-    yield content
+    yield SimpleNamespace(content=content, asked=asked)
     server.shutdown()
     server.server_close()
 
@@ -71,12 +78,34 @@ def test_a_policy_on_the_hub_is_evaluated_and_its_commit_and_digest_are_kept(hub
     text = (tmp_path / "run" / "run.json").read_text()
     policy = json.loads(text)["header"]["policy"]
     assert policy["source"] == f"{ADDRESS}@{COMMIT}"
-    assert policy["digest"] == hashlib.sha256(hub).hexdigest()
+    assert policy["digest"] == hashlib.sha256(hub.content).hexdigest()
     assert policy["kind"] == "native"
     assert str(tmp_path) not in text
     assert f"evaluate {ADDRESS}@{COMMIT}" in (tmp_path / "run" / "report.html").read_text()
-    again = run("verify", "run", "--rerun", 1, directory=tmp_path)
+    asked = list(hub.asked)
+    unnamed = run("verify", "run", "--rerun", 1, directory=tmp_path)
+    unnamed.refused(5, f"{ADDRESS}@{COMMIT}", "only if you name it", "--policy")
+    assert hub.asked == asked
+    named = ("--policy", policy["source"])
+    again = run("verify", "run", "--rerun", 1, *named, directory=tmp_path)
     assert again.code == 0, again.err
+
+
+@needs_library
+@pytest.mark.parametrize("is_cached", [True, False])
+def test_packing_a_run_takes_its_file_from_the_cache_alone(hub, tmp_path, monkeypatch, is_cached):
+    monkeypatch.chdir(tmp_path)
+    if is_cached:
+        parse_source(f"{ADDRESS}@{COMMIT}")
+    digest = hashlib.sha256(hub.content).hexdigest()
+    done = official_run()
+    policy = replace(done.header.policy, source=f"{ADDRESS}@{COMMIT}", digest=digest)
+    run_path = Path("reports/table4")
+    write_official(replace(done, header=replace(done.header, policy=policy)), run_path)
+    asked = list(hub.asked)
+    assert submit(SubmitOptions("mine", runs=(run_path,))).problems == ()
+    assert hub.asked == asked
+    assert bool(list(Path("submissions/mine").rglob("*.safetensors"))) is is_cached
 
 
 @needs_library
@@ -111,7 +140,8 @@ def test_without_the_library_the_extra_is_named(tmp_path):
 def test_addresses():
     assert parse_hub_address("hf://a/b/c/d.onnx") == HubFile("a/b", "c/d.onnx", "main")
     assert str(parse_hub_address("hf://a/b/c.pt@refs/pr/1")) == "hf://a/b/c.pt@refs/pr/1"
-    for wrong in ("hf://a/b", "hf://a/b/", "hf://a@v1/b/c.pt@v2", "hf://a b/c/d.pt"):
+    leaving = ("hf://a/b/../../../x.onnx", "hf://../b/x.pt", "hf://a/./x.pt", "hf://a/b//x.pt")
+    for wrong in (*leaving, "hf://a/b", "hf://a/b/", "hf://a@v1/b/c.pt@v2", "hf://a b/c/d.pt"):
         with pytest.raises(PolicyLoadError, match="hf://USER/REPO/FILE"):
             parse_hub_address(wrong)
 

@@ -76,6 +76,23 @@ def test_a_missing_checkpoint_does_not_stop_the_others(tmp_path, monkeypatch, ca
     ]
 
 
+def test_a_proof_that_is_withdrawn_is_told(tmp_path, monkeypatch, capsys):
+    found = Validation((Problem("run.json", "no"),), withdrawn="fresh-verified")
+    name = "minitouch_bench.workflows.validate.validate_submission"
+    monkeypatch.setattr(name, lambda *_: found)
+    with pytest.raises(typer.Exit):
+        leaderboard.validate([tmp_path / "hac"], False, 0, 0, None, "1")
+    assert capsys.readouterr().out.splitlines()[-1] == (
+        "hac: its proof (fresh-verified) is withdrawn"
+    )
+
+
+def test_a_directory_that_is_not_there_is_named_once(tmp_path):
+    done = run("leaderboard", "validate", "nosuch", directory=tmp_path)
+    assert done.code == 1
+    assert done.out == "nosuch: there is no such directory; give a submission's directory\n"
+
+
 def test_every_fault_has_a_line_and_the_exit_code_is_1(root):
     (root / "submissions/hac/notes.txt").write_text("hello")
     (root / "submissions/hac/seed-0/table4/table4.csv").write_text("policy\n")

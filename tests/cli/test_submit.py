@@ -116,6 +116,24 @@ def test_the_only_copy_of_a_checkpoint_is_never_removed(packed):
     assert not list(packed.rglob("*.safetensors"))
 
 
+@pytest.mark.parametrize("include", [True, False])
+def test_a_checkpoint_that_a_submission_alone_holds_stays(tmp_path, monkeypatch, include):
+    """The run was made with the submission's own file."""
+    monkeypatch.chdir(tmp_path)
+    checkpoint = Path("submissions/hac/checkpoints/seed-0/final/only.safetensors")
+    checkpoint.parent.mkdir(parents=True)
+    checkpoint.write_bytes(CHECKPOINT)
+    done = official_run()
+    policy = replace(done.header.policy, source=str(checkpoint))
+    write_official(replace(done, header=replace(done.header, policy=policy)), PACK.runs[0])
+    if include:
+        assert submit(PACK).problems == ()
+    else:
+        with pytest.raises(RunDirectoryError, match="no other copy"):
+            submit(replace(PACK, include=False))
+    assert checkpoint.read_bytes() == CHECKPOINT
+
+
 def test_a_file_of_the_user_in_a_submission_s_run_is_not_replaced(packed):
     (packed / "seed-0" / "table4" / "notes.txt").write_text("mine")
     with pytest.raises(RunDirectoryError, match=r"notes\.txt"):
@@ -133,7 +151,7 @@ def test_a_submission_that_would_be_refused_changes_nothing(packed):
 def test_one_training_is_not_two_seeds_and_the_first_stays_as_it_is(packed):
     before = state(packed)
     (problem,) = submit(replace(PACK, training_seed=1)).problems
-    assert "bit for bit the run seed-0/table4" in str(problem)
+    assert "bit for bit those of seed-0/table4" in str(problem)
     assert state(packed) == before
 
 
@@ -154,11 +172,50 @@ def test_an_unofficial_run_is_refused(scripted, tmp_path):
         (("--name", "zero"), ("POLICY", "--run")),
         (("--run", "reports/zero"), ("--name",)),
         (("Mine.onnx",), ("name", "Mine")),
+        (("random", "--name", "my-random"), ("built-in policy random is not 'my-random'",)),
+        (("random", "--modalities", "vision"), ("random is one seed with the modalities []",)),
+        (("zero", "--exploration", "scripted"), ("its exploration is the scripted policy's",)),
+        (("hopeless:Policy", "--trust", "--name", "zero"), ("is a built-in policy's",)),
+        (("zero", "--training-seed", 2**63), ("seed",)),
     ],
 )
 def test_mistakes_are_told_before_anything_is_run(tmp_path, options, words):
     run("submit", *options, directory=tmp_path).refused(2, *words)
     assert os.listdir(tmp_path) == []
+
+
+@pytest.fixture
+def nothing_is_played(monkeypatch):
+    def play(*_):
+        raise AssertionError("an episode would be played")
+
+    monkeypatch.setattr("minitouch_bench.workflows.submit.play", play)
+
+
+@pytest.mark.usefixtures("nothing_is_played")
+def test_a_checkpoint_s_name_is_checked_before_anything_is_run(tmp_path, monkeypatch):
+    from minitouch_bench.policies.native import save_native
+    from minitouch_bench.policies.networks import TouchActor
+
+    monkeypatch.chdir(tmp_path)
+    save_native(TouchActor(action_size=4), Path("my policy.safetensors"))
+    with pytest.raises(UsageError, match="no plain file name"):
+        submit(SubmitOptions("mine", policy="my policy.safetensors"))
+    assert os.listdir(tmp_path) == ["my policy.safetensors"]
+
+
+@pytest.mark.usefixtures("nothing_is_played")
+def test_every_suite_s_directory_is_checked_before_the_first_is_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    place = Path("submissions/zero/seed-0")
+    write_official(official_run("novel-shapes", kind="zero"), place / "novel-shapes")
+    both = SubmitOptions("zero", policy="zero", suites=("table4", "novel-shapes"))
+    with pytest.raises(RunDirectoryError, match="novel-shapes holds a finished run"):
+        submit(both)
+    (place / "novel-shapes" / "run.json").rename(place / "novel-shapes" / "journal.jsonl")
+    with pytest.raises(RunDirectoryError, match="novel-shapes holds a run already"):
+        submit(both)
+    assert os.listdir(place) == ["novel-shapes"]
 
 
 @pytest.mark.slow
@@ -183,7 +240,7 @@ def test_three_commands_lead_from_a_policy_to_a_row(tmp_path):
     again.refused(6, "finished run", "--training-seed")
     kept = run(*HOPELESS, "--resume", directory=tmp_path)
     assert kept.code == 0, kept.err
-    other = run("submit", "zero", *HOPELESS[3:], "--resume", directory=tmp_path)
+    other = run("submit", "strangers:Policy", *HOPELESS[2:], "--resume", directory=tmp_path)
     assert other.code == 6
     assert "another policy" in other.err
 

@@ -1,9 +1,12 @@
 import json
 import shutil
+import socket
+from dataclasses import replace
 
 import pytest
 
 from tests.cli.command import run
+from tests.leaderboard.synthetic import official_run, write_official
 
 ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
 
@@ -63,8 +66,23 @@ def test_a_run_is_verified_without_its_checkpoint_but_not_run_again(tmp_path):
     )
 
 
+def test_a_server_that_a_run_names_is_contacted_only_if_the_user_names_it(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(0.0)
+        address = f"http://127.0.0.1:{server.getsockname()[1]}"
+        done = official_run(kind="remote")
+        policy = replace(done.header.policy, source=address)
+        write_official(replace(done, header=replace(done.header, policy=policy)), tmp_path / "run")
+        unnamed = run("verify", "run", "--rerun", 1, directory=tmp_path)
+        unnamed.refused(5, address, "contacted only if you name it", "--policy")
+        with pytest.raises(BlockingIOError):
+            server.accept()
+
+
 def test_what_is_no_run_or_damaged_ends_with_6(copy, tmp_path):
-    run("verify", tmp_path, directory=tmp_path).refused(6, "is no run")
+    run("verify", tmp_path, directory=tmp_path).refused(6, "is no run: it has no run.json")
+    for gone in ("gone", "gone/run.json"):
+        run("verify", gone, directory=tmp_path).refused(6, "gone is no run: there is no such dir")
     (copy / "actions.npz").write_bytes((copy / "actions.npz").read_bytes()[:-30])
     run("verify", copy, directory=tmp_path).refused(6, "actions.npz", "damaged")
 

@@ -9,12 +9,17 @@ import pytest
 from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actors import AlteredSenses
+from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.verify import verify_run
 from minitouch_bench.workflows.evaluate import EvaluateOptions, OutputOptions, evaluate
+from minitouch_bench.workflows.verify import VerifyOptions, verify
 
+ONE_WORKER = EngineOptions(workers=1)
+TRUSTED = IsolationOptions(Isolation.PROCESS, trust=True)
 ACTION = np.array([0.6, 0.1, -1.0, 0.0], np.float32)
 
 
@@ -120,6 +125,38 @@ def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
     others = evaluate(standard).saved
     assert [one.seed for one in saved.episodes] == [one.seed for one in others.episodes]
     assert saved.digest != others.digest
+
+
+@pytest.mark.usefixtures("importable")
+@pytest.mark.parametrize(
+    "conditions",
+    [
+        Conditions(without=("touch",)),
+        Conditions(without=("forces",)),
+        Conditions(without=("vision",)),
+        Conditions(noise=20.0),
+        Conditions(force_noise=3.0),
+        Conditions(mass=(0.01, 0.01)),
+        Conditions(friction=(0.01, 0.01)),
+        Conditions(camera=(-9.0, 9.0)),
+        Conditions(without=("forces",), noise=20.0, mass=(0.5, 2.0), camera=(9.0, 9.0)),
+    ],
+    ids=lambda conditions: ", ".join(conditions.in_words()),
+)
+def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, conditions):
+    options = EvaluateOptions(
+        "misbehaved:Sensitive",
+        tasks=("pick-up",),
+        episodes=1,
+        engine=ONE_WORKER,
+        isolation=TRUSTED,
+        conditions=conditions,
+        output=OutputOptions(tmp_path / "run"),
+    )
+    evaluate(options)
+    asked = VerifyOptions(tmp_path / "run", rerun=1, engine=ONE_WORKER, isolation=TRUSTED)
+    found = verify(asked)
+    assert (found.problems, found.reran) == ((), 1)
 
 
 def test_the_scripted_policy_has_no_senses_to_change():

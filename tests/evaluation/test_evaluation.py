@@ -6,12 +6,18 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
+from minitouch_bench.evaluation.actors import prepare_policies
+from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.evaluation.journal import read_journal
 from minitouch_bench.evaluation.run import open_run
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.limits import limits_of
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.records import Outcome, Role
+from minitouch_bench.workflows import Callbacks
+from minitouch_bench.workflows.evaluate import EvaluateOptions, OutputOptions, evaluate
 from tests.evaluation.runs import digests, request, run
 
 
@@ -239,3 +245,27 @@ def test_a_resumed_run_holds_a_policy_to_the_actions_of_before(deaths_file, impo
     (record,) = run(wanted, place, resume=True).records
     assert "did not repeat its actions" in record.fault
     assert not (place / "attempts").exists()
+
+
+def test_resuming_what_was_never_begun_is_told(tmp_path):
+    told = []
+    options = EvaluateOptions(
+        "zero",
+        tasks=("opening",),
+        episodes=1,
+        engine=EngineOptions(workers=1),
+        output=OutputOptions(tmp_path / "run", resume=True),
+    )
+    for _ in range(2):
+        evaluate(options, Callbacks(note=told.append))
+    assert told == [f"there is no run in {tmp_path / 'run'} to resume: a new one begins"]
+
+
+def test_a_policy_named_after_one_task_that_plays_others_is_told(tmp_path):
+    told = []
+    file = tmp_path / "pushing.safetensors"
+    save_native(TouchActor(action_size=4), file)
+    for tasks in (("pushing",), ("pushing", "opening")):
+        prepare_policies(file, tasks, note=told.append)
+    (line,) = told
+    assert line.startswith(f"{file} is named after pushing and plays pushing, opening: ")

@@ -1,10 +1,12 @@
-"""What stands on a board: the figures against the runs' own, ranks, twins, who is left out."""
+"""What stands on a board: the figures against the runs' own, ranks, copies, who is left out."""
 
 import csv
 import io
+import json
 import os
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,8 +17,15 @@ from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.build import build_board, score_submissions
 from minitouch_bench.leaderboard.entries import Ending, Episodes
 from minitouch_bench.leaderboard.kept_rows import file_state
-from minitouch_bench.leaderboard.proof import ProofLevel, make_proof, proof_path, write_proof
+from minitouch_bench.leaderboard.proof import (
+    MAX_PROOF,
+    ProofLevel,
+    make_proof,
+    proof_path,
+    write_proof,
+)
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, _gap
+from minitouch_bench.leaderboard.site import index_html
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.leaderboard.views import views
 from minitouch_bench.metrics.definitions import ranking_metric
@@ -168,10 +177,29 @@ def test_the_same_episodes_under_another_name_are_told(submissions, tmp_path):
     shutil.rmtree(copied / "seed-0")
     shutil.copytree(root / "near" / "seed-0", copied / "seed-0")
     places = [root / "near", copied]
-    twins = {
+    same = {
         row.name: row.same_episodes_as for row in make_board(score_submissions(places)).unranked
     }
-    assert twins == {"near": ("copied",), "copied": ("near",)}
+    assert same == {"near": ("copied",), "copied": ("near",)}
+
+
+def test_a_copy_without_a_rank_is_told_and_filtered_on_the_site(submissions, tmp_path):
+    root = tmp_path / "submissions"
+    shutil.copytree(submissions / "near", root / "near")
+    (root / "_proofs").mkdir()
+    shutil.copy(proof_path(submissions / "near"), root / "_proofs")
+    copied = make_submission(root, "copied", 0.5, level=ProofLevel.SELF_REPORTED)
+    shutil.rmtree(copied / "seed-0")
+    shutil.copytree(root / "near" / "seed-0", copied / "seed-0")
+    board = make_board(score_submissions([root / "near", copied]))
+    (overall, *_) = index_html(board, views(board)).split("</section>")
+    _, ranked, unranked, _ = overall.split("<tbody")
+    for part, name, other in ((ranked, "near", "copied"), (unranked, "copied", "near")):
+        assert f'data-name="{name} ' in part
+        assert f"same episodes as {other}" in part
+    assert 'data-proof="self-reported"' in unranked
+    for level in ProofLevel:
+        assert f'name="proof" value="{level}"' in overall
 
 
 def test_another_protocol_is_listed_apart_and_a_bad_one_left_out(submissions, tmp_path):
@@ -302,6 +330,53 @@ def test_files_that_have_not_changed_are_not_read_again(submissions, tmp_path, m
     os.utime(table, ns=(before.st_atime_ns, before.st_mtime_ns))
     assert build_board(root, board).refused  # of the same size and time, but not the same file
     assert read == [root / "near"]
+
+
+def write_debris(path):
+    path.write_text("{")
+
+
+def write_bytes_that_are_no_text(path):
+    path.write_bytes(b"\xff\x00" * 9)
+
+
+def write_too_much(path):
+    path.write_bytes(b" " * (MAX_PROOF + 1))
+
+
+def write_no_level(path):
+    proof = json.loads(path.with_name("scripted.json").read_text())
+    path.write_text(json.dumps({**proof, "level": "remote"}))
+
+
+def link_elsewhere(path):
+    path.symlink_to("scripted.json")
+
+
+def link_nowhere(path):
+    path.symlink_to("gone.json")
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        os.mkfifo, Path.mkdir, write_debris, write_bytes_that_are_no_text, write_too_much,
+        write_no_level, link_elsewhere, link_nowhere,
+    ],
+)  # fmt: skip
+def test_a_proof_that_cannot_be_read_costs_its_row_the_level_alone(submissions, tmp_path, spoil):
+    root = tmp_path / "submissions"
+    for name in ("near", "scripted"):
+        shutil.copytree(submissions / name, root / name)
+    (root / "_proofs").mkdir()
+    shutil.copy(proof_path(submissions / "scripted"), root / "_proofs")
+    spoil(proof_path(root / "near"))
+    told = []
+    assert build_board(root, tmp_path / "board", told.append).refused == ()
+    board = json.loads((tmp_path / "board" / "leaderboard.json").read_text())
+    assert [row["proof"] for row in board["unranked"]] == ["self-reported"]
+    assert [row["proof"] for row in board["calibration"]] == ["re-run-verified"]
+    assert any("near is listed without a proof" in line and "near.json" in line for line in told)
 
 
 def test_a_proof_changes_its_row(submissions, tmp_path):

@@ -1,15 +1,18 @@
 """Replaying and running again: real episodes in the simulator, a few of them."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 
+from minitouch_bench.documents import write_json
 from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.leaderboard.proof import (
+    FreshProof,
     ProofLevel,
     find_proof,
     level_of,
@@ -21,8 +24,18 @@ from minitouch_bench.leaderboard.proof import (
 from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.records import Role
 from minitouch_bench.reporting.run_directory import run_json, write_run
-from minitouch_bench.workflows.validate import Prover, ValidateOptions, prove
+from minitouch_bench.verification.fresh import FreshResult
+from minitouch_bench.verification.problems import Problem
+from minitouch_bench.workflows import Callbacks, ignore
+from minitouch_bench.workflows.validate import (
+    Prover,
+    ValidateOptions,
+    prove,
+    validate_submission,
+    within,
+)
 from tests.evaluation.runs import request, run
 
 PLACE = "seed-0/table4"
@@ -65,7 +78,8 @@ def change_actions(verdict, change):
 
 def test_an_honest_run_replays(prover):
     done = []
-    assert list(dataclasses.replace(prover, on_record=done.append).replay()) == []
+    dataclasses.replace(prover, on_record=done.append).replay()
+    assert not prover.problems
     assert len(done) == 2
 
 
@@ -74,7 +88,8 @@ def test_swapped_actions_do_not_give_the_figures(verdict, prover):
         actions["opening/0"], actions["opening/1"] = actions["opening/1"], actions["opening/0"]
 
     change_actions(verdict, swap)
-    found = [str(problem) for problem in prover.replay()]
+    prover.replay()
+    found = [str(problem) for problem in prover.problems]
     assert any("opening/0" in line and "do not give these figures" in line for line in found)
 
 
@@ -83,11 +98,13 @@ def test_one_changed_bit_of_an_action_is_found(verdict, prover):
         actions["opening/1"][3, 0] = np.nextafter(actions["opening/1"][3, 0], np.float32(0))
 
     change_actions(verdict, nudge)
-    assert any("opening/1" in str(problem) for problem in prover.replay())
+    prover.replay()
+    assert any("opening/1" in str(problem) for problem in prover.problems)
 
 
 def test_episodes_run_again_with_the_policy_give_the_same_actions(prover):
-    assert list(prover.run_again(1)) == []
+    prover.run_again(1)
+    assert not prover.problems
 
 
 def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, prover):
@@ -97,6 +114,17 @@ def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, prover):
     content = run_json(dataclasses.replace(saved, header=header))
     (verdict.directory / PLACE / "run.json").write_bytes(content)
     with pytest.raises(IncompleteCheckError, match="checkpoint of seed 0 is not in the submission"):
+        prover.run_again(1)
+
+
+def test_a_server_is_never_run_again(verdict, prover):
+    """Its address in a stranger's run is not contacted."""
+    saved = verdict.runs[PLACE]
+    policy = dataclasses.replace(saved.header.policy, kind="remote", source="http://127.0.0.1:1")
+    header = dataclasses.replace(saved.header, policy=policy)
+    content = run_json(dataclasses.replace(saved, header=header))
+    (verdict.directory / PLACE / "run.json").write_bytes(content)
+    with pytest.raises(IncompleteCheckError, match="not in the submission"):
         prover.run_again(1)
 
 
@@ -125,6 +153,14 @@ def test_a_proof_counts_for_the_very_bytes_alone(sound, tmp_path):
     assert level_of(verdict, None) is ProofLevel.SELF_REPORTED
 
 
+def test_a_proof_that_an_older_version_wrote_is_read(sound, tmp_path):
+    """It holds sketches of the actions, which nothing uses now."""
+    proof, path = make_proof(validate(sound), ProofLevel.RERUN, 50), tmp_path / "hac.json"
+    document = {**json.loads(write_json(proof)), "sketches": {PLACE: [0.25, -1.5]}}
+    path.write_text(json.dumps(document))
+    assert read_proof(path) == proof
+
+
 def test_a_proof_of_other_bytes_is_ignored(submission):
     verdict = validate(submission)
     proof = make_proof(verdict, ProofLevel.RERUN, 5)
@@ -144,6 +180,103 @@ def test_a_weaker_proof_does_not_replace_a_stronger_one(verdict, known):
     proof = find_proof(verdict)
     assert proof.level is known
     assert proof.rerun_episodes == (5 if known is ProofLevel.RERUN else 0)
+
+
+def fresh_proof(verdict, places, episodes):
+    drop = FreshResult(Role.FINAL, "pushing", "success", 0.9, 0.88, episodes, 0.4)
+    seeds, results = dict.fromkeys(places, 1), dict.fromkeys(places, (drop,))
+    fresh = FreshProof("a phrase", episodes, seeds, results)
+    return make_proof(verdict, ProofLevel.FRESH, 50, fresh)
+
+
+@pytest.mark.parametrize(
+    ("suites", "episodes", "level"),
+    [
+        (("table4", "novel-shapes"), 20, ProofLevel.FRESH),
+        (("table4",), 20, ProofLevel.RERUN),
+        (("table4", "novel-shapes"), 19, ProofLevel.RERUN),
+    ],
+)
+def test_a_row_is_fresh_where_each_of_its_runs_has_twenty_fresh_episodes_a_task(
+    verdict, suites, episodes, level
+):
+    both = [f"seed-0/{suite}" for suite in ("table4", "novel-shapes")]
+    shown = dataclasses.replace(verdict, runs=dict.fromkeys(both, verdict.runs[PLACE]))
+    places = [f"seed-0/{suite}" for suite in suites]
+    assert level_of(shown, fresh_proof(verdict, places, episodes)) is level
+
+
+@pytest.mark.parametrize(("count", "level"), [(1, ProofLevel.RERUN), (20, ProofLevel.FRESH)])
+def test_a_few_fresh_episodes_give_no_level(verdict, monkeypatch, count, level):
+    fresh = fresh_proof(verdict, [PLACE], count).fresh
+    monkeypatch.setattr(Prover, "run_fresh", lambda *_: fresh)
+    engine = EngineOptions(workers=1)
+    assert prove(verdict, ValidateOptions(rerun=1, fresh_episodes=count, engine=engine)) == ()
+    proof = find_proof(verdict)
+    assert (proof.level, proof.fresh) == (level, fresh if count == 20 else None)
+
+
+FRESH_DROP = Problem("seed-0/table4", "success 1.000 officially, 0.000 in 50 fresh episodes")
+UNREAD = Problem("seed-0/table4", "it cannot be read", is_unchecked=True)
+
+
+@pytest.mark.parametrize(
+    ("problems", "is_withdrawn"),
+    [((FRESH_DROP,), True), ((UNREAD, FRESH_DROP), True), ((UNREAD,), False), ((), False)],
+)
+def test_a_failed_check_withdraws_an_older_proof(submission, monkeypatch, problems, is_withdrawn):
+    level = ProofLevel.RERUN
+    write_proof(make_proof(validate(submission), level, 5), proof_path(submission))
+    monkeypatch.setattr("minitouch_bench.workflows.validate.prove", lambda *_: problems)
+    found = validate_submission(submission, ValidateOptions(replay=True))
+    assert found.problems == problems
+    assert found.withdrawn == (level if is_withdrawn else None)
+    assert level_of(validate(submission), find_proof(validate(submission))) == (
+        ProofLevel.SELF_REPORTED if is_withdrawn else level
+    )
+
+
+def test_a_check_that_could_not_be_made_leaves_the_proof(verdict, monkeypatch):
+    """The checkpoint is gone; the proof was made when it was there."""
+    write_proof(make_proof(verdict, ProofLevel.RERUN, 5), proof_path(verdict.directory))
+
+    def gone(*_):
+        raise IncompleteCheckError("the final checkpoint of seed 0 is not in the submission")
+
+    monkeypatch.setattr(Prover, "run_again", gone)
+    with pytest.raises(IncompleteCheckError):
+        prove(verdict, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
+    assert find_proof(verdict).level is ProofLevel.RERUN
+
+
+def test_what_differs_counts_though_the_check_could_not_be_finished(verdict, monkeypatch):
+    def differs_and_ends(prover, _):
+        prover.problems.add("seed-0/table4", "it differs")
+        raise IncompleteCheckError("the final checkpoint of seed 1 is not in the submission")
+
+    monkeypatch.setattr(Prover, "run_again", differs_and_ends)
+    (problem,) = prove(verdict, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
+    assert problem.what == "it differs"
+
+
+def test_a_check_ends_when_its_time_is_up(verdict):
+    """The older proof stays, and none is made."""
+    options = ValidateOptions(replay=True, engine=EngineOptions(workers=1), time_limit_s=1e-9)
+    played = []
+    with pytest.raises(IncompleteCheckError, match="not finished within 1e-09 s"):
+        prove(verdict, options, Callbacks(episode=played.append))
+    assert len(played) == 1
+    assert find_proof(verdict) is None
+
+
+def test_what_was_replayed_in_time_is_proved(verdict, monkeypatch):
+    def too_slow(prover, _):
+        within(0.0, ignore)(None)
+
+    monkeypatch.setattr(Prover, "run_again", too_slow)
+    with pytest.raises(IncompleteCheckError, match="--time-limit"):
+        prove(verdict, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
+    assert find_proof(verdict).level is ProofLevel.REPLAYED
 
 
 def test_a_proof_lies_beside_the_submissions(submission):

@@ -52,8 +52,8 @@ def board(tmp_path_factory) -> Path:
     verdict = validate(best)
     assert verdict.passed, verdict.problems
     drop = FreshResult(Role.FINAL, "pushing", "success", 0.9, 0.88, 50, 0.4)
-    place = "seed-0/table4"
-    fresh = FreshProof("a phrase", 50, {place: 1234}, {place: (drop,)})
+    places = [f"seed-0/{suite}" for suite in both]
+    fresh = FreshProof("a phrase", 50, dict.fromkeys(places, 1234), dict.fromkeys(places, (drop,)))
     write_proof(make_proof(verdict, ProofLevel.FRESH, 5, fresh), proof_path(best))
     build_board(submissions, root / "board")
     return root / "board"
@@ -134,12 +134,17 @@ def test_rows_are_filtered_by_modality_proof_and_words(browser, board):
     assert names(browser) == ["hac", "seeds"]
     browser.click("input[value='fresh-verified']")
     assert names(browser) == ["hac"]
-    assert text(browser, ".count") == "1 of 4 submissions"
+    assert text(browser, ".count") == "1 of 4 ranked submissions"
     for value in ("touch", "vision", "fresh-verified"):
         browser.click(f"input[value='{value}']")
     browser.click("input[value='re-run-verified']")
     assert names(browser) == ["seeds", "touch", "vision"]
+    unranked = "document.querySelectorAll('#overall .unranked tr[data-name]:not([hidden])').length"
+    assert browser.run(unranked) == 0
     browser.click("input[value='re-run-verified']")
+    browser.click("input[value='remote']")
+    assert (names(browser), browser.run(unranked)) == ([], 1)
+    browser.click("input[value='remote']")
     browser.click(".search")
     browser.write("alone TOUCH")
     assert names(browser) == ["touch"]
@@ -160,7 +165,7 @@ def test_the_address_keeps_the_view_and_the_filters(browser, board):
     browser.open(board / "index.html", address)
     assert browser.run("document.querySelector('.view:not([hidden])').id") == "pushing"
     assert browser.run("document.querySelector('input[value=touch]').checked")
-    assert text(browser, ".count") == "1 of 4 submissions"
+    assert text(browser, ".count") == "1 of 4 ranked submissions"
 
 
 @needs_browser
@@ -299,7 +304,7 @@ def test_pages_are_well_formed_and_hold_no_handlers_or_styles(board, page):
 def test_calibration_and_paper_are_marked_and_never_ranked(board):
     page = (board / "index.html").read_text()
     overall = page[page.index('id="overall"') : page.index('id="pushing"')]
-    unranked, reference = overall.split('class="reference"')[1:]
+    unranked, reference = overall.split('class="reference')[1:]
     assert ">server</" in unranked
     assert "unranked: " in unranked
     for name in (*CALIBRATION, *PAPER_METHODS):

@@ -18,6 +18,7 @@ from minitouch_bench.leaderboard.submission import (
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
 from minitouch_bench.records import Role
 from minitouch_bench.reporting.run_directory import write_run
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -89,12 +90,15 @@ def verdict(tmp_path_factory, request):
 
 def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(verdict):
     assert all(episode.success for episode in verdict.runs[PLACE].episodes)
-    assert list(Prover(verdict, LocalEngine(1), np.random.default_rng(0)).run_again(3)) == []
+    prover = Prover(verdict, LocalEngine(1), np.random.default_rng(0))
+    prover.run_again(3)
+    assert not prover.problems
 
 
 def test_fresh_episodes_tell(verdict):
-    fresh, problems = Prover(verdict, LocalEngine(1)).run_fresh(FRESH, "a phrase")
-    (problem,) = problems
+    prover = Prover(verdict, LocalEngine(1))
+    fresh = prover.run_fresh(FRESH, "a phrase")
+    (problem,) = prover.problems
     assert "pushing: success 1.000 officially" in str(problem)
     assert "fits the official episodes" in str(problem)
     (found,) = fresh.results[PLACE]
@@ -102,11 +106,28 @@ def test_fresh_episodes_tell(verdict):
     assert fresh.seeds[PLACE] == fresh_seed(verdict.runs[PLACE].header.policy.digest, "a phrase")
 
 
+def test_fresh_episodes_of_novel_shapes_tell_too(verdict):
+    """The same run as one of novel shapes: these episodes are all lost, as no scene is known."""
+    saved = verdict.runs[PLACE]
+    novel = replace(saved, header=replace(saved.header, suite=NOVEL_SHAPES))
+    place = f"seed-0/{NOVEL_SHAPES}"
+    seed = replace(verdict.submission.seeds[0], runs={NOVEL_SHAPES: place})
+    known = replace(
+        verdict, submission=replace(verdict.submission, seeds=(seed,)), runs={place: novel}
+    )
+    prover = Prover(known, LocalEngine(1))
+    fresh = prover.run_fresh(FRESH, "a phrase")
+    (problem,) = prover.problems
+    assert f"{place}, final pushing: success 1.000 officially" in str(problem)
+    assert fresh.results.keys() == {place}
+
+
 def test_an_honest_policy_passes(verdict):
     saved = verdict.runs[PLACE]
     policy = replace(saved.header.policy, kind="scripted", digest="")
     honest = replace(saved, header=replace(saved.header, policy=policy))
     known = replace(verdict, runs={PLACE: honest})
-    fresh, problems = Prover(known, LocalEngine(1)).run_fresh(FRESH, "a phrase")
-    assert list(problems) == []
+    prover = Prover(known, LocalEngine(1))
+    fresh = prover.run_fresh(FRESH, "a phrase")
+    assert not prover.problems
     assert fresh.results[PLACE][0].fresh == 1.0

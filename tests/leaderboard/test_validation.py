@@ -6,6 +6,7 @@ import os
 import pickle
 import shutil
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -291,11 +292,16 @@ def test_a_server_that_hides_what_it_is(tmp_path):
     refused(directory, "remote policy lacks its label")
 
 
+COPIED = "400 of its 400 episodes are bit for bit those of seed-0/table4"
+
+
 def test_a_training_seed_submitted_twice(tmp_path):
     directory = make_submission(tmp_path, seeds=(0, 1), include=False)
     shutil.rmtree(directory / "seed-1")
     shutil.copytree(directory / "seed-0", directory / "seed-1")
-    refused(directory, "seed-1/table4", "bit for bit the run seed-0/table4")
+    refused(
+        directory, "seed-1/table4", "400 of its 400 episodes are bit for bit those of seed-0/table4"
+    )
 
 
 def test_a_training_seed_submitted_twice_once_with_its_exploration(tmp_path):
@@ -303,7 +309,19 @@ def test_a_training_seed_submitted_twice_once_with_its_exploration(tmp_path):
     directory = make_submission(tmp_path, seeds=(0, 1), include=False)
     shutil.rmtree(directory / "seed-1")
     write_official(official_run(seed=0, exploration=True), directory / "seed-1/table4")
-    refused(directory, "seed-1/table4", "bit for bit the run seed-0/table4")
+    refused(
+        directory, "seed-1/table4", "400 of its 400 episodes are bit for bit those of seed-0/table4"
+    )
+
+
+def test_a_training_seed_that_is_nearly_another_one_s_copy(tmp_path):
+    """All pairs are compared, not each with the first one alone."""
+    directory = make_submission(tmp_path, seeds=(0, 1, 2), include=False)
+    shutil.rmtree(directory / "seed-2")
+    copied, own = official_run(seed=1), official_run(seed=2)
+    mixed = replace(copied, records=(*own.records[:200], *copied.records[200:]))
+    write_official(mixed, directory / "seed-2/table4")
+    refused(directory, "seed-2/table4", "200 of its 400 episodes are bit for bit those of seed-1")
 
 
 def test_an_exploration_by_the_scripted_policy(tmp_path):

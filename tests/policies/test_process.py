@@ -271,7 +271,7 @@ def test_a_file_that_changes_during_the_evaluation_is_no_fault_of_the_policy(tmp
 
 def test_probe_refuses_a_bad_file_but_leaves_faults_to_episodes(tmp_path, light):
     (tmp_path / "opening.onnx").write_bytes(b"plain text")
-    (tmp_path / "pushing.safetensors").symlink_to(light / "policy.safetensors")
+    (tmp_path / "pushing.safetensors").hardlink_to(light / "policy.safetensors")
     source = parse_source(str(tmp_path))
     try_policy(source, ["pushing"])
     with pytest.raises(PolicyLoadError, match="no ONNX file"):

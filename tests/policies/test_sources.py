@@ -125,6 +125,23 @@ def test_a_training_directory_is_its_policy_of_each_role(tmp_path):
         assert source.digest == hashlib.sha256(role.encode()).hexdigest()
 
 
+@pytest.mark.parametrize(
+    "place", ["final.safetensors", "pushing.onnx", "checkpoints/seed-0/final/a.pt"]
+)
+def test_a_link_in_a_directory_is_not_followed(tmp_path, place):
+    """The user named the directory: its maker could link any file of theirs."""
+    (tmp_path / "secret").write_bytes(b"weights of another project")
+    link = tmp_path / "policy" / place
+    link.parent.mkdir(parents=True)
+    if "checkpoints" in place:
+        (tmp_path / "policy" / "submission.toml").touch()
+    link.symlink_to(tmp_path / "secret")
+    with pytest.raises(PolicyLoadError, match=f"{link.name} cannot be read: it is a symbolic link"):
+        parse_source(str(tmp_path / "policy"))
+    if link.suffix != ".pt":
+        assert parse_source(str(link)).digest  # the user named the link
+
+
 def test_a_training_without_exploration_has_no_policy_of_it(tmp_path):
     (tmp_path / "final.safetensors").write_bytes(b"final")
     with pytest.raises(PolicyLoadError, match=r"no exploration\.safetensors"):

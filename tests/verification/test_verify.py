@@ -124,16 +124,25 @@ def nudge(actions):
 @pytest.mark.parametrize(
     ("change", "place"),
     [
-        (swap, "pushing/0.steps"),
+        (swap, "pushing/0.digest"),
         (nudge, "opening/1.digest"),
-        (lambda a: a.update({"pushing/0": a["pushing/0"][:-1]}), "pushing/0.outcome"),
-        (lambda a: a.update({"pushing/0": np.zeros((5, 4), np.float32)}), "pushing/0.outcome"),
+        (lambda a: a.update({"pushing/0": a["pushing/0"][:-1]}), "pushing/0.digest"),
+        (lambda a: a.update({"pushing/0": np.zeros((5, 4), np.float32)}), "pushing/0.digest"),
         (lambda a: a.pop("exploration/opening/0"), "exploration/opening/0"),
     ],
 )
 def test_no_action_can_be_edited(copy, change, place):
     edit_actions(copy, change)
     assert place in places(copy)
+
+
+def test_a_changed_action_has_one_line(copy):
+    edit_actions(copy, nudge)
+    (problem,) = verify_run(copy, Here()).problems
+    assert re.fullmatch(
+        r"opening/1\.digest: its actions do not give the episode recorded: other [a-z_, ]*digest",
+        str(problem),
+    )
 
 
 def test_actions_after_the_end_are_found_too(copy):

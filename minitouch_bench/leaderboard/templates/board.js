@@ -82,13 +82,15 @@
     const modalities = asked("modality");
     const levels = asked("proof");
     const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const wants = (row) => {
+      const has = (row.dataset.modalities || "").split(" ");
+      return modalities.every((one) => has.includes(one))
+        && (levels.length === 0 || levels.includes(row.dataset.proof))
+        && words.every((word) => row.dataset.name.includes(word));
+    };
+    for (const row of document.querySelectorAll("tbody.unranked tr[data-name]")) row.hidden = !wants(row);
     for (const body of bodies) {
-      for (const row of body.querySelectorAll("tr[data-name]")) {
-        const has = (row.dataset.modalities || "").split(" ");
-        row.wanted = modalities.every((one) => has.includes(one))
-          && (levels.length === 0 || levels.includes(row.dataset.proof))
-          && words.every((word) => row.dataset.name.includes(word));
-      }
+      for (const row of body.querySelectorAll("tr[data-name]")) row.wanted = wants(row);
       lay(body);
     }
     tell();
@@ -119,7 +121,7 @@
     const rows = [...view.querySelectorAll("tbody.ranked tr[data-name]")];
     const wanted = rows.filter((row) => row.wanted).length;
     count.textContent = wanted === rows.length
-      ? `${wanted} ranked ${wanted === 1 ? "submission" : "submissions"}` : `${wanted} of ${rows.length} submissions`;
+      ? `${wanted} ranked ${wanted === 1 ? "submission" : "submissions"}` : `${wanted} of ${rows.length} ranked submissions`;
     more.hidden = wholly || wanted <= FIRST;
     more.textContent = `Show all ${wanted}`;
   };

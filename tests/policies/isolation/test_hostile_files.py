@@ -170,6 +170,11 @@ def test_a_pickle_in_safetensors_metadata_is_not_opened(policy, tmp_path, canary
     refused(policy, tmp_path, "native", content, "no native checkpoint")
 
 
+def test_what_is_not_safetensors_is_called_damaged(policy, tmp_path):
+    for content in (b"ab", b"random bytes", struct.pack("<Q", 2) + b"[}"):
+        refused(policy, tmp_path, "native", content, "damaged: it is not safetensors|header of")
+
+
 def test_a_header_longer_than_its_file_is_refused(policy, tmp_path):
     for length in (2**63, 2**40, 10_000):
         content = struct.pack("<Q", length) + b"{}"

@@ -1,0 +1,28 @@
+"""What exact comparison finds of runs that share episodes, and what it cannot find."""
+
+from minitouch_bench.leaderboard.copies import find_copies
+
+
+def episodes(name, changed=0, number=400):
+    """Return a run's episodes, the first ``changed`` of them played in another way."""
+    return [f"pushing/{i} {name}{' otherwise' if i < changed else ''}" for i in range(number)]
+
+
+def test_runs_of_other_trainings_share_nothing():
+    assert find_copies({"a": episodes("a"), "b": episodes("b"), "c": ()}) == {}
+
+
+def test_every_pair_is_compared_and_the_earlier_run_is_named_first():
+    runs = {"a": episodes("a"), "b": episodes("b"), "c": episodes("b"), "d": episodes("b", 1)}
+    assert find_copies(runs) == {("b", "c"): 400, ("b", "d"): 399, ("c", "d"): 399}
+
+
+def test_half_of_the_smaller_run_is_enough():
+    assert find_copies({"a": episodes("a"), "b": episodes("a", 200)}) == {("a", "b"): 200}
+    assert find_copies({"a": episodes("a"), "b": episodes("a", 201)}) == {}
+    assert find_copies({"a": episodes("a"), "b": episodes("a", number=10)}) == {("a", "b"): 10}
+
+
+def test_a_copy_that_acts_otherwise_in_every_episode_is_not_found():
+    """As with noise, a gain of 0.9 or one idle step: see docs/submitting.md."""
+    assert find_copies({"a": episodes("a"), "b": episodes("a", 400)}) == {}

@@ -1,0 +1,67 @@
+"""Looking at the run of a submission, which stays as it is."""
+
+import html
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from minitouch_bench.leaderboard.build import build_board
+from minitouch_bench.leaderboard.validation import validate
+from minitouch_bench.reporting.run_directory import read_run
+from minitouch_bench.workflows.replay import film_replay, replay
+from minitouch_bench.workflows.report import ReportOptions, report
+from tests.cli.command import run
+from tests.leaderboard.synthetic import make_submission
+
+RUN = Path("submissions/hac/seed-0/table4")
+
+
+@pytest.fixture(scope="module")
+def submission(tmp_path_factory):
+    """A submission in a directory of submissions, which nobody may change."""
+    return make_submission(tmp_path_factory.mktemp("looked-at") / "submissions")
+
+
+@pytest.fixture
+def inside(submission, monkeypatch):
+    """Work where the submissions are; what lies in this one must be the same afterwards."""
+    monkeypatch.chdir(submission.parents[1])
+    before = sorted(submission.rglob("*"))
+    yield submission
+    assert sorted(submission.rglob("*")) == before
+    assert validate(submission).passed
+
+
+def shortest(directory):
+    """Return the name of the episode with the fewest steps."""
+    row = min(read_run(directory).episodes, key=lambda row: row.steps)
+    return f"{row.task}/{row.index}"
+
+
+@pytest.mark.usefixtures("inside")
+@pytest.mark.parametrize("run_path", [RUN, RUN / "run.json"])
+def test_the_report_of_a_submission_s_run_is_written_elsewhere(run_path):
+    done = report(ReportOptions((run_path,)))
+    assert done.directory == Path("reports/hac/seed-0/table4")
+    assert {path.name for path in done.directory.iterdir()} >= {"report.md", "report.html"}
+
+
+@pytest.mark.usefixtures("inside")
+def test_an_episode_of_a_submission_s_run_is_filmed_elsewhere():
+    film = film_replay(replay(RUN, shortest(RUN)))
+    assert film.parent == Path("reports/hac/seed-0/table4/replays")
+    assert film.stat().st_size > 1000
+
+
+def test_the_command_on_a_submission_s_page_films_its_episode(inside):
+    root = inside.parents[1]
+    build_board(Path("submissions"), Path("board"))
+    page = html.unescape(Path("board/submission/hac.html").read_text())
+    (command,) = re.findall(r'"command":"(minitouch-bench [^"]*)"', page)
+    _, *words = shlex.split(command.replace("EPISODE", shortest(RUN)).replace("FILM", "one.gif"))
+    done = run(*words, directory=root)
+    assert done.out == "one.gif\n"
+    assert "NOT the bits" in done.err  # nobody simulated these episodes
+    assert (root / "one.gif").stat().st_size > 1000
