@@ -82,11 +82,11 @@ def test_other_seeds_change_every_digest():
     assert changed(replace(PROTOCOL, seeds=PROTOCOL.seeds + 1)) == set(TASK_NAMES)
 
 
-def test_a_fifth_task_changes_no_digest_of_the_four():
+def test_a_fifth_task_changes_no_digest():
     fifth = replace(PROTOCOL.task("pushing"), name="pegging")
     other = replace(PROTOCOL, tasks=(*PROTOCOL.tasks, fifth))
     assert changed(other) == set()
-    assert other.digest() != PROTOCOL.digest()
+    assert other.digest() == PROTOCOL.digest()
 
 
 def test_a_renamed_field_keeps_its_key_and_the_digest():

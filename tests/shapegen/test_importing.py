@@ -49,8 +49,8 @@ def test_holes_are_filled_faces_turned_and_parts_joined(tmp_path: Path) -> None:
     inside_out.invert()
     inside_out.export(str(tmp_path / "inside.stl"))
     assert refusal(tmp_path / "inside.stl") == ""
-    pair = [block(0.04, 0.046, 0.044), block(0.04, 0.046, 0.044)]
-    pair[1].apply_translation([0.04, 0.0, 0.0])
+    pair = [block(0.041, 0.043, 0.043), block(0.041, 0.043, 0.043)]
+    pair[1].apply_translation([0.041, 0.0, 0.0])
     trimesh.util.concatenate(pair).export(str(tmp_path / "touching.stl"))
     assert refusal(tmp_path / "touching.stl") == ""
 
