@@ -188,6 +188,7 @@ PICK_UP = PickUpSpec(
     force_limit=200.0,  # R
     default_objects="train",
     object_can_leave=True,  # T
+    clearance=0.09,  # D: the shapes are wide, and the fingers open at the first step
     cube=CubeSpec(side=0.045, mass=0.2),  # D
     lift=0.05,  # T
 )
