@@ -4,6 +4,7 @@ from typer.testing import CliRunner
 
 from minitouch_bench.cli.shapes import app
 from minitouch_bench.shapegen import importing
+from minitouch_bench.shapegen.soundness import Reason
 from tests.cli.command import run
 
 
@@ -22,7 +23,7 @@ def test_a_refusal_has_no_progress_bar(tmp_path):
     run("shapes", "check", "gone", directory=tmp_path).refused(2, "gone")
 
 
-TOO_LONG = {"mug.stl": "longest side outside 40-70 mm (92.1 mm)"}
+TOO_LONG = {"mug.stl": f"{Reason.SIZE} (102.1 mm)"}
 
 
 def test_where_a_size_is_the_reason_fit_is_named(monkeypatch, tmp_path):
