@@ -67,7 +67,7 @@ PROTOCOL = ProtocolSpec(
         least_visible_pixels=15,  # D
         max_draws=50,  # D
     ),
-    shapes="67875f10c1536289adc8ec3a2d9a1b4c3adcc8518ed7541d0629e43c7e55f2b6",
+    shapes="975ccc9ddde05b4519a40f17a4b56ae0a3109eb5e3d9b57893312bdb06c26ea8",
     tasks=TASKS,
     suites=SUITES,
 )

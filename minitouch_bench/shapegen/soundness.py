@@ -50,6 +50,7 @@ class Reason(StrEnum):
     TOO_FLAT = "too low in every stable pose"
     TOO_WIDE = "too wide for the fingers where it is high enough"
     SLIPS = "cannot be lifted by two fingers"
+    COPY = "nearly the same solid as another shape"
 
 
 @dataclass(frozen=True)

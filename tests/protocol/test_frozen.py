@@ -6,12 +6,12 @@ FROZEN = {
     ("table4", "playing"): "7f88a4ca6b546f33c85f16d7c797e4b30d383e1ae9254a55f41a869020cdd883",
     ("table4", "pushing"): "1c1d6d6b098b1af5f0a27f6a8ed27be1286c7e17f0126d2b580e0e87d12d231c",
     ("table4", "opening"): "56d5940dc7980e286a478aacaaf0b735118b57717bb03dde7e2c726deede5eef",
-    ("table4", "pick-up"): "7c005cb3f8d02a698658ba4a1243277fd2fa67a79497c1aa724b5d72f58b882a",
-    ("novel-shapes", "playing"): "4816dd51a66188e2efd6ac58b2bbcb019cd9e7ab75d785d2b22dd5696c9cef17",
-    ("novel-shapes", "pushing"): "35a3e6b3af92bf379ade45f50da18a7309e27a058284becff67deac478ad8b14",
-    ("novel-shapes", "pick-up"): "7c005cb3f8d02a698658ba4a1243277fd2fa67a79497c1aa724b5d72f58b882a",
+    ("table4", "pick-up"): "6d996f8229e64a7b871ec42cd1a6df170ea81fee2e96a987924a9b98afbc6342",
+    ("novel-shapes", "playing"): "5c3356db9afcca2fea2743e4c72667a0c08e588273191214b58d2456548a2675",
+    ("novel-shapes", "pushing"): "3216ff29fb4f883932fd75ae06c4588aced7728ea3715cc375c860a38d989de4",
+    ("novel-shapes", "pick-up"): "6d996f8229e64a7b871ec42cd1a6df170ea81fee2e96a987924a9b98afbc6342",
 }
-WHOLE = "6f2973f9951733588d0c8c10f2d78ae16d250a00477cba67a5a8bbc4068a3f98"
+WHOLE = "7d28e06344e79cf311767a0936c8f8cc6ed71031cbe1f09f148b0670d98637c1"
 
 
 def test_the_protocol_is_frozen():
