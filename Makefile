@@ -1,20 +1,30 @@
 # `make evaluate` and `make test` set everything up themselves, from nothing.
 
-PYTHON ?= $(shell command -v python3.11 || command -v python3)
+SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
+PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
+  $$python -c "$(SUPPORTED)" 2>/dev/null && command -v $$python && break; done)
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
+DEV    := $(VENV)/.dev
+SITE   := $(VENV)/.site
+PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: evaluate test prove regress leaderboard check format bench schemas tables pictures clean
+.PHONY: evaluate test test-wheel prove regress leaderboard check format bench schemas reference facts pictures \
+  submission-tools clean
 
 evaluate: $(READY)
-	$(BIN)/minitouch-bench evaluate scripted --suite smoke --fresh
+	$(BIN)/minitouch-bench evaluate scripted --suite smoke --workers auto --fresh
 
-test: $(READY)
+test: $(DEV)
 	$(BIN)/python -m pytest -n auto
 
-prove: $(READY)
-	$(BIN)/python -m pytest -n auto -m slow
+prove: $(DEV)
+	$(BIN)/python -m pytest -n auto -m slow --ignore tests/test_wheel.py
+
+# The built wheel in an empty environment, by pip and, where it is installed, by uv.
+test-wheel: $(DEV)
+	$(BIN)/python -m pytest -n 0 -m slow tests/test_wheel.py
 
 # The calibration policies against their committed baselines.
 regress: $(READY)
@@ -26,36 +36,58 @@ regress: $(READY)
 leaderboard: $(READY)
 	$(BIN)/minitouch-bench leaderboard build
 
-check: $(READY)
+.PHONY: site
+# The documentation with the leaderboard, in site/: every dead link is an error. It opens offline.
+site: $(SITE)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --clean
+	cp -r reports/leaderboard site/leaderboard
+
+check: $(DEV)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-format: $(READY)
+format: $(DEV)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: $(READY)
+bench: $(DEV)
 	$(BIN)/python -m benchmarks.speed
 
-schemas: $(READY)
+schemas: $(DEV)
 	$(BIN)/python -m benchmarks.schemas
 
-# The CSV files and report.md of each stored submission, which follow from its run.json.
-tables: $(READY)
-	$(BIN)/python -m benchmarks.stored_tables
+# The pages of docs/reference/ that follow from the code.
+reference: $(DEV)
+	$(BIN)/python -m benchmarks.reference
 
-pictures: $(READY)
+# A submission holds facts only: remove what an older version packed beside them.
+facts: $(READY)
+	$(BIN)/python -m benchmarks.submission_facts
+
+pictures: $(DEV)
 	$(BIN)/python -m benchmarks.pictures
 
-clean:
-	rm -rf $(VENV) build dist *.egg-info
+# What .github/workflows/submission.yml and proof.yml need to run every format of policy.
+submission-tools: $(READY)
+	$(PIP) --editable '.[onnx,sb3]'
 
-# The +cpu build of torch has no CUDA packages (gigabytes) behind it.
+clean:
+	rm -rf $(VENV) build dist site *.egg-info
+
+# What evaluation needs. The +cpu build of torch has no CUDA packages (gigabytes) behind it.
 $(READY): pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else \
-	"MiniTouch-bench needs Python 3.11, the last that PyBullet has wheels for; this is %d.%d. Try: make PYTHON=/path/to/python3.11" % v)'
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	@"$(PYTHON)" -c "$(SUPPORTED)" || { echo "MiniTouch-bench needs CPython 3.11, 3.12 or 3.13," \
+	  "not '$(PYTHON)'. Try: make PYTHON=/path/to/python3.13" >&2; exit 1; }
+	"$(PYTHON)" -m venv $(VENV)
+	$(PIP) --no-compile --editable .
 	@touch $(READY)
+
+# Every extra, and what tests and checks need.
+$(DEV): $(READY)
+	$(PIP) --editable '.[dev]'
+	@touch $(DEV)
+
+$(SITE): $(READY)
+	$(PIP) --editable '.[docs]'
+	@touch $(SITE)

@@ -27,14 +27,14 @@ def read_curve(file: Path) -> pd.DataFrame:
         rows["step"] -= steps
         rows, steps = rows[rows["step"] > 0].reset_index(drop=True), 0
     kept = rows[["step", "touch_share"]].assign(success=episode_success(rows))
-    return kept.assign(task=task, method=method, seed=int(seed), exploration_steps=steps)
+    return kept.assign(task=task, method=method, seed=int(seed), steps=steps)
 
 
 def main() -> None:
     """Draw all curves, a plot per task and length of exploration."""
     curves = pd.concat(map(read_curve, sorted((DOCS / "curves").glob("*.csv"))))
-    longest = curves.groupby("task")["exploration_steps"].transform("max")
-    curves["exploration_steps"] = curves["exploration_steps"].fillna(longest).astype(int)  # sac
+    longest = curves.groupby("task")["steps"].transform("max")
+    curves["steps"] = curves["steps"].fillna(longest).astype(int)  # sac
     for path in write_figures(tuple(learning_curves(curves)), DOCS / "pictures"):
         if path.suffix == ".pdf":
             path.unlink()

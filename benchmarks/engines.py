@@ -15,9 +15,9 @@ from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.ray_engine import RayEngine
-from minitouch_bench.evaluation.suites import Suite
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EpisodeSpec
+from minitouch_bench.runs.plan import Suite
 
 WORKERS = 2
 ROUNDS = 5

@@ -40,7 +40,7 @@ def main() -> None:
 
 
 def make_files(directory: Path) -> Iterable[Path]:
-    """Write the file of every recipe of docs/policies.md."""
+    """Write the file of every recipe of docs/how-to/export-a-policy.md."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         run_recipes(

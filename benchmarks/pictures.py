@@ -14,19 +14,25 @@ DOCUMENT_PICTURES = Path("docs/pictures")
 WIDTH, HEIGHT = 640, 480
 SMOOTHING = 2
 """Pixels drawn for each one kept, in both directions."""
+FILM_WIDTH, FILM_HEIGHT = 240, 180
+FILM_STEPS = 24
+"""Control steps of the film; a task that ends earlier stays as it ended."""
+FRAME_MS = 160
 
 MOMENTS = {"playing": (3, 6), "pushing": (5, 8), "opening": (1, 15), "pick-up": (2, 9)}
 """Episode seed and control step of each picture."""
 
 
 def main() -> None:
-    """Write one picture a task, and a strip of all four with what a policy sees."""
+    """Write a picture of each task, a strip of all with what a policy sees, and a film of all."""
     REPORT_PICTURES.mkdir(parents=True, exist_ok=True)
     DOCUMENT_PICTURES.mkdir(parents=True, exist_ok=True)
     strip = []
     for task in TASKS:
         picture, observed = draw(task)
         picture.quantize(128).save(REPORT_PICTURES / f"{task}.png", optimize=True)
+        small = picture.resize((WIDTH // 2, HEIGHT // 2), Image.Resampling.LANCZOS)
+        small.quantize(128).save(DOCUMENT_PICTURES / f"{task}.png", optimize=True)
         inset = Image.fromarray(observed).resize((168, 168), Image.Resampling.NEAREST)
         picture.paste((255, 255, 255), (WIDTH - 180, 8, WIDTH - 8, 180))
         picture.paste(inset.convert("RGB"), (WIDTH - 178, 10))
@@ -34,6 +40,33 @@ def main() -> None:
     joined = Image.fromarray(np.concatenate(strip, axis=1))
     half = joined.resize((joined.width // 2, joined.height // 2), Image.Resampling.LANCZOS)
     half.quantize(128).save(DOCUMENT_PICTURES / "tasks.png", optimize=True)
+    write_film(DOCUMENT_PICTURES / "tasks.gif")
+
+
+def write_film(file: Path) -> None:
+    """Write a film of the scripted policy at all tasks side by side."""
+    films = [film(task) for task in TASKS]
+    frames = [Image.fromarray(np.concatenate(row, axis=1)) for row in zip(*films, strict=True)]
+    palette = frames[len(frames) // 2].quantize(96)
+    first, *others = [frame.quantize(palette=palette, dither=0) for frame in frames]
+    first.save(file, save_all=True, append_images=others, duration=FRAME_MS, loop=0, optimize=True)
+
+
+def film(task: str) -> list[np.ndarray]:
+    """Return an image of each control step of an episode of the scripted policy."""
+    environment = MiniTouchEnv(task, width=FILM_WIDTH * SMOOTHING, height=FILM_HEIGHT * SMOOTHING)
+    environment.reset(seed=MOMENTS.get(task, (0, 5))[0])
+    controller = make_controller(environment)
+    images = []
+    ended = False
+    for _ in range(FILM_STEPS):
+        large = Image.fromarray(environment.picture())
+        images.append(np.asarray(large.resize((FILM_WIDTH, FILM_HEIGHT), Image.Resampling.LANCZOS)))
+        if not ended:
+            _, _, terminated, truncated, _ = environment.step(controller.act())
+            ended = terminated or truncated
+    environment.close()
+    return images
 
 
 def draw(task: str) -> tuple[Image.Image, np.ndarray]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from minitouch_bench.leaderboard.board import board_schema
 from minitouch_bench.leaderboard.submission import submission_schema
-from minitouch_bench.reporting.run_directory import run_schema
+from minitouch_bench.runs.schema import run_schema
 
 DOCS = Path(__file__).parent.parent / "docs"
 SCHEMAS = {"run": run_schema, "submission": submission_schema, "leaderboard": board_schema}

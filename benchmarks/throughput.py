@@ -15,12 +15,12 @@ from rich.table import Table
 
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import PolicySource, parse_source
 from minitouch_bench.records import EpisodeSpec
+from minitouch_bench.runs.plan import find_suite
 
 LEVELS = (Isolation.PROCESS, Isolation.SANDBOX, Isolation.NONE)
 ROUNDS = 7

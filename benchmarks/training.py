@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from minitouch_bench.agents import METHODS
 from minitouch_bench.agents.config import PRESETS
-from minitouch_bench.agents.curiosity import METHODS
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.policies.networks import TOUCH_SIZE
+from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
@@ -50,6 +51,7 @@ def fill(task):
 
 def main():
     """Print the figures of every task and method, for the preset named, or for default."""
+    keep_freed_memory()
     torch.set_num_threads(1)
     preset = PRESETS[sys.argv[1] if len(sys.argv) > 1 else "default"]
     for task in TASK_NAMES:

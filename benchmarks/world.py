@@ -37,7 +37,7 @@ class Felt:
 
 
 def felt_in_words(episodes: Sequence[Felt]) -> str:
-    """Return what is compared with the release (docs/protocol.md)."""
+    """Return what is compared with the release (docs/reference/protocol.md)."""
     touched = np.concatenate([one.touched for one in episodes])
     size = np.linalg.norm(np.concatenate([one.forces for one in episodes]), axis=1)
     first = [int(one.touched.argmax()) + 1 for one in episodes if one.touched.any()]

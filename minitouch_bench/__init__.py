@@ -9,7 +9,7 @@
     run.table4()
 
 Importing it is cheap: Gymnasium, simulator, torch and pandas are imported when they are first
-needed, and Gymnasium then knows the tasks. See ``docs/python.md``.
+needed, and Gymnasium then knows the tasks. See ``docs/reference/python-api.md``.
 """
 
 import importlib

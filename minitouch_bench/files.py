@@ -19,7 +19,6 @@ from minitouch_bench.errors import MiniTouchError, RunDirectoryError, Unreadable
 
 KIB, MIB, GIB = 2**10, 2**20, 2**30
 
-JOURNAL_FILE = "journal.jsonl"
 ACTIONS_FILE = "actions.npz"
 RUN_FILE = "run.json"
 EPISODES_FILE = "episodes.csv"
@@ -37,19 +36,21 @@ SUBMISSION_FILE, CHECKPOINTS = "submission.toml", "checkpoints"
 
 REPORTS = Path("reports")
 """Where runs and reports without ``output`` get a directory of their own."""
-ATTEMPTS = "attempts"
-"""Folder of what is known of episodes that have no record yet; a finished run has none."""
+UNFINISHED = "unfinished"
+"""Folder of what is done of a run; a finished run has none."""
 
 RUN_FILES = (
-    JOURNAL_FILE, ACTIONS_FILE, RUN_FILE, EPISODES_FILE, EXPLORATION_FILE, TABLE4_FILE,
+    ACTIONS_FILE, RUN_FILE, EPISODES_FILE, EXPLORATION_FILE, TABLE4_FILE,
     GENERALIZATION_FILE, REPORT_FILE, REPORT_PAGE, SETTINGS_FILE,
 )  # fmt: skip
-"""What a run writes, beside ``videos/``."""
+"""What a run writes, beside its folders."""
 
 RUN_FOLDERS = {
     VIDEOS: re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+\.(mp4|gif)"),
     TENSORBOARD: re.compile(r"events\.out\.tfevents\.[\w.-]+"),
-    ATTEMPTS: re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+"),
+    UNFINISHED: re.compile(
+        r"\.[0-9a-f]{16}\.partial|header\.unit|(exploration-)?[a-z][a-z0-9-]*-\d+\.(unit|given)"
+    ),
 }
 """A run's folders, and what its files in them are called."""
 
@@ -72,7 +73,7 @@ PARTIAL_PATTERN = f".{'[0-9a-f]' * 16}.partial"
 
 def holds_run(directory: Path) -> bool:
     """Tell whether a run was started in this directory."""
-    return any(os.path.lexists(directory / name) for name in (JOURNAL_FILE, RUN_FILE))
+    return any(os.path.lexists(directory / name) for name in (UNFINISHED, RUN_FILE))
 
 
 def entries_of(directory: Path) -> list[str]:

@@ -2,6 +2,7 @@
 
 import importlib
 from importlib.metadata import PackageNotFoundError, requires
+from operator import attrgetter
 from types import ModuleType
 from typing import Any
 
@@ -17,7 +18,7 @@ def require(module: str, extra: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        wanted = " ".join(f"'{one}'" for one in _packages_of(extra))
+        wanted = " ".join(f"'{package}'" for package in _packages_of(extra))
         raise MissingExtraError(
             f"this needs the package '{error.name}': pip install {wanted} "
             f"(the extra minitouch-bench[{extra}])"
@@ -31,8 +32,8 @@ def _packages_of(extra: str) -> list[str]:
     except PackageNotFoundError:  # a checkout that is not installed
         lines = ()
     parts = [line.partition(";") for line in lines]
-    found = [name.strip() for name, _, marker in parts if marker.strip() == f'extra == "{extra}"']
-    return found or [f"minitouch-bench[{extra}]"]
+    names = [name.strip() for name, _, marker in parts if marker.strip() == f'extra == "{extra}"']
+    return names or [f"minitouch-bench[{extra}]"]
 
 
 def look_up(target: str) -> Any:
@@ -43,9 +44,6 @@ def look_up(target: str) -> Any:
     """
     module_name, _, attribute = target.partition(":")
     try:
-        found: Any = importlib.import_module(module_name)
-        for part in attribute.split("."):
-            found = getattr(found, part)
+        return attrgetter(attribute)(importlib.import_module(module_name))
     except (ImportError, AttributeError) as error:
         raise PolicyLoadError(f"'{target}' cannot be imported: {error}") from error
-    return found

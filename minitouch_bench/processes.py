@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -58,6 +59,8 @@ serve(connection, int(sys.argv[2]))
 
 CLOSE_TIMEOUT_S = 2.0
 PR_SET_PDEATHSIG = 1
+WATCH_S = 0.05
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 
 MAX_ATTEMPTS = 3
 """A job, such as an episode, that fails for no fault of the user is tried again, twice."""
@@ -91,16 +94,52 @@ def interrupts_held() -> Iterator[None]:
 def die_with(parent: int) -> None:
     """Have the kernel kill this process when its parent ends, or end now if it has.
 
-    The parent is the thread that started the process: start it in a lasting one.
+    The parent is the thread that started the process: start it in a lasting one. Only Linux can
+    do it; elsewhere a process ends when the pipe that it reads from does.
     """
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if platform.system() == "Linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # it ended before the request was made
         os._exit(0)
 
 
+def keep_freed_memory() -> None:
+    """Have the C library keep freed memory for what needs it next, where it is glibc.
+
+    It would return large tensors to the system, and each new one would start with page faults.
+    """
+    if platform.libc_ver()[0] == "glibc":
+        library = ctypes.CDLL(None)
+        library.mallopt(M_MMAP_THRESHOLD, 2**25)  # the largest that it takes
+        library.mallopt(M_TRIM_THRESHOLD, 2**30)
+
+
 def core_count() -> int:
     """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0))
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # macOS
+
+
+def watch(pid: int) -> int:
+    """Return a descriptor that becomes readable when a process ends.
+
+    Where the system has none, as on macOS, a thread looks, and sees the end of a child only
+    after it was reaped.
+    """
+    if hasattr(os, "pidfd_open"):
+        return os.pidfd_open(pid)
+    reader, writer = os.pipe()
+    threading.Thread(target=_close_after, args=(pid, writer), daemon=True).start()
+    return reader
+
+
+def _close_after(pid: int, descriptor: int) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        while True:
+            os.kill(pid, 0)
+            time.sleep(WATCH_S)
+    os.close(descriptor)
 
 
 def run_in_workers(
@@ -175,7 +214,7 @@ class _Worker(Generic[Job, Result]):
                 pass_fds=(theirs.fileno(),),
                 env={**os.environ, **variables},
             )
-        self.sentinel = os.pidfd_open(self.process.pid)
+        self.sentinel = watch(self.process.pid)
         self.task: tuple[int, int] | None = None
         self.send(sys.path)
         self.send(cloudpickle.dumps(function))
@@ -209,8 +248,8 @@ class _Worker(Generic[Job, Result]):
 def _ready(pool: Sequence[_Worker[Job, Result]]) -> list[_Worker[Job, Result]]:
     """Wait until some busy workers have an answer or have died, and return them."""
     busy = [worker for worker in pool if worker.task]
-    found = wait([handle for w in busy for handle in (w.connection, w.sentinel)])
-    return [w for w in busy if w.connection in found or w.sentinel in found]
+    ready = wait([handle for w in busy for handle in (w.connection, w.sentinel)])
+    return [w for w in busy if w.connection in ready or w.sentinel in ready]
 
 
 def serve(connection: Connection, parent: int) -> None:

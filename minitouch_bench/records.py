@@ -1,19 +1,14 @@
-"""Frozen records that every layer shares. They hold data and know no simulator.
-
-Those of ``run.json`` are its types: ``documents`` reads and writes them, and makes the schema.
-"""
+"""Frozen records that every layer shares: episodes, their measurements and their estimates."""
 
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from enum import StrEnum
-from typing import Annotated, Final, Literal
+from typing import Annotated
 
 import numpy as np
-from msgspec import UNSET, Meta, UnsetType
+from msgspec import Meta
 from numpy.typing import NDArray
-
-from minitouch_bench.conditions import STANDARD, Conditions
 
 Count = Annotated[int, Meta(ge=0)]
 Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
@@ -152,6 +147,9 @@ class Estimate:
     count: Count
     method: str
 
+    def __str__(self) -> str:
+        return f"{self.value:.4g} [{self.low:.4g}, {self.high:.4g}]"
+
 
 @dataclass(frozen=True)
 class TaskSummary:
@@ -232,106 +230,3 @@ class PolicyIdentity:
     kind: str
     digest: Sha256OrNone
     notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class RunHeader:
-    """Everything that fixes the numbers of a run, known before its first episode.
-
-    ``task_digests``: the protocol's digest for each task; results of a task are comparable where
-    its digests are equal. ``episode_timeout_s`` and ``conditions`` are left out where they are
-    those of the protocol. ``chosen_episodes`` names those that were run, as in "pushing/17", where
-    it was not every one of ``episodes`` per task.
-    """
-
-    protocol: str
-    protocol_digest: str
-    task_digests: Mapping[str, str]
-    suite: str
-    official: bool
-    unofficial_because: tuple[str, ...]
-    tasks: tuple[str, ...]
-    episodes: Count
-    seed: Count
-    policy: PolicyIdentity
-    exploration: PolicyIdentity | None
-    act_timeout_s: float
-    isolation: str
-    episode_timeout_s: float | UnsetType = UNSET
-    conditions: Conditions | UnsetType = UNSET
-    chosen_episodes: tuple[str, ...] | UnsetType = UNSET
-
-    @property
-    def played_under(self) -> Conditions:
-        """The conditions of the run's episodes."""
-        return STANDARD if self.conditions is UNSET else self.conditions
-
-    @property
-    def chosen(self) -> tuple[str, ...]:
-        """The chosen episodes; none where every one was run."""
-        return () if self.chosen_episodes is UNSET else self.chosen_episodes
-
-    def rules_differ(self, other: "RunHeader") -> tuple[str, ...]:
-        """Return the tasks of both runs that were not played by the same rules."""
-        return tuple(
-            task
-            for task in self.tasks
-            if task in other.tasks and self.task_digests.get(task) != other.task_digests.get(task)
-        )
-
-
-@dataclass(frozen=True)
-class RunEnvironment:
-    """Where and when a run was made; never part of its numbers."""
-
-    packages: Mapping[str, str]
-    machine: Mapping[str, str]
-    workers: Count
-    started: str
-    wall_s: float
-
-
-@dataclass(frozen=True)
-class EvaluationRun:
-    """A finished evaluation: its header and one record an episode, in the suite's order."""
-
-    header: RunHeader
-    environment: RunEnvironment
-    records: tuple[EpisodeRecord, ...]
-
-
-RUN_FORMAT: Final = "minitouch-run"
-RUN_VERSION: Final = 2
-"""Raised whenever a field of ``run.json`` is added or means something else, here and below."""
-
-
-@dataclass(frozen=True)
-class RunDocument:
-    """What ``run.json`` holds: everything a report is drawn from.
-
-    ``digest`` covers every episode: runs with equal ones hold the same bits. ``faults`` says what
-    the policy did wrong, by episode, such as "pushing/17" or "exploration/pushing/17"; each is a
-    failed episode. Episodes stand in the suite's order. Equal runs give equal documents except for
-    ``environment``, which alone holds times.
-    """
-
-    format: Literal["minitouch-run"]
-    version: Literal[2]
-    digest: Sha256
-    header: RunHeader
-    environment: RunEnvironment
-    summary: Summary
-    faults: Mapping[str, str]
-    episodes: tuple[EpisodeMetrics, ...]
-    exploration_episodes: tuple[EpisodeMetrics, ...]
-
-    def by_role(self) -> tuple[tuple[Role, tuple[EpisodeMetrics, ...]], ...]:
-        """Return the episodes of each role, the final policy's first."""
-        return (Role.FINAL, self.episodes), (Role.EXPLORATION, self.exploration_episodes)
-
-
-@dataclass(frozen=True)
-class SavedRun(RunDocument):
-    """A run as read back, and what it is called: usually by its directory's name."""
-
-    name: str

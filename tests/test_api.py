@@ -71,7 +71,7 @@ def test_an_object_is_evaluated_and_its_run_is_unofficial(counted):
 def test_an_object_remembers_nothing_and_workers_do_not_matter(counted):
     run, policy = counted
     again = mt.evaluate(policy, **{**SHORT, "episodes": 2}, workers=2, name="again")
-    assert again.saved.digest == run.saved.digest
+    assert again.facts.digest == run.facts.digest
     assert again.header.policy.name == "again"
 
 
@@ -90,6 +90,21 @@ def test_the_figures_of_a_run_are_tables_and_estimates(counted):
     assert steps.value == episodes["steps"].mean()
     assert "success" in dir(run["opening"])
     assert sum(run["opening"].outcomes.values()) == 2
+
+
+def test_what_people_print_is_readable(counted):
+    run, _ = counted
+    success = run["opening"].success
+    assert str(success) == f"{success.value:.4g} [{success.low:.4g}, {success.high:.4g}]"
+    task = str(run["opening"])
+    assert task.startswith("Opening\n")
+    assert "Success ↑" in task
+    assert "share of episodes" in task
+    frame = run["opening"].to_frame()
+    assert frame.loc["success", ["label", "value"]].tolist() == ["Success", success.value]
+    printed = str(run)
+    for words in ("Opening", "Diagnostics: Counter", "RND+touch", "unofficial: "):
+        assert words in printed
 
 
 def test_an_object_of_a_script_s_own_class_is_resumed_when_the_script_runs_again(tmp_path):
@@ -173,7 +188,7 @@ def test_a_model_of_stable_baselines_gives_the_bits_of_its_zip(tmp_path):
 def test_a_run_with_a_directory_is_loaded_and_compared(tmp_path, counted):
     run = mt.evaluate("scripted", **SHORT, workers=1, output=tmp_path / "run")
     loaded = mt.load_run(tmp_path / "run")
-    assert loaded.saved == run.saved
+    assert loaded.facts == run.facts
     assert loaded["opening"].success.value == 1.0
     comparison = mt.compare(run, str(tmp_path / "run"))
     assert comparison.pairs[0].identical
@@ -186,7 +201,7 @@ def test_a_run_with_a_directory_is_loaded_and_compared(tmp_path, counted):
 @pytest.mark.parametrize(
     ("policy", "reason"),
     [
-        (42, "int is no policy: .* an object with act"),
+        (42, "int is not a policy: .* an object with act"),
         (Unpicklable(), "Unpicklable cannot be copied for each episode"),
         ("gone.pt", "does not exist"),
     ],
@@ -198,7 +213,7 @@ def test_what_is_no_policy_is_refused(policy, reason):
 
 def test_lists_and_workers_are_written_as_on_the_command_line(counted):
     run = mt.evaluate(Counter(), "smoke", tasks="opening", episodes=2, workers="auto")
-    assert run.saved.digest == counted[0].saved.digest
+    assert run.facts.digest == counted[0].facts.digest
     changed = mt.evaluate(Counter(), **SHORT, without="forces", perturb="mass=2,noise=3")
     said = {"without forces", "mass 2 times", "noise 3 gray levels"}
     assert said <= set(changed.header.unofficial_because)
@@ -212,7 +227,7 @@ def test_wrong_options_are_refused():
     with pytest.raises(UsageError, match="no engine 'cloud' here; there are local"):
         mt.evaluate("zero", engine="cloud")
     for options in ({"episodes": 0}, {"episodes": 10**6}, {"seed": -1}, {"workers": 0}):
-        with pytest.raises(UsageError, match="can be"):
+        with pytest.raises(UsageError, match=r"can be|a number from 1 to"):
             mt.evaluate("zero", **options)
 
 
@@ -253,7 +268,7 @@ def test_importing_it_is_cheap():
 
 @pytest.mark.slow
 def test_the_page_for_python_runs_from_top_to_bottom(tmp_path):
-    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "how-to" / "python.md").read_text(encoding="utf-8")
     (tmp_path / "page.py").write_text(
         "\n".join(re.findall(r"^```python\n(.*?)^```", page, re.M | re.S))
     )

@@ -73,15 +73,21 @@ def test_a_place_that_cannot_be_written_is_said(tmp_path, place):
 def test_clearing_removes_the_run_and_nothing_else(tmp_path):
     for name in (*RUN_FILES, "notes.txt", "policy.pt"):
         (tmp_path / name).write_text("x")
-    for name in ("videos/pushing-0.mp4", "videos/mine.mp4", "attempts/pick-up-3", "figures/a.mp4"):
+    folders = (
+        "videos/pushing-0.mp4",
+        "videos/mine.mp4",
+        "unfinished/pushing-3.unit",
+        "other/a.mp4",
+    )
+    for name in folders:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("x")
-    assert foreign_entries(tmp_path) == ["figures", "notes.txt", "policy.pt", "videos/mine.mp4"]
+    assert foreign_entries(tmp_path) == ["notes.txt", "other", "policy.pt", "videos/mine.mp4"]
     assert holds_run(tmp_path)
     clear_run(tmp_path)
     clear_run(tmp_path)
     assert not holds_run(tmp_path)
-    assert sorted(os.listdir(tmp_path)) == ["figures", "notes.txt", "policy.pt", "videos"]
+    assert sorted(os.listdir(tmp_path)) == ["notes.txt", "other", "policy.pt", "videos"]
     assert os.listdir(tmp_path / "videos") == ["mine.mp4"]
 
 
@@ -90,13 +96,13 @@ def test_clearing_follows_no_link(tmp_path):
     run.mkdir()
     mine.mkdir()
     (mine / "pushing-0.mp4").write_text("kept")
-    for name in ("videos", "attempts"):
+    for name in ("unfinished", "videos"):
         (run / name).symlink_to(mine)
     (run / "run.json").symlink_to(mine / "pushing-0.mp4")
     clear_run(run)
-    assert sorted(os.listdir(run)) == ["attempts", "videos"]
+    assert sorted(os.listdir(run)) == ["unfinished", "videos"]
     assert (mine / "pushing-0.mp4").read_text() == "kept"
-    assert foreign_entries(run) == ["videos", "attempts"]
+    assert foreign_entries(run) == ["videos", "unfinished"]
 
 
 def test_what_cannot_be_cleared_is_said(tmp_path):
@@ -265,10 +271,10 @@ def test_a_folder_is_made_and_one_that_is_a_link_is_refused(tmp_path):
 @pytest.mark.parametrize("flags", [os.O_WRONLY | os.O_APPEND, os.O_RDWR])
 def test_a_file_that_is_written_on_has_no_other_name(tmp_path, flags):
     (tmp_path / "mine").write_text("kept")
-    os.link(tmp_path / "mine", tmp_path / "journal")
+    os.link(tmp_path / "mine", tmp_path / "other")
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match="another name"):
-        open_plain(tmp_path / "journal", flags)
+        open_plain(tmp_path / "other", flags)
     with pytest.raises(OSError, match=r"no plain file|No such device"):
         open_plain(tmp_path / "pipe", flags)
 

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, get_type_hints
+from typing import Any
 
-from minitouch_bench.agents.curiosity import METHODS
-from minitouch_bench.documents import read_toml
+from minitouch_bench.agents import METHODS
+from minitouch_bench.documents import read_toml, take_table
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
@@ -83,11 +83,11 @@ class PhaseConfig:
 class SacConfig:
     """What the learner keeps through both phases.
 
-    ``encoder_width`` scales the channels of the shared encoder; saved policies have Table 3's,
-    with zeros where a narrower one has nothing.
-    ``shift``: pixels by which pictures are shifted at random (DrQ; 0 does not).
+    ``encoder_width`` scales the channels of the shared encoder; saved policies have those of
+    Table 3, filled with zeros.
+    ``shift``: pixels by which images are shifted at random (DrQ); 0 for no shift.
     ``target_rate``: share by which the target networks follow at each update.
-    ``target_encoder``: the critics' targets see through an encoder that follows, too; DrQ-v2
+    ``target_encoder``: the target critics have an encoder that follows as well; DrQ-v2
     has none. ``bfloat16``: encode in half precision where the processor can.
     """
 
@@ -133,13 +133,13 @@ class CuriosityConfig:
 class TrainingConfig:
     """One training: a task, a method, a seed, and every setting.
 
-    ``log``: a recorded dataset that exploration learns from in place of the world; each of its
-    steps is then gradient steps alone. ``sac`` acts, and has it in its memory.
-    ``episode_steps``: control steps after which a training episode is broken off; 0: the task's.
+    ``log``: a recorded dataset that exploration learns from in place of the simulator; each of its
+    steps is then gradient steps alone. ``sac`` acts, with the dataset in its replay memory.
+    ``episode_steps``: control steps after which a training episode ends; 0: the task's.
     ``random_steps``: uniformly random actions before learning starts.
     ``updates_per_step``: gradient steps per control step, fractions allowed.
     ``carry``: which networks the task phase takes over from exploration.
-    ``replay_size``: observations that the memory holds; the oldest leave it.
+    ``replay_size``: observations in the replay memory; the oldest are removed.
     ``force_scale``: the finger forces (N) that the networks see as 1.
     ``log_every``: control steps between two rows of ``progress.csv``. After each
     ``evaluate_every`` (0: never) the policy plays ``evaluate_episodes`` episodes of its own, and
@@ -248,8 +248,7 @@ def make_config(
     base = PRESETS[preset](task)
     if file is not None:
         base = read_config(file, base)
-    config: TrainingConfig = apply_settings(base, settings)
-    return replace(config, task=task)
+    return replace(apply_settings(base, settings), task=task)
 
 
 def read_config(path: Path, base: TrainingConfig) -> TrainingConfig:
@@ -258,37 +257,16 @@ def read_config(path: Path, base: TrainingConfig) -> TrainingConfig:
     Raises:
         UsageError: the file is unreadable, or sets what there is not.
     """
-    config: TrainingConfig = apply_settings(base, read_toml(path))
-    return config
+    return take_table(read_toml(path), TrainingConfig, str(path), base)
 
 
-def apply_settings(config: Any, settings: Mapping[str, Any]) -> Any:
-    """Return a frozen dataclass with settings replaced, tables inside it too.
+def apply_settings(config: TrainingConfig, settings: Mapping[str, Any]) -> TrainingConfig:
+    """Return ``config`` with settings replaced, nested as in a file.
 
     Raises:
         UsageError: an unknown name, or a value of another type.
     """
-    types = get_type_hints(type(config))
-    changes = {}
-    for name, value in settings.items():
-        if name not in types:
-            raise UsageError(f"no setting '{name}'; there are {', '.join(types)}")
-        current = getattr(config, name)
-        if is_dataclass(current) and isinstance(value, Mapping):
-            changes[name] = apply_settings(current, value)
-        else:
-            changes[name] = _converted(name, value, current)
-    return replace(config, **changes)
-
-
-def _converted(name: str, value: object, current: object) -> object:
-    if isinstance(current, tuple) and isinstance(value, list):
-        return tuple(value)
-    if isinstance(current, float) and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if type(value) is not type(current):
-        raise UsageError(f"'{name}' is {value!r}, not a {type(current).__name__}")
-    return value
+    return take_table(settings, TrainingConfig, base=config)
 
 
 def trained_steps(directory: Path) -> int:

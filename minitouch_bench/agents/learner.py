@@ -139,9 +139,9 @@ class Learner:
             reward = self.phase.reward_scale * batch.task_reward
             batch = replace(batch, discount=batch.discount * ~batch.ended)
             return self.sac.update(batch, reward, self.noise, step)
-        losses = self.curiosity.update(batch)
-        reward = self.phase.reward_scale * self.curiosity.reward(batch)
-        losses["intrinsic_reward"] = reward.mean()
+        errors = self.curiosity.update(batch)
+        reward = self.phase.reward_scale * self.curiosity.reward(errors.surprise)
+        losses = {"curiosity_loss": errors.loss, "intrinsic_reward": reward.mean()}
         return losses | self.sac.update(batch, reward, self.noise, step)
 
     def _batch(self, replay: Replay) -> Batch:

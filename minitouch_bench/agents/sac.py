@@ -7,6 +7,7 @@ et al. 2021). Pictures can be shifted at random before each use (DrQ, Kostrikov 
 import copy
 import math
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -182,13 +183,12 @@ def shift_at_random(image: Tensor, pixels: int, generator: torch.Generator) -> T
         return image
     count, _, height, width = image.shape
     up, left = torch.randint(
-        -pixels, pixels + 1, (2, count, 1), generator=generator, device=image.device
-    )
-    rows = (torch.arange(height, device=image.device) + up).clamp(0, height - 1)
-    rows += height * torch.arange(count, device=image.device)[:, None]
-    columns = (torch.arange(width, device=image.device) + left).clamp(0, width - 1)
-    moved = image.reshape(-1, width).index_select(0, rows.flatten()).view(count, height, width)
-    return moved.gather(2, columns[:, None].expand_as(moved)).view_as(image)
+        2 * pixels + 1, (2, count), generator=generator, device=image.device
+    ).numpy(force=True)
+    beyond = ((0, 0), (0, 0), (pixels, pixels), (pixels, pixels))
+    padded = np.pad(image.numpy(force=True), beyond, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (height, width), (2, 3))
+    return torch.from_numpy(windows[np.arange(count), :, up, left]).to(image.device)
 
 
 def _step(optimizer: torch.optim.Optimizer, loss: Tensor) -> None:

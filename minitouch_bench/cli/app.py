@@ -7,37 +7,47 @@ from typing import Annotated
 
 import typer
 
+from minitouch_bench.cli.command import as_command
 from minitouch_bench.cli.compare import compare
 from minitouch_bench.cli.console import notes
 from minitouch_bench.cli.doctor import doctor
-from minitouch_bench.cli.evaluate import evaluate
+from minitouch_bench.cli.evaluate import show_evaluation
 from minitouch_bench.cli.leaderboard import app as leaderboard
-from minitouch_bench.cli.record import record
+from minitouch_bench.cli.record import show_dataset
 from minitouch_bench.cli.regress import regress
-from minitouch_bench.cli.replay import replay
+from minitouch_bench.cli.replay import show_replay
 from minitouch_bench.cli.report import report
 from minitouch_bench.cli.shapes import app as shapes
 from minitouch_bench.cli.study import study
 from minitouch_bench.cli.submit import submit
 from minitouch_bench.cli.tasks import tasks
-from minitouch_bench.cli.train import train
-from minitouch_bench.cli.verify import verify
+from minitouch_bench.cli.train import show_directory, training_progress
+from minitouch_bench.cli.verify import show_verification
 from minitouch_bench.errors import MiniTouchError
 from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.workflows.evaluate import evaluate
+from minitouch_bench.workflows.record import record
+from minitouch_bench.workflows.replay import replay
+from minitouch_bench.workflows.train import train
+from minitouch_bench.workflows.verify import verify
 
 INTERRUPTED = 130
 """What typer returns after a Ctrl-C that no command has told the user about."""
 
 COMMANDS: dict[Callable[..., None], str] = {
-    evaluate: "minitouch-bench evaluate my_policy.onnx --suite smoke",
+    as_command(evaluate, show_evaluation): "minitouch-bench evaluate my_policy.onnx --suite smoke",
     report: "minitouch-bench report reports/a reports/b --output reports/both",
     compare: "minitouch-bench compare reports/a reports/b",
     regress: "minitouch-bench regress new.onnx --baseline reports/old",
-    verify: "minitouch-bench verify reports/a --rerun 20",
-    replay: "minitouch-bench replay reports/a pushing/3",
-    train: "minitouch-bench train opening --method hac --seed 1",
+    as_command(verify, show_verification): "minitouch-bench verify reports/a --rerun 20",
+    as_command(replay, show_replay): "minitouch-bench replay reports/a pushing/3",
+    as_command(
+        train, show_directory, training_progress
+    ): "minitouch-bench train opening --method hac --seed 1",
     study: "minitouch-bench study my-study.toml",
-    record: "minitouch-bench record scripted pushing --output data/pushing",
+    as_command(
+        record, show_dataset
+    ): "minitouch-bench record scripted pushing --output data/pushing",
     submit: "minitouch-bench submit my_policy.onnx --name my-policy",
     tasks: "minitouch-bench tasks --json",
     doctor: "minitouch-bench doctor",

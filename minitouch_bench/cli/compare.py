@@ -28,7 +28,7 @@ def compare(
         comparison_markdown,
         show_comparison,
     )
-    from minitouch_bench.reporting.run_directory import read_run
+    from minitouch_bench.runs.run import read_run
 
     comparison = compare_runs([read_run(run) for run in runs], list(map(str, runs)))
     if output is not None:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, notes
+from minitouch_bench.workflows import options
 
 if TYPE_CHECKING:
     from minitouch_bench.verification.doctor import Check
@@ -18,14 +18,14 @@ SIGNS = {"ok": "[green]ok[/]", "note": "[cyan]note[/]", "fail": "[red]FAIL[/]"}
 
 
 def doctor(
-    workers: options.Workers = options.AUTO,
+    workers: options.WorkersText = options.AUTO,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Check the installation, the sandbox, and that this machine repeats its own bits."""
     from minitouch_bench.processes import core_count
     from minitouch_bench.verification.doctor import Verdict, examine
 
-    count = options.worker_count(workers) or core_count()
+    count = options.engine_options("local", workers, None).workers or core_count()
     checks: list[Check] = []
     with notes.status("examining") as status:
         for check in examine(count):

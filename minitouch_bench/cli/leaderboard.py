@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli import options
 from minitouch_bench.cli.console import EpisodeProgress, notes
 from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError
 from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.workflows import options
 
 INVALID = 1
 UNREADABLE = 6
@@ -52,7 +52,7 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
             "checkpoint is fixed; by default 128 random bits.",
         ),
     ] = None,
-    workers: options.Workers = options.AUTO,
+    workers: options.WorkersText = options.AUTO,
     time_limit: Annotated[
         float | None,
         typer.Option(
@@ -66,13 +66,12 @@ def validate(  # noqa: PLR0917 - each parameter is an option of the command
 
     With --replay, --rerun or --fresh-seeds a proof is written beside them, which the board shows.
     """
-    from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.leaderboard.proof import MIN_FRESH_EPISODES
     from minitouch_bench.rendering.escaping import printable
     from minitouch_bench.verification.fresh import new_draw
     from minitouch_bench.workflows.validate import ValidateOptions, validate_submission
 
-    engine = EngineOptions(workers=options.worker_count(workers))
+    engine = options.engine_options("local", workers, None)
     asked = ValidateOptions(replay, rerun, fresh_seeds, draw or new_draw(), engine)
     if time_limit is not None:
         asked = replace(asked, time_limit_s=time_limit)
@@ -121,15 +120,16 @@ def build(
     """Write the board as Markdown, CSV, JSON and a site that opens offline."""
     from minitouch_bench.leaderboard.build import build_board
 
-    built = build_board(submissions, output, lambda name: notes.print(name, markup=False))
-    for refusal in built.refused:
+    board = build_board(submissions, output, lambda line: notes.print(line, markup=False))
+    for refusal in board.refused:
         _show_problems(refusal.name, refusal.reasons)
     notes.print(
-        f"{built.ranked} ranked, {built.apart} of another protocol, {len(built.refused)} refused",
+        f"{len(board.ranked)} ranked, {len(board.other_protocol)} of another protocol, "
+        f"{len(board.refused)} refused",
         markup=False,
     )
     print(output / "index.html")
-    if strict and built.refused:
+    if strict and board.refused:
         raise typer.Exit(INVALID)
 
 

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from minitouch_bench.cli import options
 from minitouch_bench.cli.console import EpisodeProgress, data_console, notes
 from minitouch_bench.errors import UsageError
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
+from minitouch_bench.workflows import options
 
 if TYPE_CHECKING:
     from minitouch_bench.regression.settings import GateSettings
@@ -55,7 +55,7 @@ def regress(
     lenient: Annotated[
         bool, typer.Option("--lenient", help="Never fail where there are not enough episodes.")
     ] = False,
-    workers: options.Workers = options.AUTO,
+    workers: options.WorkersText = options.AUTO,
     engine: options.EngineName = "local",
     address: options.Address = None,
     output: Annotated[
@@ -64,7 +64,7 @@ def regress(
     ] = None,
     resume: options.Resume = False,
     fresh: options.Fresh = False,
-    isolation: options.IsolationLevel = Isolation.SANDBOX,
+    isolation: options.IsolationText = Isolation.SANDBOX,
     trust: options.Trust = False,
     act_timeout: options.ActTimeout = ACT_TIMEOUT_S,
     episode_timeout: options.EpisodeTimeout = EPISODE_TIMEOUT_S,
@@ -82,11 +82,9 @@ def regress(
         raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
     if candidate is not None and (output is not None or resume or fresh or trust):
         raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
-    from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.regression.settings import with_flags
     from minitouch_bench.regression.writers import gate_json, show_result
     from minitouch_bench.workflows import regress as workflow
-    from minitouch_bench.workflows.evaluate import OutputOptions
 
     page = summary or Path(os.environ.get(GITHUB_SUMMARY) or "")
     asked = workflow.RegressOptions(
@@ -101,9 +99,11 @@ def regress(
             strict=strict,
             lenient=lenient,
         ),
-        EngineOptions(engine, options.worker_count(workers), address),
+        options.engine_options(engine, workers, address),
         options.isolation_options(isolation, trust, act_timeout, episode_timeout),
-        OutputOptions(output, resume=resume, fresh=fresh),
+        output,
+        resume,
+        fresh,
         junit,
         page if page.name else None,
     )

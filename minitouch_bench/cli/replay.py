@@ -1,25 +1,24 @@
-"""``minitouch-bench replay``: look at one recorded episode."""
+"""``minitouch-bench replay``: what it films or prints."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, notes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from minitouch_bench.records import EpisodeRecord
+    from minitouch_bench.workflows.replay import ReplayedEpisode
 
 CHECK_FAILED = 1
 HEADINGS = ("step", "action", "end effector (m)", "fingers (N)", "contact (ticks)", "object")
 
 
-def replay(
-    run: options.RunDirectory,
-    episode: Annotated[str, typer.Argument(help="As pushing/17 or exploration/pushing/17.")],
+def show_replay(
+    replayed: "ReplayedEpisode",
     *,
     film_file: Annotated[
         Path | None,
@@ -33,17 +32,16 @@ def replay(
         bool, typer.Option("--steps", help="Print what happened at each step, film nothing.")
     ] = False,
 ) -> None:
-    """Replay a recorded episode without its policy: film it, or print it step by step."""
-    from minitouch_bench.workflows import replay as workflow
+    """Film the episode or print its steps, and say whether its bits are those recorded."""
+    from minitouch_bench.workflows.replay import film_replay
 
-    replayed = workflow.replay(run, episode)
     record, row = replayed.record, replayed.row
     count = len(record.trace.actions)
     if steps:
         _print_steps(record)
     else:
         notes.print(f"filming {count + 1} frames", markup=False)
-        print(workflow.film_replay(replayed, film_file))
+        print(film_replay(replayed, film_file))
     bits = "the same bits as recorded" if replayed.is_same else "NOT the bits that were recorded"
     notes.print(f"{record.spec.key}: {row.outcome} after {count} steps; {bits}", markup=False)
     if not replayed.is_same:

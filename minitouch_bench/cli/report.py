@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, notes
+from minitouch_bench.workflows import options
 
 curve_option = partial(typer.Option, rich_help_panel="Learning curve")
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from minitouch_bench.cli import options
 from minitouch_bench.cli.console import LINE_INTERVAL_S, notes
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
+from minitouch_bench.workflows import options
 
 if TYPE_CHECKING:
     from minitouch_bench.reporting.study import StudyTraining
@@ -24,11 +24,13 @@ SHOWN = 3
 
 
 def study(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The grid: see docs/training.md.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="The grid: see docs/how-to/studies.md.")
+    ],
     output: Annotated[
         Path | None, typer.Option(help="By default reports/studies/NAME, after the file.")
     ] = None,
-    workers: options.Workers = "1",
+    workers: options.WorkersText = "1",
     engine: options.StudyEngine = "local",
     address: options.Address = None,
 ) -> None:
@@ -36,7 +38,6 @@ def study(
 
     Exit 5 where a training failed: the same command tries it again.
     """
-    from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.reporting.study import StudyResults, state_lines
     from minitouch_bench.workflows.study import STUDIES, StudyOptions, read_study, run_study
 
@@ -44,7 +45,7 @@ def study(
         notes.print(state_lines(found)[0], markup=False)
 
     directory = output or STUDIES / file.stem
-    runs_it = EngineOptions(engine, options.worker_count(workers), address)
+    runs_it = options.engine_options(engine, workers, address)
     config = read_study(file)
     with _shown_progress(config, directory):
         found = run_study(StudyOptions(config, directory, runs_it, show))

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli import options
 from minitouch_bench.cli.console import EpisodeProgress, notes
 from minitouch_bench.errors import UsageError
+from minitouch_bench.workflows import options
 
 INVALID = 1
 about_option = partial(typer.Option, rich_help_panel="What the board tells")
@@ -32,7 +32,7 @@ def submit(
     suites: Annotated[
         str, options.episodes_option(help="table4, or table4,novel-shapes.")
     ] = "table4",
-    exploration: options.Exploration = None,
+    exploration: options.ExplorationText = None,
     training_seed: Annotated[
         int, about_option(min=0, help="Which training run this is; submit each under its own.")
     ] = 0,
@@ -58,16 +58,15 @@ def submit(
     ] = True,
     resume: options.Resume = False,
     fresh: options.Fresh = False,
-    workers: options.Workers = options.AUTO,
+    workers: options.WorkersText = options.AUTO,
     trust: options.Trust = False,
 ) -> None:
     """Evaluate a policy on the official suites and pack a submission for the leaderboard."""
-    from minitouch_bench.evaluation.engine import EngineOptions
     from minitouch_bench.workflows import submit as workflow
 
     given = {
         "method": method,
-        "authors": None if authors is None else options.comma_separated(authors),
+        "authors": None if authors is None else options.words(authors),
         "paper": paper,
         "code": code,
         "license": license_,
@@ -84,12 +83,12 @@ def submit(
         policy=policy,
         runs=tuple(run or ()),
         exploration=exploration,
-        suites=options.comma_separated(suites),
+        suites=options.words(suites),
         about={field: value for field, value in given.items() if value is not None},
         training_seed=training_seed,
         include=include_checkpoint,
         directory=directory,
-        engine=EngineOptions(workers=options.worker_count(workers)),
+        engine=options.engine_options("local", workers, None),
         trust=trust,
         resume=resume,
         fresh=fresh,
@@ -111,7 +110,7 @@ def submit(
 def _modalities(text: str) -> tuple[str, ...]:
     from minitouch_bench.leaderboard.submission import MODALITIES
 
-    asked = options.comma_separated(text)
+    asked = options.words(text)
     if unknown := [word for word in asked if word not in MODALITIES]:
         raise UsageError(f"no modality '{unknown[0]}'; they are {', '.join(MODALITIES)}")
     return tuple(name for name in MODALITIES if name in asked)

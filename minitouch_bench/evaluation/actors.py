@@ -1,5 +1,6 @@
 """The policies of a run, and the actors that play its episodes with them."""
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.conditions import STANDARD, Conditions
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import Actor
 from minitouch_bench.policies.in_memory import keep_in_memory
@@ -24,6 +25,8 @@ from minitouch_bench.policies.sources import PolicySource, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.protocol.seeds import senses_generator
 from minitouch_bench.records import EpisodeSpec, Role
+from minitouch_bench.runs.actions import Actions
+from minitouch_bench.runs.plan import Plan
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
@@ -97,6 +100,49 @@ class ScriptedActor:
         """Do nothing: there is no process."""
 
 
+END_OF_RECORDING = "the recorded actions end before the episode does"
+"""The fault of a replayed episode that its policy broke off."""
+
+
+class RecordedActor:
+    """Repeats the actions of each episode, and fails where they end too early."""
+
+    _rest: Iterator[NDArray[np.float32]]
+
+    def __init__(self, actions: Mapping[str, Actions]) -> None:
+        self._actions = actions
+
+    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+        """Begin the episode's actions."""
+        self._rest = iter(self._actions[spec.key])
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the next action.
+
+        Raises:
+            PolicyFaultError: there is none.
+        """
+        try:
+            return next(self._rest)
+        except StopIteration:
+            raise PolicyFaultError(END_OF_RECORDING) from None
+
+    def close(self) -> None:
+        """Do nothing: there is no process."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The actions of a run by the keys of its episodes, float32 (T, A) each, as applied."""
+
+    actions: Mapping[str, Actions]
+    conditions: Conditions = STANDARD
+
+    def make_actor(self, role: Role) -> RecordedActor:
+        """Return an actor that repeats them."""
+        return RecordedActor(self.actions)
+
+
 @dataclass(frozen=True)
 class PolicySetup:
     """The policies of a run by role, and how they are isolated."""
@@ -133,18 +179,18 @@ class PolicySetup:
 
 def prepare_policies(
     policy: object,
-    tasks: tuple[str, ...],
+    plan: Plan,
     isolation: IsolationOptions = SANDBOXED,
     note: Note = lambda _: None,
     *,
     exploration: object | None = None,
     name: str | None = None,
-    conditions: Conditions = STANDARD,
 ) -> PolicySetup:
-    """Find the policies and load each once, so that a bad file is refused before any episode.
+    """Find the policies of a plan and load each once: a bad file is refused before any episode.
 
-    A policy is what the command line takes, or an object. ``name`` is what reports call the
-    policy; by default its own name. ``note`` takes a line for the user.
+    A policy is what the command line takes, an object, or a ``PolicySource``. ``name`` is what
+    reports call the policy; by default its own name. ``note`` takes a line for the user.
+    Conditions and limits are those of the plan.
 
     Raises:
         UsageError: an option has no meaning here.
@@ -152,18 +198,19 @@ def prepare_policies(
     """
     if isolation.level is Isolation.NONE and not isolation.trust:
         raise UsageError("--isolation none runs the policy in this very process: add --trust")
-    source = _find_policy(policy, tasks, isolation, note, Role.FINAL)
-    if source.kind == "scripted" and conditions.change_the_senses:
+    isolation = replace(isolation, limits=plan.limits)
+    source = _find_policy(policy, plan.tasks, isolation, note, Role.FINAL)
+    if source.kind == "scripted" and plan.conditions.change_the_senses:
         raise UsageError("the scripted policy has no senses to change: it reads the simulator")
     if name is not None:
         source = replace(source, name=name)
     if exploration is None:
-        return PolicySetup(source, isolation=isolation, conditions=conditions)
-    goals = tuple(task for task in tasks if task in GOAL_TASKS)
+        return PolicySetup(source, isolation=isolation, conditions=plan.conditions)
+    goals = tuple(task for task in plan.tasks if task in GOAL_TASKS)
     if not goals:
         raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
     explorer = _find_policy(exploration, goals, isolation, note, Role.EXPLORATION)
-    return PolicySetup(source, explorer, isolation, conditions)
+    return PolicySetup(source, explorer, isolation, plan.conditions)
 
 
 def _find_policy(
@@ -173,7 +220,9 @@ def _find_policy(
     note: Note,
     role: Role,
 ) -> PolicySource:
-    if isinstance(policy, str | Path):
+    if isinstance(policy, PolicySource):
+        source = policy
+    elif isinstance(policy, str | Path):
         source = parse_source(str(policy), tasks, trust=isolation.trust, role=role)
     else:
         source = keep_in_memory(policy)

@@ -80,7 +80,7 @@ ENGINES: Mapping[str, EngineEntry] = {
         jobs="minitouch_bench.evaluation.local_engine:run_jobs",
     ),
     "ray": EngineEntry(
-        "on a Ray cluster, see docs/cluster.md",
+        "on a Ray cluster, see docs/how-to/ray.md",
         episodes="minitouch_bench.evaluation.ray_engine:open_ray",
         jobs="minitouch_bench.evaluation.ray_engine:run_jobs",
         address="the cluster; without it Ray starts here",

@@ -15,6 +15,7 @@ from minitouch_bench.policies.policy import Observation
 from minitouch_bench.processes import MAX_ATTEMPTS
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
+from minitouch_bench.units import given_path
 
 NOT_REPEATED = "tried again, it did not repeat its actions"
 
@@ -56,7 +57,7 @@ class GivenActions:
 
     An attempt can fail for no fault of the policy: its process is killed, its worker dies, the
     run is interrupted. A policy could use another attempt for another try. So each action is in
-    a file before it is applied, and stays there until the episode's record is in the journal.
+    a file before it is applied, and stays there until the episode's record is kept.
     ``path`` names the file; None: only the attempts of this process are known.
     """
 
@@ -99,11 +100,6 @@ class GivenActions:
         elif row != self._given[self._count]:
             raise PolicyFaultError(NOT_REPEATED)
         self._count += 1
-
-
-def given_path(folder: Path, key: str) -> Path:
-    """Return where the actions of an episode are, by its key, as ``pushing-17``."""
-    return folder / key.replace("/", "-")
 
 
 class EpisodeRunner:

@@ -1,25 +1,30 @@
-"""The board as data: what ``leaderboard.json`` holds, and what every other writer draws.
+"""The board as data: what ``leaderboard.json`` holds, and what every other writer shows.
 
 Its schema is published as ``docs/leaderboard.schema.json``.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass, fields, replace
+from itertools import chain
+from typing import Annotated, Any, Literal
 
 from minitouch_bench.documents import schema_of
 from minitouch_bench.leaderboard.copies import find_copies
-from minitouch_bench.leaderboard.entries import Ending
+from minitouch_bench.leaderboard.entries import Ending, Entry, count_endings
+from minitouch_bench.leaderboard.facts import Fact, Place, facts_of
 from minitouch_bench.leaderboard.proof import RANKED_LEVELS, FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank, rank
-from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
-from minitouch_bench.metrics.definitions import metrics_shown_in
+from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY, score, score_gaps
+from minitouch_bench.leaderboard.submission import BOARD_TASKS, About
+from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.policies.formats import BUILT_IN
-from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.records import Count, Estimate, Gap, Sha256
+from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
-from minitouch_bench.reporting.run_directory import with_task_names
+from minitouch_bench.runs.schema import with_task_names
 
 CEILING = "scripted"
 FLOORS = tuple(name for name in BUILT_IN if name != CEILING)
@@ -52,31 +57,31 @@ class PublishedMethod:
     values: tuple[PublishedValue, ...]
 
 
-@dataclass(frozen=True)
-class BoardRow:
-    """A submission: what it tells, how well it is proved, and its figures.
+def _repeats(others: tuple[str, ...]) -> str:
+    return f"same episodes as {', '.join(others)}" if others else ""
+
+
+def _seeds(seeds: tuple[int, ...]) -> str:
+    return "1 seed" if len(seeds) == 1 else f"{len(seeds)} seeds"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoardRow(About):
+    """A submission: what it says of itself, how well it is proved, and its figures.
 
     ``same_episodes_as`` names the submissions with a run of which at least half of the episodes
     are the same, bit for bit; ``runs`` has the digest of each run. ``ranks`` by task and "overall",
     empty for a calibration policy; ``figures`` by task (or "overall") and metric, in the units that
-    ``docs/metrics.md`` gives; ``novel_shapes`` by task: the metric that ranks it on held-out and on
-    train shapes, and held-out minus train. ``endings``: number of episodes by how they ended.
+    ``docs/reference/metrics.md`` gives; ``novel_shapes`` by task: the metric that ranks it on
+    held-out and on train shapes, and held-out minus train. ``endings``: number of episodes by how
+    they ended.
     """
 
-    name: str
-    method: str
-    authors: tuple[str, ...]
-    paper: str
-    code: str
-    license: str
-    training_steps: Count
-    modalities: tuple[str, ...]
-    notes: str
-    proof: ProofLevel
+    proof: Annotated[ProofLevel, Fact("Proof", Place.COLUMN)]
     rerun_episodes: Count
     fresh: FreshProof | None
-    same_episodes_as: tuple[str, ...]
-    training_seeds: tuple[Count, ...]
+    same_episodes_as: Annotated[tuple[str, ...], Fact("Repeats", Place.NAME, write=_repeats)]
+    training_seeds: Annotated[tuple[Count, ...], Fact("Training seeds", Place.NAME, write=_seeds)]
     runs: Mapping[str, Sha256]
     ranks: Mapping[str, Rank]
     figures: Mapping[str, Mapping[str, Estimate]]
@@ -93,15 +98,12 @@ class BoardRow:
         """Whether it has a rank."""
         return self.proof in RANKED_LEVELS and not self.is_calibration
 
-    @property
-    def repeats(self) -> str:
-        """What it repeats of others, in words; "" if nothing."""
-        others = ", ".join(self.same_episodes_as)
-        return f"same episodes as {others}" if others else ""
-
     def estimate(self, task: str, metric: str) -> Estimate | None:
         """Return an estimate, None where there is none."""
         return self.figures.get(task, {}).get(metric)
+
+
+FACTS = facts_of(BoardRow)
 
 
 @dataclass(frozen=True)
@@ -144,48 +146,16 @@ def board_schema() -> dict[str, Any]:
     return with_task_names(schema_of(Board, "The MiniTouch leaderboard"))
 
 
-@dataclass(frozen=True)
-class ScoredSubmission:
-    """A submission's row without what other submissions change, and what else a board needs.
-
-    ``values`` by task: of each training seed, the episodes' values in the metric that ranks the
-    task. ``episodes`` by the path of a main run: its ``episode_digests``. ``videos`` are paths in
-    the submission. ``page`` is its page, with marks where ranks and copies stand.
-    """
-
-    row: BoardRow
-    values: Mapping[str, tuple[tuple[float, ...], ...]]
-    episodes: Mapping[str, tuple[str, ...]]
-    videos: tuple[str, ...]
-    page: str = ""
-
-
-@dataclass(frozen=True)
-class Refusal(LeftOut):
-    """A submission that did not pass, or that was made under another protocol."""
-
-    is_other_protocol: bool
-
-
-def make_board(found: Iterable[ScoredSubmission | Refusal]) -> Board:
-    """Rank the submissions of one protocol."""
-    listed = list(found)
-    refusals = [one for one in listed if isinstance(one, Refusal)]
-    scored = sorted(
-        (one for one in listed if isinstance(one, ScoredSubmission)), key=lambda one: one.row.name
-    )
-    ranks = iter(rank([one.values for one in scored if one.row.is_ranked]))
-    same = _same_episodes(scored)
-    rows = [
-        replace(
-            row,
-            same_episodes_as=tuple(sorted(same.get(row.name, ()))),
-            ranks=next(ranks) if row.is_ranked else {},
-        )
-        for row in (one.row for one in scored)
-    ]
-    calibration = {row.name: row for row in rows if row.is_calibration}
-    submitted = in_order([row for row in rows if not row.is_calibration], OVERALL)
+def make_board(entries: Iterable[Entry], failed: Iterable[Verdict] = ()) -> Board:
+    """Rank the submissions of one protocol, and list those that did not pass."""
+    by_name = {entry.about.name: entry for entry in sorted(entries, key=lambda e: e.about.name)}
+    repeated = _same_episodes(by_name.values())
+    rows = {name: _row(entry, repeated.get(name, ())) for name, entry in by_name.items()}
+    ranked = [name for name, row in rows.items() if row.is_ranked]
+    for name, ranks in zip(ranked, rank([_values(by_name[n]) for n in ranked]), strict=True):
+        rows[name] = replace(rows[name], ranks=ranks)
+    submitted = in_order([row for row in rows.values() if not row.is_calibration], OVERALL)
+    verdicts = list(failed)
     return Board(
         format="minitouch-leaderboard",
         version=3,
@@ -193,12 +163,43 @@ def make_board(found: Iterable[ScoredSubmission | Refusal]) -> Board:
         protocol_digest=PROTOCOL.digest(),
         ranked=tuple(row for row in submitted if row.is_ranked),
         unranked=tuple(row for row in submitted if not row.is_ranked),
-        calibration=tuple(calibration[name] for name in CALIBRATION if name in calibration),
-        missing_calibration=tuple(name for name in CALIBRATION if name not in calibration),
+        calibration=tuple(rows[name] for name in CALIBRATION if name in rows),
+        missing_calibration=tuple(name for name in CALIBRATION if name not in rows),
         paper=tuple(map(_published, PAPER_METHODS)),
-        other_protocol=_left_out(one for one in refusals if one.is_other_protocol),
-        refused=_left_out(one for one in refusals if not one.is_other_protocol),
+        other_protocol=tuple(_left_out(v) for v in verdicts if v.is_other_protocol),
+        refused=tuple(_left_out(v) for v in verdicts if not v.is_other_protocol),
     )
+
+
+def _row(entry: Entry, repeated: Iterable[str]) -> BoardRow:
+    """Return the row of a submission, before it is ranked."""
+    about, runs = entry.about, entry.verdict.runs
+    return BoardRow(
+        **{field.name: getattr(about, field.name) for field in fields(About)},
+        proof=entry.level,
+        rerun_episodes=entry.proof.rerun_episodes if entry.proof else 0,
+        fresh=entry.proof.fresh if entry.proof else None,
+        same_episodes_as=tuple(sorted(repeated)),
+        training_seeds=tuple(seed.seed for seed in about.seeds),
+        runs={place: run.digest for place, run in runs.items()},
+        ranks={},
+        figures=score(entry.runs(MAIN_SUITE)),
+        novel_shapes=score_gaps(entry.runs(NOVEL_SHAPES)),
+        endings={
+            task: count_endings(chain(*entry.episodes(MAIN_SUITE, task))) for task in BOARD_TASKS
+        },
+    )
+
+
+def _values(entry: Entry) -> dict[str, list[list[float]]]:
+    """Return what ranks each task: of each training seed, the value of every episode."""
+    return {
+        task: [
+            METRICS[RANKED_BY[task]].values(episodes)
+            for episodes in entry.episodes(MAIN_SUITE, task)
+        ]
+        for task in BOARD_TASKS
+    }
 
 
 def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
@@ -211,17 +212,19 @@ def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
     return sorted(rows, key=order)
 
 
-def _same_episodes(scored: Iterable[ScoredSubmission]) -> dict[str, set[str]]:
-    """Return by name the others with a run of the same episodes."""
+def _same_episodes(entries: Iterable[Entry]) -> dict[str, set[str]]:
+    """Return by name the others with a main run of the same episodes."""
     runs = {
-        (one.row.name, place): digests for one in scored for place, digests in one.episodes.items()
+        (entry.about.name, seed): run
+        for entry in entries
+        for seed, run in enumerate(entry.runs(MAIN_SUITE))
     }
-    found: dict[str, set[str]] = {}
-    for (one, _), (other, _) in find_copies(runs):
-        if one != other:
-            found.setdefault(one, set()).add(other)
-            found.setdefault(other, set()).add(one)
-    return found
+    others: dict[str, set[str]] = {}
+    for (name, _), (other, _) in find_copies(runs):
+        if name != other:
+            others.setdefault(name, set()).add(other)
+            others.setdefault(other, set()).add(name)
+    return others
 
 
 def _published(method: str) -> PublishedMethod:
@@ -232,5 +235,5 @@ def _published(method: str) -> PublishedMethod:
     return PublishedMethod(method, tuple(values))
 
 
-def _left_out(refusals: Iterable[Refusal]) -> tuple[LeftOut, ...]:
-    return tuple(LeftOut(one.name, one.reasons) for one in refusals)
+def _left_out(verdict: Verdict) -> LeftOut:
+    return LeftOut(printable(verdict.directory.name), tuple(map(str, verdict.problems)))

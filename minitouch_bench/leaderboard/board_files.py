@@ -3,11 +3,12 @@
 ``leaderboard.json`` is the board itself.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from typing import Any
 
-from minitouch_bench.leaderboard.board import CEILING, FLOORS, Board, BoardRow, LeftOut
-from minitouch_bench.leaderboard.scores import RANKED_BY
+from minitouch_bench.leaderboard.board import CEILING, FACTS, FLOORS, Board, BoardRow, LeftOut
+from minitouch_bench.leaderboard.facts import Place
+from minitouch_bench.leaderboard.scores import GAP_PARTS, RANKED_BY
 from minitouch_bench.leaderboard.views import (
     CALIBRATION,
     EPISODE_VARIANCE,
@@ -21,39 +22,20 @@ from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.markdown import escape, table_lines
 from minitouch_bench.rendering.tables import ABSENT, Cell, Column, Row, Table
 from minitouch_bench.reporting.frames import Row as CsvRow
-from minitouch_bench.reporting.frames import csv_text, make_frame
+from minitouch_bench.reporting.frames import rows_csv
 from minitouch_bench.reporting.labels import listed
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_values
 
 SHOWN_REASONS = 3
 
 
-@dataclass(frozen=True)
-class Fact:
-    """What a board tells of a row beside its figures: a column of its CSV and of its Markdown."""
-
-    name: str
-    label: str
-    of: Callable[[BoardRow], str | int | tuple[str, ...]]
-    is_text: bool = True
-
-
-FACTS = (
-    Fact("method", "Method", lambda row: row.method),
-    Fact("proof", "Proof", lambda row: row.proof.value),
-    Fact("modalities", "Modalities", lambda row: row.modalities),
-    Fact("training_steps", "Training steps", lambda row: row.training_steps, is_text=False),
-    Fact("training_seeds", "Training seeds", lambda row: len(row.training_seeds), is_text=False),
-    Fact("repeats", "Repeats", lambda row: row.repeats),
-)
+TABLE_FACTS = {name: fact for name, fact in FACTS.items() if fact.place is not Place.PAGE}
 
 COLUMNS = (
-    "name", "kind", *(fact.name for fact in FACTS), "suite", "task", "metric",
+    "name", "kind", *TABLE_FACTS, "suite", "task", "metric",
     "value", "low", "high", "count", "interval", "rank", "worst_rank",
 )  # fmt: skip
 """Those of ``leaderboard.csv``, which has a row per value."""
-
-GAP = "held-out minus train"
 
 
 def board_markdown(board: Board, tables: Sequence[View]) -> str:
@@ -87,16 +69,18 @@ def notes() -> tuple[str, ...]:
 
 def _about(board: Board) -> Table:
     rows = tuple(
-        Row((row.name,), tuple(_cell(fact.of(row)) for fact in FACTS)) for row in board.rows
+        Row(
+            (row.name,),
+            tuple(
+                Cell(fact.write(getattr(row, name)) or ABSENT) for name, fact in TABLE_FACTS.items()
+            ),
+        )
+        for row in board.rows
     )
-    columns = tuple(Column(one.label, is_text=one.is_text) for one in FACTS)
+    columns = tuple(
+        Column(fact.label, unit=fact.unit, is_text=fact.is_text) for fact in TABLE_FACTS.values()
+    )
     return Table("Submissions", ("Submission",), columns, rows)
-
-
-def _cell(told: str | int | tuple[str, ...]) -> Cell:
-    if isinstance(told, tuple):
-        return Cell(", ".join(told) or "none")
-    return Cell(str(told) or ABSENT)
 
 
 def _left_out(title: str, refusals: Sequence[LeftOut]) -> list[str]:
@@ -118,35 +102,38 @@ def board_csv(board: Board) -> str:
         head = _head(row)
         rows += [(*head, *rest) for rest in _figures(row)]
     for method in PAPER_METHODS:
-        head = (method, PAPER, *[None] * len(FACTS))
+        head = (method, PAPER, *[None] * len(TABLE_FACTS))
         for (task, metric), printed in paper_values(method).items():
             value = (float(printed.text), None, None, None, printed.remark)
             rows.append((*head, "", task, metric, *value, None, None))
-    return csv_text(make_frame(COLUMNS, rows))
+    return rows_csv(COLUMNS, rows)
 
 
 def _head(row: BoardRow) -> CsvRow:
     kind = CALIBRATION if row.is_calibration else RANKED if row.is_ranked else UNRANKED
-    told = (fact.of(row) for fact in FACTS)
-    return row.name, kind, *(" ".join(one) if isinstance(one, tuple) else one for one in told)
+    values = [getattr(row, name) for name in TABLE_FACTS]
+    return row.name, kind, *map(_csv_value, values)
+
+
+def _csv_value(value: Any) -> object:
+    """Return a fact's value: of words all, of several numbers how many there are."""
+    if not isinstance(value, tuple):
+        return value
+    return len(value) if value and isinstance(value[0], int) else " ".join(value)
 
 
 def _figures(row: BoardRow) -> Iterator[CsvRow]:
     """Walk through a row's estimates, from the suite's name on."""
     for task, figures in row.figures.items():
-        for metric, found in figures.items():
+        for metric, estimate in figures.items():
             rank = row.ranks.get(task) if metric == RANKED_BY[task] else None
             ranks = (rank.best, rank.worst) if rank else (None, None)
-            yield MAIN_SUITE, task, metric, *_interval(found), *ranks
+            yield MAIN_SUITE, task, metric, *_interval(estimate), *ranks
     for task, gap in row.novel_shapes.items():
-        for split, found in (
-            ("held-out", gap.held_out),
-            ("train", gap.train),
-            (GAP, gap.difference),
-        ):
-            metric = f"{RANKED_BY[task]}, {split}"
-            yield NOVEL_SHAPES, task, metric, *_interval(found), None, None
+        for part, title in GAP_PARTS.items():
+            metric = f"{RANKED_BY[task]}, {title}"
+            yield NOVEL_SHAPES, task, metric, *_interval(getattr(gap, part)), None, None
 
 
-def _interval(found: Estimate) -> CsvRow:
-    return found.value, found.low, found.high, found.count, found.method
+def _interval(estimate: Estimate) -> CsvRow:
+    return estimate.value, estimate.low, estimate.high, estimate.count, estimate.method

@@ -4,37 +4,30 @@ Only equal bits are found: a copy that acts a little otherwise in most of its ep
 """
 
 from collections import Counter
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Mapping
 from itertools import combinations
 from typing import TypeVar
 
-from minitouch_bench.records import SavedRun
+from minitouch_bench.runs.run import Run
 
-Run = TypeVar("Run", bound=Hashable)
+Key = TypeVar("Key", bound=Hashable)
 
 SHARE = 0.5
 """Share of episodes in common from which on one run copies another: two trainings have none."""
 
 
-def episode_digests(run: SavedRun) -> tuple[str, ...]:
-    """Return each episode of the final policy as its name and digest."""
-    return tuple(f"{row.task}/{row.index} {row.digest}" for row in run.episodes)
-
-
-def find_copies(runs: Mapping[Run, Iterable[str]]) -> dict[tuple[Run, Run], int]:
+def find_copies(runs: Mapping[Key, Run]) -> dict[tuple[Key, Key], int]:
     """Return the pairs of runs, in their order, that share episodes, and how many they share.
 
-    They share at least SHARE of the episodes of the smaller one.
+    They share at least SHARE of the final policy's episodes of the smaller one.
     """
-    sizes: Counter[Run] = Counter()
-    owners: dict[str, list[Run]] = {}
-    for run, episodes in runs.items():
-        for episode in episodes:
-            sizes[run] += 1
-            owners.setdefault(episode, []).append(run)
-    shared = Counter(pair for found in owners.values() for pair in combinations(found, 2))
+    owners: dict[tuple[str, int, str], list[Key]] = {}
+    for key, run in runs.items():
+        for row in run.episodes:
+            owners.setdefault((row.task, row.index, row.digest), []).append(key)
+    shared = Counter(pair for keys in owners.values() for pair in combinations(keys, 2))
     return {
-        (one, other): count
-        for (one, other), count in shared.items()
-        if count >= SHARE * min(sizes[one], sizes[other])
+        (first, other): count
+        for (first, other), count in shared.items()
+        if count >= SHARE * min(len(runs[first].episodes), len(runs[other].episodes))
     }

@@ -1,109 +1,53 @@
-"""A checked submission with its episodes: a column per metric, and how each one ended."""
+"""A checked submission that may stand on the board, and how its episodes ended."""
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from types import MappingProxyType
 
-import numpy as np
-from numpy.typing import NDArray
-
-from minitouch_bench.leaderboard.proof import Proof, ProofLevel, find_proof, level_of
-from minitouch_bench.leaderboard.submission import TrainingSeed
+from minitouch_bench.files import list_videos
+from minitouch_bench.leaderboard.proof import Proof, ProofLevel
+from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.leaderboard.validation import Verdict
-from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import EpisodeMetrics, Outcome, Role
-
-OUTCOMES = tuple(Outcome)
-BOARD_METRICS = tuple(
-    name for name, metric in METRICS.items() if metric.shown_in & {ShownIn.TABLE4, ShownIn.BOARD}
-)
-"""What a board estimates of every task that has it."""
-
-Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Episodes:
-    """One task's episodes of one role in one run, a column a field, in the suite's order.
-
-    ``outcome`` holds places in OUTCOMES; ``values`` those of the metrics that a board shows, NaN
-    where an episode has none; ``held_out`` marks episodes with a held-out shape.
-    """
-
-    index: NDArray[np.int32]
-    outcome: NDArray[np.int8]
-    values: Mapping[str, Floats]
-    held_out: NDArray[np.bool_]
-    shapes: tuple[str, ...]
-
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """Which episodes succeeded."""
-        return np.equal(self.outcome, OUTCOMES.index(Outcome.SUCCESS))
-
-    @property
-    def touched(self) -> NDArray[np.bool_]:
-        """Which episodes had any contact."""
-        return np.greater(self.values["touched"], 0)
+from minitouch_bench.records import EpisodeMetrics, Outcome
+from minitouch_bench.runs.run import Run
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A submission that may stand on the board, with its proof and the episodes of its runs.
-
-    ``columns`` holds them by the run's path, their role and their task.
-    """
+    """A submission that passed, with its proof."""
 
     verdict: Verdict
     proof: Proof | None
     level: ProofLevel
-    columns: Mapping[tuple[str, Role, str], Episodes]
 
     @property
-    def seeds(self) -> tuple[TrainingSeed, ...]:
-        """The training seeds."""
-        return self.verdict.submission.seeds
+    def about(self) -> Submission:
+        """What its ``submission.toml`` says."""
+        return self.verdict.submission
 
-    def all_have(self, suite: str, role: Role, task: str) -> bool:
-        """Tell whether every training seed has these episodes."""
-        return all((seed.runs.get(suite), role, task) in self.columns for seed in self.seeds)
+    def runs(self, suite: str) -> tuple[Run, ...]:
+        """Return the run of each training seed; none where one of them lacks the suite."""
+        runs = self.verdict.runs
+        places = [seed.runs.get(suite, "") for seed in self.about.seeds]
+        return tuple(runs[place] for place in places) if all(places) else ()
 
-    def episodes(self, suite: str, role: Role, task: str) -> tuple[Episodes, ...]:
-        """Return these episodes of every training seed."""
-        return tuple(self.columns[seed.runs[suite], role, task] for seed in self.seeds)
+    def episodes(self, suite: str, task: str) -> tuple[tuple[EpisodeMetrics, ...], ...]:
+        """Return the final policy's episodes of a task, of each training seed, in order."""
+        return tuple(
+            tuple(row for row in run.episodes if row.task == task) for run in self.runs(suite)
+        )
 
-    def values(self, suite: str, role: Role, task: str, metric: str) -> tuple[Floats, ...]:
-        """Return a metric's values in these episodes, of every training seed."""
-        return tuple(one.values[metric] for one in self.episodes(suite, role, task))
-
-
-def make_entry(verdict: Verdict) -> Entry:
-    """Find the proof of a submission that passed, and put its episodes into columns."""
-    rows: dict[tuple[str, Role, str], list[EpisodeMetrics]] = {}
-    for place, saved in verdict.runs.items():
-        for role, episodes in saved.by_role():
-            for row in episodes:
-                rows.setdefault((place, role, row.task), []).append(row)
-    columns = {key: _columns(own) for key, own in rows.items()}
-    proof = find_proof(verdict)
-    return Entry(verdict, proof, level_of(verdict, proof), columns)
-
-
-def _columns(rows: Sequence[EpisodeMetrics]) -> Episodes:
-    places = {outcome: place for place, outcome in enumerate(OUTCOMES)}
-    return Episodes(
-        index=np.array([e.index for e in rows], np.int32),
-        outcome=np.array([places[e.outcome] for e in rows], np.int8),
-        values={
-            # None becomes NaN.
-            name: np.array([METRICS[name].value(e) for e in rows], np.float64)
-            for name in BOARD_METRICS
-        },
-        held_out=np.array([e.split == "held-out" for e in rows], np.bool_),
-        shapes=tuple(e.shape for e in rows),
-    )
+    def videos(self) -> tuple[str, ...]:
+        """Return the paths of its videos inside the submission."""
+        directory = self.verdict.directory
+        return tuple(
+            video.relative_to(directory).as_posix()
+            for place in self.verdict.runs
+            for video in list_videos(directory / place)
+        )
 
 
 class Ending(StrEnum):
@@ -117,43 +61,45 @@ class Ending(StrEnum):
     FAULT = "policy fault"
 
 
-ENDING_MEANINGS: Mapping[Ending, str] = {
-    Ending.SUCCEEDED: "the goal was reached",
-    Ending.TOUCHED: "Playing has no goal: a finger touched the object",
-    Ending.TOUCHED_FAILED: "a finger touched the object, the step limit came first",
-    Ending.LEFT: "a finger touched the object, which then left the workspace",
-    Ending.NEVER_TOUCHED: "no finger ever touched the object",
-    Ending.FAULT: "the policy raised, timed out or gave no valid action",
-}
+@dataclass(frozen=True)
+class EndingStyle:
+    """The color of an ending, and what it means."""
 
-ENDING_TONES: Mapping[Ending, str] = {
-    Ending.SUCCEEDED: "success",
-    Ending.TOUCHED: "touched",
-    Ending.TOUCHED_FAILED: "failed",
-    Ending.LEFT: "left",
-    Ending.NEVER_TOUCHED: "limit",
-    Ending.FAULT: "fault",
-}
-"""The colors of the endings."""
-
-ENDINGS = tuple(Ending)
+    tone: str
+    meaning: str
 
 
-def endings(episodes: Episodes, task: str) -> NDArray[np.int8]:
-    """Return the ending of each episode, as places in ENDINGS."""
-    touched = Ending.TOUCHED_FAILED if task in GOAL_TASKS else Ending.TOUCHED
-    found = np.where(episodes.touched, ENDINGS.index(touched), ENDINGS.index(Ending.NEVER_TOUCHED))
-    left = episodes.touched & (episodes.outcome == OUTCOMES.index(Outcome.LEFT_WORKSPACE))
-    found[left] = ENDINGS.index(Ending.LEFT)
-    found[episodes.success] = ENDINGS.index(Ending.SUCCEEDED)
-    found[episodes.outcome == OUTCOMES.index(Outcome.POLICY_FAULT)] = ENDINGS.index(Ending.FAULT)
-    return found.astype(np.int8)
+ENDINGS: Mapping[Ending, EndingStyle] = MappingProxyType(
+    {
+        Ending.SUCCEEDED: EndingStyle("success", "the goal was reached"),
+        Ending.TOUCHED: EndingStyle("touched", "Playing has no goal: a finger touched the object"),
+        Ending.TOUCHED_FAILED: EndingStyle(
+            "failed", "a finger touched the object, the step limit came first"
+        ),
+        Ending.LEFT: EndingStyle(
+            "left", "a finger touched the object, which then left the workspace"
+        ),
+        Ending.NEVER_TOUCHED: EndingStyle("limit", "no finger ever touched the object"),
+        Ending.FAULT: EndingStyle("fault", "the policy raised, timed out or gave no valid action"),
+    }
+)
+"""The endings in the order of every table."""
 
 
-def count_endings(listed: Sequence[Episodes], task: str) -> dict[Ending, int]:
-    """Return how many episodes of all training seeds ended in each way that occurs."""
-    counts = sum(
-        (np.bincount(endings(one, task), minlength=len(ENDINGS)) for one in listed),
-        np.zeros(len(ENDINGS), int),
-    )
-    return {ending: int(n) for ending, n in zip(ENDINGS, counts, strict=True) if n}
+def ending_of(episode: EpisodeMetrics) -> Ending:
+    """Return how an episode ended."""
+    if episode.outcome is Outcome.POLICY_FAULT:
+        return Ending.FAULT
+    if episode.success:
+        return Ending.SUCCEEDED
+    if not episode.touch_interaction:
+        return Ending.NEVER_TOUCHED
+    if episode.outcome is Outcome.LEFT_WORKSPACE:
+        return Ending.LEFT
+    return Ending.TOUCHED_FAILED if episode.task in GOAL_TASKS else Ending.TOUCHED
+
+
+def count_endings(episodes: Iterable[EpisodeMetrics]) -> dict[Ending, int]:
+    """Return how many episodes ended in each way that occurs."""
+    counts = Counter(map(ending_of, episodes))
+    return {ending: counts[ending] for ending in ENDINGS if counts[ending]}

@@ -9,16 +9,11 @@ from pathlib import Path
 from minitouch_bench.errors import UnreadableFileError
 from minitouch_bench.files import (
     ACTIONS_FILE,
-    EPISODES_FILE,
-    EXPLORATION_FILE,
-    GENERALIZATION_FILE,
     GIB,
     KIB,
     MIB,
-    REPORT_FILE,
     RUN_FILE,
     SUBMISSION_FILE,
-    TABLE4_FILE,
     is_folder,
     os_errors_as,
     read_file,
@@ -27,18 +22,11 @@ from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.verification.problems import Problems
 
-RUN_LIMITS = {
-    RUN_FILE: 16 * MIB,
-    ACTIONS_FILE: 12 * MIB,
-    EPISODES_FILE: 4 * MIB,
-    EXPLORATION_FILE: 4 * MIB,
-    TABLE4_FILE: MIB,
-    GENERALIZATION_FILE: 4 * MIB,
-    REPORT_FILE: 4 * MIB,
-}
-"""The files of a run in a submission, and the most bytes each may have."""
+RUN_LIMITS = {RUN_FILE: 16 * MIB, ACTIONS_FILE: 12 * MIB}
+"""The files that each run in a submission has, beside videos, and the most bytes of each."""
 
-REQUIRED_RUN_FILES = (RUN_FILE, ACTIONS_FILE, EPISODES_FILE, TABLE4_FILE, REPORT_FILE)
+VIEWS = (".csv", ".md", ".html")
+"""Endings of files that are written for people: of a run's facts, and not among them."""
 
 MAX_SUBMISSION_FILE = 64 * KIB
 MAX_CHECKPOINT = GIB
@@ -57,25 +45,25 @@ def list_files(directory: Path, problems: Problems) -> dict[str, int]:
     if not is_folder(directory):
         problems.add("", "it is a link, not a directory", "give the directory itself")
         return {}
-    found: dict[str, int] = {}
+    sizes: dict[str, int] = {}
     with problems.caught(""), os_errors_as(UnreadableFileError, directory, "read"):
-        _list_files(directory, found, problems)
-    return found
+        _list_files(directory, sizes, problems)
+    return sizes
 
 
-def _list_files(directory: Path, found: dict[str, int], problems: Problems) -> None:
+def _list_files(directory: Path, sizes: dict[str, int], problems: Problems) -> None:
     for entry in walk(directory):
         place = entry.path[len(str(directory)) + 1 :]
         status = entry.stat(follow_symlinks=False)
         if stat.S_ISLNK(status.st_mode):
             problems.add(place, "it is a symbolic link", "put the file itself there")
         elif stat.S_ISREG(status.st_mode):
-            found[place] = status.st_size
+            sizes[place] = status.st_size
         elif not stat.S_ISDIR(status.st_mode):
             problems.add(place, "it is no plain file", "remove it")
         elif place.count("/") >= MAX_DEPTH - 1:
             problems.add(place, f"it is a directory more than {MAX_DEPTH} levels deep", "remove it")
-        if len(found) > MAX_FILES:
+        if len(sizes) > MAX_FILES:
             problems.add("", f"it has more than {MAX_FILES} files", "remove some")
             break
 
@@ -89,25 +77,28 @@ def walk(directory: Path | str, depth: int = 0) -> Iterator[os.DirEntry[str]]:
                 yield from walk(entry.path, depth + 1)
 
 
-def check_files(submission: Submission, found: dict[str, int], problems: Problems) -> None:
+def check_files(submission: Submission, sizes: dict[str, int], problems: Problems) -> None:
     """Hold the files against those that a submission has; the rest is unknown."""
     limits = {SUBMISSION_FILE: MAX_SUBMISSION_FILE}
     for seed in submission.seeds:
         for place in seed.runs.values():
-            limits |= {f"{place}/{name}": limit for name, limit in RUN_LIMITS.items()}
-            for name in REQUIRED_RUN_FILES:
-                if f"{place}/{name}" not in found:
+            for name, most in RUN_LIMITS.items():
+                limits[f"{place}/{name}"] = most
+                if f"{place}/{name}" not in sizes:
                     problems.add(f"{place}/{name}", "it is missing", "pack the run again")
         for file in seed.checkpoints:
             if file.path:
                 limits[file.path] = MAX_CHECKPOINT
-                if file.path not in found:
+                if file.path not in sizes:
                     problems.add(file.path, "it is missing", 'add it, or set its path to ""')
     places = [place for seed in submission.seeds for place in seed.runs.values()]
-    for path, size in found.items():
+    for path, size in sizes.items():
         limit = limits.get(path, MAX_VIDEO if _is_video(path, places) else None)
         if limit is None:
-            problems.add(path, "a submission has no such file", "remove it")
+            remedy = "remove it"
+            if path.endswith(VIEWS):
+                remedy += "; make tables and pages with minitouch-bench report"
+            problems.add(path, "a submission has no such file", remedy)
         elif size > limit:
             problems.add(path, f"it has {size} bytes; the limit is {limit}", "make it smaller")
 

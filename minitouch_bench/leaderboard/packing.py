@@ -8,12 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.documents import write_toml
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.files import (
-    ACTIONS_FILE,
-    JOURNAL_FILE,
-    REPORT_PAGE,
-    RUN_FILE,
     SUBMISSION_FILE,
     VIDEOS,
     list_videos,
@@ -31,20 +27,26 @@ from minitouch_bench.leaderboard.inventory import (
 )
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
+    SUBMITTED_SUITES,
     CheckpointFile,
     Submission,
     TrainingSeed,
     checkpoint_place,
     read_submission,
+    run_place,
 )
 from minitouch_bench.leaderboard.submission_rules import check_file_name
-from minitouch_bench.policies.sources import DIRECTORY, HUB, PolicySource, parse_hub_address
-from minitouch_bench.records import Role
-from minitouch_bench.reporting.run_directory import derived_files, read_run
+from minitouch_bench.policies.sources import (
+    DIRECTORY,
+    HUB,
+    PolicySource,
+    parse_hub_address,
+    parse_source,
+)
+from minitouch_bench.protocol.minitouch import MAIN_SUITE
+from minitouch_bench.records import PolicyIdentity, Role
+from minitouch_bench.runs.run import RunHeader
 from minitouch_bench.verification.problems import Problems
-
-LEFT_BEHIND = (JOURNAL_FILE, REPORT_PAGE)
-"""What an evaluation writes and a submission does not need."""
 
 
 def begun_submission(directory: Path) -> Submission | None:
@@ -55,37 +57,32 @@ def begun_submission(directory: Path) -> Submission | None:
     """
     if not (directory / SUBMISSION_FILE).exists():
         return None
-    problems = Problems()
-    content = read_plain(directory, SUBMISSION_FILE, MAX_SUBMISSION_FILE)
-    submission = read_submission(content, problems)
-    for problem in problems:
-        raise UsageError(str(problem))
-    return submission
+    return _checked(read_plain(directory, SUBMISSION_FILE, MAX_SUBMISSION_FILE))
 
 
-def with_seed(begun: Submission | None, told: Submission, seed: TrainingSeed) -> Submission:
-    """Return what is told, with this training seed added or put in place of its old entry.
+def with_seed(begun: Submission | None, about: Submission, seed: TrainingSeed) -> Submission:
+    """Return ``about`` with the seeds begun and this one, added or in place of its old entry.
 
     Raises:
-        UsageError: the result would be refused.
+        UsageError: ``validate`` would refuse the result.
     """
     others = [other for other in (begun.seeds if begun else ()) if other.seed != seed.seed]
-    seeds = tuple(sorted((*others, seed), key=lambda one: one.seed))
-    submission = replace(told, seeds=seeds)
+    seeds = tuple(sorted((*others, seed), key=lambda entry: entry.seed))
+    submission = replace(about, seeds=seeds)
     check_submission(submission)
     return submission
 
 
 def add_seed(
-    directory: Path, begun: Submission | None, told: Submission, seed: TrainingSeed
+    directory: Path, begun: Submission | None, about: Submission, seed: TrainingSeed
 ) -> Submission:
     """Write ``with_seed`` into a submission's directory.
 
     Raises:
-        UsageError: the result would be refused.
+        UsageError: ``validate`` would refuse the result.
         RunDirectoryError: it cannot be written.
     """
-    submission = with_seed(begun, told, seed)
+    submission = with_seed(begun, about, seed)
     write_file(directory / SUBMISSION_FILE, write_toml(submission))
     return submission
 
@@ -98,40 +95,28 @@ def check_submission(submission: Submission) -> None:
     Raises:
         UsageError: the first problem.
     """
-    placeholder = TrainingSeed(0, {"table4": "seed-0/table4"})
-    seeds = submission.seeds or (placeholder,)
+    seeds = submission.seeds or (TrainingSeed(0, {MAIN_SUITE: run_place(0, MAIN_SUITE)}),)
+    _checked(write_toml(replace(submission, seeds=seeds)).encode())
+
+
+def _checked(content: bytes) -> Submission | None:
     problems = Problems()
-    read_submission(write_toml(replace(submission, seeds=seeds)).encode(), problems)
+    submission = read_submission(content, problems)
     for problem in problems:
         raise UsageError(str(problem))
-
-
-def tidy(directory: Path) -> None:
-    """Turn the directory of a finished evaluation into that of a submission's run.
-
-    Raises:
-        RunDirectoryError: it is no run, or cannot be written.
-    """
-    saved = read_run(directory)
-    for name, text in derived_files(saved, directory).items():
-        write_file(directory / name, text)
-    with os_errors_as(RunDirectoryError, directory, "written"):
-        for name in LEFT_BEHIND:
-            (directory / name).unlink(missing_ok=True)
+    return submission
 
 
 def copy_run(run: Path, place: Path) -> None:
-    """Copy what a submission needs of a finished run.
+    """Copy the facts of a finished run, and its videos.
 
     Raises:
-        RunDirectoryError: it is no run, or cannot be read or written.
+        RunDirectoryError: a file cannot be read or written.
     """
-    read_run(run)
-    for name in (ACTIONS_FILE, RUN_FILE):
-        _copy(run / name, place / name, RUN_LIMITS[name])
+    for name, limit in RUN_LIMITS.items():
+        _copy(run / name, place / name, limit)
     for video in list_videos(run):
         _copy(video, place / VIDEOS / video.name, MAX_VIDEO)
-    tidy(place)
 
 
 @dataclass(frozen=True)
@@ -142,82 +127,86 @@ class Parts:
     policy: PolicySource
     exploration: PolicySource | None
 
+    def gone(self) -> list[str]:
+        """Return the checkpoint files that are no longer where they were evaluated."""
+        return [file.target for _, _, file in self._files() if not Path(file.target).exists()]
+
     def digests_there(self, removed: Path | None) -> set[str]:
         """Return the SHA-256 of the checkpoint files that are where they were evaluated.
 
         Those in a directory that is to be ``removed`` do not count.
         """
-        files = [
-            file for _, one in self._sources() for file in (one, *(part for _, part in one.parts))
-        ]
-        paths = {Path(file.target): file.digest for file in files}
         return {
-            digest
-            for path, digest in paths.items()
-            if path.is_file() and not (removed and path.resolve().is_relative_to(removed.resolve()))
+            file.digest
+            for _, _, file in self._files()
+            if (path := Path(file.target)).is_file()
+            and not (removed and path.resolve().is_relative_to(removed.resolve()))
         }
-
-    def gone(self) -> list[str]:
-        """Return the checkpoints that are no longer where they were evaluated."""
-        return [one.target for _, one in self._sources() if not _is_there(one)]
 
     def name_files(
         self, directory: Path, seed: int, *, include: bool
     ) -> tuple[CheckpointFile, ...]:
-        """Return the checkpoint files of both roles; with ``include`` those there are copied.
+        """Return the checkpoint files of both policies; with ``include`` those there are copied.
 
         Raises:
             UsageError: a file's name is not plain.
             RunDirectoryError: one cannot be copied.
         """
-        return tuple(
-            file
-            for role, source in self._sources()
-            for file in name_files(
-                directory, source, role, seed, include=include and _is_there(source)
-            )
-        )
+        named = []
+        for role, task, source in self._files():
+            target = source.target
+            name = Path(parse_hub_address(target).file if target.startswith(HUB) else target).name
+            check_file_name(name)
+            file = CheckpointFile(role, task, name, source.digest)
+            if include and Path(target).exists():
+                file = replace(file, path=checkpoint_place(seed, role, name))
+                _copy(Path(target), directory / file.path, MAX_CHECKPOINT, follow=True)
+            named.append(file)
+        return tuple(named)
 
-    def _sources(self) -> Iterator[tuple[Role, PolicySource]]:
-        yield Role.FINAL, self.policy
-        if self.exploration is not None:
-            yield Role.EXPLORATION, self.exploration
-
-
-def _is_there(source: PolicySource) -> bool:
-    return not source.digest or Path(source.target).exists()
-
-
-def name_files(
-    directory: Path, source: PolicySource, role: Role, seed: int, *, include: bool
-) -> tuple[CheckpointFile, ...]:
-    """Return the checkpoint files of a policy; with ``include`` they are copied as well.
-
-    Raises:
-        UsageError: a file's name is not plain.
-        RunDirectoryError: one cannot be copied.
-    """
-    if source.kind == DIRECTORY:
-        parts = [(task, part) for task, part in source.parts]
-    else:
-        parts = [(ALL_TASKS, source)] if source.digest else []
-    files = []
-    for task, part in parts:
-        target = part.target
-        name = Path(parse_hub_address(target).file if target.startswith(HUB) else target).name
-        check_file_name(name)
-        file = CheckpointFile(role, task, name, part.digest)
-        if include:
-            file = replace(file, path=checkpoint_place(seed, role, name))
-            _copy(Path(part.target), directory / file.path, MAX_CHECKPOINT, follow=True)
-        files.append(file)
-    return tuple(files)
+    def _files(self) -> Iterator[tuple[Role, str, PolicySource]]:
+        """Walk through the files of both policies, each with its role and its task."""
+        for role, source in ((Role.FINAL, self.policy), (Role.EXPLORATION, self.exploration)):
+            if source is not None and source.kind == DIRECTORY:
+                yield from ((role, task, part) for task, part in source.parts)
+            elif source is not None and source.digest:
+                yield role, ALL_TASKS, source
 
 
 def _copy(file: Path, place: Path, limit: int, *, follow: bool = False) -> None:
     """Copy a plain file; the user's own may be a link, one of a run may not."""
     with os_errors_as(RunDirectoryError, file, "copied"):
         write_file(place, read_file(file, limit, follow=follow))
+
+
+def check_submittable(header: RunHeader, path: Path, main: PolicyIdentity) -> None:
+    """Refuse a run that is not official, or that is of another policy than the ``main`` run.
+
+    Raises:
+        UsageError: it is one of these.
+    """
+    if header.plan.suite not in SUBMITTED_SUITES or not header.official:
+        reasons = "; ".join(header.unofficial_because) or f"suite {header.plan.suite}"
+        raise UsageError(f"{path} is not an official run: {reasons}")
+    if (header.policy.kind, header.policy.digest) != (main.kind, main.digest):
+        raise UsageError(f"{path} is the run of another policy than that of {MAIN_SUITE}")
+
+
+def find_source(recorded: PolicyIdentity) -> PolicySource:
+    """Find the policy of a finished run again, or what is known of it where it is gone.
+
+    Raises:
+        UsageError: it is a directory, which is known by its files alone.
+    """
+    try:
+        source = parse_source(recorded.source, trust=True, contact=False)
+        if (source.kind, source.digest) == (recorded.kind, recorded.digest):
+            return source
+    except PolicyLoadError:
+        pass
+    if recorded.kind == DIRECTORY:
+        raise UsageError(f"the policy {recorded.source} has changed or is gone: put it back")
+    return PolicySource(recorded.kind, recorded.name, recorded.source, recorded.digest)
 
 
 @contextmanager

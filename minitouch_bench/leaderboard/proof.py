@@ -4,7 +4,6 @@ A proof lies beside the submissions, in ``_proofs/NAME.json``, never inside one:
 adds a submission has no reason to touch it. It binds a level to the bytes of each run.
 """
 
-import hashlib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,16 +14,14 @@ from typing import Literal
 
 from minitouch_bench.documents import read_json, write_json
 from minitouch_bench.errors import RunDirectoryError, UnreadableFileError
-from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, os_errors_as, read_file, write_file
-from minitouch_bench.leaderboard.inventory import RUN_LIMITS, read_plain
-from minitouch_bench.leaderboard.validation import Verdict
-from minitouch_bench.records import Count, SavedRun
+from minitouch_bench.files import os_errors_as, read_file, write_file
+from minitouch_bench.records import Count
+from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.fresh import FreshResult
 
 PROOFS = "_proofs"
 """A submission's name begins with a letter or digit, so none can be called this."""
 
-PROVED_FILES = (RUN_FILE, ACTIONS_FILE)
 MAX_PROOF = 2**16
 
 MIN_FRESH_EPISODES = 20
@@ -84,35 +81,26 @@ class Proof:
 
 
 def make_proof(
-    verdict: Verdict,
+    runs: Mapping[str, Run],
     level: ProofLevel,
     rerun_episodes: int = 0,
     fresh: FreshProof | None = None,
 ) -> Proof:
-    """Bind a level to the runs of a submission as they are now.
+    """Bind a level to the bytes of a submission's runs, as they were read and checked."""
+    package = version("minitouch-bench")
+    return Proof(level, file_digests(runs), rerun_episodes, package, fresh)
+
+
+def file_digests(runs: Mapping[str, Run]) -> dict[str, str]:
+    """Return the SHA-256 of the files that a proof is about, by their path in the submission.
 
     Raises:
-        RunDirectoryError: a file cannot be read.
+        UnreadableFileError: one of them cannot be read.
     """
-    return Proof(
-        level,
-        file_digests(verdict.directory, tuple(verdict.runs)),
-        rerun_episodes,
-        version("minitouch-bench"),
-        fresh,
-    )
-
-
-def file_digests(directory: Path, places: tuple[str, ...]) -> dict[str, str]:
-    """Return the SHA-256 of the files that a proof is about, by path.
-
-    Raises:
-        RunDirectoryError: one of them cannot be read.
-    """
-    paths = [(f"{place}/{name}", RUN_LIMITS[name]) for place in places for name in PROVED_FILES]
     return {
-        path: hashlib.sha256(read_plain(directory, path, limit)).hexdigest()
-        for path, limit in paths
+        f"{place}/{name}": digest
+        for place, run in runs.items()
+        for name, digest in run.file_digests().items()
     }
 
 
@@ -156,39 +144,34 @@ def read_proof(path: Path) -> Proof | None:
     return proof
 
 
-def find_proof(verdict: Verdict) -> Proof | None:
-    """Return the proof of a submission's runs as they are now, None where none can be read."""
+def find_proof(directory: Path, runs: Mapping[str, Run]) -> Proof | None:
+    """Return the proof of a submission's runs as they were read, None where none can be read."""
     try:
-        proof = read_proof(proof_path(verdict.directory.resolve()))
-        holds = proof and proof.files == file_digests(verdict.directory, tuple(verdict.runs))
+        proof = read_proof(proof_path(directory.resolve()))
+        holds = proof and proof.files == file_digests(runs)
     except RunDirectoryError:
         return None
     return proof if holds else None
 
 
-def level_of(verdict: Verdict, proof: Proof | None) -> ProofLevel:
-    """Return the level of a submission with this ``find_proof``.
+def level_of(runs: Mapping[str, Run], proof: Proof | None) -> ProofLevel:
+    """Return the level of a submission with these runs and this ``find_proof``.
 
     A remote policy stays "remote" whatever was replayed: nobody else can run it. A submission is
     "fresh-verified" where each of its runs was compared with enough fresh episodes.
     """
-    if any(map(_is_remote, verdict.runs.values())):
+    if any(policy.kind == "remote" for run in runs.values() for policy in run.header.policies()):
         return ProofLevel.REMOTE
     if proof is None:
         return ProofLevel.SELF_REPORTED
-    if proof.level is ProofLevel.FRESH and not _is_fresh(verdict, proof.fresh):
+    if proof.level is ProofLevel.FRESH and not _is_fresh(runs, proof.fresh):
         return ProofLevel.RERUN
     return proof.level
 
 
-def _is_fresh(verdict: Verdict, fresh: FreshProof | None) -> bool:
+def _is_fresh(runs: Mapping[str, Run], fresh: FreshProof | None) -> bool:
     return (
         fresh is not None
         and fresh.episodes_per_task >= MIN_FRESH_EPISODES
-        and fresh.results.keys() >= verdict.runs.keys()
+        and fresh.results.keys() >= runs.keys()
     )
-
-
-def _is_remote(run: SavedRun) -> bool:
-    policies = (run.header.policy, run.header.exploration)
-    return any(policy is not None and policy.kind == "remote" for policy in policies)

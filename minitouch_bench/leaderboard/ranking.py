@@ -1,4 +1,4 @@
-"""Ranks with their uncertainty: rows that cannot be told apart share one.
+"""Ranks with their uncertainty: rows that do not differ significantly share one.
 
 All rows face the same episodes, so every two of them are compared episode by episode.
 """
@@ -29,9 +29,6 @@ class Rank:
     best: int
     worst: int
 
-    def __str__(self) -> str:
-        return str(self.best)
-
 
 def rank(rows: Sequence[Mapping[str, Sequence[Sequence[float]]]]) -> list[dict[str, Rank]]:
     """Rank submissions in each task and overall; one mapping per row, in their order.
@@ -43,11 +40,11 @@ def rank(rows: Sequence[Mapping[str, Sequence[Sequence[float]]]]) -> list[dict[s
         return ranks
     samples = {task: [np.array(row[task]) for row in rows] for task in BOARD_TASKS}
     for task in BOARD_TASKS:
-        compare = share_p_values if task in BOARD_GOALS else lambda own: mean_p_values([own])
+        compare = share_p_values if task in BOARD_GOALS else lambda rows: mean_p_values([rows])
         means = np.array([values.mean() for values in samples[task]])
         _keep(ranks, task, means, compare(samples[task]))
     strata = [samples[task] for task in BOARD_GOALS]
-    overall = np.mean([[values.mean() for values in own] for own in strata], axis=0)
+    overall = np.mean([[values.mean() for values in rows] for rows in strata], axis=0)
     _keep(ranks, OVERALL, overall, mean_p_values(strata))
     return ranks
 
@@ -71,8 +68,8 @@ def ranks_of(means: Floats, p_values: Floats) -> list[Rank]:
 
 
 def _keep(ranks: list[dict[str, Rank]], key: str, means: Floats, p_values: Floats) -> None:
-    for own, found in zip(ranks, ranks_of(means, p_values), strict=True):
-        own[key] = found
+    for of_row, new in zip(ranks, ranks_of(means, p_values), strict=True):
+        of_row[key] = new
 
 
 def share_p_values(samples: Sequence[Floats]) -> Floats:
@@ -83,13 +80,13 @@ def share_p_values(samples: Sequence[Floats]) -> Floats:
     loses, as ``compare`` has it. Otherwise ``mean_p_values``.
     """
     single = np.array([len(values) == 1 for values in samples], bool)
-    found = np.ones((len(samples),) * 2) if single.all() else mean_p_values([samples])
+    p_values = np.ones((len(samples),) * 2) if single.all() else mean_p_values([samples])
     if single.any():
         won = np.array([values[0] for values in samples if len(values) == 1])
         only_one = np.rint(won @ (1 - won).T).astype(int)
         exact = _mcnemar_table(won.shape[1])[only_one, only_one.T]
-        found[np.ix_(single, single)] = exact
-    return found
+        p_values[np.ix_(single, single)] = exact
+    return p_values
 
 
 def mean_p_values(strata: Sequence[Sequence[Floats]]) -> Floats:
@@ -115,18 +112,18 @@ def mean_p_values(strata: Sequence[Sequence[Floats]]) -> Floats:
         t = np.where(difference == 0, 0.0, difference / np.sqrt(variance))
         freedom = np.where(spread > 0, variance**2 / spread, 1.0)
     upper = np.triu_indices(number, 1)
-    found = np.ones((number, number))
-    found[upper] = 2.0 * special.stdtr(freedom[upper], -np.abs(t[upper]))
-    return np.minimum(found, found.T)
+    p_values = np.ones((number, number))
+    p_values[upper] = 2.0 * special.stdtr(freedom[upper], -np.abs(t[upper]))
+    return np.minimum(p_values, p_values.T)
 
 
 def _variances(samples: Sequence[Floats], table: Floats) -> list[tuple[Floats, float | Floats]]:
     """Return the parts of the variance of all differences in one task, with their freedom."""
     episodes = table.shape[1]
     covariance = np.atleast_2d(np.cov(table)) / episodes
-    own = np.diag(covariance)
-    paired = np.maximum(own[:, None] + own[None, :] - 2 * covariance, 0.0)
-    paired[paired < 1e-12 * (own[:, None] + own[None, :])] = 0.0  # rounding of equal rows
+    single = np.diag(covariance)
+    paired = np.maximum(single[:, None] + single[None, :] - 2 * covariance, 0.0)
+    paired[paired < 1e-12 * (single[:, None] + single[None, :])] = 0.0  # rounding of equal rows
     of_seeds = np.array([_seed_variance(values) for values in samples])
     freedom = np.array([max(1, len(values) - 1) for values in samples], np.float64)
     shape = paired.shape

@@ -4,7 +4,6 @@ A problem never stops the reading; the rules for names and texts are those of
 ``submission_rules``.
 """
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
@@ -13,9 +12,10 @@ from typing import Annotated, Any, Final, Literal
 
 from msgspec import Meta
 
-from minitouch_bench.documents import read_table, schema_of
+from minitouch_bench.documents import parse_toml, read_table, schema_of
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import CHECKPOINTS, SUBMISSION_FILE
+from minitouch_bench.leaderboard.facts import Fact, Place, amount
 from minitouch_bench.leaderboard.submission_rules import (
     FILE_NAME,
     LICENSE,
@@ -99,37 +99,57 @@ class TrainingSeed:
 
 
 @dataclass(frozen=True)
-class Submission:
-    """What a submission tells a reader, and one entry per training seed.
+class About:
+    """What a submission says of itself, and its row repeats.
 
     ``training_steps`` are control steps in all environments over the whole training, 0 where
     nothing is trained. Texts and links are "" where there are none.
     """
 
-    format: Literal["minitouch-submission"] = FORMAT
-    version: Literal[1] = VERSION
     name: Annotated[str, _looks_like("Its name and its directory's.", NAME.pattern, 64)] = ""
     method: Annotated[
         str,
         _plain_text("What the board calls it.", MAX_METHOD),
         Meta(extra_json_schema={"minLength": 1}),
+        Fact("Method", Place.NAME),
     ] = ""
     authors: Annotated[
         tuple[Annotated[str, _plain_text("One of the authors.", MAX_AUTHOR)], ...],
         Meta(max_length=MAX_AUTHORS),
+        Fact("Authors"),
     ] = ()
-    paper: Annotated[str, _link("The paper.")] = ""
-    code: Annotated[str, _link("The code.")] = ""
+    paper: Annotated[str, _link("The paper."), Fact("Paper", is_link=True)] = ""
+    code: Annotated[str, _link("The code."), Fact("Code", is_link=True)] = ""
     license: Annotated[
         str,
         _looks_like("SPDX expression of the checkpoints' license.", f"({LICENSE.pattern})?", 63),
+        Fact("License"),
     ] = ""
-    training_steps: Annotated[int, Meta(ge=0, le=MAX_STEPS)] = 0
+    training_steps: Annotated[
+        int,
+        Meta(ge=0, le=MAX_STEPS),
+        Fact("Training", Place.COLUMN, "control steps", amount, is_text=False),
+    ] = 0
     modalities: Annotated[
         tuple[Annotated[str, Meta(pattern=f"^({'|'.join(MODALITIES)})$")], ...],
         Meta(description="What the policy uses. 'state' is the scripted policy's alone."),
+        Fact("Modalities", Place.NAME),
     ] = ()
-    notes: Annotated[str, _plain_text("Anything else, on one line.", MAX_NOTES)] = ""
+    notes: Annotated[str, _plain_text("Anything else, on one line.", MAX_NOTES), Fact("Notes")] = ""
+
+
+@dataclass(frozen=True)
+class FormatMark:
+    """What ``submission.toml`` begins with."""
+
+    format: Literal["minitouch-submission"] = FORMAT
+    version: Literal[1] = VERSION
+
+
+@dataclass(frozen=True)
+class Submission(About, FormatMark):
+    """What a submission says of itself, and one entry per training seed."""
+
     seeds: Annotated[
         tuple[TrainingSeed, ...],
         Meta(max_length=MAX_SEEDS, extra_json_schema={"minItems": 1}),
@@ -146,15 +166,15 @@ def checkpoint_place(seed: int, role: Role, file: str) -> str:
     return str(PurePosixPath(CHECKPOINTS, f"seed-{seed}", role.value, file))
 
 
-SEE = "see docs/submitting.md"
+SEE = "see docs/reference/files.md"
 
 
 def read_submission(content: bytes, problems: Problems) -> Submission | None:
     """Read the file's bytes; None where it is no submission at all, else what is sound in it."""
     try:
-        document = tomllib.loads(content.decode())
-    except (ValueError, RecursionError) as error:  # both decoding errors are ValueErrors
-        problems.add(SUBMISSION_FILE, f"it is not TOML: {error}", SEE)
+        document = parse_toml(content, "it")
+    except UsageError as error:
+        problems.add(SUBMISSION_FILE, str(error), SEE)
         return None
     if document.get("format") != FORMAT:
         problems.add(SUBMISSION_FILE, f"its format is not '{FORMAT}'", SEE)
@@ -168,7 +188,7 @@ def read_submission(content: bytes, problems: Problems) -> Submission | None:
     for mistake in mistakes:
         problems.add(SUBMISSION_FILE, mistake, SEE)
     for key, mistake in (*_texts(submission), *_seeds(submission)):
-        if key in document and not any(found.startswith(key) for found in mistakes):
+        if key in document and not any(known.startswith(key) for known in mistakes):
             problems.add(SUBMISSION_FILE, f"{key}: {mistake}", SEE)
     return replace(submission, seeds=tuple(map(_in_place, submission.seeds)))
 

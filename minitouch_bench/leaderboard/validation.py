@@ -3,11 +3,10 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path, PurePosixPath
 
 from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE
-from minitouch_bench.leaderboard.copies import episode_digests, find_copies
+from minitouch_bench.leaderboard.copies import find_copies
 from minitouch_bench.leaderboard.inventory import (
     MAX_CHECKPOINT,
     MAX_SUBMISSION_FILE,
@@ -16,13 +15,8 @@ from minitouch_bench.leaderboard.inventory import (
     list_files,
     read_plain,
 )
-from minitouch_bench.leaderboard.run_checks import (
-    check_actions,
-    check_estimates,
-    check_policies,
-    check_run,
-    check_tables,
-)
+from minitouch_bench.leaderboard.proof import find_proof
+from minitouch_bench.leaderboard.run_checks import check_policies, check_submitted
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     CheckpointFile,
@@ -32,22 +26,14 @@ from minitouch_bench.leaderboard.submission import (
 )
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
-from minitouch_bench.records import RunHeader, SavedRun
-from minitouch_bench.reporting.run_directory import parse_run, run_json
+from minitouch_bench.runs.run import Run, RunHeader, parse_run
+from minitouch_bench.verification.checks import AS_WRITTEN
 from minitouch_bench.verification.problems import Problem, Problems
-from minitouch_bench.verification.recorded_run import AS_WRITTEN
 
 RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
     kind: ("state",) if kind == "scripted" else () for kind in BUILT_IN
 }
 """What the calibration policies look at."""
-
-
-class Depth(Enum):
-    """How much is computed again: a board leaves out what ``validate`` has proved before."""
-
-    FULL = "full"
-    BOARD = "board"
 
 
 @dataclass(frozen=True)
@@ -59,7 +45,7 @@ class Verdict:
 
     directory: Path
     submission: Submission
-    runs: Mapping[str, SavedRun]
+    runs: Mapping[str, Run]
     problems: tuple[Problem, ...]
 
     @property
@@ -73,38 +59,33 @@ class Verdict:
         return bool(self.problems) and all(problem.is_other_protocol for problem in self.problems)
 
 
-def validate(directory: Path, depth: Depth = Depth.FULL) -> Verdict:
+def validate(directory: Path, *, trust_proofs: bool = False) -> Verdict:
     """Check a submission's directory and collect every problem.
 
-    ``Depth.FULL`` recomputes all that follows from the episodes. ``Depth.BOARD`` leaves out
-    the bootstrap intervals of ``run.json`` and the unpacking of actions and checkpoints: a
-    board computes its own intervals and shows none of those.
+    All that follows from the episodes is computed again. With ``trust_proofs`` it is not where a
+    maintainer's proof is about these very bytes, and checkpoints are not read: a leaderboard
+    shows what was proved before.
     """
     problems = Problems()
     if not directory.is_dir():
-        problems.add("", "there is no such directory", "give a submission's directory")
+        problems.add("", "it is not a directory", "give a submission's directory")
         return Verdict(directory, Submission(), {}, tuple(problems))
-    found = list_files(directory, problems)
-    submission = _read_submission(directory, found, problems)
-    runs: dict[str, SavedRun] = {}
+    files = list_files(directory, problems)
+    submission = _read_submission(directory, files, problems)
+    runs: dict[str, Run] = {}
     if submission is not None:
-        check_files(submission, found, problems)
+        check_files(submission, files, problems)
+        for seed in submission.seeds:
+            for place in seed.runs.values():
+                if (run := _read_run(directory, place, files, problems)) is not None:
+                    runs[place] = run
+        recompute = not (trust_proofs and find_proof(directory, runs))
         for seed in submission.seeds:
             for suite, place in seed.runs.items():
-                saved = _read_run(directory, place, found, problems)
-                if saved is None:
-                    continue
-                runs[place] = saved
-                before = len(problems)
-                check_run(saved, suite, seed, place, problems)
-                if len(problems) > before:
-                    continue  # its episodes do not hold by themselves
-                check_tables(directory, place, saved, problems)
-                if depth is Depth.FULL:
-                    check_estimates(saved, place, problems)
-                    check_actions(directory, place, saved, problems)
-            if depth is Depth.FULL:
-                _check_checkpoints(directory, seed, found, problems)
+                if place in runs:
+                    check_submitted(runs[place], suite, seed, place, problems, recompute=recompute)
+            if not trust_proofs:
+                _check_checkpoints(directory, seed, files, problems)
         headers = [run.header for run in runs.values()]
         _check_about(submission, headers, directory, problems)
         check_copies(runs, problems)
@@ -120,7 +101,7 @@ def check_planned(
     """
     problems = Problems()
     for header in headers:
-        check_policies(header, seed, seed.runs[header.suite], problems)
+        check_policies(header, seed, seed.runs[header.plan.suite], problems)
     _check_about(submission, headers, directory, problems)
     return tuple(problems)
 
@@ -143,17 +124,15 @@ def _read_submission(
 
 def _read_run(
     directory: Path, place: str, found: Mapping[str, int], problems: Problems
-) -> SavedRun | None:
+) -> Run | None:
     path = f"{place}/{RUN_FILE}"
     if path not in found:
         return None
-    saved: SavedRun | None = None
+    runs: list[Run] = []
     with problems.caught(path, AS_WRITTEN):
         content = read_plain(directory, path, RUN_LIMITS[RUN_FILE])
-        saved = parse_run(content, place)
-        if content != run_json(saved):
-            problems.add(path, "a key is there twice or unknown, or it was edited", AS_WRITTEN)
-    return saved
+        runs.append(parse_run(content, place, directory / place))
+    return runs[0] if runs else None
 
 
 def _check_about(
@@ -187,11 +166,11 @@ def _check_about(
             )
 
 
-def check_copies(runs: Mapping[str, SavedRun], problems: Problems) -> None:
+def check_copies(runs: Mapping[str, Run], problems: Problems) -> None:
     """Refuse each run that has, bit for bit, the episodes of an earlier one."""
-    digests = {place: episode_digests(run) for place, run in runs.items()}
-    for (first, place), count in find_copies(digests).items():
-        what = f"{count} of its {len(digests[place])} episodes are bit for bit those of {first}"
+    for (first, place), count in find_copies(runs).items():
+        number = len(runs[place].episodes)
+        what = f"{count} of its {number} episodes are bit for bit those of {first}"
         problems.add(place, what, "remove it")
 
 

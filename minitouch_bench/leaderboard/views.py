@@ -88,24 +88,22 @@ def _overall(board: Board) -> View:
         *(Column(task_title(task), unit=f"{_label(task)} ↑") for task in BOARD_TASKS),
     )
     lead = (
-        f"Ranked by the mean success over {listed(goals)}. Rows that cannot be told "
-        "apart on the same episodes share a rank."
+        f"Ranked by the mean success over {listed(goals)}. Rows that do not differ significantly "
+        "on the same episodes share a rank."
     )
-    lines = _lines(board, OVERALL, [(key, RANKED_BY[key]) for key in (OVERALL, *BOARD_TASKS)])
-    return View(OVERALL, "Overall", lead, columns, tuple(lines))
+    return View(OVERALL, "Overall", lead, columns, _lines(board, OVERALL, [*RANKED_BY.items()]))
 
 
 def _task(board: Board, task: str) -> View:
     ranked_by = RANKED_BY[task]
-    shown = metrics_shown_in(ShownIn.TABLE4, task)
-    metrics = [ranked_by, *(metric for metric in shown if metric != ranked_by)]
+    metrics = dict.fromkeys((ranked_by, *metrics_shown_in(ShownIn.TABLE4, task)))
     columns = tuple(
         Column(METRICS[m].label, unit=f"{METRICS[m].unit} {METRICS[m].direction_in(task)}".strip())
         for m in metrics
     )
     lead = f"Ranked by {_label(task)}. The columns of Table 4."
     lines = _lines(board, task, [(task, metric) for metric in metrics])
-    return View(task, task_title(task), lead, columns, tuple(lines))
+    return View(task, task_title(task), lead, columns, lines)
 
 
 def _touch(board: Board) -> View:
@@ -116,7 +114,7 @@ def _touch(board: Board) -> View:
     )
     meanings = (f"{METRICS[name].label}: {METRICS[name].meaning}." for name in TOUCH_METRICS)
     lead = " ".join(("What the fingers did, in the overall order.", *meanings))
-    return View(TOUCH, "Touch", lead, columns, tuple(_lines(board, OVERALL, wanted)))
+    return View(TOUCH, "Touch", lead, columns, _lines(board, OVERALL, wanted))
 
 
 def _novel(board: Board) -> View:
@@ -129,12 +127,8 @@ def _novel(board: Board) -> View:
         "Shapes that training never sees beside as many that it may see. Gap: held-out minus "
         "train. In the overall order."
     )
-    lines = (
-        replace(line, cells=tuple(_gap_cells(line.row)))
-        for line in _heads(board, OVERALL)
-        if line.kind != PAPER
-    )
-    return View(NOVEL, "Novel shapes", lead, columns, tuple(lines))
+    lines = tuple(replace(line, cells=tuple(_gap_cells(line.row))) for line in _heads(board))
+    return View(NOVEL, "Novel shapes", lead, columns, lines)
 
 
 def _gap_cells(row: BoardRow | None) -> Iterator[Cell]:
@@ -142,36 +136,39 @@ def _gap_cells(row: BoardRow | None) -> Iterator[Cell]:
         yield from gap_cells(task, RANKED_BY[task], row.novel_shapes.get(task) if row else None)[:3]
 
 
-def _lines(board: Board, ranked_by: str, wanted: Sequence[tuple[str, str]]) -> Iterator[Line]:
-    """Walk through the lines with the ``wanted`` metrics of tasks.
+def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[Line, ...]:
+    """Return the lines with the ``wanted`` metrics of tasks, in the order of a ranking.
 
-    A method of the paper without any value has no line.
+    Methods of the paper come last; one without any value has no line.
     """
-    for line in _heads(board, ranked_by):
-        cells = tuple(_cell(line, task, metric) for task, metric in wanted)
-        if line.kind != PAPER or any(cell.text != ABSENT for cell in cells):
-            yield replace(line, cells=cells)
+    lines = [
+        replace(line, cells=tuple(_cell(line.row, *one) for one in wanted))
+        for line in _heads(board, key)
+    ]
+    for method in PAPER_METHODS:
+        cells = tuple(paper_cell(*one, method) for one in wanted)
+        if any(cell.text != ABSENT for cell in cells):
+            lines.append(Line(PAPER, method, CAVEAT, None, None, cells))
+    return tuple(lines)
 
 
-def _cell(line: Line, task: str, metric: str) -> Cell:
-    if line.kind == PAPER:
-        return paper_cell(task, metric, line.name)
-    found = line.row.estimate(task, metric) if line.row else None
-    return estimate_cell("success" if metric == MEAN_SUCCESS else metric, found)
+def _cell(row: BoardRow | None, task: str, metric: str) -> Cell:
+    estimate = row.estimate(task, metric) if row else None
+    return estimate_cell("success" if metric == MEAN_SUCCESS else metric, estimate)
 
 
-def _heads(board: Board, ranked_by: str) -> Iterator[Line]:
-    """Walk through the lines without their cells, in the order of a ranking."""
-    for row in in_order(board.ranked, ranked_by):
-        yield Line(RANKED, row.name, row.method, row.ranks[ranked_by], row)
-    for row in in_order(board.unranked, ranked_by):
-        yield Line(UNRANKED, row.name, row.method, None, row)
-    for row in board.calibration:
-        yield Line(CALIBRATION, row.name, row.method, None, row)
+def _heads(board: Board, key: str = OVERALL) -> Iterator[Line]:
+    """Walk through the rows' lines without their cells, in the order of a ranking."""
+    groups = (
+        (RANKED, in_order(board.ranked, key)),
+        (UNRANKED, in_order(board.unranked, key)),
+        (CALIBRATION, board.calibration),
+    )
+    for kind, rows in groups:
+        for row in rows:
+            yield Line(kind, row.name, row.method, row.ranks.get(key), row)
     for name in board.missing_calibration:
         yield Line(CALIBRATION, name, "not submitted yet", None, None)
-    for method in PAPER_METHODS:
-        yield Line(PAPER, method, CAVEAT, None, None)
 
 
 def _label(task: str) -> str:

@@ -1,15 +1,15 @@
-"""95 % intervals of shares, means and their differences, and the random streams they draw from.
+"""95 % intervals over episodes and over training seeds, and the random streams they draw from.
 
-The second half estimates many samples of one size at once: rows of a leaderboard face the same
-episodes. One set of resamples serves them all, so a thousand rows cost little more than one, and
-no row is luckier in its draws than another. ``scipy.stats.bootstrap`` draws for each sample.
+Every interval in a report, on the leaderboard and in a study comes from these functions, or is
+computed from what they give. Those over the episodes of one run are computed once and stored in
+its ``run.json``.
 """
 
 import hashlib
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,9 @@ from minitouch_bench.records import Estimate
 WILSON = "wilson"
 NEWCOMBE = "newcombe"
 BOOTSTRAP = "bootstrap"
+OVER_TASKS = "Wilson intervals of the tasks, added in quadrature"
+OVER_SEEDS = "bootstrap over training seeds"
+OVER_SEEDS_AND_EPISODES = f"{OVER_SEEDS}, no narrower than over all their episodes"
 
 NORMAL_QUANTILE = 1.959963984540054
 """The 97.5 % point of the standard normal distribution."""
@@ -31,12 +34,6 @@ DRAWS_PER_BLOCK = 2**20
 
 INTERVAL_ENDS = (0.025, 0.975)
 """The quantiles between which a 95 % interval lies."""
-
-MANTISSA = 52
-"""Bits after the first one of a float64."""
-
-COLUMNS_PER_BLOCK = 64
-"""Samples estimated at a time: some 5 MB of resampled means."""
 
 
 @cache
@@ -97,8 +94,8 @@ def bootstrap_mean(
     if _is_constant(sample):
         constant = float(sample[0])
         return Estimate(constant, constant, constant, sample.size, BOOTSTRAP)
-    found = stats.bootstrap((sample,), np.mean, **_options(sample.size, rng, resamples))
-    return _around(float(sample.mean()), found, sample.size)
+    resampled = stats.bootstrap((sample,), np.mean, **_options(sample.size, rng, resamples))
+    return _around(float(sample.mean()), resampled, sample.size)
 
 
 def bootstrap_difference(
@@ -118,13 +115,13 @@ def bootstrap_difference(
     Source: B. Efron and R. J. Tibshirani, "An introduction to the bootstrap" (1993), ch. 8
     and 14.
     """
-    one, other = _as_sample(first), _as_sample(second)
-    count = one.size + other.size
-    if _is_constant(one) and _is_constant(other):
-        constant = float(one[0] - other[0])
+    samples = _as_sample(first), _as_sample(second)
+    count = sum(sample.size for sample in samples)
+    if all(map(_is_constant, samples)):
+        constant = float(samples[0][0] - samples[1][0])
         return Estimate(constant, constant, constant, count, BOOTSTRAP)
-    found = stats.bootstrap((one, other), _mean_difference, **_options(count, rng, resamples))
-    return _around(float(one.mean() - other.mean()), found, count)
+    resampled = stats.bootstrap(samples, _mean_difference, **_options(count, rng, resamples))
+    return _around(float(samples[0].mean() - samples[1].mean()), resampled, count)
 
 
 def _as_sample(values: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
@@ -153,10 +150,14 @@ def _options(size: int, rng: np.random.Generator, resamples: int) -> dict[str, A
     return {"n_resamples": resamples, "batch": batch, "method": "BCa", "rng": rng}
 
 
-def _around(value: float, found: Any, count: int) -> Estimate:
-    """Return an estimate whose interval holds its value, which few episodes do not ensure."""
-    low, high = map(float, found.confidence_interval)
-    return Estimate(value, min(low, value), max(high, value), count, BOOTSTRAP)
+def _around(value: float, resampled: Any, count: int) -> Estimate:
+    """Return an estimate whose interval holds its value, which few episodes do not ensure.
+
+    Values that differ by rounding alone can make an end NaN: the value is then that end.
+    """
+    low, high = map(float, resampled.confidence_interval)
+    ends = float(np.fmin(low, value)), float(np.fmax(high, value))
+    return Estimate(value, *ends, count, BOOTSTRAP)
 
 
 Root = tuple[int, ...]
@@ -170,139 +171,51 @@ def stream(root: Root, *names: str) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence([*root, *words]))
 
 
-# Many samples of one size at once
+SEEDS_ROOT: Root = (0,)
+"""Root of the streams of ``over_seeds``: the same estimates give the same interval everywhere."""
 
 
-@cache
-def resample_weights(size: int, root: Root, name: str) -> NDArray[np.float64]:
-    """Return how often each of ``size`` values is drawn in each resample, as (RESAMPLES, size).
+def over_seeds(
+    estimates: Sequence[Estimate], *names: str, over_episodes: Estimate | None = None
+) -> Estimate | None:
+    """Estimate a figure over training seeds from the estimate that each seed's run has of it.
 
-    Source: B. Efron, "Bootstrap methods: another look at the jackknife", Ann. Stat. 7 (1979);
-    the counts of a draw with replacement are multinomial.
+    One seed's estimate is returned unchanged; without a seed there is None. Several seeds give
+    their mean with ``bootstrap_mean`` over them, whose interval never goes beyond their range: a
+    few seeds that agree would have none. So it is no narrower than that ``over_episodes`` of all
+    seeds together. Shares need not be given it: theirs is ``pooled_share``.
+
+    ``names``: what is estimated, as a task and a metric, for the random stream.
     """
-    rng = stream(root, name, str(size))
-    counts = rng.multinomial(size, np.full(size, 1 / size), size=RESAMPLES)
-    return counts.astype(np.float64)
+    if len(estimates) < 2:
+        return estimates[0] if estimates else None
+    values = [estimate.value for estimate in estimates]
+    seeds = bootstrap_mean(values, stream(SEEDS_ROOT, "over seeds", *names))
+    if over_episodes is None and all(estimate.method == WILSON for estimate in estimates):
+        over_episodes = pooled_share(estimates)
+    if over_episodes is None:
+        return replace(seeds, method=OVER_SEEDS)
+    low, high = min(seeds.low, over_episodes.low), max(seeds.high, over_episodes.high)
+    return Estimate(seeds.value, low, high, seeds.count, OVER_SEEDS_AND_EPISODES)
 
 
-def mean_intervals(
-    values: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the 95 % interval of each sample's mean, (N, 2), of values (N, size).
+def pooled_share(shares: Sequence[Estimate]) -> Estimate:
+    """Estimate a share over the episodes of several ``wilson`` estimates together."""
+    successes = sum(share.value * share.count for share in shares)
+    return wilson(round(successes), sum(share.count for share in shares))
 
-    Corrected for bias and acceleration (BCa), as in ``bootstrap_mean``.
 
-    The mean is over the values that are not NaN, which a resample may draw more or less often;
-    NaN where there is none. Equal values give a width of 0.
+def quadrature(parts: Sequence[Estimate], method: str = OVER_TASKS) -> Estimate:
+    """Estimate the mean of independent figures from the interval of each.
+
+    Of shares it keeps a width at 0 and at 100 % too.
+
+    Source: G. Y. Zou and A. Donner, "Construction of confidence limits about effect measures:
+    a general approach", Stat. Med. 27 (2008).
     """
-    found = np.empty((len(values), 2))
-    for start in range(0, len(values), COLUMNS_PER_BLOCK):
-        block = slice(start, start + COLUMNS_PER_BLOCK)
-        found[block] = _block(values[block], weights)
-    return found
-
-
-def stratified_intervals(
-    strata: list[NDArray[np.float64]], weights: list[NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    """Return the 95 % percentile interval of the mean over strata of their means, (N, 2).
-
-    ``strata``: values (N, size) each; every stratum is resampled by itself, with ``weights``.
-
-    Source: R. Agarwal et al., "Deep reinforcement learning at the edge of the statistical
-    precipice", NeurIPS 2021: training runs resampled task by task.
-    """
-    found = np.empty((len(strata[0]), 2))
-    for start in range(0, len(found), COLUMNS_PER_BLOCK):
-        block = slice(start, start + COLUMNS_PER_BLOCK)
-        means = np.mean([_means(v[block], w) for v, w in zip(strata, weights, strict=True)], axis=0)
-        found[block] = _at(np.sort(means, axis=1), np.tile(INTERVAL_ENDS, (len(means), 1)))
-    return found
-
-
-def _block(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    known = ~np.isnan(values)
-    filled = np.where(known, values, 0.0)
-    partly = ~known.all(axis=1)
-    with np.errstate(invalid="ignore"):  # a resample, or a sample, without a value
-        estimates = filled.sum(axis=1) / known.sum(axis=1)
-        sums = _on_grid(filled) @ weights.T
-        means = sums / values.shape[1]
-        means[partly] = sums[partly] / (known[partly] @ weights.T)
-    influences = np.where(known, values - estimates[:, None], 0.0)
-    limits = _corrected_limits(means, estimates, influences)
-    for row, (own, used) in enumerate(zip(values, known, strict=True)):
-        if used.any() and np.ptp(own[used]) == 0:  # rounding would give it a width of 1e-17
-            limits[row] = own[used][0]
-        elif not used.any():
-            limits[row] = np.nan
-    return limits
-
-
-def _corrected_limits(
-    means: NDArray[np.float64], estimates: NDArray[np.float64], influences: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the BCa ends of each row of resampled means, (N, 2)."""
-    ordered = np.sort(means, axis=1)  # NaN last
-    levels = np.full((len(ordered), 2), np.nan)
-    for row, (own, estimate, influence) in enumerate(
-        zip(ordered, estimates, influences, strict=True)
-    ):
-        resamples = int(np.searchsorted(own, np.nan))
-        if resamples > 1 and influence.any():
-            ends = (np.searchsorted(own, estimate, side) for side in ("left", "right"))
-            levels[row] = _corrected_levels(sum(map(int, ends)) / 2, resamples, influence)
-    limits = _at(ordered, levels)
-    return np.stack([np.minimum(limits[:, 0], estimates), np.maximum(limits[:, 1], estimates)], 1)
-
-
-def _corrected_levels(
-    below: float, resamples: int, influences: NDArray[np.float64]
-) -> tuple[float, float]:
-    """Return the shares of the resampled values below each BCa end of a 95 % interval.
-
-    ``below``: how many of them are below the estimate, which tells the bias; the skew of
-    ``influences`` (any multiple of each episode's influence) is the acceleration.
-    """
-    normal = NormalDist()
-    share = min(max(below, 1.0), resamples - 1.0) / resamples
-    bias = normal.inv_cdf(share)
-    skew = float((influences**3).sum()) / float((influences**2).sum()) ** 1.5
-    low, high = (
-        normal.cdf(bias + end / (1.0 - skew / 6.0 * end))
-        for end in (bias - NORMAL_QUANTILE, bias + NORMAL_QUANTILE)
-    )
-    # Rounded, so that the last bit of a C library's erf changes no report.
-    return round(low, 9), round(high, 9)
-
-
-def _at(ordered: NDArray[np.float64], levels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the quantiles at ``levels`` (N, 2) of sorted rows, without their NaN.
-
-    Linear between two values, as numpy's; one sort of a row takes a fifth of its time.
-    """
-    last = np.maximum(np.count_nonzero(~np.isnan(ordered), axis=1) - 1, 0)[:, None]
-    place = last * np.nan_to_num(levels)
-    below = np.floor(place).astype(int)
-    low = np.take_along_axis(ordered, below, 1)
-    high = np.take_along_axis(ordered, np.minimum(below + 1, last), 1)
-    limits: NDArray[np.float64] = low + (high - low) * (place - below)
-    return limits
-
-
-def _means(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the resampled means, (N, RESAMPLES)."""
-    means: NDArray[np.float64] = _on_grid(values) @ weights.T / values.shape[1]
-    return means
-
-
-def _on_grid(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Round each row (N, size) to a power of two so fine that all of its sums are exact.
-
-    A matrix product adds in an order that depends on the number of rows and of threads and on
-    the processor. Exact sums do not: a row gets the same bits alone and among a thousand.
-    """
-    largest = values.shape[1] * np.abs(values).max(axis=1, initial=0.0, keepdims=True)
-    step = np.exp2(np.ceil(np.log2(np.maximum(largest, np.finfo(float).tiny))) - MANTISSA)
-    rounded: NDArray[np.float64] = np.rint(values / step) * step
-    return rounded
+    number = len(parts)
+    value = sum(part.value for part in parts) / number
+    below = math.hypot(*(part.value - part.low for part in parts)) / number
+    above = math.hypot(*(part.high - part.value for part in parts)) / number
+    count = sum(part.count for part in parts)
+    return Estimate(value, value - below, value + above, count, method)

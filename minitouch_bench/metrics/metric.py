@@ -92,8 +92,8 @@ class Metric:
         """Return the metric's value in one episode; a share's is true or false."""
         if self.derive is not None:
             return self.derive(episode)
-        found: Value = getattr(episode, self.measured_field)
-        return found
+        measured: Value = getattr(episode, self.measured_field)
+        return measured
 
     @property
     def measured_field(self) -> str:
@@ -104,13 +104,13 @@ class Metric:
         """Say in words what is measured and not possible; "" if nothing."""
         if self.measure is None:
             return ""
-        found: Value = getattr(episode, self.measured_field)
+        measured: Value = getattr(episode, self.measured_field)
         bounds = self.possible(episode)
-        if found is None or bounds is None:
-            fits = found is None and bounds is None
+        if measured is None or bounds is None:
+            fits = measured is None and bounds is None
         else:
-            fits = bounds[0] <= found <= bounds[1]
-        said = "None" if found is None else f"{found:g}"
+            fits = bounds[0] <= measured <= bounds[1]
+        said = "None" if measured is None else f"{measured:g}"
         return "" if fits else f"{self.measured_field} is {said}, not {_in_words(bounds)}"
 
     @property
@@ -132,8 +132,7 @@ class Metric:
 
     def values(self, episodes: Iterable[EpisodeMetrics]) -> list[float]:
         """Return the metric's values, one for each episode that has one."""
-        found = map(self.value, episodes)
-        return [float(value) for value in found if value is not None]
+        return [float(value) for value in map(self.value, episodes) if value is not None]
 
     def estimate(
         self, episodes: Iterable[EpisodeMetrics], rng: np.random.Generator

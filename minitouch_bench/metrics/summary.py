@@ -13,7 +13,6 @@ from minitouch_bench.records import (
     EpisodeMetrics,
     EpisodeRecord,
     Estimate,
-    EvaluationRun,
     FamilyResult,
     Gap,
     Generalization,
@@ -32,7 +31,7 @@ MIN_EPISODES = 10
 def measure(record: EpisodeRecord) -> EpisodeMetrics:
     """Measure one episode; a policy that failed before its first step gives zeros.
 
-    Source: Table 4 and Figures 3 and 9 of the paper; ``docs/metrics.md`` defines each metric.
+    Source: Table 4 and Figures 3 and 9 of the paper; see ``docs/reference/metrics.md``.
     """
     spec = record.spec
     measured = {
@@ -53,35 +52,33 @@ def measure(record: EpisodeRecord) -> EpisodeMetrics:
     )
 
 
-def summarize(run: EvaluationRun, rng: np.random.Generator | None = None) -> Summary:
-    """Estimate every metric of every task of a run, in the run's order of tasks.
-
-    ``rng`` gives one root seed; without it the run's own seed does. Each (task, metric) draws from
-    its own stream under it, so an estimate does not depend on which other tasks were run.
-    """
-    rng = rng or np.random.default_rng(run.header.seed)
-    episodes, exploration = measure_run(run), measure_run(run, Role.EXPLORATION)
-    summary = summarize_episodes(run.header.tasks, episodes, exploration, rng)
-    return replace(summary, tasks=tuple(_with_touch_curve(task, run) for task in summary.tasks))
-
-
-def summarize_episodes(
+def summarize(
     tasks: Sequence[str],
     episodes: Sequence[EpisodeMetrics],
     exploration: Sequence[EpisodeMetrics],
-    rng: np.random.Generator,
+    seed: int,
 ) -> Summary:
-    """Estimate what ``summarize`` does from measured episodes: all but the touch curves."""
-    root = tuple(int(word) for word in rng.integers(2**32, size=4))
+    """Estimate every metric of every task from measured episodes: all but the touch curves.
+
+    ``seed`` is the run's. Each (task, metric) draws from its own stream under it, so an estimate
+    does not depend on which other tasks were run.
+    """
+    root = tuple(int(word) for word in np.random.default_rng(seed).integers(2**32, size=4))
     return Summary(
         tasks=tuple(_summarize_task(task, episodes, exploration, root) for task in tasks),
         generalization=generalize(episodes, tasks, root),
     )
 
 
-def measure_run(run: EvaluationRun, role: Role = Role.FINAL) -> tuple[EpisodeMetrics, ...]:
-    """Measure every episode of one role, in the run's order."""
-    return tuple(measure(record) for record in run.records if record.spec.role is role)
+def with_touch_curves(summary: Summary, records: Sequence[EpisodeRecord]) -> Summary:
+    """Add what only the trajectories tell."""
+    final = [record for record in records if record.spec.role is Role.FINAL]
+    curves = {task.task: touch_curve(final, task.task) for task in summary.tasks}
+    tasks = (
+        replace(task, touch_curve=curves[task.task][0], touch_curve_episodes=curves[task.task][1])
+        for task in summary.tasks
+    )
+    return replace(summary, tasks=tuple(tasks))
 
 
 def _summarize_task(
@@ -91,35 +88,28 @@ def _summarize_task(
     root: Root,
 ) -> TaskSummary:
     """Estimate the metrics of one task; a task without episodes has no estimates."""
-    own = {
+    by_role = {
         Role.FINAL: [episode for episode in episodes if episode.task == task],
         Role.EXPLORATION: [episode for episode in exploration if episode.task == task],
     }
-    found = {
-        name: metric.estimate(own[metric.role], stream(root, task, name))
+    estimates = {
+        name: metric.estimate(by_role[metric.role], stream(root, task, name))
         for name, metric in METRICS.items()
         if metric.is_in(task)
     }
     return TaskSummary(
         task=task,
-        estimates={name: figure for name, figure in found.items() if figure is not None},
-        outcomes={o: sum(e.outcome is o for e in own[Role.FINAL]) for o in Outcome},
+        estimates={name: figure for name, figure in estimates.items() if figure is not None},
+        outcomes={o: sum(e.outcome is o for e in by_role[Role.FINAL]) for o in Outcome},
         touch_curve=(),
     )
 
 
-def _with_touch_curve(summary: TaskSummary, run: EvaluationRun) -> TaskSummary:
-    """Add what only the trajectories tell."""
-    curve, counts = _touch_curve(
-        [r for r in run.records if r.spec.task == summary.task and r.spec.role is Role.FINAL]
-    )
-    return replace(summary, touch_curve=curve, touch_curve_episodes=counts)
-
-
-def _touch_curve(
-    records: Sequence[EpisodeRecord],
+def touch_curve(
+    records: Sequence[EpisodeRecord], task: str
 ) -> tuple[tuple[float, ...], tuple[int, ...]]:
     """Return the mean contact ticks at each control step, and the episodes that reached it."""
+    records = [record for record in records if record.spec.task == task]
     longest = max((len(record.trace.contact_ticks) for record in records), default=0)
     total: NDArray[np.int64] = np.zeros(longest, dtype=np.int64)
     reached: NDArray[np.int64] = np.zeros(longest, dtype=np.int64)
@@ -137,10 +127,10 @@ def generalize(
 
     Source: the paper's generalization study (Figure 11 of its supplement).
     """
-    found = (
+    results = (
         _generalize_task(task, [e for e in episodes if e.task == task], root) for task in tasks
     )
-    return tuple(result for result in found if result is not None)
+    return tuple(result for result in results if result is not None)
 
 
 def has_both_splits(episodes: Sequence[EpisodeMetrics]) -> bool:
@@ -183,22 +173,23 @@ def _gap(
     root: Root,
 ) -> Gap:
     """Estimate a metric on each split, and the difference."""
-    one = metric.estimate(held_out, stream(root, task, metric.name, HELD_OUT))
-    other = metric.estimate(train, stream(root, task, metric.name, TRAIN))
-    assert one is not None  # such a metric has a value in every episode
-    assert other is not None
+    first = metric.estimate(held_out, stream(root, task, metric.name, HELD_OUT))
+    second = metric.estimate(train, stream(root, task, metric.name, TRAIN))
+    assert first is not None  # such a metric has a value in every episode
+    assert second is not None
     if metric.kind is Kind.SHARE:
-        return Gap(one, other, newcombe(one, other))
+        return Gap(first, second, newcombe(first, second))
     rng = stream(root, task, metric.name, "gap")
     difference = bootstrap_difference(metric.values(held_out), metric.values(train), rng)
-    return Gap(one, other, difference)
+    return Gap(first, second, difference)
 
 
 def _of_family(
     episodes: Sequence[EpisodeMetrics], family: str, metric: Metric, root: Root
 ) -> Estimate | None:
     """Estimate a metric on the shapes of one family, None where there is no episode."""
-    own = [episode for episode in episodes if episode.family == family]
-    if not own:
+    members = [episode for episode in episodes if episode.family == family]
+    if not members:
         return None
-    return metric.estimate(own, stream(root, own[0].task, metric.name, own[0].split, family))
+    first = members[0]
+    return metric.estimate(members, stream(root, first.task, metric.name, first.split, family))

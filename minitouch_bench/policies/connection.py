@@ -1,26 +1,29 @@
-"""The evaluation's ends: of a policy's host, of what a process prints, of an episode's pipes."""
+"""The evaluation's ends: of a policy's host, of what a process prints, of an episode's packets."""
 
-import json
+import contextlib
 import os
 import select
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
+
+import msgspec
 
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.isolation.readable import HOST_SETTINGS, HOST_VARIABLES
 from minitouch_bench.policies.wire import (
-    HEADER,
     MAX_PAYLOAD,
     Frame,
+    Order,
     WireError,
     pack_frame,
     plain_line,
-    unpack_header,
+    unpack_frame,
 )
+from minitouch_bench.processes import watch
 
 KEPT_OUTPUT = 4096
 """Bytes kept of what a process prints, the last ones."""
@@ -75,9 +78,7 @@ class OutputPipe:
         os.close(self._reader)
 
 
-def wait_for(
-    readable: Iterable[int], output: OutputPipe, deadline: float, writable: Iterable[int] = ()
-) -> bool:
+def wait_for(readable: Iterable[int], output: OutputPipe, deadline: float) -> bool:
     """Wait until a descriptor is ready, taking up output meanwhile; return False at the deadline.
 
     ``deadline`` is a time of ``time.monotonic``, in s.
@@ -86,8 +87,6 @@ def wait_for(
     poll.register(output, select.POLLIN)
     for descriptor in readable:
         poll.register(descriptor, select.POLLIN)
-    for descriptor in writable:
-        poll.register(descriptor, select.POLLOUT)
     while True:
         left = deadline - time.monotonic()
         if left <= 0:
@@ -99,104 +98,87 @@ def wait_for(
             poll.unregister(output)
 
 
-class EpisodePipes:
-    """A pipe for requests, one for answers, and one for what the child prints.
+def _packet_pair() -> tuple[socket.socket, socket.socket]:
+    """Return two connected sockets that keep the bounds of what is sent."""
+    try:
+        return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    except OSError:  # macOS: a stream, on which both sides take turns, holds one packet at a time
+        pair = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
+        for one in pair:
+            for size in (socket.SO_SNDBUF, socket.SO_RCVBUF):
+                one.setsockopt(socket.SOL_SOCKET, size, 4 * MAX_PAYLOAD)
+        return pair
 
-    There is one answer to each request, and a deadline for both. The child's process is watched
-    as well as its pipe, which one it forked may keep open.
+
+class EpisodeChannel:
+    """Packets to and from a child, one answer to each request, and the pipe that it prints to.
+
+    The child's process is watched as well as its end, which one it forked may keep open.
     """
 
     def __init__(self) -> None:
         self.output = OutputPipe()
-        requests, self._requests = os.pipe()
-        self._answers, answers = os.pipe()
-        self.theirs = (requests, answers, self.output.writer)
-        self._buffer = b""
+        self._ours, self._theirs = _packet_pair()
+        self._ours.setblocking(False)
+        self.descriptors = (self._theirs.fileno(), self.output.writer)
         self._process = -1
-        os.set_blocking(self._requests, False)
-        os.set_blocking(self._answers, False)
 
     def hand_over(self) -> None:
         """Close our copies of the child's ends, once they were sent to it."""
-        for descriptor in self.theirs[:2]:
-            os.close(descriptor)
+        self._theirs.close()
         self.output.close_writer()
 
     def watch(self, pid: int) -> None:
-        """Note which process is at the other ends; the host reaps it when it is stopped."""
-        self._process = os.pidfd_open(pid)
+        """Note which process is at the other end; the host reaps it when it is stopped."""
+        self._process = watch(pid)
 
     def ask(self, kind: Frame, payload: bytes, deadline: float) -> tuple[Frame, bytes]:
         """Send a request and return the answer.
 
         Raises:
-            TimeoutError: the request was not read, or not answered, in time.
-            EOFError: the child closed its end.
-            WireError: no frame of this protocol, or bytes that came before the request.
+            TimeoutError: not answered in time.
+            EOFError: the child ended, or closed its end.
+            WireError: not a packet of this protocol, or one that came before the request.
         """
-        if self._buffer or self._read():
+        if self._take():
             raise WireError("it answered before it was asked")
-        self._send(pack_frame(kind, payload), deadline)
+        with contextlib.suppress(ConnectionError):  # if it has ended, no answer comes
+            try:
+                self._ours.send(pack_frame(kind, payload))
+            except BlockingIOError:
+                raise WireError("it does not read its requests") from None
         return self.receive(deadline)
 
     def receive(self, deadline: float) -> tuple[Frame, bytes]:
-        """Return the next frame.
-
-        Raises:
-            TimeoutError: not in time.
-            EOFError: the child closed its end.
-            WireError: no frame of this protocol.
-        """
-        length, kind = unpack_header(self._take(HEADER.size, deadline))
-        return kind, self._take(length, deadline)
+        """Return the next packet of the child; raises what ``ask`` does."""
+        if not wait_for((self._ours.fileno(), self._process), self.output, deadline):
+            raise TimeoutError
+        packet = self._take()
+        if not packet:
+            raise EOFError
+        return unpack_frame(packet)
 
     def hang_up(self) -> None:
-        """Close the pipes but the output's; a child that lives reads the end of its requests."""
-        for descriptor in (self._requests, self._answers, self._process):
-            if descriptor >= 0:
-                os.close(descriptor)
-        self._requests = self._answers = self._process = -1
+        """Close all but the output; a child that lives reads the end of its requests."""
+        self._ours.close()
+        if self._process >= 0:
+            os.close(self._process)
+            self._process = -1
 
     def close(self) -> None:
         """Close all."""
         self.hang_up()
         self.output.close()
 
-    def _send(self, frame: bytes, deadline: float) -> None:
-        rest = memoryview(frame)
-        while rest:
-            try:
-                rest = rest[os.write(self._requests, rest) :]
-            except BrokenPipeError:  # the answer's end will tell
-                return
-            except BlockingIOError:
-                ready = wait_for((self._process,), self.output, deadline, (self._requests,))
-                if not ready:
-                    raise TimeoutError from None
-                if _has_ended(self._process):
-                    return
-
-    def _take(self, count: int, deadline: float) -> bytes:
-        while len(self._buffer) < count:
-            if not wait_for((self._answers, self._process), self.output, deadline):
-                raise TimeoutError
-            if not self._read():
-                raise EOFError
-        taken, self._buffer = self._buffer[:count], self._buffer[count:]
-        return taken
-
-    def _read(self) -> int:
-        """Read what answers there are and return their length."""
+    def _take(self) -> bytes:
+        """Return the packet that is there, empty where there is none or no more can come."""
         try:
-            part = os.read(self._answers, MAX_PAYLOAD)
-        except BlockingIOError:
-            return 0
-        self._buffer += part
-        return len(part)
-
-
-def _has_ended(process: int) -> bool:
-    return bool(select.select([process], [], [], 0)[0])
+            packet, _, flags, _ = self._ours.recvmsg(1 + MAX_PAYLOAD)
+        except (BlockingIOError, ConnectionError):
+            return b""
+        if flags & socket.MSG_TRUNC:
+            raise WireError(f"a packet of more than {MAX_PAYLOAD} bytes")
+        return packet
 
 
 def _environment(isolation: Isolation) -> dict[str, str]:
@@ -219,7 +201,7 @@ class HostConnection:
     """
 
     def __init__(self, isolation: Isolation) -> None:
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        ours, theirs = _packet_pair()
         self._output = OutputPipe()
         self._control = ours
         self._in_order = False
@@ -242,7 +224,7 @@ class HostConnection:
         return self._process.pid
 
     def order(
-        self, order: Mapping[str, Any], timeout_s: float, descriptors: Sequence[int] = ()
+        self, order: Order, timeout_s: float, descriptors: Sequence[int] = ()
     ) -> dict[str, Any]:
         """Send an order, with file descriptors if it has any, and return the answer.
 
@@ -254,7 +236,7 @@ class HostConnection:
             raise HostGoneError("an earlier order was broken off")
         self._in_order = True
         try:
-            socket.send_fds(self._control, [json.dumps(order).encode()], list(descriptors))
+            socket.send_fds(self._control, [msgspec.json.encode(order)], descriptors)
             deadline = time.monotonic() + timeout_s
             if not wait_for((self._control.fileno(),), self._output, deadline):
                 raise HostGoneError(f"no answer within {timeout_s:g} s")
@@ -264,7 +246,7 @@ class HostConnection:
         if not packet:
             raise HostGoneError("it ended")
         self._in_order = False
-        answer: dict[str, Any] = json.loads(packet)
+        answer: dict[str, Any] = msgspec.json.decode(packet)
         return answer
 
     def last_line(self) -> str:

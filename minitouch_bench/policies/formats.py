@@ -18,14 +18,16 @@ class Format:
     """One way to hand in a policy.
 
     ``loader`` names a function or a class as ``module:name``, so that no process imports torch but
-    the policy's own. ``packages`` are (module, extra) pairs to import beforehand. ``runs_code``
-    marks a file that can do whatever its process can, as opposed to data that is computed with;
-    ``is_zip`` one whose list of contents is looked at before it is unpacked.
+    the policy's own. ``packages`` are (module, extra) pairs to import beforehand;
+    ``computes_with`` is the package whose version the actions depend on, as pip names it.
+    ``runs_code`` marks a file that can do whatever its process can, as opposed to data that is
+    computed with; ``is_zip`` one whose list of contents is looked at before it is unpacked.
     """
 
     loader: str
     suffixes: tuple[str, ...] = ()
     packages: tuple[tuple[str, str], ...] = ()
+    computes_with: str = ""
     runs_code: bool = False
     is_zip: bool = False
 
@@ -34,10 +36,13 @@ FORMATS: Mapping[str, Format] = {
     "random": Format("minitouch_bench.policies.builtin:RandomPolicy"),
     "zero": Format("minitouch_bench.policies.builtin:ZeroPolicy"),
     "open-loop": Format("minitouch_bench.policies.builtin:OpenLoopPolicy"),
-    "native": Format("minitouch_bench.policies.native:load_native", (".safetensors",)),
+    "native": Format(
+        "minitouch_bench.policies.native:load_native", (".safetensors",), computes_with="torch"
+    ),
     "torchscript": Format(
         "minitouch_bench.policies.torchscript:load_torchscript",
         (".pt", ".ts"),
+        computes_with="torch",
         runs_code=True,
         is_zip=True,
     ),
@@ -45,11 +50,14 @@ FORMATS: Mapping[str, Format] = {
         "minitouch_bench.policies.onnx_policy:load_onnx",
         (".onnx",),
         (("onnx", "onnx"), ("onnxruntime", "onnx")),
+        computes_with="onnxruntime",
     ),
     "sb3": Format(
         "minitouch_bench.policies.sb3:load_sb3",
         (".zip",),
         (("stable_baselines3", "sb3"),),
+        computes_with="stable-baselines3",
+        runs_code=True,
         is_zip=True,
     ),
     "factory": Format(
@@ -67,12 +75,20 @@ KIND_BY_SUFFIX: Mapping[str, str] = {
 }
 
 
+def computing_packages() -> tuple[str, ...]:
+    """Return the packages whose versions a policy's actions can depend on, as pip names them."""
+    names = (form.computes_with for form in FORMATS.values())
+    return tuple(dict.fromkeys(filter(None, names)))
+
+
 def check_permitted(kind: str, target: str, isolation: Isolation, *, trust: bool) -> None:
     """Refuse a policy that would run code of its own where nothing holds it.
 
     Raises:
         PolicyLoadError: it is neither in the sandbox nor trusted.
     """
+    if kind == "factory" and not trust:
+        raise PolicyLoadError(f"'{target}' runs Python code: it needs --trust")
     if FORMATS[kind].runs_code and isolation is not Isolation.SANDBOX and not trust:
         raise PolicyLoadError(
             f"{target} is {kind}, which can run code of its own on this machine.\n"

@@ -3,21 +3,19 @@
 Started by ``connection`` as ``python -m minitouch_bench.policies.host FD PARENT``. FD is a
 socket on which every packet is one JSON object::
 
-    {"do": "start", kind, target, digest, deterministic, trust, seed, task, isolation,
-     private, memory_bytes, cpu_s} + three descriptors
+    a StartOrder and two descriptors
         -> {"pid": 123}  or  {"error": "...", "class": "PolicyLoadError"}
-    {"do": "stop", "grace_s": 0.2}
+    a StopOrder
         -> {"status": -9, "killed": true}   status as in Popen.returncode, 0 without a child
 
-The descriptors are the child's own pipe ends, for requests, for answers and for what it prints,
-so that nothing of one episode can be left in the pipes of the next.
+The descriptors are the child's own: a socket for requests and answers, and a pipe for what it
+prints, so that nothing of one episode can be left in them for the next.
 
 The child is an episode of its own: it loads the checkpoint, answers, and ends with the episode.
 """
 
 import contextlib
 import gc
-import json
 import os
 import random
 import signal
@@ -25,8 +23,10 @@ import socket
 import sys
 import time
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NoReturn
 
+import msgspec
 import numpy as np
 import numpy.random  # loaded lazily otherwise, so again in every child
 
@@ -41,6 +41,8 @@ from minitouch_bench.policies.sources import read_again
 from minitouch_bench.policies.wire import (
     MAX_PAYLOAD,
     Frame,
+    Order,
+    StartOrder,
     WireError,
     describe,
     pack_action,
@@ -50,6 +52,9 @@ from minitouch_bench.policies.wire import (
 )
 from minitouch_bench.processes import die_with
 
+CLOSE_ON_EXEC = getattr(socket, "MSG_CMSG_CLOEXEC", 0)
+"""macOS does not have it; the children that the host forks do not start programs by themselves."""
+
 POLL_S = 0.002
 
 
@@ -57,11 +62,9 @@ POLL_S = 0.002
 class Episode:
     """What a child is forked for: which policy, which task, which seed, and what holds it."""
 
-    kind: str
-    checkpoint: Checkpoint
-    task: str
-    seed: int
-    sandbox: Sandbox | None = None
+    order: StartOrder
+    content: bytes
+    sandbox: Sandbox | None
 
 
 class Host:
@@ -70,67 +73,35 @@ class Host:
     def __init__(self, control: socket.socket) -> None:
         self._control = control
         self._child = 0
-        self._contents: dict[str, bytes] = {}
-        self._imported: set[str] = set()
-        self._sandboxes: dict[str, Sandbox] = {}
 
     def serve(self) -> None:
         """Obey until the other side closes."""
         while True:
             packet, descriptors, _, _ = socket.recv_fds(
-                self._control, MAX_PAYLOAD, 3, socket.MSG_CMSG_CLOEXEC
+                self._control, MAX_PAYLOAD, 2, CLOSE_ON_EXEC
             )
             if not packet:
                 break
-            order = json.loads(packet)
-            if order["do"] == "start":
+            order = msgspec.json.decode(packet, type=Order)
+            if isinstance(order, StartOrder):
                 answer = self._start(order, descriptors)
             else:
-                status, killed = self._end_child(order["grace_s"])
+                status, killed = self._end_child(order.grace_s)
                 answer = {"status": status, "killed": killed}
-            self._control.sendall(json.dumps(answer).encode())
+            self._control.sendall(msgspec.json.encode(answer))
         self._end_child(0.0)
 
-    def _start(self, order: dict[str, Any], descriptors: list[int]) -> dict[str, Any]:
+    def _start(self, order: StartOrder, descriptors: list[int]) -> dict[str, Any]:
         self._end_child(0.0)
         try:
-            episode = self._prepare(order)
-            return {"pid": self._fork(episode, *descriptors)}
+            return {"pid": self._fork(_prepare(order), *descriptors)}
         except MiniTouchError as error:
             return {"error": str(error), "class": type(error).__name__}
         finally:
             for descriptor in descriptors:
                 os.close(descriptor)
 
-    def _prepare(self, order: dict[str, Any]) -> Episode:
-        """Import what the kind needs, read its file and prepare its sandbox, each once."""
-        kind, target = order["kind"], order["target"]
-        check_permitted(kind, target, Isolation(order["isolation"]), trust=order["trust"])
-        if kind not in self._imported:
-            _import_format(kind)
-            self._imported.add(kind)
-        if FORMATS[kind].suffixes and target not in self._contents:
-            self._contents[target] = read_again(target, order["digest"])
-        checkpoint = Checkpoint(
-            target, self._contents.get(target, b""), order["deterministic"], order["trust"]
-        )
-        return Episode(kind, checkpoint, order["task"], order["seed"], self._sandbox(order))
-
-    def _sandbox(self, order: dict[str, Any]) -> Sandbox | None:
-        """Return the sandbox for an order's kind of policy, which is tried out once."""
-        if order["isolation"] != Isolation.SANDBOX:
-            return None
-        kind = order["kind"]
-        if kind not in self._sandboxes:
-            own = NOTHING
-            if kind == "factory":
-                own = factory_paths(order["target"], order["private"])
-            allowed = ProcessLimits(order["memory_bytes"], order["cpu_s"])
-            # The formats compute on one thread; what else a file starts is not counted by time.
-            self._sandboxes[kind] = prepare(allowed, own, threads=order["trust"])
-        return self._sandboxes[kind]
-
-    def _fork(self, episode: Episode, requests: int, answers: int, output: int) -> int:
+    def _fork(self, episode: Episode, channel: int, output: int) -> int:
         host = os.getpid()
         child = os.fork()
         if child == 0:
@@ -139,7 +110,7 @@ class Host:
                 die_with(host)
                 self._control.close()  # orders to the host are not the policy's to give
                 _take_streams(output)
-                run_episode(episode, requests, answers)
+                run_episode(episode, channel)
             finally:
                 os._exit(1)
         self._child = child
@@ -166,8 +137,8 @@ class Host:
 def _take_streams(output: int) -> None:
     """Give this process standard streams of its own: flags of the host's would be remembered."""
     null = os.open(os.devnull, os.O_RDONLY)
-    for standard, own in enumerate((null, output, output)):
-        os.dup2(own, standard)
+    for standard, taken in enumerate((null, output, output)):
+        os.dup2(taken, standard)
     os.close(null)
     os.close(output)
 
@@ -176,6 +147,30 @@ def _has_exited(child: int) -> bool:
     return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
+def _prepare(order: StartOrder) -> Episode:
+    """Import what the kind needs, read its file and prepare its sandbox, each once."""
+    check_permitted(order.kind, order.target, order.isolation, trust=order.trust)
+    _import_format(order.kind)
+    content = _read(order.target, order.digest) if FORMATS[order.kind].suffixes else b""
+    sandbox = None
+    if order.isolation is Isolation.SANDBOX:
+        factory = (order.target, order.private) if order.kind == "factory" else ()
+        sandbox = _make_sandbox(order.limits, factory, order.trust)
+    return Episode(order, content, sandbox)
+
+
+_read = cache(read_again)
+
+
+@cache
+def _make_sandbox(limits: ProcessLimits, factory: tuple[str, ...], trust: bool) -> Sandbox:
+    """Return a sandbox that was tried out; ``factory``: what ``factory_paths`` is asked for."""
+    paths = factory_paths(*factory) if factory else NOTHING
+    # The formats compute on one thread; what else a file starts is not counted by time.
+    return prepare(limits, paths, threads=trust)
+
+
+@cache
 def _import_format(kind: str) -> None:
     try:
         find_loader(kind)
@@ -189,13 +184,13 @@ def _import_format(kind: str) -> None:
     gc.freeze()  # children then share these pages for good
 
 
-def run_episode(episode: Episode, requests: int, answers: int) -> NoReturn:
-    """Confine this process, answer requests until they close, then exit."""
+def run_episode(episode: Episode, channel: int) -> NoReturn:
+    """Confine this process, answer requests until they end, then exit."""
     code = 1
     try:
-        seed_everything(episode.seed)
-        if _confine(episode, requests, answers):
-            _serve(episode, requests, answers)
+        seed_everything(episode.order.seed)
+        if _confine(episode, channel):
+            _serve(episode, channel)
         code = 0
     except SystemExit as stop:  # sys.exit() in a policy ends its process, as it would anywhere
         code = _exit_code(stop)
@@ -215,35 +210,36 @@ def seed_everything(seed: int) -> None:
         sys.modules["onnxruntime"].set_seed(seed % 2**63)
 
 
-def _confine(episode: Episode, requests: int, answers: int) -> bool:
+def _confine(episode: Episode, channel: int) -> bool:
     """Enter the sandbox, if there is one: all before is ours, all after may be a stranger's."""
     try:
         if episode.sandbox is not None:
-            episode.sandbox.enter((requests, answers))
+            episode.sandbox.enter((channel,))
     except OSError as error:
-        write_frame(answers, Frame.UNCONFINED, describe(error).encode())
+        write_frame(channel, Frame.UNCONFINED, describe(error).encode())
         return False
-    write_frame(answers, Frame.CONFINED)
+    write_frame(channel, Frame.CONFINED)
     return True
 
 
-def _serve(episode: Episode, requests: int, answers: int) -> None:
-    """Answer each request, one frame to one, until they end."""
-    policy = None
+def _serve(episode: Episode, channel: int) -> None:
+    """Answer each request, packet by packet, until they end."""
+    policy, order = None, episode.order
     while True:
         try:
-            request, payload = read_frame(requests)
+            request, payload = read_frame(channel)
         except EOFError:
             break
         try:
             if request is Frame.LOAD:
-                policy = load_policy(episode.kind, episode.checkpoint)
+                checkpoint = Checkpoint(order.target, episode.content, order.deterministic)
+                policy = load_policy(order.kind, checkpoint)
                 kind, answer = Frame.LOADED, b""
             elif policy is None:
                 raise WireError(f"a request of kind {request} before LOAD")
             elif request is Frame.RESET:
-                seed_everything(episode.seed)  # loading may have drawn numbers
-                policy.reset(episode.seed, episode.task)
+                seed_everything(order.seed)  # loading may have drawn numbers
+                policy.reset(order.seed, order.task)
                 kind, answer = Frame.READY, b""
             else:
                 action = policy.act(unpack_observation(payload))
@@ -256,7 +252,7 @@ def _serve(episode: Episode, requests: int, answers: int) -> None:
             plain = refused or isinstance(error, PolicyRaisedError)
             kind = Frame.REFUSED if refused else Frame.RAISED
             answer = (str(error) if plain else describe(error)).encode(errors="replace")
-        write_frame(answers, kind, answer[:MAX_PAYLOAD])
+        write_frame(channel, kind, answer[:MAX_PAYLOAD])
     close_policy(policy)
 
 

@@ -49,7 +49,7 @@ def keep_in_memory(policy: object) -> PolicySource:
     """Return the source of a policy that is given as an object.
 
     Raises:
-        PolicyLoadError: it is no policy, or cannot be copied.
+        PolicyLoadError: it is not a policy, or cannot be copied.
     """
     try:
         content = cloudpickle.dumps(_without_training(policy))
@@ -84,7 +84,7 @@ def _without_training(policy: object) -> object:
     module = policy.policy if _is_sb3_model(policy) else policy  # type: ignore[attr-defined]
     torch = sys.modules.get("torch")
     if torch is None or not isinstance(module, torch.nn.Module):
-        raise PolicyLoadError(f"{type(policy).__name__} is no policy: {WANTED}")
+        raise PolicyLoadError(f"{type(policy).__name__} is not a policy: {WANTED}")
     return copy.deepcopy(module).cpu().eval()
 
 

@@ -66,7 +66,7 @@ class InProcessPolicy:
         content = part.content
         if FORMATS[part.kind].suffixes:
             content = read_again(part.target, part.digest)
-        checkpoint = Checkpoint(part.target, content, self._deterministic, self._trust)
+        checkpoint = Checkpoint(part.target, content, self._deterministic)
         self._size = action_size(task)
         seed_everything(seed)
         self._policy = load_policy(part.kind, checkpoint)
@@ -87,9 +87,9 @@ class InProcessPolicy:
         """
         if self._policy is None:
             raise RuntimeError("no episode has begun")
-        own = {name: value.copy() for name, value in observation.items()}
+        copied = {name: value.copy() for name, value in observation.items()}
         try:
-            raw = self._policy.act(own)
+            raw = self._policy.act(copied)
         except MiniTouchError:
             raise
         except Exception as error:

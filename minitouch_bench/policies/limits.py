@@ -1,16 +1,23 @@
 """How long a policy may take, and how much memory."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Annotated
 
-from msgspec import UNSET
+from msgspec import Meta
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, LOAD_TIMEOUT_S
-from minitouch_bench.records import RunHeader
+from minitouch_bench.protocol.minitouch import (
+    ACT_TIMEOUT_S,
+    EPISODE_TIMEOUT_S,
+    LOAD_TIMEOUT_S,
+    PROTOCOL,
+)
 
-MAX_ACTS = 256
-"""More than the 200 of an episode, for the limit of processor time."""
+Seconds = Annotated[float, Meta(gt=0)]
+
+MAX_ACTS = max(task.max_steps for task in PROTOCOL.tasks)
+"""Acts in the longest episode, for the limit of processor time."""
 
 
 @dataclass(frozen=True)
@@ -24,28 +31,29 @@ class PolicyLimits:
         UsageError: a time that cannot be waited for.
     """
 
-    load_timeout_s: float = LOAD_TIMEOUT_S
-    act_timeout_s: float = ACT_TIMEOUT_S
-    episode_timeout_s: float = EPISODE_TIMEOUT_S
-    memory_mb: int = 8192
+    load_timeout_s: Seconds = LOAD_TIMEOUT_S
+    act_timeout_s: Seconds = ACT_TIMEOUT_S
+    episode_timeout_s: Seconds = EPISODE_TIMEOUT_S
+    memory_mb: Annotated[int, Meta(gt=0)] = 8192
 
     def __post_init__(self) -> None:
         for limit in (self.load_timeout_s, self.act_timeout_s, self.episode_timeout_s):
             if not 0 < limit < math.inf:
                 raise UsageError(f"a time limit is a number of seconds above 0, not {limit}")
 
+    def as_options(self) -> tuple[str, ...]:
+        """Return the command line's options for the times that are not the protocol's."""
+        words: list[str] = []
+        if self.act_timeout_s != ACT_TIMEOUT_S:
+            words += ["--act-timeout", f"{self.act_timeout_s:.15g}"]
+        if self.episode_timeout_s != EPISODE_TIMEOUT_S:
+            words += ["--episode-timeout", f"{self.episode_timeout_s:.15g}"]
+        return tuple(words)
+
     @property
     def cpu_s(self) -> int:
         """Return the processor time that one thread could use within the timeouts."""
         return math.ceil(self.load_timeout_s + MAX_ACTS * self.act_timeout_s)
-
-
-def limits_of(header: RunHeader) -> PolicyLimits:
-    """Return the limits of time that a run had."""
-    limits = PolicyLimits(act_timeout_s=header.act_timeout_s)
-    if header.episode_timeout_s is UNSET:
-        return limits
-    return replace(limits, episode_timeout_s=header.episode_timeout_s)
 
 
 USUAL_LIMITS = PolicyLimits()

@@ -96,9 +96,9 @@ def load_native(checkpoint: Checkpoint) -> NativePolicy:
     with torch.device("meta"):  # shapes only: random weights would be drawn for nothing
         actor = ARCHITECTURES[form.architecture](form.action_size)
     wanted = {name: tuple(value.shape) for name, value in actor.state_dict().items()}
-    found = {name: tuple(value.shape) for name, value in tensors.items()}
-    if wanted != found:
-        wrong = sorted(set(wanted.items()) ^ set(found.items()))[0][0]
+    given = {name: tuple(value.shape) for name, value in tensors.items()}
+    if wanted != given:
+        wrong = sorted(set(wanted.items()) ^ set(given.items()))[0][0]
         raise PolicyLoadError(
             f"{checkpoint.target} does not hold the weights of '{form.architecture}': see '{wrong}'"
         )
@@ -111,7 +111,7 @@ def _read_form(checkpoint: Checkpoint) -> NativeForm:
         (length,) = struct.unpack_from("<Q", checkpoint.content)
         if length > min(MAX_HEADER_BYTES, len(checkpoint.content)):
             raise PolicyLoadError(
-                f"{checkpoint.target} is no native checkpoint: it declares a header of "
+                f"{checkpoint.target} is not a native checkpoint: it declares a header of "
                 f"{length} bytes"
             )
         header = json.loads(checkpoint.content[8 : 8 + length])
@@ -121,7 +121,7 @@ def _read_form(checkpoint: Checkpoint) -> NativeForm:
         form = msgspec.json.decode(header["__metadata__"][METADATA_KEY], type=NativeForm)
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise PolicyLoadError(
-            f"{checkpoint.target} is no native checkpoint: no '{METADATA_KEY}' entry in its "
+            f"{checkpoint.target} is not a native checkpoint: no '{METADATA_KEY}' entry in its "
             "metadata. Write it with minitouch_bench.policies.native.save_native"
         ) from error
     if form.architecture not in ARCHITECTURES or form.action_size not in ACTION_SIZES:

@@ -38,22 +38,44 @@ LOG_STD_BOUNDS = (-20.0, 2.0)
 """Clamp on the log standard deviation; the paper names none, these are SAC's own."""
 
 
-class FirstConvolution(nn.Conv2d):
-    """A convolution of one channel and stride 4; in half precision on 4 x 4 pixels as channels.
+class PictureConvolutions(nn.Sequential):
+    """Convolutions of an image, of which the second has stride 2; in half precision arranged anew.
 
-    The same sums, whose gradients take oneDNN a quarter of the time. The kernel's size, the
-    height and the width are multiples of 4. Half-precision pictures get no gradient.
+    The second one then sees 2 x 2 maps as channels of one, and the first one makes them at once:
+    four times its kernel, each moved by its stride, in a kernel of 12 x 12 pixels with stride 8,
+    on 4 x 4 pixels as channels. The same sums, and their gradients take oneDNN half the time.
     """
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return maps of images (N, 1, H, W)."""
+        """Return maps of images (N, 1, H, W), which get no gradient in half precision."""
         if not torch.is_autocast_enabled(image.device.type):
-            return super().forward(image)
-        fours = image.bfloat16().view(torch.int64)  # moves four pixels at a time
-        count, _, height, width = fours.shape
-        moved = fours.reshape(count, height // 4, 4, width).transpose(2, 3).contiguous()
-        blocks = moved.view(torch.bfloat16).permute(0, 3, 1, 2)
-        return functional.conv2d(blocks, _blocks(self.weight, 4).permute(0, 3, 1, 2), self.bias)
+            maps: Tensor = super().forward(image)  # type: ignore[no-untyped-call]
+            return maps
+        first, activation, second, *others = self
+        assert isinstance(first, nn.Conv2d)
+        assert isinstance(second, nn.Conv2d)
+        assert first.bias is not None
+        size = first.stride[0]
+        kernels = [
+            functional.pad(first.weight, (x, size - x, y, size - y))
+            for y in (0, size)
+            for x in (0, size)
+        ]
+        weight = _blocks(torch.cat(kernels), size).permute(0, 3, 1, 2)
+        maps = functional.conv2d(_pixel_blocks(image), weight, first.bias.repeat(4), stride=2)
+        weight = _blocks(second.weight, 2).permute(0, 3, 1, 2)
+        maps = functional.conv2d(activation(maps), weight, second.bias)
+        for layer in others:
+            maps = layer(maps)
+        return maps
+
+
+def _pixel_blocks(image: Tensor) -> Tensor:
+    """Return images (N, 1, H, W) as bfloat16 (N, 16, H / 4, W / 4), channels last."""
+    fours = image.bfloat16().view(torch.int64)  # moves four pixels at a time
+    count, _, height, width = fours.shape
+    moved = fours.reshape(count, height // 4, 4, width).transpose(2, 3).contiguous()
+    return moved.view(torch.bfloat16).permute(0, 3, 1, 2)
 
 
 class TileConvolution(nn.Conv2d):
@@ -89,31 +111,26 @@ class VisualEncoder(nn.Module):
     def __init__(self, width: float = 1.0) -> None:
         super().__init__()
         layers: list[nn.Module] = []
-        channels = 1
+        channels = PROTOCOL.observation.image_shape[0]
         for outputs, kernel, stride in zip(
             ENCODER_CHANNELS, ENCODER_KERNELS, ENCODER_STRIDES, strict=True
         ):
             wide = max(1, int(width * outputs))
-            convolution = _convolution_class(channels, kernel, stride)
+            convolution = TileConvolution if kernel == stride else nn.Conv2d
             layers += [convolution(channels, wide, kernel, stride), nn.LeakyReLU()]
             channels = wide
-        self.convolutions = nn.Sequential(*layers)
+        self.convolutions = PictureConvolutions(*layers)
         self.projection = nn.Sequential(
             nn.Linear(channels * ENCODER_GRID**2, FEATURES), nn.LeakyReLU()
         )
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return features float32 (N, 256) of images uint8 (N, 1, H, W)."""
+        """Return features float32 (N, 256) of images uint8 (N, C, H, W)."""
         half = torch.is_autocast_enabled(image.device.type)  # which holds 0 to 255 exactly
-        maps = self.convolutions(image.to(torch.bfloat16 if half else torch.float32) / 255.0)
+        pixels = image.to(torch.bfloat16 if half else torch.float32, copy=True).div_(255.0)
+        maps = self.convolutions(pixels)
         features: Tensor = self.projection(maps.flatten(1))
         return features
-
-
-def _convolution_class(channels: int, kernel: int, stride: int) -> type[nn.Conv2d]:
-    if channels == 1 and stride == 4 and kernel % 4 == 0:
-        return FirstConvolution
-    return TileConvolution if kernel == stride else nn.Conv2d
 
 
 class TouchActor(nn.Module):

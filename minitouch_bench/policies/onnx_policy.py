@@ -45,7 +45,7 @@ def load_onnx(checkpoint: Checkpoint) -> OnnxPolicy:
     try:
         model = onnx.load_model_from_string(checkpoint.content)
     except Exception as error:  # the protobuf package's own class, which is no dependency of ours
-        raise PolicyLoadError(f"{checkpoint.target} is no ONNX file") from error
+        raise PolicyLoadError(f"{checkpoint.target} is not an ONNX file") from error
     check_model(onnx, model, checkpoint.target)
     options = runtime.SessionOptions()
     options.intra_op_num_threads = 1

@@ -12,8 +12,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 Observation = Mapping[str, NDArray[Any]]
 """``image`` uint8 ``IMAGE_SHAPE`` and ``touch`` float32 ``TOUCH_SHAPE``."""
 
-IMAGE_SHAPE = (1, PROTOCOL.observation.image_size, PROTOCOL.observation.image_size)
-TOUCH_SHAPE = (PROTOCOL.observation.touch_size,)
+IMAGE_SHAPE, TOUCH_SHAPE = PROTOCOL.observation.image_shape, PROTOCOL.observation.touch_shape
 
 
 class Policy(Protocol):
@@ -37,13 +36,12 @@ class Checkpoint:
     """What a loader builds a policy from.
 
     ``content`` holds the file's bytes, read once and checked against its digest; ``target``
-    names the file, the factory or the server. ``trust`` permits code of the submitter's own.
+    names the file, the factory or the server.
     """
 
     target: str
     content: bytes = b""
     deterministic: bool = True
-    trust: bool = False
 
 
 def action_size(task: str) -> int:

@@ -4,7 +4,7 @@ import contextlib
 import signal
 import time
 from collections.abc import Mapping
-from typing import Any, NamedTuple, NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +22,15 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
-from minitouch_bench.policies.connection import EpisodePipes, HostConnection, HostGoneError
+from minitouch_bench.policies.connection import EpisodeChannel, HostConnection, HostGoneError
+from minitouch_bench.policies.isolation.kernel import ProcessLimits
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
-from minitouch_bench.policies.policy import (
-    Observation,
-    action_size,
-)
+from minitouch_bench.policies.policy import Observation, action_size
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.policies.wire import (
     Frame,
+    StartOrder,
+    StopOrder,
     WireError,
     pack_observation,
     plain_line,
@@ -82,7 +82,7 @@ class PolicyProcess:
         self._limits = options.limits
         self._deterministic = deterministic
         self._host: HostConnection | None = None
-        self._pipes: EpisodePipes | None = None
+        self._channel: EpisodeChannel | None = None
         self._size = 0
         self._end_grace_s = 0.0
         self._left_s = 0.0
@@ -104,20 +104,13 @@ class PolicyProcess:
             InfrastructureError: no host process can be started.
         """
         part = self._source.for_task(task)
-        order = {
-            "do": "start",
-            "kind": part.kind,
-            "target": part.target,
-            "digest": part.digest,
-            "deterministic": self._deterministic,
-            "trust": self._options.trust,
-            "task": task,
-            "seed": seed,
-            "isolation": self._options.level,
-            "private": self._options.private,
-            "memory_bytes": self._limits.memory_mb * 2**20,
-            "cpu_s": self._limits.cpu_s,
-        }
+        options, limits = self._options, self._limits
+        allowed = ProcessLimits(limits.memory_mb * 2**20, limits.cpu_s)
+        order = StartOrder(
+            kind=part.kind, target=part.target, digest=part.digest, task=task, seed=seed,
+            deterministic=self._deterministic, isolation=options.level, trust=options.trust,
+            private=options.private, limits=allowed,
+        )  # fmt: skip
         deadline = time.monotonic() + self._limits.load_timeout_s
         self._end_episode()
         self._size = action_size(task)
@@ -138,7 +131,7 @@ class PolicyProcess:
             PolicyRaisedError: the policy's code raised; the text has type and message.
             InfrastructureError: the host process ended.
         """
-        if self._pipes is None:
+        if self._channel is None:
             raise RuntimeError("no episode has begun")
         limit_s = self._limits.act_timeout_s
         deadline, late = time.monotonic() + limit_s, f"no action within {limit_s:g} s"
@@ -156,45 +149,45 @@ class PolicyProcess:
         self._drop_host()
 
     def _drop_host(self) -> None:
-        self._close_pipes()
+        self._close_channel()
         if self._host is not None:
             self._host.close()
             self._host = None
 
-    def _close_pipes(self) -> None:
-        if self._pipes is not None:
-            self._pipes.close()
-            self._pipes = None
+    def _close_channel(self) -> None:
+        if self._channel is not None:
+            self._channel.close()
+            self._channel = None
 
-    def _start(self, order: dict[str, Any], deadline: float) -> None:
+    def _start(self, order: StartOrder, deadline: float) -> None:
         """Have a child forked and confined; a host that has ended is replaced, once."""
         for _ in range(2):
             if self._host is None:
                 self._host = HostConnection(self._options.level)
-            pipes = self._pipes = EpisodePipes()
+            channel = self._channel = EpisodeChannel()
             try:
                 limit_s = self._limits.load_timeout_s
-                answer = self._host.order(order, limit_s, pipes.theirs)
+                answer = self._host.order(order, limit_s, channel.descriptors)
                 break
             except HostGoneError as error:
                 problem = f"{error}: {self._host.last_line()}"
                 self._drop_host()
             finally:
-                pipes.hand_over()
+                channel.hand_over()
         else:
             raise InfrastructureError(f"the policy's host process cannot work ({problem})")
         if "error" in answer:
-            self._close_pipes()
+            self._close_channel()
             raise REFUSALS.get(answer["class"], PolicyLoadError)(answer["error"])
-        pipes.watch(answer["pid"])
+        channel.watch(answer["pid"])
         self._await_confined(deadline)
 
     def _await_confined(self, deadline: float) -> None:
         """Wait for the child's first word, which it says before it looks at the checkpoint."""
-        assert self._pipes is not None
+        assert self._channel is not None
         text = "no answer"
         with contextlib.suppress(TimeoutError, EOFError, WireError):
-            kind, payload = self._pipes.receive(deadline)
+            kind, payload = self._channel.receive(deadline)
             if kind is Frame.CONFINED:
                 return
             text = plain_line(payload.decode(errors="replace"))
@@ -214,13 +207,13 @@ class PolicyProcess:
         self, request: Frame, question: bytes, wanted: Frame, deadline: float, late: str
     ) -> bytes:
         """Return what the child answers, or end the child and raise what went wrong."""
-        assert self._pipes is not None
+        assert self._channel is not None
         began = time.monotonic()
         if began + self._left_s < deadline:
             deadline = began + self._left_s
             late = f"its episode took more than {self._limits.episode_timeout_s:g} s"
         try:
-            kind, payload = self._pipes.ask(request, question, deadline)
+            kind, payload = self._channel.ask(request, question, deadline)
         except TimeoutError:
             self._stop(0.0)
             raise PolicyTimeoutError(late) from None
@@ -241,7 +234,7 @@ class PolicyProcess:
         if kind is Frame.RAISED:
             self._stop(0.0)
             raise PolicyRaisedError(text)
-        self._break_off(WireError(f"{kind.name} is no answer to {request.name}"))
+        self._break_off(WireError(f"{kind.name} is not an answer to {request.name}"))
 
     def _break_off(self, error: WireError) -> NoReturn:
         self._stop(0.0)
@@ -267,26 +260,26 @@ class PolicyProcess:
             InfrastructureError: the host itself has ended.
         """
         assert self._host is not None
-        pipes, self._pipes = self._pipes, None
+        channel, self._channel = self._channel, None
         try:
-            if pipes is not None:
-                pipes.hang_up()
-            answer = self._host.order({"do": "stop", "grace_s": grace_s}, STOP_TIMEOUT_S)
-            last_line = "" if pipes is None else pipes.output.last_line()
+            if channel is not None:
+                channel.hang_up()
+            answer = self._host.order(StopOrder(grace_s), STOP_TIMEOUT_S)
+            last_line = "" if channel is None else channel.output.last_line()
             return _Ending(answer["status"], answer["killed"], last_line)
         except HostGoneError as error:
             self._drop_host()
             raise InfrastructureError(f"the policy's host process ended ({error})") from error
         finally:
-            if pipes is not None:
-                pipes.close()
+            if channel is not None:
+                channel.close()
 
     def _end_episode(self) -> None:
         """End the last episode's child; if the host is gone, so is the child."""
         if self._host is None:
             return
         with contextlib.suppress(InfrastructureError):
-            self._stop(self._end_grace_s if self._pipes is not None else 0.0)
+            self._stop(self._end_grace_s if self._channel is not None else 0.0)
 
 
 def _signal_name(number: int) -> str:

@@ -100,38 +100,19 @@ class PolicyHandler(BaseHTTPRequestHandler):
     wbufsize = -1  # headers and body leave in one packet
     disable_nagle_algorithm = True
 
-    def do_GET(self) -> None:
-        """Tell the protocol and the policy's name."""
-        self._answer({"/info": lambda _: {"protocol": PROTOCOL, "name": self.server.name}})
-
-    def do_POST(self) -> None:
-        """Begin an episode, or act in one."""
-        self._answer(
-            {
-                "/episodes": lambda body: {"episode": self.server.begin(json.loads(body))},
-                "/episodes/*/act": lambda body: {"action": self.server.act(self._episode(), body)},
-            }
-        )
-
-    def do_DELETE(self) -> None:
-        """End an episode."""
-        self._answer({"/episodes/*": lambda _: self.server.end(self._episode())})
-
     def log_message(self, *_: Any) -> None:
         """Stay silent: a line an act would be thousands."""
 
-    def _episode(self) -> str:
-        return self.path.split("/")[2]
-
-    def _answer(self, routes: dict[str, Callable[[bytes], dict[str, Any]]]) -> None:
+    def do_GET(self) -> None:
+        """Answer a request."""
         status = HTTPStatus.OK
         try:
-            answer = self._route(routes)
+            answer = self._answer(self._body())
         except RequestError as error:
             status, answer = error.status, {"error": str(error)}
         except (WireError, KeyError, ValueError, TypeError) as error:
             status, answer = HTTPStatus.BAD_REQUEST, {"error": describe(error)}
-        except Exception as error:  # the policy's own failure is told to the evaluation
+        except Exception as error:  # the policy's own failure is for the evaluation to show
             status, answer = HTTPStatus.INTERNAL_SERVER_ERROR, {"error": describe(error)}
         content = json.dumps(answer).encode()
         self.send_response(status)
@@ -140,17 +121,26 @@ class PolicyHandler(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(content)
 
-    def _route(self, routes: dict[str, Callable[[bytes], dict[str, Any]]]) -> dict[str, Any]:
+    do_POST = do_DELETE = do_GET  # noqa: N815  the names that http.server calls
+
+    def _body(self) -> bytes:
         length = int(self.headers.get("Content-Length") or 0)
         if not 0 <= length <= OBSERVATION_BYTES:
             self.close_connection = True  # the body stays unread
             raise RequestError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a body of {length} bytes")
-        body = self.rfile.read(length)
-        parts = self.path.split("/")
-        pattern = "/".join("*" if place == 2 else part for place, part in enumerate(parts))
-        if pattern not in routes:
-            raise RequestError(HTTPStatus.NOT_FOUND, f"no {self.command} {self.path}")
-        return routes[pattern](body)
+        return self.rfile.read(length)
+
+    def _answer(self, body: bytes) -> dict[str, Any]:
+        match self.command, self.path.split("/")[1:]:
+            case "GET", ["info"]:
+                return {"protocol": PROTOCOL, "name": self.server.name}
+            case "POST", ["episodes"]:
+                return {"episode": self.server.begin(json.loads(body))}
+            case "POST", ["episodes", episode, "act"]:
+                return {"action": self.server.act(episode, body)}
+            case "DELETE", ["episodes", episode]:
+                return self.server.end(episode)
+        raise RequestError(HTTPStatus.NOT_FOUND, f"no {self.command} {self.path}")
 
 
 def serve(factory: Callable[..., Policy], host: str = "127.0.0.1", port: int = 8000) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError
 from minitouch_bench.files import CHECKPOINTS, GIB, SUBMISSION_FILE, os_errors_as, read_file
 from minitouch_bench.optional import require
-from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
+from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.wire import describe
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import PolicyIdentity, Role
@@ -71,13 +71,11 @@ class PolicySource:
         """
         if self.kind != DIRECTORY:
             return self
-        for name, part in self.parts:
-            if name == task:
-                return part
-        raise PolicyLoadError(
-            f"{self.target} has no policy for the task '{task}': "
-            f"add {task}{f', {task}'.join(KIND_BY_SUFFIX)}"
-        )
+        part = dict(self.parts).get(task)
+        if part is None:
+            names = ", ".join(f"{task}{suffix}" for suffix in KIND_BY_SUFFIX)
+            raise PolicyLoadError(f"{self.target} has no policy for the task '{task}': add {names}")
+        return part
 
 
 def is_remote(text: str) -> bool:
@@ -179,8 +177,10 @@ def _kind_of(path: Path) -> str:
 def _parse_file(path: Path, *, follow: bool = True) -> PolicySource:
     """Find out what a file is; one that the user did not name may be no link to another file."""
     kind = _kind_of(path)
-    digest = hashlib.sha256(read_checkpoint(path, follow=follow)).hexdigest()
-    return PolicySource(kind, path.stem, str(path), digest)
+    content = read_checkpoint(path, follow=follow)
+    if FORMATS[kind].is_zip:
+        check_zip(content, str(path))
+    return PolicySource(kind, path.stem, str(path), hashlib.sha256(content).hexdigest())
 
 
 def _parse_url(text: str) -> PolicySource:
@@ -189,7 +189,7 @@ def _parse_url(text: str) -> PolicySource:
     except ValueError:  # as of "http://[::1"
         parts = urllib.parse.urlsplit("")
     if not parts.hostname or parts.username or parts.query or parts.fragment:
-        raise PolicyLoadError(f"'{text}' is no server's address; write http://HOST:PORT")
+        raise PolicyLoadError(f"'{text}' is not a server's address; write http://HOST:PORT")
     return PolicySource("remote", parts.netloc, text)
 
 
@@ -197,8 +197,8 @@ def _parse_hub(text: str, *, contact: bool) -> PolicySource:
     """Fetch a file from the Hub; its address names the commit."""
     asked = parse_hub_address(text)
     _kind_of(Path(asked.file))
-    path, found = _fetch(asked, contact=contact)
-    return replace(_parse_file(path), address=str(found))
+    path, resolved = _fetch(asked, contact=contact)
+    return replace(_parse_file(path), address=str(resolved))
 
 
 def directory_digest(files: Iterable[tuple[str, str]]) -> str:
@@ -210,7 +210,7 @@ def directory_digest(files: Iterable[tuple[str, str]]) -> str:
 def _parse_submission(path: Path, role: Role) -> PolicySource:
     """Find the checkpoints of a submission's first training seed."""
     folders = path.glob(f"{CHECKPOINTS}/seed-*/{role}")
-    folder = min(folders, key=lambda one: (len(one.parent.name), one.parent.name), default=None)
+    folder = min(folders, key=lambda path: (len(path.parent.name), path.parent.name), default=None)
     if folder is None:
         raise PolicyLoadError(f"{path} is a submission without {role} checkpoints")
     with os_errors_as(PolicyLoadError, folder, "read"):
@@ -296,7 +296,9 @@ def parse_hub_address(text: str) -> HubFile:
     """
     match = HUB_ADDRESS.fullmatch(text)
     if match is None or {"", ".", ".."} & {*match[1].split("/"), *match[2].split("/")}:
-        raise PolicyLoadError(f"'{text}' is no file on the Hub; write hf://USER/REPO/FILE@REVISION")
+        raise PolicyLoadError(
+            f"'{text}' is not a file on the Hub; write hf://USER/REPO/FILE@REVISION"
+        )
     return HubFile(match[1], match[2], match[3] or "main")
 
 
@@ -313,10 +315,10 @@ def _fetch(asked: HubFile, *, contact: bool) -> tuple[Path, HubFile]:
     try:
         if contact and not COMMIT.fullmatch(asked.revision):
             url = library.hf_hub_url(asked.repository, asked.file, revision=asked.revision)
-            found = library.get_hf_file_metadata(url)
-            if (found.size or 0) > MAX_FILE_BYTES:
-                raise PolicyLoadError(f"{asked} has {found.size} bytes, which is too large")
-            asked = HubFile(asked.repository, asked.file, found.commit_hash)
+            remote = library.get_hf_file_metadata(url)
+            if (remote.size or 0) > MAX_FILE_BYTES:
+                raise PolicyLoadError(f"{asked} has {remote.size} bytes, which is too large")
+            asked = replace(asked, revision=remote.commit_hash)
         path = library.hf_hub_download(
             asked.repository, asked.file, revision=asked.revision, local_files_only=not contact
         )

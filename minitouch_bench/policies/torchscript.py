@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError
 from minitouch_bench.policies.native import as_array, to_tensors
 from minitouch_bench.policies.policy import Checkpoint, Observation
-from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.policies.wire import plain_line
 
 RAN = "failed in the TorchScript interpreter"
@@ -49,9 +48,8 @@ def load_torchscript(checkpoint: Checkpoint) -> TorchScriptPolicy:
     """Load a TorchScript module on the CPU.
 
     Raises:
-        PolicyLoadError: no TorchScript file, or a forward of other arguments.
+        PolicyLoadError: not a TorchScript file, or a forward of other arguments.
     """
-    check_zip(checkpoint.content, checkpoint.target)
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "`?torch.jit", DeprecationWarning)
@@ -62,7 +60,7 @@ def load_torchscript(checkpoint: Checkpoint) -> TorchScriptPolicy:
                 f"{checkpoint.target} failed in code of its own: {last_line(error)}"
             ) from error
         raise PolicyLoadError(
-            f"{checkpoint.target} is no TorchScript file. Weights alone are not enough: "
+            f"{checkpoint.target} is not a TorchScript file. Weights alone are not enough: "
             "save a module with torch.jit.trace(...).save, or use .safetensors"
         ) from error
     module.eval()

@@ -1,7 +1,7 @@
-"""The bytes between the evaluation and a policy's process: frames, arrays, plain text.
+"""The bytes between the evaluation and a policy's process: packets, arrays, plain text.
 
-A frame is a little-endian uint32 payload length, one byte of kind, and the payload. Nothing
-is pickled: an answer is read by the trusted side as numbers and text only.
+A packet of the kernel's (``SOCK_SEQPACKET``) is one byte of kind, and the payload. Nothing is
+pickled: an answer is read by the trusted side as numbers and text only.
 """
 
 import math
@@ -12,9 +12,12 @@ import unicodedata
 from enum import IntEnum
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.policies.isolation.kernel import ProcessLimits
+from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Observation
 
 MAX_PAYLOAD = 64 * 1024
@@ -29,7 +32,6 @@ MAX_TEXT = 200
 IMAGE_BYTES = int(np.prod(IMAGE_SHAPE))
 OBSERVATION_BYTES = IMAGE_BYTES + 4 * TOUCH_SHAPE[0]
 
-HEADER = struct.Struct("<IB")
 ARRAY_HEADER = struct.Struct("<8sB")
 MAX_AXES = 8
 NO_NUMBERS = "|O"
@@ -42,8 +44,35 @@ parser, which no policy may feed."""
 ANSI_SEQUENCE = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|\][^\x07\x1b]*(\x07|\x1b\\)?|.)")
 
 
+class StartOrder(msgspec.Struct, frozen=True, tag=True):
+    """The order to a host to fork a child for one episode.
+
+    ``private`` is the run's directory, which a factory must not read.
+    """
+
+    kind: str
+    target: str
+    digest: str
+    deterministic: bool
+    task: str
+    seed: int
+    isolation: Isolation
+    trust: bool
+    private: str
+    limits: ProcessLimits
+
+
+class StopOrder(msgspec.Struct, frozen=True, tag=True):
+    """The order to give the child so long to exit by itself, and then to end it."""
+
+    grace_s: float
+
+
+Order = StartOrder | StopOrder
+
+
 class Frame(IntEnum):
-    """Kinds of frame: three requests, and the answers."""
+    """Kinds of packet: three requests, and the answers."""
 
     LOAD = 1
     RESET = 2
@@ -85,48 +114,40 @@ def describe(error: BaseException) -> str:
 
 
 def pack_frame(kind: Frame, payload: bytes = b"") -> bytes:
-    """Return a frame's bytes."""
-    return HEADER.pack(len(payload), kind) + payload
+    """Return a packet's bytes."""
+    return bytes((kind,)) + payload
 
 
-def unpack_header(header: bytes) -> tuple[int, Frame]:
-    """Return the payload's length and the kind of a frame.
+def unpack_frame(packet: bytes) -> tuple[Frame, bytes]:
+    """Return the kind and the payload of a packet.
 
     Raises:
-        WireError: too long, or of an unknown kind.
+        WireError: of an unknown kind.
     """
-    length, kind = HEADER.unpack(header)
-    if length > MAX_PAYLOAD or kind not in Frame.__members__.values():
-        raise WireError(f"frame of kind {kind} with {length} bytes")
-    return length, Frame(kind)
+    try:
+        return Frame(packet[0]), packet[1:]
+    except ValueError:
+        raise WireError(f"a packet of kind {packet[0]}") from None
 
 
-def write_frame(descriptor: int, kind: Frame, payload: bytes = b"") -> None:
-    """Write a whole frame, waiting as long as it takes."""
-    rest = memoryview(pack_frame(kind, payload))
-    while rest:
-        rest = rest[os.write(descriptor, rest) :]
+def write_frame(channel: int, kind: Frame, payload: bytes = b"") -> None:
+    """Write a packet to a socket's descriptor, waiting as long as it takes."""
+    os.write(channel, pack_frame(kind, payload))
 
 
-def read_exactly(descriptor: int, count: int) -> bytes:
-    """Read a number of bytes, waiting as long as it takes.
+def read_frame(channel: int) -> tuple[Frame, bytes]:
+    """Read a packet, waiting as long as it takes.
 
     Raises:
         EOFError: the other side closed.
     """
-    parts = bytearray()
-    while len(parts) < count:
-        part = os.read(descriptor, count - len(parts))
-        if not part:
-            raise EOFError
-        parts += part
-    return bytes(parts)
-
-
-def read_frame(descriptor: int) -> tuple[Frame, bytes]:
-    """Read a whole frame, waiting as long as it takes."""
-    length, kind = unpack_header(read_exactly(descriptor, HEADER.size))
-    return kind, read_exactly(descriptor, length)
+    try:
+        packet = os.read(channel, 1 + MAX_PAYLOAD)
+    except ConnectionError:  # closed before it read our last packet
+        packet = b""
+    if not packet:
+        raise EOFError
+    return unpack_frame(packet)
 
 
 def pack_observation(observation: Observation) -> bytes:

@@ -1,7 +1,7 @@
 """The protocol ``minitouch-v1``: one frozen value.
 
-Letters: T text of the paper, R the released package, D ours; ``docs/protocol.md`` gives the
-fact behind every R and the reason of every D.
+Letters: T text of the paper, R the released package, D ours; ``docs/reference/protocol.md`` gives
+the fact behind every R and the reason of every D.
 """
 
 import math

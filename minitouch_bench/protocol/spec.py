@@ -111,8 +111,8 @@ class ObservationSpec:
 
     image_size: int
     """Width and height in pixels."""
-    grey_weights: tuple[int, int, int]
-    """Ten-thousandths of red, green and blue."""
+    grey_weights: tuple[int, ...]
+    """Ten-thousandths of red, green and blue; empty where images are in color."""
     touch_size: int
     position_limit: float
     """Bound of the end effector's position (m)."""
@@ -134,6 +134,23 @@ class ObservationSpec:
     """What a task needs shows at least this many pixels when an episode begins."""
     max_draws: int
     """How often a scene that hides it is drawn, at most."""
+
+    position = slice(0, 3)
+    """Where the touch vector has the end-effector position (m)."""
+    openings = slice(3, 5)
+    """Where it has the finger openings, left and right, 0 (closed) to 1 (0.04 m)."""
+    forces = slice(5, 11)
+    """Where it has the force at the finger joints (N): left x, y, z, then right x, y, z."""
+
+    @property
+    def image_shape(self) -> tuple[int, int, int]:
+        """Channels, height and width of an image."""
+        return 1 if self.grey_weights else 3, self.image_size, self.image_size
+
+    @property
+    def touch_shape(self) -> tuple[int]:
+        """Shape of the touch vector."""
+        return (self.touch_size,)
 
 
 @dataclass(frozen=True)

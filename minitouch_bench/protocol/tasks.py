@@ -1,6 +1,6 @@
 """The tasks and the suites as values. Letters: T text of the paper, R the released package, D ours.
 
-``docs/protocol.md`` gives the reason of every D. A change here changes episodes: then
+``docs/reference/protocol.md`` gives the reason of every D. A change here changes episodes: then
 ``python -m minitouch_bench.verification.golden`` records the golden ones again.
 """
 

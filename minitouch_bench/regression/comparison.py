@@ -3,22 +3,34 @@
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.metric import NO_DIRECTION
-from minitouch_bench.records import Outcome, RunHeader, SavedRun
+from minitouch_bench.records import Outcome
 from minitouch_bench.regression.differences import ALPHA
-from minitouch_bench.regression.paired_tests import Effect, holm, measure_effect, resolution_of
+from minitouch_bench.regression.paired_tests import Effect, holm, paired_test, resolution_of
 from minitouch_bench.regression.pairing import (
     COMPARED_METRICS,
     EpisodePair,
+    PairedValues,
     are_identical,
     collect_values,
     pair_runs,
 )
-from minitouch_bench.regression.power import Resolution
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
+from minitouch_bench.runs.run import Run, RunHeader
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FRAME_COLUMNS = (
+    "first", "second", "task", "metric", "unit", "first_value", "second_value", "difference",
+    "low", "high", "count", "p_value", "p_adjusted", "verdict", "episodes_to_resolve",
+    "detectable",
+)  # fmt: skip
+"""Of ``Comparison.to_frame``; ``first`` and ``second`` are the runs' letters."""
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
@@ -36,7 +48,7 @@ class ComparedRun:
     labels: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, title: str, run: SavedRun, path: str) -> "ComparedRun":
+    def of(cls, title: str, run: Run, path: str) -> "ComparedRun":
         """Return a finished run under a title."""
         return cls(title, printable(run.name), path, run_labels(run))
 
@@ -90,8 +102,30 @@ class Comparison:
     pairs: tuple[RunPair, ...]
     alpha: float = ALPHA
 
+    def to_frame(self) -> "pd.DataFrame":
+        """Return a row per pair of runs, metric and task, with what the tables show of it."""
+        import pandas as pd  # noqa: PLC0415  takes half a second
 
-def compare_runs(runs: Sequence[SavedRun], paths: Sequence[str]) -> Comparison:
+        rows = [
+            (
+                pair.first, pair.second, effect.task, effect.metric, effect.unit, effect.first,
+                effect.second, effect.difference.value, effect.difference.low,
+                effect.difference.high, effect.count, effect.p_value, compared.p_adjusted,
+                compared.verdict, compared.episodes_to_resolve, compared.detectable,
+            )
+            for pair in self.pairs
+            for compared in pair.metrics
+            for effect in (compared.effect,)
+        ]  # fmt: skip
+        return pd.DataFrame(rows, columns=[*FRAME_COLUMNS])
+
+    def __str__(self) -> str:
+        from minitouch_bench.regression.writers import comparison_text  # noqa: PLC0415  needs this
+
+        return comparison_text(self)
+
+
+def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
     """Compare each run with the first; ``paths`` are their directories, for replaying.
 
     Raises:
@@ -105,34 +139,33 @@ def compare_runs(runs: Sequence[SavedRun], paths: Sequence[str]) -> Comparison:
         for letter, name, path, run in zip(LETTERS, run_names(runs), paths, runs, strict=False)
     ]
     paired = [pair_runs(*_in_shared_roles(runs[0], other)) for other in runs[1:]]
-    root = (runs[0].header.seed,)
-    values = [collect_values(pairs, tasks_in_order(runs)) for pairs in paired]
-    effects = [[measure_effect(one, root) for one in own] for own in values]
-    adjusted = _adjusted([effect for own in effects for effect in own])
+    tasks, root = tasks_in_order(runs), (runs[0].plan.seed,)
+    tested = [
+        [(values, paired_test(values, root)) for values in collect_values(pairs, tasks)]
+        for pairs in paired
+    ]
+    adjusted = _adjusted([effect for row in tested for _, effect in row])
+    first = named[0]
     return Comparison(
         tuple(named),
         tuple(
             RunPair(
-                first=named[0].title,
+                first=first.title,
                 second=other.title,
                 identical=are_identical(runs[0], run, pairs),
                 metrics=tuple(
-                    _compared(
-                        effect, resolution_of(one), next(adjusted), (named[0].title, other.title)
-                    )
-                    for effect, one in zip(effects[index], values[index], strict=True)
+                    _compared(values, effect, next(adjusted), (first.title, other.title))
+                    for values, effect in row
                 ),
-                changes=find_changes(pairs, (named[0].path, other.path)),
+                changes=find_changes(pairs, (first.path, other.path)),
                 notes=differences_of_making(runs[0], run),
             )
-            for index, (other, run, pairs) in enumerate(
-                zip(named[1:], runs[1:], paired, strict=True)
-            )
+            for other, run, pairs, row in zip(named[1:], runs[1:], paired, tested, strict=True)
         ),
     )
 
 
-def _in_shared_roles(first: SavedRun, second: SavedRun) -> tuple[SavedRun, SavedRun]:
+def _in_shared_roles(first: Run, second: Run) -> tuple[Run, Run]:
     """Return two runs, without the exploration episodes that only one of them has."""
     if first.exploration_episodes and second.exploration_episodes:
         return first, second
@@ -158,14 +191,14 @@ def replay_command(path: str, episode: str) -> str:
     return shlex.join(["minitouch-bench", "replay", printable(path), episode])
 
 
-def differences_of_making(first: SavedRun, second: SavedRun) -> tuple[str, ...]:
+def differences_of_making(first: Run, second: Run) -> tuple[str, ...]:
     """Say in what two runs differ that is not the policy, and may matter."""
     left_out = first.header.rules_differ(second.header)
     packages = (first.environment.packages, second.environment.packages)
     machines = (run.environment.machine.get("processor", "unknown") for run in (first, second))
-    found = [
+    facts = [
         *(
-            (name, *(own.get(name, "none") for own in packages))
+            (name, *(versions.get(name, "none") for versions in packages))
             for name in {**packages[0], **packages[1]}
         ),
         ("processor", *machines),
@@ -178,13 +211,13 @@ def differences_of_making(first: SavedRun, second: SavedRun) -> tuple[str, ...]:
             if other.exploration_episodes and not run.exploration_episodes
         ),
         *differences_of_isolation(first.header, second.header),
-        *_in_words(found),
+        *_in_words(facts),
     )
 
 
 def differences_of_isolation(first: RunHeader, second: RunHeader) -> tuple[str, ...]:
     """Say in what way two policies were run differently."""
-    times = (f"{first.act_timeout_s:g}", f"{second.act_timeout_s:g}")
+    times = (f"{header.plan.limits.act_timeout_s:g}" for header in (first, second))
     return _in_words(
         [("isolation", first.isolation, second.isolation), ("seconds for an action", *times)]
     )
@@ -192,25 +225,25 @@ def differences_of_isolation(first: RunHeader, second: RunHeader) -> tuple[str, 
 
 def _in_words(facts: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
     return tuple(
-        printable(f"{what}: {one} in the first run, {other} in the second")
-        for what, one, other in facts
-        if one != other
+        printable(f"{what}: {here} in the first run, {there} in the second")
+        for what, here, there in facts
+        if here != there
     )
 
 
 def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:
     """Yield each effect's p-value, adjusted over all effects of its metric."""
-    found = [0.0] * len(effects)
-    for metric in COMPARED_METRICS:
-        own = [index for index, effect in enumerate(effects) if effect.metric == metric]
-        for index, p_value in zip(own, holm([effects[i].p_value for i in own]), strict=True):
-            found[index] = p_value
-    return iter(found)
+    adjusted = {
+        metric: iter(holm([effect.p_value for effect in effects if effect.metric == metric]))
+        for metric in COMPARED_METRICS
+    }
+    return (next(adjusted[effect.metric]) for effect in effects)
 
 
 def _compared(
-    effect: Effect, resolution: Resolution, p_adjusted: float, titles: tuple[str, str]
+    values: PairedValues, effect: Effect, p_adjusted: float, titles: tuple[str, str]
 ) -> ComparedMetric:
+    resolution = resolution_of(values)
     return ComparedMetric(
         effect=effect,
         p_adjusted=p_adjusted,

@@ -72,7 +72,7 @@ def mcnemar_p(lost: ArrayLike, won: ArrayLike) -> NDArray[np.float64]:
     return np.minimum(1.0, 2.0 * tails)
 
 
-def tango(found: Discordance, quantile: float = NORMAL_QUANTILE) -> Estimate:
+def tango(discordance: Discordance, quantile: float = NORMAL_QUANTILE) -> Estimate:
     """Estimate the difference of two paired shares, second minus first.
 
     The score interval: every difference that the score test does not reject. It stays inside
@@ -82,8 +82,8 @@ def tango(found: Discordance, quantile: float = NORMAL_QUANTILE) -> Estimate:
     Source: T. Tango, "Equivalence test and confidence interval for the difference in
     proportions for the paired-sample design", Stat. Med. 17 (1998).
     """
-    low, high = _lower_end(found, quantile), -_lower_end(found.mirrored, quantile)
-    return Estimate(found.difference, low, high, found.n, TANGO)
+    low, high = _lower_end(discordance, quantile), -_lower_end(discordance.mirrored, quantile)
+    return Estimate(discordance.difference, low, high, discordance.n, TANGO)
 
 
 def score_statistic(
@@ -107,15 +107,15 @@ def score_statistic(
     return statistic
 
 
-def _lower_end(found: Discordance, quantile: float) -> float:
-    if found.difference == -1.0:
+def _lower_end(discordance: Discordance, quantile: float) -> float:
+    if discordance.difference == -1.0:
         return -1.0
-    lost, won = np.array([found.lost], float), np.array([found.won], float)
+    lost, won = np.array([discordance.lost], float), np.array([discordance.won], float)
 
     def is_rejected(difference: float) -> bool:
-        return bool(score_statistic(lost, won, found.n, difference)[0] > quantile)
+        return bool(score_statistic(lost, won, discordance.n, difference)[0] > quantile)
 
-    return last_true(is_rejected, -1.0, found.difference)
+    return last_true(is_rejected, -1.0, discordance.difference)
 
 
 def last_true(
@@ -199,11 +199,11 @@ def _bootstrap_t(
     differences: NDArray[np.float64], rng: np.random.Generator, resamples: int, alpha: float
 ) -> tuple[Estimate, float]:
     """Return the estimate, and the p-value at which its interval would meet 0."""
-    own = float(differences.mean())
+    observed = float(differences.mean())
     median = float(np.median(differences))
     distances = differences[differences != median] - median
     if not distances.size:
-        return Estimate(own, own, own, differences.size, BOOTSTRAP_T), 0.0
+        return Estimate(observed, observed, observed, differences.size, BOOTSTRAP_T), 0.0
     scale = math.sqrt(float(np.mean(distances**2)))
     sample = np.concatenate((differences, (median + scale, median - scale)))
     mean, error = float(sample.mean()), float(sample.std(ddof=1) / np.sqrt(sample.size))
@@ -215,9 +215,9 @@ def _bootstrap_t(
     reach = _reach(differences)
     low, high = max(mean - highest * error, -reach), min(mean - lowest * error, reach)
     # The two added values draw the mean towards the median; the interval holds both means.
-    low, high = min(low, own), max(high, own)
+    low, high = min(low, observed), max(high, observed)
     beyond = min(np.count_nonzero(pivots >= mean / error), np.count_nonzero(pivots <= mean / error))
-    estimate = Estimate(own, low, high, differences.size, BOOTSTRAP_T)
+    estimate = Estimate(observed, low, high, differences.size, BOOTSTRAP_T)
     return estimate, min(1.0, 2.0 * (1 + float(beyond)) / (1 + resamples))
 
 
@@ -229,10 +229,10 @@ def _pivots(
     ``centered``: the sample without its mean. Equal values drawn have an infinite pivot.
     """
     size = centered.size
-    places = rng.integers(size, size=(count, size), dtype=np.uint32)
-    drawn = centered[places]
-    means = drawn.sum(axis=1) / size
-    variances = np.einsum("ij,ij->i", drawn, drawn) - size * means**2
+    chosen = rng.integers(size, size=(count, size), dtype=np.uint32)
+    samples = centered[chosen]
+    means = samples.sum(axis=1) / size
+    variances = np.einsum("ij,ij->i", samples, samples) - size * means**2
     errors = np.sqrt(np.maximum(variances, 0.0) / (size - 1) / size)
     with np.errstate(divide="ignore", invalid="ignore"):
         pivots: NDArray[np.float64] = np.where(means == 0.0, 0.0, means / errors)

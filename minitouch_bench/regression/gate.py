@@ -18,7 +18,7 @@ from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Root
 from minitouch_bench.metrics.metric import NO_DIRECTION
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import Outcome, RunHeader, SavedRun
+from minitouch_bench.records import Outcome
 from minitouch_bench.regression.comparison import (
     ComparedRun,
     OutcomeChange,
@@ -29,7 +29,7 @@ from minitouch_bench.regression.paired_tests import (
     Effect,
     holm,
     is_binary,
-    measure_effect,
+    paired_test,
     resolution_of,
 )
 from minitouch_bench.regression.pairing import (
@@ -44,6 +44,7 @@ from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
+from minitouch_bench.runs.run import Run, RunHeader
 
 
 class Decision(StrEnum):
@@ -132,7 +133,7 @@ class GateResult:
 
 
 def judge_runs(
-    baseline: SavedRun, candidate: SavedRun, paths: tuple[str, str], settings: GateSettings
+    baseline: Run, candidate: Run, paths: tuple[str, str], settings: GateSettings
 ) -> GateResult:
     """Judge a candidate by its whole run, beside the baseline's.
 
@@ -141,7 +142,7 @@ def judge_runs(
     """
     refuse_other_rules(baseline, candidate.header)
     pairs = pair_runs(baseline, candidate)
-    tasks, root = tasks_in_order((baseline,)), (baseline.header.seed,)
+    tasks, root = tasks_in_order((baseline,)), (baseline.plan.seed,)
     values = endpoint_values(pairs, tasks, settings)
     endpoint = judge_endpoint(values, settings, root)
     identical = are_identical(baseline, candidate, pairs)
@@ -164,7 +165,7 @@ def judge_runs(
     )
 
 
-def refuse_other_rules(baseline: SavedRun, candidate: RunHeader) -> None:
+def refuse_other_rules(baseline: Run, candidate: RunHeader) -> None:
     """Refuse a candidate that was not played by the baseline's rules, in each of its tasks.
 
     Raises:
@@ -189,7 +190,7 @@ def refuse_other_rules(baseline: SavedRun, candidate: RunHeader) -> None:
 
 
 def _conditions(header: RunHeader) -> str:
-    return ", ".join(header.played_under.in_words()) or "standard"
+    return ", ".join(header.plan.conditions.in_words()) or "standard"
 
 
 def endpoint_values(
@@ -205,7 +206,7 @@ def endpoint_values(
     metric = METRICS[name]
     deciding = tuple(task for task in tasks if metric.is_in(task) and metric.direction_in(task))
     title = MEAN_TASK if len(deciding) > 1 else "".join(deciding)
-    values = PairedValues(title, name, deciding).with_pairs(pairs)
+    values = PairedValues.of(pairs, title, name, deciding)
     if not len(values.first):
         raise UsageError(f"nothing to judge: in {', '.join(tasks)} {name} cannot get worse")
     return values
@@ -218,7 +219,7 @@ def judge_endpoint(values: PairedValues, settings: GateSettings, root: Root) -> 
     level, significantly worse. It is none where the 95 % interval excludes a worsening beyond the
     tolerance. Otherwise there are not enough episodes.
     """
-    effect = measure_effect(values, root)
+    effect = paired_test(values, root)
     allowed = settings.tolerance_of(values.metric).absolute(effect.first)
     endpoint = Endpoint(effect, values.tasks, one_sided(effect), allowed, Decision.NOT_ENOUGH)
     # The interval of a share is good for any number of episodes.
@@ -247,7 +248,7 @@ def measure_tasks(
 ) -> tuple[TaskMetric, ...]:
     """Measure every metric of every task that can get worse; test them after a regression only."""
     effects = [
-        measure_effect(values, root)
+        paired_test(values, root)
         for values in collect_values(pairs, tasks)
         if values.task != MEAN_TASK and values.direction != NO_DIRECTION
     ]
@@ -290,7 +291,7 @@ def _next_command(
     lost = [change for change in changes if change.first is Outcome.SUCCESS]
     if endpoint.decision is Decision.REGRESSION and lost:
         return lost[0].replays[1]
-    if endpoint.episodes_needed and not headers[0].chosen:
+    if endpoint.episodes_needed and not headers[0].plan.chosen:
         return _longer_gate(headers, paths[0], endpoint.episodes_needed)
     return shlex.join(["minitouch-bench", "compare", *map(printable, paths)])
 
@@ -299,7 +300,8 @@ def _longer_gate(headers: tuple[RunHeader, RunHeader], path: str, episodes: int)
     """Return the commands that make a longer baseline and hold the candidate to it."""
     baseline, candidate = headers
     output = printable(f"{path.rstrip('/')}-{episodes}")
-    evaluate = reproduce_command(replace(baseline, official=False, episodes=episodes))
+    plan = replace(baseline.plan, episodes=episodes)
+    evaluate = reproduce_command(replace(baseline, plan=plan))
     regress = ["minitouch-bench", "regress", candidate.policy.source, "--baseline", output]
     regress += policy_options(candidate)
     return f"{evaluate} {shlex.join(['--output', output])} && {shlex.join(map(printable, regress))}"

@@ -1,4 +1,7 @@
-"""How much one metric of one task differs between two runs of the same episodes."""
+"""The paired test: how much a metric of a task differs between two runs of the same episodes.
+
+Every difference that ``compare`` and ``regress`` show is of ``paired_test``, and computed once.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -62,14 +65,15 @@ def is_binary(metric: str) -> bool:
     return METRICS[metric].kind is Kind.SHARE
 
 
-def measure_effect(values: PairedValues, root: Root) -> Effect:
+def paired_test(values: PairedValues, root: Root) -> Effect:
     """Estimate the difference of paired values and test it against 0.
 
+    A share has the exact McNemar test and Tango's interval, a mean sign flips and the bootstrap-t.
     Each (task, metric) draws from its own stream under ``root``.
     """
     if is_binary(values.metric):
-        found = count_discordance(values.first, values.second)
-        difference, p_value = tango(found), found.p_value
+        discordance = count_discordance(values.first, values.second)
+        difference, p_value = tango(discordance), discordance.p_value
     else:
         rng = stream(root, values.task, values.metric, "paired")
         paired = paired_mean(values.differences, rng)

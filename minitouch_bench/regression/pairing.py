@@ -1,7 +1,7 @@
 """Two runs laid side by side, episode by episode; what cannot be paired is refused."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,9 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role, RunHeader, SavedRun
+from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role
 from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.runs.run import Run, RunHeader
 
 COMPARED_METRICS = metrics_shown_in(ShownIn.TABLE4)
 """What two runs are compared in."""
@@ -51,8 +52,22 @@ class PairedValues:
     task: str
     metric: str
     tasks: tuple[str, ...]
-    first: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
-    second: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    first: NDArray[np.float64]
+    second: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls, pairs: Sequence[EpisodePair], task: str, metric: str, tasks: tuple[str, ...]
+    ) -> "PairedValues":
+        """Return the values of those pairs that are of these tasks and have one in both runs."""
+        known = METRICS[metric]
+        both = [
+            (known.value(pair.first), known.value(pair.second))
+            for pair in pairs
+            if pair.first.task in tasks and pair.role is known.role
+        ]
+        table = np.array([values for values in both if None not in values], np.float64)
+        return cls(task, metric, tasks, *table.reshape(-1, 2).T)
 
     @property
     def direction(self) -> str:
@@ -64,26 +79,13 @@ class PairedValues:
         """Second minus first, float64 (N,)."""
         return self.second - self.first
 
-    def with_pairs(self, pairs: Sequence[EpisodePair]) -> "PairedValues":
-        """Add the values of those pairs that are of these tasks and have one in both runs."""
-        known = METRICS[self.metric]
-        own = [pair for pair in pairs if pair.first.task in self.tasks and pair.role is known.role]
-        both = [(known.value(pair.first), known.value(pair.second)) for pair in own]
-        table = np.array([values for values in both if None not in values], np.float64)
-        first, second = table.reshape(-1, 2).T
-        return replace(
-            self,
-            first=np.concatenate((self.first, first)),
-            second=np.concatenate((self.second, second)),
-        )
-
 
 def episode_key(role: Role, episode: EpisodeMetrics) -> str:
     """Name an episode inside its run."""
     return EpisodeSpec(role, episode.task, episode.index, episode.seed).key
 
 
-def pair_runs(first: SavedRun, second: SavedRun) -> tuple[EpisodePair, ...]:
+def pair_runs(first: Run, second: Run) -> tuple[EpisodePair, ...]:
     """Pair the episodes of two runs, in the first one's order.
 
     Tasks that were not played by the same rules (``RunHeader.rules_differ``) are left out.
@@ -94,26 +96,26 @@ def pair_runs(first: SavedRun, second: SavedRun) -> tuple[EpisodePair, ...]:
     """
     _refuse_other_runs(first, second)
     left_out = first.header.rules_differ(second.header)
-    ones, others = _by_key(first, left_out), _by_key(second, left_out)
-    _refuse_missing(first.name, second.name, [key for key in ones if key not in others])
-    _refuse_missing(second.name, first.name, [key for key in others if key not in ones])
+    here, there = _by_key(first, left_out), _by_key(second, left_out)
+    _refuse_missing(first.name, second.name, [key for key in here if key not in there])
+    _refuse_missing(second.name, first.name, [key for key in there if key not in here])
     pairs = []
-    for key, (role, episode) in ones.items():
-        pair = EpisodePair(role, episode, others[key][1])
+    for key, (role, episode) in here.items():
+        pair = EpisodePair(role, episode, there[key][1])
         refuse_other_episode(pair)
         pairs.append(pair)
     return tuple(pairs)
 
 
-def _refuse_other_runs(first: SavedRun, second: SavedRun) -> None:
+def _refuse_other_runs(first: Run, second: Run) -> None:
     """Refuse two runs of another suite or seed, or with other rules in every task."""
     headers = (first.header, second.header)
     differing = first.header.rules_differ(second.header)
-    is_other = {*differing} == {*first.header.tasks} & {*second.header.tasks}
+    is_other = {*differing} == {*first.plan.tasks} & {*second.plan.tasks}
     for what, left, right in (
         ("protocols", *(_rules(header, differing if is_other else ()) for header in headers)),
-        ("suites", *(header.suite for header in headers)),
-        ("seeds", *(str(header.seed) for header in headers)),
+        ("suites", *(header.plan.suite for header in headers)),
+        ("seeds", *(str(header.plan.seed) for header in headers)),
     ):
         if left != right:
             raise UsageError(
@@ -139,7 +141,7 @@ def refuse_other_episode(pair: EpisodePair) -> None:
             )
 
 
-def are_identical(first: SavedRun, second: SavedRun, pairs: Sequence[EpisodePair]) -> bool:
+def are_identical(first: Run, second: Run, pairs: Sequence[EpisodePair]) -> bool:
     """Tell whether every episode of two runs holds the same bits.
 
     The digests say so; the rows are looked at too, for a digest can be copied.
@@ -151,8 +153,8 @@ def are_identical(first: SavedRun, second: SavedRun, pairs: Sequence[EpisodePair
 
 def collect_values(pairs: Sequence[EpisodePair], tasks: Sequence[str]) -> tuple[PairedValues, ...]:
     """Return the values of each task and metric that has episodes, task by task, then the mean."""
-    found = [
-        PairedValues(task, metric, (task,))
+    wanted: list[tuple[str, str, tuple[str, ...]]] = [
+        (task, metric, (task,))
         for task in tasks
         for metric in COMPARED_METRICS
         if METRICS[metric].is_in(task)
@@ -160,9 +162,9 @@ def collect_values(pairs: Sequence[EpisodePair], tasks: Sequence[str]) -> tuple[
     present = {pair.first.task for pair in pairs}
     goals = tuple(task for task in tasks if task in GOAL_TASKS and task in present)
     if len(goals) > 1:
-        found.append(PairedValues(MEAN_TASK, MEAN_METRIC, goals))
-    filled = (values.with_pairs(pairs) for values in found)
-    return tuple(values for values in filled if len(values.first))
+        wanted.append((MEAN_TASK, MEAN_METRIC, goals))
+    collected = (PairedValues.of(pairs, *names) for names in wanted)
+    return tuple(values for values in collected if len(values.first))
 
 
 def _bits_of(episode: EpisodeMetrics) -> tuple[object, ...]:
@@ -170,19 +172,19 @@ def _bits_of(episode: EpisodeMetrics) -> tuple[object, ...]:
     return episode.digest, episode.outcome, *values
 
 
-def _by_key(run: SavedRun, left_out: Sequence[str]) -> dict[str, tuple[Role, EpisodeMetrics]]:
+def _by_key(run: Run, left_out: Sequence[str]) -> dict[str, tuple[Role, EpisodeMetrics]]:
     """Return a run's episodes by key, without the tasks that are left out."""
-    found: dict[str, tuple[Role, EpisodeMetrics]] = {}
+    by_key: dict[str, tuple[Role, EpisodeMetrics]] = {}
     for role, episodes in run.by_role():
         for episode in episodes:
             key = episode_key(role, episode)
-            if key in found:
+            if key in by_key:
                 raise UsageError(f"'{_short(run.name)}' holds the episode {key} twice")
             if episode.task not in left_out:
-                found[key] = (role, episode)
-    if not found:
+                by_key[key] = (role, episode)
+    if not by_key:
         raise UsageError(f"'{_short(run.name)}' holds no episodes")
-    return found
+    return by_key
 
 
 def _refuse_missing(there: str, here: str, missing: Sequence[str]) -> None:

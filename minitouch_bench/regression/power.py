@@ -40,7 +40,7 @@ class ShareResolution:
     for the paired-sample design", Biometrics 43 (1987).
     """
 
-    found: Discordance
+    discordance: Discordance
 
     def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> int | None:
         """Return the episodes that show the difference, None for none or too many.
@@ -73,17 +73,17 @@ class ShareResolution:
         def is_seen(difference: float) -> bool:
             total = max(differing, difference)
             rates = ((total + difference) / 2.0, (total - difference) / 2.0)
-            return mcnemar_power(self.found.n, *rates, alpha) >= POWER
+            return mcnemar_power(self.discordance.n, *rates, alpha) >= POWER
 
-        if self.found.n > EXACT_UP_TO:
+        if self.discordance.n > EXACT_UP_TO:
             needed = _two_sided(alpha) + POWER_QUANTILE
-            return needed * math.sqrt(max(differing, 1.0 / self.found.n) / self.found.n)
+            return needed * math.sqrt(max(differing, 1.0 / self.discordance.n) / self.discordance.n)
         if not is_seen(1.0):
             return None
         return last_true(lambda difference: not is_seen(difference), 0.0, 1.0, halvings=20)
 
     def _rates(self) -> tuple[float, float]:
-        return self.found.lost / self.found.n, self.found.won / self.found.n
+        return self.discordance.lost / self.discordance.n, self.discordance.won / self.discordance.n
 
 
 @dataclass(frozen=True)
@@ -100,16 +100,16 @@ class MeanResolution:
 
     def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> int | None:
         """Return the episodes for a paired t test; signs alone need a few as well."""
-        found = self._episodes(abs(self.worsening), _two_sided(alpha))
+        episodes = self._episodes(abs(self.worsening), _two_sided(alpha))
         larger = self._episodes(abs(self.worsening) - beyond, 0.0)
-        if found is None or larger is None:
+        if episodes is None or larger is None:
             return None
-        return max(found, larger, math.ceil(math.log2(2.0 / alpha)))
+        return max(episodes, larger, math.ceil(math.log2(2.0 / alpha)))
 
     def episodes_to_exclude(self, margin: float) -> int | None:
         """Return the episodes whose 95 % interval excludes a worsening of ``margin``, or None."""
-        found = self._episodes(margin - self.worsening, NORMAL_QUANTILE)
-        return None if found is None else max(found, FEWEST_FOR_A_MEAN)
+        episodes = self._episodes(margin - self.worsening, NORMAL_QUANTILE)
+        return None if episodes is None else max(episodes, FEWEST_FOR_A_MEAN)
 
     def detectable(self, alpha: float) -> float | None:
         """Return the smallest difference that as many episodes show; None without any variation."""

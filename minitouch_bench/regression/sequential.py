@@ -12,16 +12,15 @@ import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
+from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Root, stream
-from minitouch_bench.records import EpisodeMetrics, Role, RunHeader, SavedRun
+from minitouch_bench.records import EpisodeMetrics, Role
 from minitouch_bench.regression.comparison import (
     ComparedRun,
     differences_of_isolation,
     find_changes,
 )
-from minitouch_bench.regression.differences import Discordance, count_discordance, tango
+from minitouch_bench.regression.differences import Discordance, tango
 from minitouch_bench.regression.gate import (
     Decision,
     EpisodesUsed,
@@ -34,6 +33,7 @@ from minitouch_bench.regression.paired_tests import is_binary
 from minitouch_bench.regression.pairing import EpisodePair, episode_key, refuse_other_episode
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.reporting.labels import reproduce_command
+from minitouch_bench.runs.run import Run, RunHeader
 
 
 def play_order(episodes: Sequence[EpisodeMetrics], root: Root) -> tuple[EpisodeMetrics, ...]:
@@ -44,9 +44,9 @@ def play_order(episodes: Sequence[EpisodeMetrics], root: Root) -> tuple[EpisodeM
     """
     queues = []
     for task in dict.fromkeys(episode.task for episode in episodes):
-        own = [episode for episode in episodes if episode.task == task]
-        turns = stream(root, task, "order").permutation(len(own))
-        queues.append([own[turn] for turn in turns])
+        of_task = [episode for episode in episodes if episode.task == task]
+        turns = stream(root, task, "order").permutation(len(of_task))
+        queues.append([of_task[turn] for turn in turns])
     longest = max(len(queue) for queue in queues)
     return tuple(queue[turn] for turn in range(longest) for queue in queues if turn < len(queue))
 
@@ -71,7 +71,8 @@ class SequentialGate:
         self._tasks = tuple(dict.fromkeys(episode.task for episode in order))
         mirror = [EpisodePair(Role.FINAL, episode, episode) for episode in order]
         self._baseline = endpoint_values(mirror, self._tasks, settings)
-        self._seen = replace(self._baseline, first=np.empty(0), second=np.empty(0))
+        self._left_to_lose = int(self._baseline.first.sum())
+        self._lost = self._won = 0
         tolerance = settings.tolerance_of(self._baseline.metric)
         self._allowed = tolerance.absolute(float(self._baseline.first.mean()))
 
@@ -111,27 +112,32 @@ class SequentialGate:
             pair = EpisodePair(Role.FINAL, expected, played)
             refuse_other_episode(pair)
             self._pairs.append(pair)
-            self._seen = self._seen.with_pairs([pair])
             if is_binary(self._baseline.metric):
+                self._count(pair)
                 self.decision = self._look_ahead()
         return self.is_certain
 
+    def _count(self, pair: EpisodePair) -> None:
+        metric = METRICS[self._baseline.metric]
+        first, second = bool(metric.value(pair.first)), bool(metric.value(pair.second))
+        self._left_to_lose -= first
+        self._lost += first and not second
+        self._won += second and not first
+
     def _look_ahead(self) -> Decision | None:
         """Return what the whole run will be judged to be, None while that is open."""
-        seen = count_discordance(self._seen.first, self._seen.second)
-        left_to_lose = int(self._baseline.first.sum() - self._seen.first.sum())
-        left_to_win = self.planned - self.used - left_to_lose
-        best = Discordance(self.planned, seen.lost, seen.won + left_to_win)
+        left_to_win = self.planned - self.used - self._left_to_lose
+        best = Discordance(self.planned, self._lost, self._won + left_to_win)
         if -best.difference > self._allowed and best.p_value / 2.0 <= self.settings.alpha:
             return Decision.REGRESSION
-        worst = Discordance(self.planned, seen.lost + left_to_lose, seen.won)
+        worst = Discordance(self.planned, self._lost + self._left_to_lose, self._won)
         if -worst.difference <= self._allowed and -tango(worst).low <= self._allowed:
             return Decision.NO_REGRESSION
         return None
 
     def result(
         self,
-        baseline: SavedRun,
+        baseline: Run,
         path: str,
         candidate: ComparedRun,
         header: RunHeader,
@@ -139,7 +145,8 @@ class SequentialGate:
     ) -> GateResult:
         """Return the result of a gate that is certain; ``header`` is the candidate's."""
         assert self.decision is not None
-        judged = judge_endpoint(self._seen, self.settings, self._root)
+        seen = endpoint_values(self._pairs, self._tasks, self.settings)
+        judged = judge_endpoint(seen, self.settings, self._root)
         endpoint = replace(
             judged, decision=self.decision, tolerance=self._allowed, episodes_needed=None
         )

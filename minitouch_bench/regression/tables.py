@@ -1,6 +1,6 @@
 """Tables and sentences of a comparison and of a gate's result: each writer has the same ones."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.regression.comparison import (
@@ -12,14 +12,16 @@ from minitouch_bench.regression.comparison import (
 from minitouch_bench.regression.gate import NOT_ENOUGH_CODE, Decision, GateResult
 from minitouch_bench.regression.paired_tests import Effect
 from minitouch_bench.regression.pairing import COMPARED_METRICS
+from minitouch_bench.rendering.blocks import Block, Heading, Note
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.tables import (
-    Cell,
     Column,
     Row,
     Table,
     difference_cell,
     format_value,
+    make_columns,
+    make_row,
 )
 from minitouch_bench.reporting.labels import listed, task_title
 from minitouch_bench.reporting.tables import OUTCOME_TITLES
@@ -27,114 +29,95 @@ from minitouch_bench.reporting.tables import OUTCOME_TITLES
 SMALLEST_P = 0.0001
 """A p-value below is written as such: the bootstrap draws no finer ones."""
 
-GATE_COLUMNS = (
-    Column("Baseline"),
-    Column("Candidate"),
-    Column("Difference"),
-)
-ENDPOINT_COLUMNS = (
-    *GATE_COLUMNS,
-    Column("Tolerance"),
-    Column("p"),
-    Column("Decision", is_text=True),
-)
-TASK_COLUMNS = (*GATE_COLUMNS, Column("p adjusted"), Column("Verdict", is_text=True))
+GATE_LABELS = ("Baseline", "Candidate", "Difference")
 
 NOT_ALIKE = "Not alike beside the policies"
 
 
-def comparison_tables(comparison: RunPair) -> tuple[Table, ...]:
+def comparison_tables(pair: RunPair) -> tuple[Table, ...]:
     """Lay one run against the first, one table per metric: tasks down."""
-    first, second = comparison.first, comparison.second
-    columns = (
-        Column(first),
-        Column(second),
-        Column(f"{second} minus {first}"),
-        Column("p"),
-        Column("p adjusted"),
-        Column("Verdict", is_text=True),
-        Column("Episodes to resolve"),
-        Column("Detectable"),
-    )
-    rows = [
-        (
-            one.effect,
-            (
-                *_values(one.effect),
-                Cell(p_text(one.effect.p_value)),
-                Cell(p_text(one.p_adjusted)),
-                Cell(one.verdict),
-                Cell() if one.episodes_to_resolve is None else Cell(f"{one.episodes_to_resolve:,}"),
-                Cell()
-                if one.detectable is None
-                else Cell(format_value(one.effect.metric, one.detectable)),
-            ),
+    columns = make_columns(
+        pair.first, pair.second, f"{pair.second} minus {pair.first}", "p", "p adjusted", "Verdict",
+        "Episodes to resolve", "Detectable", words=["Verdict"],
+    )  # fmt: skip
+    rows = []
+    for compared in pair.metrics:
+        effect, detectable = compared.effect, compared.detectable
+        episodes = compared.episodes_to_resolve
+        row = _row(
+            effect,
+            p_text(effect.p_value),
+            p_text(compared.p_adjusted),
+            compared.verdict,
+            None if episodes is None else f"{episodes:,}",
+            None if detectable is None else format_value(effect.metric, detectable),
         )
-        for one in comparison.metrics
-    ]
+        rows.append((effect, row))
     return tuple(_by_metric(columns, rows))
 
 
 def endpoint_table(result: GateResult) -> Table:
     """Lay out what decides."""
-    endpoint = result.endpoint
-    effect = endpoint.effect
+    endpoint, effect = result.endpoint, result.endpoint.effect
     tolerance = result.settings.tolerance_of(effect.metric)
     allowed = format_value(effect.metric, endpoint.tolerance)
-    cells = (
-        *_values(effect),
-        Cell(f"{allowed} ({tolerance})" if tolerance.relative else allowed),
-        Cell(p_text(endpoint.p_value)),
-        Cell(endpoint.decision.value),
-    )
-    return Table(
-        title=f"What decides: {effect_head(effect)}, over {listed(endpoint.tasks)}",
-        corner=("Task",),
-        columns=ENDPOINT_COLUMNS,
-        rows=(Row((task_title(effect.task),), cells),),
-    )
+    allowed = f"{allowed} ({tolerance})" if tolerance.relative else allowed
+    row = _row(effect, allowed, p_text(endpoint.p_value), endpoint.decision.value)
+    columns = make_columns(*GATE_LABELS, "Tolerance", "p", "Decision", words=["Decision"])
+    title = f"What decides: {effect_head(effect)}, over {listed(endpoint.tasks)}"
+    return Table(title, ("Task",), columns, (row,))
 
 
 def task_tables(result: GateResult) -> tuple[Table, ...]:
-    """Lay out the metrics of each task in narrow tables, one per metric: tasks down."""
-    return tuple(_by_metric(TASK_COLUMNS, _task_rows(result)))
+    """Lay out the metrics of each task, a table per metric: tasks down."""
+    rows = []
+    for metric in result.per_task:
+        p_value, verdict = None, "not tested"
+        if metric.p_adjusted is not None:
+            p_value = p_text(metric.p_adjusted)
+            verdict = "worse" if metric.is_worse else "not worse for certain"
+        rows.append((metric.effect, _row(metric.effect, p_value, verdict)))
+    columns = make_columns(*GATE_LABELS, "p adjusted", "Verdict", words=["Verdict"])
+    return tuple(_by_metric(columns, rows))
 
 
-def task_table(result: GateResult) -> Table:
-    """Lay out the metrics of each task, one row per metric of a task."""
-    return Table(
-        title="Candidate minus baseline, on the same episodes",
-        corner=("Task", "Metric"),
-        columns=TASK_COLUMNS,
-        rows=tuple(
-            Row((task_title(effect.task), effect_head(effect)), cells)
-            for effect, cells in _task_rows(result)
-        ),
-    )
+def _row(effect: Effect, *cells: str | None) -> Row:
+    """Return the row of a task: both values, their difference, and more cells."""
+    values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
+    return make_row(task_title(effect.task), *values, difference_text(effect), *cells)
 
 
-def changes_table(changes: Sequence[OutcomeChange], titles: tuple[str, str]) -> Table:
+def _by_metric(columns: tuple[Column, ...], rows: Sequence[tuple[Effect, Row]]) -> Iterator[Table]:
+    """Yield one table per metric and direction, in the metrics' order."""
+    heads = {effect_head(effect): effect.metric for effect, _ in rows}
+    for head in sorted(heads, key=lambda head: COMPARED_METRICS.index(heads[head])):
+        of_head = tuple(row for effect, row in rows if effect_head(effect) == head)
+        yield Table(head, ("Task",), columns, of_head)
+
+
+def changes_blocks(
+    changes: Sequence[OutcomeChange], titles: tuple[str, str], most: int
+) -> Iterator[Block]:
     """Lay out the episodes that ended in another way, with the command that replays each."""
-    return Table(
-        title="Episodes that ended in another way",
-        corner=("Episode",),
-        columns=(
-            Column(titles[0], is_text=True),
-            Column(titles[1], is_text=True),
-            Column(f"Replay of {titles[1]}", is_text=True, is_code=True),
-        ),
-        rows=tuple(
-            Row(
-                (change.episode,),
-                (
-                    Cell(OUTCOME_TITLES[change.first]),
-                    Cell(OUTCOME_TITLES[change.second]),
-                    Cell(change.replays[1]),
-                ),
-            )
-            for change in changes
-        ),
+    if not changes:
+        return
+    columns = (
+        *make_columns(*titles, words=titles),
+        Column(f"Replay of {titles[1]}", is_text=True, is_code=True),
     )
+    rows = tuple(
+        make_row(
+            change.episode,
+            OUTCOME_TITLES[change.first],
+            OUTCOME_TITLES[change.second],
+            change.replays[1],
+        )
+        for change in changes[:most]
+    )
+    yield ""
+    yield Table("Episodes that ended in another way", ("Episode",), columns, rows)
+    if (more := len(changes) - most) > 0:
+        yield from ("", f"and {more} more; --json has all of them")
 
 
 def difference_text(effect: Effect) -> str:
@@ -153,39 +136,6 @@ def effect_head(effect: Effect) -> str:
     return f"{label} ({effect.unit})"
 
 
-def _task_rows(result: GateResult) -> list[tuple[Effect, tuple[Cell, ...]]]:
-    """Return the cells of every metric of every task."""
-    rows = []
-    for one in result.per_task:
-        tested = one.p_adjusted is not None
-        words = ("worse" if one.is_worse else "not worse for certain") if tested else "not tested"
-        p_value = Cell() if one.p_adjusted is None else Cell(p_text(one.p_adjusted))
-        rows.append((one.effect, (*_values(one.effect), p_value, Cell(words))))
-    return rows
-
-
-def _values(effect: Effect) -> tuple[Cell, ...]:
-    """Return the cells of both values and their difference."""
-    values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
-    return (*map(Cell, values), Cell(difference_text(effect)))
-
-
-def _by_metric(
-    columns: tuple[Column, ...], rows: Sequence[tuple[Effect, tuple[Cell, ...]]]
-) -> Iterable[Table]:
-    """Yield one table per metric and direction, in the metrics' order."""
-    for metric in COMPARED_METRICS:
-        own = [(effect, cells) for effect, cells in rows if effect.metric == metric]
-        for head in dict.fromkeys(effect_head(effect) for effect, _ in own):
-            listed = [(e, cells) for e, cells in own if effect_head(e) == head]
-            yield Table(
-                title=head,
-                corner=("Task",),
-                columns=columns,
-                rows=tuple(Row((task_title(e.task),), cells) for e, cells in listed),
-            )
-
-
 def run_line(run: ComparedRun) -> str:
     """Say which run a title stands for, and what must be known of it."""
     labels = f" ({'; '.join(run.labels)})" if run.labels else ""
@@ -194,11 +144,11 @@ def run_line(run: ComparedRun) -> str:
 
 def comparison_lines(comparison: RunPair) -> tuple[str, ...]:
     """Say what holds for all of one run against the first."""
-    found = []
+    lines = []
     if comparison.identical:
-        found.append("The run digests are equal: every episode is the same to the last bit.")
-    found += [f"{NOT_ALIKE}: {note}." for note in comparison.notes]
-    return tuple(found)
+        lines.append("The run digests are equal: every episode is the same to the last bit.")
+    lines += [f"{NOT_ALIKE}: {note}." for note in comparison.notes]
+    return tuple(lines)
 
 
 def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
@@ -240,11 +190,6 @@ def _reason(result: GateResult) -> str:
     return f"{seen}; {endpoint.episodes_needed:,} episodes per task would settle it"
 
 
-def next_line(result: GateResult) -> str:
-    """Say what to type next."""
-    return f"next: {result.next_command}"
-
-
 def episodes_line(result: GateResult) -> str:
     """Say how many episodes the answer took, "" where all were there already."""
     used = result.episodes_used
@@ -261,23 +206,47 @@ def episodes_line(result: GateResult) -> str:
 
 def gate_notes(result: GateResult) -> tuple[str, ...]:
     """Say how the figures of a result were made, and what is not alike."""
-    found = [f"{NOT_ALIKE}: {note}." for note in result.notes]
+    notes = [f"{NOT_ALIKE}: {note}." for note in result.notes]
     if result.unfinished:
-        found.append(
+        notes.append(
             "The candidate's run is unfinished: differences and p are of the episodes seen; the "
             "decision is that of the whole run. The next command finishes it, then its episodes "
             "can be replayed."
         )
     alpha = f"{100 * result.settings.alpha:g} %"
-    found.append(
+    notes.append(
         "Brackets: 95 % interval of the paired difference, of the row alone. p: one-sided, that "
         f"the candidate is no worse. Chance of a false regression: at most {alpha}. Only after a "
         "regression are the metrics of each task tested, adjusted together by Holm's method."
     )
-    found.append(
+    notes.append(
         "regression: worse beyond the tolerance, and significant. no regression: the interval "
         "excludes a worsening beyond the tolerance. not enough episodes: neither; it fails "
         f"(exit {NOT_ENOUGH_CODE}) where the episodes seen are worse beyond the tolerance, with "
         "--strict always, with --lenient never."
     )
-    return tuple(found)
+    return tuple(notes)
+
+
+def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[Block]:
+    """Yield a whole comparison, with so many changed episodes of each pair."""
+    yield from map(run_line, comparison.runs)
+    for pair in comparison.pairs:
+        yield Heading(f"{pair.second} against {pair.first}")
+        yield from comparison_lines(pair)
+        yield from comparison_tables(pair)
+        yield from changes_blocks(pair.changes, (pair.first, pair.second), changes)
+    yield ""
+    yield from map(Note, comparison_notes(comparison))
+
+
+def result_blocks(result: GateResult) -> Iterator[Block]:
+    """Yield what a gate's answer rests on."""
+    yield from map(run_line, (result.baseline, result.candidate))
+    if line := episodes_line(result):
+        yield line
+    yield ""
+    yield endpoint_table(result)
+    yield from task_tables(result)
+    yield ""
+    yield from map(Note, gate_notes(result))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.palette import series_tone
@@ -178,9 +178,42 @@ def run_dot(index: int, x: float, row: float, *, size: float = 8.0, is_hollow: b
     return Dot(x, row, series_tone(index), SHAPES[index % len(SHAPES)], size, is_hollow)
 
 
-def interval_line(index: int, row: float, estimate: Estimate) -> Line:
-    """Return the line that an interval of the run at ``index`` spans in a row."""
-    return Line(((estimate.low, row), (estimate.high, row)), series_tone(index), 2.2, 0.6)
+def estimate_marks(
+    index: int, row: float, estimate: Estimate, *, size: float = 8.0, is_hollow: bool = False
+) -> tuple[Line, Dot]:
+    """Return an estimate of the run at ``index`` in a row: its interval, and the run's dot."""
+    interval = ((estimate.low, row), (estimate.high, row))
+    return (
+        Line(interval, series_tone(index), 2.2, 0.6),
+        run_dot(index, estimate.value, row, size=size, is_hollow=is_hollow),
+    )
+
+
+def step_marks(index: int, points: Sequence[tuple[float, Estimate]]) -> Iterator[Mark]:
+    """Yield a line through the estimates of the run at ``index``, each at its place on the x axis.
+
+    Their intervals are upright.
+    """
+    tone = series_tone(index)
+    if len(points) > 1:
+        yield Line(tuple((x, estimate.value) for x, estimate in points), tone)
+    for x, estimate in points:
+        yield Line(((x, estimate.low), (x, estimate.high)), tone, 2.2, 0.6)
+        yield run_dot(index, x, estimate.value, size=7)
+
+
+def band_lines(
+    index: int, x: NDArray[np.float64], middle: ArrayLike, low: ArrayLike, high: ArrayLike
+) -> Iterator[Line]:
+    """Yield a line of the run at ``index`` over ``x``, and faint ones at the interval's ends."""
+    for values, width, opacity in ((middle, 1.6, 1.0), (low, 0.8, 0.35), (high, 0.8, 0.35)):
+        points = zip(x.tolist(), np.asarray(values).tolist(), strict=True)
+        yield Line(tuple(points), series_tone(index), width, opacity)
+
+
+def run_legend(names: Sequence[str]) -> tuple[LegendItem, ...]:
+    """Name the runs by their colors."""
+    return tuple(LegendItem(name, series_tone(index)) for index, name in enumerate(names))
 
 
 # Charts that reports and the board share

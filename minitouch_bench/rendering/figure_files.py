@@ -1,190 +1,184 @@
-"""Figures as SVG and PDF files, drawn by matplotlib for print: on white, with their legend."""
+"""Figures as SVG and PDF files for print: the drawings of the pages, on white, with their legend.
+
+matplotlib only puts a drawing on a page of PDF, with its font inside, as publishers ask.
+"""
 
 import math
+import re
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import matplotlib as mpl
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Canvas
-from matplotlib.lines import Line2D
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.rendering.charts import Axis, Bar, Dot, Figure, LegendItem, Line, Mark
+from minitouch_bench.optional import require
+from minitouch_bench.rendering.charts import Figure, LegendItem
 from minitouch_bench.rendering.palette import COLORS
-from minitouch_bench.rendering.svg import FONT_SIZE, WIDTH, Frame, lay_out, text_width
+from minitouch_bench.rendering.svg import FONT_SIZE, WIDTH, draw_mark, draw_plot, text_width
 
-FORMATS = ("svg", "pdf")
-UNIT = 1 / 110
-"""Inches of a drawing unit: text of 7 points, three plots on the width of a page."""
+POINT = 72 / 110
+"""Points of a drawing unit: text of 7 points, three plots on the width of a page."""
 
 MARGIN, CAPTION, LEGEND = 12.0, 20.0, 18.0
 """Drawing units around each plot, for its caption, and for a row of the legend."""
 
-CODES = {
-    "circle": "o",
-    "square": "s",
-    "up": "^",
-    "down": "v",
-    "plus": "P",
-    "cross": "X",
-    "diamond": "D",
-}
-"""matplotlib's names of the marks."""
-
-POINTS = FONT_SIZE * UNIT * 72
-
-
-def _shade(tone: str) -> str:
-    return COLORS[tone][0]
-
-
+FONT = "DejaVu Sans"
 STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "minitouch-bench",
     "pdf.fonttype": 42,
     "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": POINTS,
-    "text.color": _shade("ink"),
+    "font.sans-serif": [FONT],
     "text.parse_math": False,
-    "axes.edgecolor": _shade("muted"),
-    "axes.labelcolor": _shade("muted"),
-    "axes.labelsize": POINTS,
-    "axes.linewidth": 0.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "xtick.color": _shade("muted"),
-    "ytick.color": _shade("muted"),
-    "xtick.labelsize": POINTS,
-    "ytick.labelsize": POINTS,
-    "grid.color": _shade("rule"),
-    "grid.linewidth": 0.5,
 }
+STROKES = {"line": 1.6, "rule": 0.5, "axis": 0.8, "hollow": 1.4}
+ANCHORS = {"end": "right", "middle": "center"}
+"""How SVG and matplotlib call the point of a text that is placed."""
 
 
 def write_figures(figures: Sequence[Figure], directory: Path) -> list[Path]:
     """Write each figure as ``KEY.svg`` and ``KEY.pdf``; equal figures give equal bytes.
 
     Raises:
+        MissingExtraError: matplotlib is not installed.
         RunDirectoryError: a file cannot be written.
     """
+    require("matplotlib", "figures")
+    paths = []
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        return [path for figure in figures for path in _write(figure, directory)]
+        for figure in figures:
+            page = _compose(figure)
+            for element in page.iter():
+                _ink(element)
+            paths += [directory / f"{figure.key}.{form}" for form in ("svg", "pdf")]
+            paths[-2].write_text(ElementTree.tostring(page, "unicode") + "\n", encoding="utf-8")
+            _write_pdf(page, paths[-1])
     except OSError as error:
         raise RunDirectoryError(f"{directory} cannot be written: {error.strerror}") from error
-
-
-def _write(figure: Figure, directory: Path) -> list[Path]:
-    paths = [directory / f"{figure.key}.{form}" for form in FORMATS]
-    with mpl.rc_context(STYLE), warnings.catch_warnings():
-        # A name may hold any character; a reader's font draws it, not matplotlib's.
-        warnings.filterwarnings("ignore", message="Glyph .* missing")
-        canvas = _draw(figure)
-        for path in paths:
-            dates = {"Date": None} if path.suffix == ".svg" else {"CreationDate": None}
-            canvas.savefig(path, metadata={"Creator": "minitouch-bench", **dates})
     return paths
 
 
-def _draw(figure: Figure) -> Canvas:
+def _compose(figure: Figure) -> Element:
     """Place the plots in rows of two or three, below the legend."""
     columns = min(len(figure.plots), 2 if len(figure.plots) == 4 else 3)
-    layouts = [lay_out(plot) for plot in figure.plots]
-    legend = _legend_rows(figure.legend, columns * (WIDTH + MARGIN))
-    row_height = max(layout.height for layout in layouts) + CAPTION + MARGIN
-    rows = math.ceil(len(layouts) / columns)
-    size = (columns * (WIDTH + MARGIN) + MARGIN, rows * row_height + legend * LEGEND + MARGIN)
-    canvas = Canvas(figsize=(size[0] * UNIT, size[1] * UNIT))
-    for index, (plot, layout) in enumerate(zip(figure.plots, layouts, strict=True)):
-        left = MARGIN + (index % columns) * (WIDTH + MARGIN)
-        top = legend * LEGEND + MARGIN + (index // columns) * row_height
-        x, y = left / size[0], 1 - top / size[1]
-        canvas.text(x, y, plot.caption, fontweight="bold", va="top")
-        for frame in layout.frames:
-            _draw_chart(_add_axes(canvas, frame, size, (left, top + CAPTION)), frame)
-        x, y = (left + layout.label) / size[0], 1 - (top + CAPTION + layout.height) / size[1]
-        label = plot.charts[-1].x.label
-        canvas.text(x, y, label, ha="center", va="bottom", color=_shade("muted"))
-    if figure.legend:
-        handles = [_legend_handle(item) for item in figure.legend]
-        columns_of_legend = math.ceil(len(handles) / legend)
-        canvas.legend(handles=handles, loc="upper left", ncols=columns_of_legend, frameon=False)
-    return canvas
-
-
-def _legend_rows(items: Sequence[LegendItem], width: float) -> int:
-    """Return how many rows a legend needs."""
-    return math.ceil(sum(text_width(item.text) + 40 for item in items) / width)
-
-
-def _add_axes(
-    canvas: Canvas, frame: Frame, size: tuple[float, float], origin: tuple[float, float]
-) -> Axes:
-    left, bottom = origin[0] + frame.left, origin[1] + frame.bottom
-    width, height = frame.right - frame.left, frame.chart.height
-    return canvas.add_axes(
-        (left / size[0], 1 - bottom / size[1], width / size[0], height / size[1])
+    drawings = [ElementTree.fromstring(draw_plot(plot)) for plot in figure.plots]
+    row_height = max(_size(drawing)[1] for drawing in drawings) + CAPTION + MARGIN
+    width = columns * (WIDTH + MARGIN) + MARGIN
+    legend, top = _draw_legend(figure.legend, width)
+    height = top + math.ceil(len(drawings) / columns) * row_height + MARGIN
+    page = Element(
+        "svg",
+        {
+            "xmlns": "http://www.w3.org/2000/svg",
+            "viewBox": f"0 0 {width:g} {height:g}",
+            "width": f"{width * POINT:.1f}pt",
+            "height": f"{height * POINT:.1f}pt",
+            "font-family": f"{FONT}, sans-serif",
+            "font-size": f"{FONT_SIZE:g}",
+        },
     )
+    SubElement(page, "rect", {"width": "100%", "height": "100%", "fill": "#ffffff"})
+    page.append(legend)
+    for index, (plot, drawing) in enumerate(zip(figure.plots, drawings, strict=True)):
+        left, down = MARGIN + index % columns * (WIDTH + MARGIN), index // columns * row_height
+        drawing.tag = "g"
+        drawing.attrib = {"transform": f"translate({left:g} {top + down + CAPTION + MARGIN:g})"}
+        caption = {"class": "ink", "font-weight": "bold", "x": "0", "y": "-8"}
+        SubElement(drawing, "text", caption).text = plot.caption
+        page.append(drawing)
+    return page
 
 
-def _draw_chart(axes: Axes, frame: Frame) -> None:
-    x, y = frame.chart.x, frame.chart.y
-    for mark in frame.chart.marks:
-        _draw_mark(axes, mark)
-    axes.set_title(frame.chart.title, loc="left", fontsize=POINTS)
-    # The frame's ends are those of the axes with the space that dots need around them.
-    axes.set_xlim(*_ends(x, frame.pad / (frame.right - frame.left - 2 * frame.pad)))
-    axes.set_ylim(*_ends(y, frame.pad / (frame.chart.height - 2 * frame.pad)))
-    names = [tick.text if frame.is_last else "" for tick in x.ticks]
-    axes.set_xticks([tick.at for tick in x.ticks], names)
-    axes.set_yticks([tick.at for tick in y.ticks], [tick.text for tick in y.ticks])
-    axes.set_ylabel(y.label)
-    axes.grid(axis="x" if y.is_names else "y")
-    for label, tick in zip(axes.get_yticklabels(), y.ticks, strict=True):
-        label.set_color(_shade(tick.tone))
-    if y.is_names:
-        axes.spines["left"].set_visible(False)
-        axes.tick_params(axis="y", length=0)
+def _size(drawing: Element) -> tuple[float, float]:
+    width, height = map(float, drawing.attrib["viewBox"].split()[2:])
+    return width, height
 
 
-def _ends(axis: Axis, share: float) -> tuple[float, float]:
-    """Return the ends of an axis, each moved outwards by a share of its length."""
-    pad = share * (axis.high - axis.low)
-    return axis.low - pad, axis.high + pad
+def _draw_legend(items: Sequence[LegendItem], width: float) -> tuple[Element, float]:
+    """Return the legend in rows that fit the width, and where it ends."""
+    group = Element("g", {"transform": f"translate({MARGIN:g} 0)"})
+    x, row = 0.0, 1
+    for item in items:
+        room = text_width(item.text) + 34
+        if x and x + room > width - MARGIN:
+            x, row = 0.0, row + 1
+        group.append(ElementTree.fromstring(draw_mark(item, x + 5, row * LEGEND - 4, 9)))
+        at = {"class": "ink", "x": f"{x + 16:g}", "y": f"{row * LEGEND:g}"}
+        SubElement(group, "text", at).text = item.text
+        x += room
+    return group, row * LEGEND if items else 0.0
 
 
-def _draw_mark(axes: Axes, mark: Mark) -> None:
-    color = _shade(mark.tone)
-    match mark:
-        case Line():
-            across, up = zip(*mark.points, strict=True)
-            width = mark.width * UNIT * 72
-            axes.plot(across, up, color=color, lw=width, alpha=mark.opacity, clip_on=False)
-        case Bar():
-            width, height = mark.right - mark.left, mark.top - mark.bottom
-            axes.bar(mark.left, height, width, mark.bottom, align="edge", color=color)
-        case Dot():
-            axes.plot(mark.x, mark.y, **_dot_style(mark, mark.size * UNIT * 72))
+def _ink(element: Element) -> None:
+    """Put attributes in the place of the classes that a page's style knows."""
+    kinds = element.attrib.pop("class", "").split()
+    color = next((COLORS[kind][0] for kind in kinds if kind in COLORS), COLORS["muted"][0])
+    stroke = next((kind for kind in kinds if kind in STROKES), "")
+    if stroke:
+        width = element.attrib.get("stroke-width", f"{STROKES[stroke]:g}")
+        element.attrib |= {"fill": "none", "stroke": color, "stroke-width": width}
+        element.attrib |= {"stroke-linejoin": "round", "stroke-linecap": "round"}
+    elif element.tag in ("path", "circle", "text"):
+        element.set("fill", color)
+    if anchor := next((kind for kind in kinds if kind in ANCHORS), ""):
+        element.set("text-anchor", anchor)
 
 
-def _dot_style(mark: Dot | LegendItem, size: float) -> dict[str, Any]:
-    """Return how matplotlib draws a dot; one at the end of an axis is drawn whole."""
-    color = _shade(mark.tone)
-    return {
-        "marker": CODES[mark.shape],
-        "ls": "",
-        "ms": size,
-        "mec": color,
-        "mfc": "none" if mark.is_hollow else color,
-        "mew": 0.9 if mark.is_hollow else 0.0,
-        "clip_on": False,
+def _write_pdf(page: Element, file: Path) -> None:
+    """Write what an SVG file shows as a page of PDF."""
+    # matplotlib takes half a second to load, and only files need it.
+    import matplotlib as mpl  # noqa: PLC0415
+    from matplotlib.figure import Figure as Canvas  # noqa: PLC0415
+    from matplotlib.transforms import Affine2D  # noqa: PLC0415
+
+    width, height = _size(page)
+    with mpl.rc_context(STYLE), warnings.catch_warnings():
+        # A name may hold any character, also those that the font lacks.
+        warnings.filterwarnings("ignore", message="Glyph .* missing")
+        canvas = Canvas(figsize=(width * POINT / 72, height * POINT / 72))
+        for group in page.iter("g"):
+            if "transform" not in group.attrib:  # it only groups a mark and its title
+                continue
+            left, top = _numbers(group.attrib["transform"])
+            unit = Affine2D().translate(left, top).scale(1 / width, -1 / height).translate(0, 1)
+            for element in group.iter():
+                _put(canvas, element, unit + canvas.transFigure)
+        canvas.savefig(file, metadata={"Creator": "minitouch-bench", "CreationDate": None})
+
+
+def _put(canvas: Any, element: Element, transform: Any) -> None:
+    """Put a path, a circle or a text of a drawing on a page."""
+    from matplotlib.patches import Circle, PathPatch  # noqa: PLC0415
+    from matplotlib.path import Path as Outline  # noqa: PLC0415
+
+    at = element.attrib
+    if element.tag == "text":
+        canvas.text(
+            float(at["x"]), float(at["y"]), element.text or "", transform=transform,
+            color=at["fill"], fontsize=FONT_SIZE * POINT,
+            fontweight=at.get("font-weight", "normal"),
+            ha=ANCHORS.get(at.get("text-anchor", ""), "left"), va="baseline",
+            rotation=90 if "transform" in at else 0, rotation_mode="anchor",
+        )  # fmt: skip
+    look = {
+        "facecolor": at.get("fill", "none"),
+        "edgecolor": at.get("stroke", "none"),
+        "linewidth": float(at.get("stroke-width", 0)) * POINT,
+        "alpha": float(at.get("opacity", 1)),
+        "joinstyle": "round",
+        "capstyle": "round",
+        "transform": transform,
     }
+    if element.tag == "circle":
+        center = float(at["cx"]), float(at["cy"])
+        canvas.add_artist(Circle(center, float(at["r"]), **look))
+    elif element.tag == "path":
+        numbers = _numbers(at["d"])
+        points = [*zip(numbers[::2], numbers[1::2], strict=True)]
+        is_area = at["d"].endswith("Z")
+        canvas.add_artist(PathPatch(Outline([*points, *points[:is_area]], closed=is_area), **look))
 
 
-def _legend_handle(item: LegendItem) -> Line2D:
-    return Line2D([], [], label=item.text, **_dot_style(item, POINTS))
+def _numbers(text: str) -> list[float]:
+    return [float(number) for number in re.findall(r"-?[\d.]+", text)]

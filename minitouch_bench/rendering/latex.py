@@ -50,7 +50,7 @@ def table_source(table: Table, caption: str) -> str:
         *(line for block in blocks for line in _block_lines(block, width)),
         r"    \bottomrule",
         r"  \end{tabular}}",
-        *(rf"  \par\parbox{{\linewidth}}{{\footnotesize {escape(one)}}}" for one in table.notes),
+        *(rf"  \par\parbox{{\linewidth}}{{\footnotesize {escape(note)}}}" for note in table.notes),
         r"\end{table}",
     ]
     return "\n".join(lines) + "\n"

@@ -46,5 +46,12 @@ def table_lines(table: Table) -> list[str]:
     return lines
 
 
+def table_section(table: Table, level: int = 2) -> list[str]:
+    """Write a table below its title, and its notes below it."""
+    notes = [f"- {escape(note)}" for note in table.notes]
+    head = ["", f"{'#' * level} {escape(table.title)}", ""]
+    return [*head, *table_lines(table), *(["", *notes] if notes else [])]
+
+
 def _line(cells: Iterable[str]) -> str:
     return f"| {' | '.join(cells)} |"

@@ -71,9 +71,9 @@ def _hash(text: str) -> str:
     return f"'sha256-{digest}'"
 
 
-def picture_uri(task: str, pictures: Path = PICTURES) -> str:
-    """Return a task's picture as a data URI, "" if its file is missing."""
-    file = pictures / f"{Path(task).name}.png"
+def image_uri(task: str, directory: Path = PICTURES) -> str:
+    """Return a task's image as a data URI, "" if its file is missing."""
+    file = directory / f"{Path(task).name}.png"
     if not file.is_file():
         return ""
     return "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode("ascii")

@@ -1,9 +1,9 @@
-"""Charts as inline SVG for pages.
+"""Charts as SVG: inline on pages, and in files by ``figure_files``.
 
-Drawn directly: a board of a thousand submissions has ten thousand charts, and matplotlib takes
-80 ms for one. The drawings carry classes and attributes, no styles, so that a page's policy
-can forbid every style but its own, and they take the page's colors and font. ``lay_out`` places
-the parts of a plot for ``figure_files``, too.
+Drawn directly, by measurement: the 19 plots of a report on novel shapes take 5 ms and 50 kB, with
+matplotlib 1 s, 0.5 s to import it, and 213 kB. The drawings carry classes and attributes, no
+styles, so that a page's policy can forbid every style but its own, and they take the page's colors,
+light or dark, and its font. A drawing is made of paths of straight lines, circles and texts alone.
 """
 
 import html
@@ -13,7 +13,17 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from minitouch_bench.rendering.charts import Axis, Bar, Chart, Dot, Line, Mark, Plot, Shape
+from minitouch_bench.rendering.charts import (
+    Axis,
+    Bar,
+    Chart,
+    Dot,
+    LegendItem,
+    Line,
+    Mark,
+    Plot,
+    Shape,
+)
 from minitouch_bench.rendering.tables import Gauge
 
 WIDTH = 260
@@ -189,45 +199,37 @@ def _grid(frame: Frame) -> Iterator[str]:
         at = frame.y(tick.at)
         if not chart.y.is_names:
             kind = "axis" if tick.at == chart.y.low else "rule"
-            yield _path(kind, f"M{_n(frame.left)} {_n(at)}H{_n(frame.right)}")
+            yield _path(kind, ((frame.left, at), (frame.right, at)))
         yield _text(frame.left - 6, at + 4, tick.text, f"end {tick.tone}")
     for tick in chart.x.ticks:
         if chart.y.is_names:
-            yield _path("rule", f"M{_n(frame.x(tick.at))} {_n(frame.top)}V{_n(frame.bottom)}")
+            at = frame.x(tick.at)
+            yield _path("rule", ((at, frame.top), (at, frame.bottom)))
         if frame.is_last:
             yield _text(frame.x(tick.at), frame.bottom + 15, tick.text, "middle")
     if chart.y.label:
-        height = (frame.top + frame.bottom) / 2
-        yield (
-            f'<text class="middle" transform="translate(10 {_n(height)}) rotate(-90)">'
-            f"{html.escape(chart.y.label)}</text>"
-        )
+        yield _text(10, (frame.top + frame.bottom) / 2, chart.y.label, "middle", is_upright=True)
 
 
 def _mark(frame: Frame, mark: Mark) -> Iterator[str]:
     match mark:
         case Line():
-            points = " ".join(f"{_n(frame.x(x))},{_n(frame.y(y))}" for x, y in mark.points)
             faint = "" if mark.opacity == 1 else f' opacity="{mark.opacity:g}"'
-            yield (
-                f'<polyline class="line {mark.tone}" stroke-width="{mark.width:g}"{faint} '
-                f'points="{points}"/>'
-            )
+            more = f' stroke-width="{mark.width:g}"{faint}'
+            points = [(frame.x(x), frame.y(y)) for x, y in mark.points]
+            yield _path(f"line {mark.tone}", points, more)
         case Bar():
-            left, top = frame.x(mark.left), frame.y(mark.top)
-            yield (
-                f'<rect class="area {mark.tone}" x="{_n(left)}" y="{_n(top)}" '
-                f'width="{_n(frame.x(mark.right) - left)}" '
-                f'height="{_n(frame.y(mark.bottom) - top)}"/>'
-            )
+            left, right = frame.x(mark.left), frame.x(mark.right)
+            bottom, top = frame.y(mark.bottom), frame.y(mark.top)
+            corners = ((left, bottom), (left, top), (right, top), (right, bottom))
+            yield _path(f"area {mark.tone}", corners)
         case Dot():
             yield from _dot(frame, mark)
 
 
 def _dot(frame: Frame, dot: Dot) -> Iterator[str]:
     x, y = frame.x(dot.x), frame.y(dot.y)
-    kind = f"dot {'hollow ' if dot.is_hollow else ''}{dot.tone}"
-    drawn = _path(kind, _outline(dot.shape, x, y, dot.size / 2))
+    drawn = draw_mark(dot, x, y, dot.size)
     if dot.label:
         drawn += _text(x + dot.size, y + 4, dot.label, "ink")
     if dot.title:
@@ -235,21 +237,24 @@ def _dot(frame: Frame, dot: Dot) -> Iterator[str]:
     yield f'<a href="{html.escape(dot.link)}">{drawn}</a>' if dot.link else drawn
 
 
-def _outline(shape: Shape, x: float, y: float, r: float) -> str:
-    """Return the path of a mark with about the size of a circle of radius ``r``."""
-    if shape == "circle":
-        half = f"a{_n(r)} {_n(r)} 0 1 0"
-        return f"M{_n(x - r)} {_n(y)}{half} {_n(2 * r)} 0{half} {_n(-2 * r)} 0Z"
-    corners = (f"{_n(x + r * dx)} {_n(y + r * dy)}" for dx, dy in _OUTLINES[shape])
-    return f"M{'L'.join(corners)}Z"
+def draw_mark(mark: Dot | LegendItem, x: float, y: float, size: float) -> str:
+    """Draw a mark about as large as a circle of that diameter."""
+    kind, r = f"dot {'hollow ' if mark.is_hollow else ''}{mark.tone}", size / 2
+    if mark.shape == "circle":
+        return f'<circle class="{kind}" cx="{_n(x)}" cy="{_n(y)}" r="{_n(r)}"/>'
+    return _path(kind, [(x + r * dx, y + r * dy) for dx, dy in _OUTLINES[mark.shape]])
 
 
-def _path(kind: str, path: str) -> str:
-    return f'<path class="{kind}" d="{path}"/>'
+def _path(kind: str, points: Sequence[tuple[float, float]], more: str = "") -> str:
+    """Draw a line through points; more than two of another kind are the corners of an area."""
+    end = "Z" if len(points) > 2 and not kind.startswith("line") else ""
+    drawn = "L".join(f"{_n(x)} {_n(y)}" for x, y in points)
+    return f'<path class="{kind}"{more} d="M{drawn}{end}"/>'
 
 
-def _text(x: float, y: float, text: str, kind: str) -> str:
-    return f'<text class="{kind}" x="{_n(x)}" y="{_n(y)}">{html.escape(text)}</text>'
+def _text(x: float, y: float, text: str, kind: str, *, is_upright: bool = False) -> str:
+    turned = f' transform="rotate(-90 {_n(x)} {_n(y)})"' if is_upright else ""
+    return f'<text class="{kind}" x="{_n(x)}" y="{_n(y)}"{turned}>{html.escape(text)}</text>'
 
 
 def _n(value: float) -> str:

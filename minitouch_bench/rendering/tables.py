@@ -1,5 +1,6 @@
 """Tables as data; Markdown, LaTeX, the terminal and pages draw the same ones."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from minitouch_bench.metrics.definitions import METRICS
@@ -62,6 +63,19 @@ class Row:
     unit: str = ""
 
 
+def make_columns(*labels: str, words: Sequence[str] = ()) -> tuple[Column, ...]:
+    """Return columns of these labels; those that are in ``words`` are of text."""
+    return tuple(Column(label, is_text=label in words) for label in labels)
+
+
+def make_row(heads: str | tuple[str, ...], *cells: Cell | str | None) -> Row:
+    """Return a row of cells and of texts; None is a value that does not exist."""
+    heads = (heads,) if isinstance(heads, str) else heads
+    return Row(
+        heads, tuple(cell if isinstance(cell, Cell) else Cell(cell or ABSENT) for cell in cells)
+    )
+
+
 @dataclass(frozen=True)
 class Table:
     """A table ready to draw: ``corner`` names the row heads, ``notes`` stand below it."""
@@ -104,11 +118,11 @@ def format_value(metric: str, value: float) -> str:
 
 def metric_head(metric: str, task: str | None = None) -> str:
     """Name a metric with the arrow of its better direction, in one task or in all of them."""
-    found = METRICS[metric]
-    if task is None and found.task_directions:
-        arrows = (f"{arrow} in {name}" for name, arrow in found.task_directions.items())
-        return f"{found.label} ({', '.join(arrows)})"
-    return f"{found.label} {found.direction_in(task or '')}".rstrip()
+    known = METRICS[metric]
+    if task is None and known.task_directions:
+        arrows = (f"{arrow} in {name}" for name, arrow in known.task_directions.items())
+        return f"{known.label} ({', '.join(arrows)})"
+    return f"{known.label} {known.direction_in(task or '')}".rstrip()
 
 
 def estimate_cell(metric: str, estimate: Estimate | None, mark: float | None = None) -> Cell:

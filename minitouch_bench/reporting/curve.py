@@ -1,69 +1,60 @@
 """A learning curve over runs: what each task reaches after how many training steps."""
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Sequence
+
+import pandas as pd
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
-from minitouch_bench.metrics.intervals import stream
-from minitouch_bench.metrics.metric import Kind
-from minitouch_bench.records import Estimate, SavedRun
 from minitouch_bench.rendering.charts import (
     Chart,
     Figure,
-    LegendItem,
-    Line,
     Mark,
     Plot,
-    run_dot,
+    run_legend,
     share_axis,
+    step_marks,
     value_axis,
 )
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell
-from minitouch_bench.reporting.frames import csv_text, make_frame
-from minitouch_bench.reporting.labels import task_title, tasks_in_order
-from minitouch_bench.reporting.over_runs import ROOT, RunOrigin, over_seeds
-from minitouch_bench.reporting.tables import find_estimate
+from minitouch_bench.reporting.frames import csv_text
+from minitouch_bench.reporting.labels import TASKS, RunOrigin, task_title
+from minitouch_bench.reporting.long_frame import (
+    ESTIMATE,
+    RunLabel,
+    estimates_in,
+    find_row,
+    frame_rows,
+    join_seeds,
+    make_long_frame,
+    select,
+)
+from minitouch_bench.runs.run import Run
 
 STEPS = re.compile(r"[-_ ]?(?:(\d+)[-_ ]?steps?|steps?[-_ ]?(\d+))", re.IGNORECASE)
 """A number of steps in a name, as in ``rl_model_10000_steps``."""
 
 ONE_TRAINING = "training"
 HEIGHT = 130.0
+INTERVALS = "over training seeds where a point has several runs, otherwise over episodes."
 
 
-@dataclass(frozen=True)
-class CurvePoint:
-    """The runs of one training, or of the seeds of one method, after so many steps."""
-
-    training: str
-    steps: int
-    runs: tuple[SavedRun, ...]
-
-    def estimate(self, task: str) -> Estimate | None:
-        """Return what ranks a task, over training seeds where there are several."""
-        metric = ranking_metric(task)
-        found = [one for run in self.runs if (one := find_estimate(run, task, metric))]
-        rng = stream(ROOT, "curve", self.training, str(self.steps), task)
-        return over_seeds(found, rng, is_share=METRICS[metric].kind is Kind.SHARE)
-
-
-def curve_points(
-    runs: Sequence[SavedRun],
+def label_curve(
+    runs: Sequence[Run],
     origins: Sequence[RunOrigin],
     steps: Sequence[int] = (),
     names: Sequence[str] | None = None,
-) -> tuple[CurvePoint, ...]:
-    """Arrange runs by training and steps.
+) -> tuple[RunLabel, ...]:
+    """Say of each run which training it is of, which seed, and after how many steps.
 
-    ``steps`` and ``names`` (of the trainings, equal ones for the runs of one) are what the user
-    says, one per run. Else the steps are those of the training's directory or submission, or stand
-    in the policy's name, and the training is called by that name without them. Names that are all
-    different tell no trainings apart: the runs are then those of one. Runs under other conditions
-    than the protocol's are another training.
+    ``steps`` and ``names`` (of the trainings, equal names for the runs of one training) are the
+    user's, one per run. Otherwise the steps are those of the training's directory or submission,
+    or of the policy's name, and the training has that name without them. Names that are all
+    different do not tell trainings apart: the runs are then of a single one. Runs under other
+    conditions than the protocol's are another training.
 
     Raises:
         UsageError: they are not one per run, or no steps are known of a run.
@@ -71,23 +62,21 @@ def curve_points(
     for what, given in (("--steps", steps), ("--names", names or ())):
         if given and len(given) != len(runs):
             raise UsageError(f"{what} has {len(given)} values for {len(runs)} runs")
-    known = steps or [_steps(run, one) for run, one in zip(runs, origins, strict=True)]
-    trainings = names or [_training(run, one) for run, one in zip(runs, origins, strict=True)]
+    known = steps or [_steps(*pair) for pair in zip(runs, origins, strict=True)]
+    trainings = names or [_training(*pair) for pair in zip(runs, origins, strict=True)]
     if names is None and len(set(trainings)) == len(runs):
         trainings = [ONE_TRAINING] * len(runs)
-    points: dict[tuple[str, int], list[SavedRun]] = {}
-    for training, number, run in zip(trainings, known, runs, strict=True):
-        points.setdefault((printable(training), number), []).append(run)
-    if len({number for _, number in points}) < 2:
+    if len({*known}) < 2:
         raise UsageError("a learning curve needs runs after different numbers of steps")
-    order = list(dict.fromkeys(training for training, _ in points))
-    return tuple(
-        CurvePoint(*key, tuple(points[key]))
-        for key in sorted(points, key=lambda key: (order.index(key[0]), key[1]))
-    )
+    seeds: Counter[tuple[str, int]] = Counter()
+    labels = []
+    for training, number in zip(trainings, known, strict=True):
+        labels.append(RunLabel(printable(training), seeds[training, number], number))
+        seeds[training, number] += 1
+    return tuple(labels)
 
 
-def _steps(run: SavedRun, origin: RunOrigin) -> int:
+def _steps(run: Run, origin: RunOrigin) -> int:
     if origin.steps:
         return origin.steps
     if match := STEPS.search(run.header.policy.name):
@@ -98,86 +87,78 @@ def _steps(run: SavedRun, origin: RunOrigin) -> int:
     )
 
 
-def _training(run: SavedRun, origin: RunOrigin) -> str:
+def _training(run: Run, origin: RunOrigin) -> str:
     name = run.header.policy.name
     training = origin.method or STEPS.sub("", name).strip("-_ ") or name
-    return ", ".join((training, *run.header.played_under.in_words()))
+    return ", ".join((training, *run.plan.conditions.in_words()))
 
 
-def curve_table(points: Sequence[CurvePoint]) -> Table:
-    """Lay the curve out: a row per point, a column per task."""
-    tasks = _tasks(points)
-    return Table(
-        "Learning curve",
-        ("Training", "Training steps"),
-        tuple(
-            Column(task_title(task), unit=METRICS[ranking_metric(task)].label.lower())
-            for task in tasks
-        ),
-        tuple(
-            Row(
-                (point.training, f"{point.steps:,}"),
-                tuple(estimate_cell(ranking_metric(task), point.estimate(task)) for task in tasks),
-            )
-            for point in points
-        ),
-        (
-            "Brackets: 95 % interval, over training seeds where a point has several runs, else "
-            "over episodes.",
-        ),
+def make_curve(labels: Sequence[RunLabel], runs: Sequence[Run]) -> pd.DataFrame:
+    """Return what ranks each task after each number of steps, over seeds, in the curve's order."""
+    rows = (row for pair in zip(labels, runs, strict=True) for row in frame_rows(*pair))
+    frame = make_long_frame(rows).assign(suite="")  # a point is over the runs of every suite
+    joined = join_seeds(frame[frame["metric"] == frame["task"].map(ranking_metric)])
+    joined["method"] = pd.Categorical(joined["method"], [*dict.fromkeys(frame["method"])])
+    joined["task"] = pd.Categorical(joined["task"], TASKS)
+    return joined.sort_values(["method", "steps", "task"]).astype({"method": str, "task": str})
+
+
+def curve_table(curve: pd.DataFrame) -> Table:
+    """Lay the curve out: a row per training and steps, a column per task."""
+    metrics = {task: ranking_metric(task) for task in _tasks(curve)}
+    rows = []
+    for method, steps in dict.fromkeys(zip(curve["method"], curve["steps"], strict=True)):
+        point = select(curve, method=method, steps=steps)
+        cells = (estimate_cell(name, find_row(point, task=task)) for task, name in metrics.items())
+        rows.append(Row((method, f"{steps:,}"), tuple(cells)))
+    columns = tuple(
+        Column(task_title(task), unit=METRICS[name].label.lower()) for task, name in metrics.items()
     )
+    notes = (f"Brackets: 95 % interval, {INTERVALS}",)
+    return Table("Learning curve", ("Training", "Training steps"), columns, tuple(rows), notes)
 
 
-def curve_figure(points: Sequence[CurvePoint]) -> Figure:
+def curve_figure(curve: pd.DataFrame) -> Figure:
     """Draw a plot per task and a line per training."""
-    trainings = list(dict.fromkeys(point.training for point in points))
-    legend = [LegendItem(one, series_tone(index)) for index, one in enumerate(trainings)]
+    trainings = list(dict.fromkeys(curve["method"]))
+    x = value_axis("Training steps", float(curve["steps"].max()))
+    plots = []
+    for task in _tasks(curve):
+        label = METRICS[ranking_metric(task)].label
+        marks = tuple(marks_over_steps(select(curve, task=task), trainings))
+        what = f"{task_title(task)}: {label} over training steps with 95 % intervals"
+        chart = Chart(x, share_axis(label), marks, HEIGHT)
+        plots.append(Plot(task_title(task), what, (chart,)))
     return Figure(
         "learning-curve",
         "Learning curve",
         "Success, in Playing touch share, after so many training steps. Upright: the 95 % "
-        "interval, over training seeds where a point has several runs, else over episodes.",
-        tuple(_plot(task, points, trainings) for task in _tasks(points)),
-        tuple(legend) if len(legend) > 1 else (),
+        f"interval, {INTERVALS}",
+        tuple(plots),
+        run_legend(trainings) if len(trainings) > 1 else (),
     )
 
 
-def curve_csv(points: Sequence[CurvePoint]) -> str:
+def marks_over_steps(rows: pd.DataFrame, methods: Sequence[str]) -> list[Mark]:
+    """Return a line per method through its estimates of one metric over steps."""
+    marks: list[Mark] = []
+    for turn, method in enumerate(methods):
+        points = select(rows, method=method).sort_values("steps")
+        marks += step_marks(
+            turn, [*zip(map(float, points["steps"]), estimates_in(points), strict=True)]
+        )
+    return marks
+
+
+def curve_csv(curve: pd.DataFrame) -> str:
     """Write the numbers of the curve, one row per training, steps and task."""
-    columns = ("training", "training_steps", "task", "metric", "value", "low", "high", "count",
-               "method")  # fmt: skip
-    rows = [
-        (point.training, point.steps, task, ranking_metric(task), found.value, found.low,
-         found.high, found.count, found.method)
-        for point in points for task in _tasks(points)
-        if (found := point.estimate(task)) is not None
-    ]  # fmt: skip
-    return csv_text(make_frame(columns, rows))
-
-
-def _tasks(points: Sequence[CurvePoint]) -> tuple[str, ...]:
-    return tasks_in_order([run for point in points for run in point.runs])
-
-
-def _plot(task: str, points: Sequence[CurvePoint], trainings: Sequence[str]) -> Plot:
-    label = METRICS[ranking_metric(task)].label
-    marks = tuple(
-        mark for index, one in enumerate(trainings) for mark in _marks(index, one, task, points)
+    named = curve[["method", "steps", "task", "metric", *ESTIMATE]].set_axis(
+        ["training", "training_steps", "task", "metric", *ESTIMATE[:-1], "method"], axis=1
     )
-    x = value_axis("Training steps", max(point.steps for point in points))
-    what = f"{task_title(task)}: {label} over training steps with 95 % intervals"
-    return Plot(task_title(task), what, (Chart(x, share_axis(label), marks, HEIGHT),))
+    return csv_text(named)
 
 
-def _marks(index: int, training: str, task: str, points: Sequence[CurvePoint]) -> Iterator[Mark]:
-    own = [
-        (float(point.steps), found)
-        for point in points
-        if point.training == training and (found := point.estimate(task)) is not None
-    ]
-    tone = series_tone(index)
-    if len(own) > 1:
-        yield Line(tuple((steps, found.value) for steps, found in own), tone)
-    for steps, found in own:
-        yield Line(((steps, found.low), (steps, found.high)), tone, 2.2, 0.6)
-        yield run_dot(index, steps, found.value, size=7)
+def _tasks(curve: pd.DataFrame) -> list[str]:
+    """Return the curve's tasks in the order of every table."""
+    present = {*curve["task"]}
+    return [*(task for task in TASKS if task in present)]

@@ -16,9 +16,10 @@ from minitouch_bench.rendering.charts import (
     Line,
     Mark,
     Plot,
-    interval_line,
+    estimate_marks,
     name_axis,
     run_dot,
+    run_legend,
     share_axis,
     short_names,
     step_histograms,
@@ -58,7 +59,7 @@ def report_figures(report: Report) -> tuple[Figure, ...]:
     """Return the figures that every report has, of the tasks that have them."""
     sections, runs = report.sections, _run_legend(report.sections)
     goals = [task for task in report.tasks if task in GOAL_TASKS]
-    found = (
+    figures = (
         Figure(
             "against-the-paper",
             "Against the paper",
@@ -72,7 +73,9 @@ def report_figures(report: Report) -> tuple[Figure, ...]:
             "Share of a run's episodes by number of control steps, and by how they ended.",
             # Playing always lasts until the step limit.
             tuple(_steps_plot(task, sections) for task in goals),
-            tuple(LegendItem(OUTCOME_TITLES[one], tone) for one, tone in OUTCOME_TONES.items()),
+            tuple(
+                LegendItem(OUTCOME_TITLES[outcome], tone) for outcome, tone in OUTCOME_TONES.items()
+            ),
         ),
         Figure(
             "touch-over-time",
@@ -83,13 +86,15 @@ def report_figures(report: Report) -> tuple[Figure, ...]:
             runs,
         ),
     )
-    return tuple(figure for figure in found if figure.plots)
+    return tuple(figure for figure in figures if figure.plots)
 
 
 def split_figures(report: Report) -> tuple[Figure, ...]:
     """Return held-out beside train shapes, as in the paper's Figure 11, and the families."""
     sections = report.sections
-    compared = {result.task for one in sections for result in one.run.summary.generalization}
+    compared = {
+        result.task for section in sections for result in section.run.summary.generalization
+    }
     tasks = [task for task in report.tasks if task in compared]
     if not tasks:
         return ()
@@ -123,9 +128,7 @@ def _pair(task: str) -> tuple[str, str]:
 
 def _run_legend(sections: Sequence[RunSection]) -> tuple[LegendItem, ...]:
     """Name the runs by their colors, where there are several."""
-    if len(sections) == 1:
-        return ()
-    return tuple(LegendItem(one.name, series_tone(index)) for index, one in enumerate(sections))
+    return run_legend([section.name for section in sections]) if len(sections) > 1 else ()
 
 
 def _estimate_plot(task: str, sections: Sequence[RunSection]) -> Plot:
@@ -133,14 +136,14 @@ def _estimate_plot(task: str, sections: Sequence[RunSection]) -> Plot:
     metric = ranking_metric(task)
     printed = [(method, paper_value(task, metric, method)) for method in PAPER_METHODS]
     paper = [(method, v.number) for method, v in printed if v and v.number is not None]
-    found = [find_estimate(section.run, task, metric) for section in sections]
+    estimates = [find_estimate(section.run, task, metric) for section in sections]
     marks: list[Mark] = []
-    for row, estimate in enumerate(found):
+    for row, estimate in enumerate(estimates):
         if estimate is not None:
-            marks += [interval_line(row, row, estimate), run_dot(row, estimate.value, row)]
+            marks += estimate_marks(row, row, estimate)
     for row, (_, value) in enumerate(paper, start=len(sections)):
         marks.append(Dot(value, row, "muted", "diamond", 7, is_hollow=True))
-    highest = [e.high for e in found if e] + [value for _, value in paper]
+    highest = [e.high for e in estimates if e] + [value for _, value in paper]
     rows = name_axis(_names(sections), [method for method, _ in paper])
     chart = Chart(_metric_axis(task, metric, highest), rows, tuple(marks), ROW * len(rows.ticks))
     what = f"{task_title(task)}: {METRICS[metric].label} with 95 % intervals"
@@ -151,9 +154,9 @@ def _steps_plot(task: str, sections: Sequence[RunSection]) -> Plot:
     """Draw what share of the episodes took how many control steps, by how they ended."""
     panels = {}
     for name, section in zip(_names(sections), sections, strict=True):
-        own = [episode for episode in section.run.episodes if episode.task == task]
+        episodes = [episode for episode in section.run.episodes if episode.task == task]
         panels[name if len(sections) > 1 else ""] = {
-            tone: np.array([e.steps for e in own if e.outcome is outcome], np.int64)
+            tone: np.array([e.steps for e in episodes if e.outcome is outcome], np.int64)
             for outcome, tone in OUTCOME_TONES.items()
         }
     what = f"{task_title(task)}: distribution of episode steps by outcome"
@@ -162,8 +165,11 @@ def _steps_plot(task: str, sections: Sequence[RunSection]) -> Plot:
 
 def _touch_plot(task: str, sections: Sequence[RunSection]) -> Plot:
     """Draw the mean contact ticks at each control step, the runs overlaid."""
-    found = [task_summary(section.run, task) for section in sections]
-    curves = [(one.touch_curve, one.touch_curve_episodes) if one else ((), ()) for one in found]
+    summaries = [task_summary(section.run, task) for section in sections]
+    curves = [
+        (summary.touch_curve, summary.touch_curve_episodes) if summary else ((), ())
+        for summary in summaries
+    ]
     what = f"{task_title(task)}: mean contact ticks at each control step"
     return Plot(task_title(task), what, (touch_chart(curves, PROTOCOL.task(task).max_steps),))
 
@@ -177,10 +183,8 @@ def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> Plot:
         gap = result.gaps.get(metric) if result else None
         if gap is not None:
             for estimate, offset in ((gap.held_out, -SPLIT_OFFSET), (gap.train, SPLIT_OFFSET)):
-                marks += [
-                    interval_line(row, row + offset, estimate),
-                    run_dot(row, estimate.value, row + offset, size=7, is_hollow=offset > 0),
-                ]
+                hollow = offset > 0
+                marks += estimate_marks(row, row + offset, estimate, size=7, is_hollow=hollow)
                 highest.append(estimate.high)
     rows, x = name_axis(_names(sections)), _metric_axis(task, metric, highest)
     label = METRICS[metric].label
@@ -194,8 +198,8 @@ def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> Plot:
 def _family_plot(task: str, sections: Sequence[RunSection]) -> Plot:
     """Draw each family's value on held-out (filled) and train shapes (hollow)."""
     results = [find_generalization(section.run, task) for section in sections]
-    found = [result for result in results if result is not None]
-    families = sorted({family for result in found for family in result.families})
+    compared = [result for result in results if result is not None]
+    families = sorted({family for result in compared for family in result.families})
     # The runs of a family stand close together, so that the families stay apart.
     offsets = (np.arange(len(sections)) - (len(sections) - 1) / 2) * FAMILY_HEIGHT / len(sections)
     marks: list[Mark] = []
@@ -206,9 +210,9 @@ def _family_plot(task: str, sections: Sequence[RunSection]) -> Plot:
             if both is not None:
                 row = line + float(offsets[index])
                 marks += _family_marks(index, row, both.held_out, both.train)
-                highest += [one.value for one in (both.held_out, both.train) if one]
+                highest += [estimate.value for estimate in (both.held_out, both.train) if estimate]
     rows = name_axis(short_names([printable(family) for family in families]))
-    x = _metric_axis(task, found[0].family_metric, highest)
+    x = _metric_axis(task, compared[0].family_metric, highest)
     height = (8 + 12 * len(sections)) * len(families)
     what = f"{task_title(task)}: each family on each split"
     return Plot(task_title(task), what, (Chart(x, rows, tuple(marks), height),))

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import HELD_OUT, TRAIN
-from minitouch_bench.records import EpisodeMetrics, Estimate, Generalization, SavedRun
+from minitouch_bench.records import EpisodeMetrics, Estimate, Generalization
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_value
 from minitouch_bench.reporting.tables import TABLE4_METRICS, find_estimate
+from minitouch_bench.runs.run import Run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +61,7 @@ def episodes_frame(episodes: Iterable[EpisodeMetrics]) -> "pd.DataFrame":
 
 def episodes_csv(episodes: Iterable[EpisodeMetrics]) -> str:
     """Write ``episodes.csv``."""
-    return _rows_csv(EPISODE_COLUMNS, map(_episode_row, episodes))
+    return rows_csv(EPISODE_COLUMNS, map(_episode_row, episodes))
 
 
 def _episode_row(episode: EpisodeMetrics) -> Row:
@@ -70,7 +71,7 @@ def _episode_row(episode: EpisodeMetrics) -> Row:
     )
 
 
-def table4_frame(runs: Sequence[SavedRun]) -> "pd.DataFrame":
+def table4_frame(runs: Sequence[Run]) -> "pd.DataFrame":
     """Return Table 4 in long form; values that do not exist have no row.
 
     ``source`` carries a run's labels, and what must be known of the paper's values.
@@ -83,7 +84,7 @@ def table4_frame(runs: Sequence[SavedRun]) -> "pd.DataFrame":
     return make_frame(TABLE4_COLUMNS, rows)
 
 
-def generalization_frame(runs: Sequence[SavedRun]) -> "pd.DataFrame":
+def generalization_frame(runs: Sequence[Run]) -> "pd.DataFrame":
     """Return held-out, train and their difference in long form, then each family's values.
 
     ``family`` is empty in a row over all families; values that do not exist have no row.
@@ -91,9 +92,9 @@ def generalization_frame(runs: Sequence[SavedRun]) -> "pd.DataFrame":
     rows: list[Row] = []
     for name, run in zip(run_names(runs), runs, strict=True):
         for result in run.summary.generalization:
-            for family, metric, split, found in _splits(result):
-                place = (name, result.task, family, metric, split)
-                rows.append((*place, *_estimate_cells(found), _source(run)))
+            for family, metric, split, estimate in _splits(result):
+                head = (name, result.task, family, metric, split)
+                rows.append((*head, *_estimate_cells(estimate), _source(run)))
     return make_frame(GENERALIZATION_COLUMNS, rows)
 
 
@@ -113,10 +114,11 @@ def csv_text(frame: "pd.DataFrame") -> str:
     what does not exist. A text that a spreadsheet would run as a formula gets an apostrophe.
     """
     there = frame.astype(object).where(frame.notna(), None)
-    return _rows_csv(frame.columns, there.to_numpy().tolist())
+    return rows_csv(frame.columns, there.to_numpy().tolist())
 
 
-def _rows_csv(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+def rows_csv(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    """Write rows as CSV, as ``csv_text`` does."""
     written = io.StringIO()
     writer = csv.writer(written, lineterminator="\n")
     writer.writerow(columns)
@@ -136,7 +138,7 @@ def _safe_text(text: str) -> str:
     """Return a text as a cell that no spreadsheet runs."""
     # The guard looks at the raw text too: a leading tab is gone once it is printable.
     plain = printable(text)
-    is_formula = any(one.startswith(FORMULA_STARTS) for one in (text, plain))
+    is_formula = any(form.startswith(FORMULA_STARTS) for form in (text, plain))
     return f"'{plain}" if is_formula else plain
 
 
@@ -146,18 +148,18 @@ def _splits(result: Generalization) -> Iterator[tuple[str, str, str, Estimate]]:
         yield "", metric, HELD_OUT, gap.held_out
         yield "", metric, TRAIN, gap.train
         yield "", metric, DIFFERENCE, gap.difference
-    for family, found in result.families.items():
-        for split, estimate in ((HELD_OUT, found.held_out), (TRAIN, found.train)):
+    for family, both in result.families.items():
+        for split, estimate in ((HELD_OUT, both.held_out), (TRAIN, both.train)):
             if estimate is not None:
                 yield family, result.family_metric, split, estimate
 
 
-def _run_rows(runs: Sequence[SavedRun], task: str, metric: str) -> Iterator[Row]:
+def _run_rows(runs: Sequence[Run], task: str, metric: str) -> Iterator[Row]:
     """Walk through the runs' rows of one metric."""
     for name, run in zip(run_names(runs), runs, strict=True):
-        found = find_estimate(run, task, metric)
-        if found is not None:
-            yield name, task, metric, *_estimate_cells(found), _source(run)
+        estimate = find_estimate(run, task, metric)
+        if estimate is not None:
+            yield name, task, metric, *_estimate_cells(estimate), _source(run)
 
 
 def _paper_rows(task: str, metric: str) -> Iterator[Row]:
@@ -169,11 +171,11 @@ def _paper_rows(task: str, metric: str) -> Iterator[Row]:
             yield method, task, metric, float(printed.text), None, None, None, "", source
 
 
-def _estimate_cells(found: Estimate) -> Row:
-    return found.value, found.low, found.high, found.count, found.method
+def _estimate_cells(estimate: Estimate) -> Row:
+    return estimate.value, estimate.low, estimate.high, estimate.count, estimate.method
 
 
-def _source(run: SavedRun) -> str:
+def _source(run: Run) -> str:
     """Say that a row is a run's, with the run's labels."""
     labels = "; ".join(run_labels(run))
     return f"run ({labels})" if labels else "run"

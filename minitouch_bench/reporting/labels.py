@@ -5,16 +5,23 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from msgspec import UNSET
-
 from minitouch_bench.errors import UsageError
-from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, PROTOCOL, TASK_NAMES
-from minitouch_bench.records import NOT_IN_SANDBOX, RunHeader, SavedRun
+from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
+from minitouch_bench.records import NOT_IN_SANDBOX
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_TASKS
+from minitouch_bench.runs.run import Run, RunHeader
 
 SHOWN_EPISODES = 12
 """Episodes named for one fault; a policy that always fails would fill the page."""
+
+
+@dataclass(frozen=True)
+class RunOrigin:
+    """The training that a run's policy comes from, "" and 0 where nothing says it."""
+
+    method: str = ""
+    steps: int = 0
 
 
 @dataclass(frozen=True)
@@ -28,7 +35,7 @@ class RunSection:
     labels: tuple[str, ...]
     faults: Mapping[str, Sequence[str]]
     command: str
-    run: SavedRun
+    run: Run
 
     @property
     def marked_name(self) -> str:
@@ -39,13 +46,13 @@ class RunSection:
     def episodes(self) -> str:
         """Which episodes of its suite it has."""
         header = self.run.header
-        if header.chosen:
-            return printable(f"episodes {', '.join(header.chosen)}")
-        return f"{header.episodes} episodes per task"
+        if header.plan.chosen:
+            return printable(f"episodes {', '.join(header.plan.chosen)}")
+        return f"{header.plan.episodes} episodes per task"
 
 
 def describe_runs(
-    runs: Sequence[SavedRun], names: Sequence[str] | None = None
+    runs: Sequence[Run], names: Sequence[str] | None = None
 ) -> tuple[RunSection, ...]:
     """Say what each run is called in a report, and what a reader must know of it.
 
@@ -65,7 +72,7 @@ def describe_runs(
     )
 
 
-def run_names(runs: Sequence[SavedRun]) -> tuple[str, ...]:
+def run_names(runs: Sequence[Run]) -> tuple[str, ...]:
     """Name each run by its policy, and by the run where policies have one name.
 
     Names that would still be equal are numbered.
@@ -112,7 +119,7 @@ def _checked(names: Sequence[str], count: int) -> tuple[str, ...]:
     return plain
 
 
-def run_labels(run: SavedRun) -> tuple[str, ...]:
+def run_labels(run: Run) -> tuple[str, ...]:
     """Return what a reader must know of a run: notes on the policy, and why it is unofficial."""
     header = run.header
     labels = list(header.policy.notes)
@@ -145,7 +152,7 @@ def task_title(task: str) -> str:
     return titles.get(task, printable(task).capitalize())
 
 
-def tasks_in_order(runs: Sequence[SavedRun]) -> tuple[str, ...]:
+def tasks_in_order(runs: Sequence[Run]) -> tuple[str, ...]:
     """Return the tasks that any of the runs has, in the paper's order, others after them."""
     present = {task.task: None for run in runs for task in run.summary.tasks if task.estimates}
     return (*(task for task in TASKS if task in present), *(t for t in present if t not in TASKS))
@@ -153,30 +160,19 @@ def tasks_in_order(runs: Sequence[SavedRun]) -> tuple[str, ...]:
 
 def reproduce_command(header: RunHeader) -> str:
     """Return the command line that repeats a run."""
-    words = ["minitouch-bench", "evaluate", header.policy.source, "--suite", header.suite]
+    words = ["minitouch-bench", "evaluate", header.policy.source, *header.plan.as_options()]
     if header.exploration is not None:
         words += ["--exploration", header.exploration.source]
-    if not header.official:
-        if header.chosen:
-            for key in header.chosen:
-                words += ["--episodes-from", key]
-        else:
-            words += ["--tasks", ",".join(header.tasks), "--episodes", str(header.episodes)]
-        words += ["--seed", str(header.seed), *header.played_under.as_options()]
-    return shlex.join(printable(word) for word in [*words, *policy_options(header)])
+    return shlex.join(printable(word) for word in [*words, *_isolation_options(header)])
 
 
 def policy_options(header: RunHeader) -> list[str]:
     """Return the options under which a run's policies ran: limits of time, isolation, trust."""
-    words = []
-    if header.act_timeout_s != ACT_TIMEOUT_S:
-        words += ["--act-timeout", f"{header.act_timeout_s:g}"]
-    if header.episode_timeout_s is not UNSET:
-        words += ["--episode-timeout", f"{header.episode_timeout_s:g}"]
-    kinds = {one.kind for one in (header.policy, header.exploration) if one is not None}
+    return [*header.plan.limits.as_options(), *_isolation_options(header)]
+
+
+def _isolation_options(header: RunHeader) -> list[str]:
+    kinds = {policy.kind for policy in header.policies()}
     is_chosen = header.isolation != "sandbox" and not kinds & set(NOT_IN_SANDBOX)
-    if is_chosen:
-        words += ["--isolation", header.isolation]
-    if is_chosen or "factory" in kinds:
-        words.append("--trust")
-    return words
+    words = ["--isolation", header.isolation] if is_chosen else []
+    return [*words, "--trust"] if is_chosen or "factory" in kinds else words

@@ -87,8 +87,8 @@ def paper_value(task: str, metric: str, method: str) -> PaperValue | None:
 
 def paper_values(method: str) -> dict[tuple[str, str], PaperValue]:
     """Return every value of a method, by task and metric."""
-    found = {key: paper_value(*key, method) for key in _PRINTED}
-    return {key: value for key, value in found.items() if value is not None}
+    values = {key: paper_value(*key, method) for key in _PRINTED}
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def paper_cell(task: str, metric: str, method: str) -> Cell:

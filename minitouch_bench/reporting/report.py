@@ -7,15 +7,18 @@ from pathlib import Path
 from urllib.parse import quote
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.records import SavedRun
 from minitouch_bench.rendering.charts import Figure
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.latex import table_source
 from minitouch_bench.rendering.tables import Table
-from minitouch_bench.reporting.curve import CurvePoint, curve_figure, curve_points, curve_table
-from minitouch_bench.reporting.labels import RunSection, describe_runs, tasks_in_order
-from minitouch_bench.reporting.over_runs import RunOrigin, compare_methods, group_methods
+from minitouch_bench.reporting.labels import (
+    RunOrigin,
+    RunSection,
+    describe_runs,
+    tasks_in_order,
+)
 from minitouch_bench.reporting.tables import diagnostics, novel_shapes, table4
+from minitouch_bench.runs.run import Run
 
 
 @dataclass(frozen=True)
@@ -27,11 +30,23 @@ class Video:
 
 
 @dataclass(frozen=True)
+class OverRuns:
+    """What several runs show together; ``curve_csv``: the numbers of their learning curve."""
+
+    tables: tuple[Table, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    curve_csv: str = ""
+
+
+NOTHING = OverRuns()
+
+
+@dataclass(frozen=True)
 class Report:
     """What every writer of a report shows.
 
     ``novel_shapes``: the gaps and the families, empty where no run has both splits.
-    ``tables_over_runs`` and ``figures_over_runs``: what several runs show together.
+    ``over_runs``: what several runs show together.
     """
 
     title: str
@@ -41,9 +56,7 @@ class Report:
     diagnostics: Table
     novel_shapes: tuple[Table, ...] = ()
     videos: tuple[Video, ...] = ()
-    tables_over_runs: tuple[Table, ...] = ()
-    figures_over_runs: tuple[Figure, ...] = ()
-    curve: tuple[CurvePoint, ...] = ()
+    over_runs: OverRuns = NOTHING
 
 
 @dataclass(frozen=True)
@@ -63,7 +76,7 @@ ALONE = AcrossRuns()
 
 
 def build_report(
-    runs: Sequence[SavedRun],
+    runs: Sequence[Run],
     videos: Sequence[Video] = (),
     names: Sequence[str] | None = None,
     across: AcrossRuns = ALONE,
@@ -80,14 +93,6 @@ def build_report(
         raise UsageError("a report needs at least one run")
     _check_protocols(runs)
     sections = describe_runs(runs, None if across.curve else names)
-    origins = across.origins or (RunOrigin(),) * len(runs)
-    curve: tuple[CurvePoint, ...] = ()
-    if across.curve:
-        curve = curve_points(runs, origins, across.steps, names)
-        tables: tuple[Table, ...] = (curve_table(curve),)
-        figures: tuple[Figure, ...] = (curve_figure(curve),)
-    else:
-        tables, figures = compare_methods(group_methods(sections, origins))
     return Report(
         title=" · ".join(section.name for section in sections),
         tasks=tasks_in_order(runs),
@@ -96,16 +101,34 @@ def build_report(
         diagnostics=diagnostics(sections),
         novel_shapes=novel_shapes(sections),
         videos=tuple(videos),
-        tables_over_runs=tables,
-        figures_over_runs=figures,
-        curve=curve,
+        over_runs=_over_runs(sections, across, names),
+    )
+
+
+def _over_runs(
+    sections: Sequence[RunSection], across: AcrossRuns, names: Sequence[str] | None
+) -> OverRuns:
+    """Return what the runs show together: their curve, or their means over tasks and seeds."""
+    if len(sections) == 1 and not across.curve:
+        return NOTHING
+    # Not at the top: pandas takes half a second, and one run needs none of it.
+    from minitouch_bench.reporting import curve, over_runs  # noqa: PLC0415
+
+    runs = [section.run for section in sections]
+    origins = across.origins or (RunOrigin(),) * len(runs)
+    if across.curve:
+        points = curve.make_curve(curve.label_curve(runs, origins, across.steps, names), runs)
+        figures = (curve.curve_figure(points),)
+        return OverRuns((curve.curve_table(points),), figures, curve.curve_csv(points))
+    return OverRuns(
+        *over_runs.compare_methods(over_runs.label_methods(sections, origins), sections)
     )
 
 
 def table4_latex(report: Report) -> str:
     """Write Table 4 as LaTeX, ready for a paper."""
     header = report.sections[0].run.header
-    caption = f"MiniTouch, protocol {header.protocol}, suite {header.suite}, beside the paper."
+    caption = f"MiniTouch, protocol {header.protocol}, suite {header.plan.suite}, beside the paper."
     return table_source(report.table4, caption)
 
 
@@ -120,7 +143,7 @@ def find_videos(files: Sequence[Path], directory: Path) -> tuple[Video, ...]:
     )
 
 
-def _check_protocols(runs: Sequence[SavedRun]) -> None:
+def _check_protocols(runs: Sequence[Run]) -> None:
     """Refuse runs of which a task was not played by the same rules."""
     first = runs[0]
     for other in runs[1:]:
@@ -131,7 +154,7 @@ def _check_protocols(runs: Sequence[SavedRun]) -> None:
             )
 
 
-def _protocol_of(run: SavedRun) -> str:
+def _protocol_of(run: Run) -> str:
     """Name a run with its protocol."""
     header = run.header
     return f"'{run.name}' ({header.protocol}, {header.protocol_digest[:12]})"

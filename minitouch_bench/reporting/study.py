@@ -1,51 +1,49 @@
 """A study's report: Table 4 over training seeds, learning curves, and the order of the methods."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import PROGRESS_FILE, RUN_FILE, write_file
-from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
-from minitouch_bench.metrics.intervals import bootstrap_mean
-from minitouch_bench.metrics.metric import ShownIn
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.intervals import OVER_SEEDS_AND_EPISODES, bootstrap_mean
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
-from minitouch_bench.records import Estimate, SavedRun, Summary
 from minitouch_bench.rendering import latex
 from minitouch_bench.rendering.figure_files import write_figures
-from minitouch_bench.rendering.markdown import escape, table_lines
+from minitouch_bench.rendering.markdown import escape, table_section
 from minitouch_bench.rendering.pages import render_page
 from minitouch_bench.rendering.tables import (
     ABSENT,
     Cell,
-    Column,
-    Row,
     Table,
     difference_cell,
     estimate_cell,
-    metric_head,
+    make_columns,
+    make_row,
 )
-from minitouch_bench.reporting.labels import task_title
-from minitouch_bench.reporting.over_runs import OVER_SEEDS
-from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
-from minitouch_bench.reporting.run_directory import read_run
-from minitouch_bench.reporting.study_figures import (
-    EXPLORING,
+from minitouch_bench.reporting.long_frame import (
     GAP,
-    HELD_OUT,
-    MOVEMENT,
-    TOUCH,
-    TRAIN,
-    study_estimate,
-    study_figures,
+    RunLabel,
+    find_row,
+    frame_row,
+    frame_rows,
+    join_seeds,
+    make_long_frame,
+    select,
+    split_name,
 )
+from minitouch_bench.reporting.paper import PAPER_NOTE
+from minitouch_bench.reporting.study_figures import EXPLORING, MOVEMENT, TOUCH, study_figures
 from minitouch_bench.reporting.study_orders import episode_values, judge_orders, orders_table
+from minitouch_bench.reporting.tables import TABLE4_METRICS, table_by_task
 from minitouch_bench.reporting.training_page import episode_success
+from minitouch_bench.runs.run import Run, read_run
 
 TEMPLATE = Path(__file__).parent / "templates" / "study.html.j2"
 TIME_NOTE = "Time: of the training alone, without its evaluation, beside whatever else ran."
@@ -62,6 +60,11 @@ class StudyTraining:
     exploration_steps: int
 
     @property
+    def label(self) -> RunLabel:
+        """What its runs are in a long frame, whose steps are those of exploration."""
+        return RunLabel(self.method, self.seed, self.exploration_steps)
+
+    @property
     def name(self) -> str:
         """Its directory in the study's."""
         return f"{self.task}-{self.method}-{self.exploration_steps}-{self.seed}"
@@ -71,8 +74,11 @@ PROGRESS_TYPES: Final = {
     "step": "int64", "episodes": "int64", "success": "float64", "touch_share": "float64",
     "seconds": "float64",
 }  # fmt: skip
-FIELDS = tuple(StudyTraining.__dataclass_fields__)
+HEAD: Final = ("task", "method", "seed", "steps")
 """The columns that name a training."""
+RENAMED: Final = {"steps": "exploration_steps", "count": "episodes"}
+"""Columns in the files, where they have another name than in the frames."""
+ESTIMATES: Final = (*HEAD, "suite", "metric", "value", "low", "high", "count")
 
 
 @dataclass(frozen=True)
@@ -92,13 +98,17 @@ def write_study(results: StudyResults) -> None:
         RunDirectoryError: a file cannot be read or written.
     """
     runs = _runs(results)
-    estimates, curves = _estimates(runs), _curves(results)
-    directory = results.directory
-    write_file(directory / "estimates.csv", estimates.to_csv(index=False))
-    write_file(directory / "curves.csv", curves.to_csv(index=False))
+    rows = (row for training, run in runs for row in _rows(training, run))
+    estimates, curves = make_long_frame(rows), _curves(results)
     orders = judge_orders(_episode_values(runs))
-    write_file(directory / "orders.csv", orders.to_csv(index=False))
-    tables = (*_tables(estimates), *((orders_table(orders),) if len(orders) else ()))
+    directory = results.directory
+    for name, frame in (
+        ("estimates.csv", estimates[[*ESTIMATES]]),
+        ("curves.csv", curves),
+        ("orders.csv", orders),
+    ):
+        write_file(directory / name, frame.rename(columns=RENAMED).to_csv(index=False))
+    tables = (*study_tables(estimates), *((orders_table(orders),) if len(orders) else ()))
     trainings = trainings_table(results)
     figures = tuple(study_figures(estimates, curves))
     write_figures(figures, directory / "figures")
@@ -112,7 +122,7 @@ def write_study(results: StudyResults) -> None:
     write_file(directory / "report.html", page)
 
 
-def _runs(results: StudyResults) -> list[tuple[StudyTraining, SavedRun]]:
+def _runs(results: StudyResults) -> list[tuple[StudyTraining, Run]]:
     """Read the evaluations of each training, one per suite."""
     return [
         (training, read_run(file.parent))
@@ -121,112 +131,73 @@ def _runs(results: StudyResults) -> list[tuple[StudyTraining, SavedRun]]:
     ]
 
 
-def _estimates(runs: Sequence[tuple[StudyTraining, SavedRun]]) -> pd.DataFrame:
-    """Return a row per training, suite, and metric of its evaluation."""
-    rows = []
-    for training, run in runs:
-        (summary,) = run.summary.tasks
-        found = [
-            *summary.estimates.items(),
-            *_on_both_splits(run.summary),
-            *_while_exploring(run),
-        ]
-        head = (*vars(training).values(), run.header.suite)
-        rows += [(*head, metric, e.value, e.low, e.high, e.count) for metric, e in found]
-    columns = [*FIELDS, "suite", "metric", "value", "low", "high", "episodes"]
-    return pd.DataFrame(rows, columns=columns)
+def _rows(training: StudyTraining, run: Run) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows of a run, and what Figure 9 shows of the policy at the end of exploration."""
+    yield from frame_rows(training.label, run)
+    for metric in (MOVEMENT, TOUCH):
+        if values := METRICS[metric].values(run.exploration_episodes):
+            estimate = bootstrap_mean(values, np.random.default_rng(0))
+            head = (run.plan.suite, training.task, f"{metric}{EXPLORING}")
+            yield frame_row(training.label, *head, estimate)
 
 
-def _episode_values(runs: Sequence[tuple[StudyTraining, SavedRun]]) -> pd.DataFrame:
+def _episode_values(runs: Sequence[tuple[StudyTraining, Run]]) -> pd.DataFrame:
     """Return a row per training, metric and episode of the main suite, for ``judge_orders``."""
     rows = [
-        (*vars(training).values(), *one)
+        (*vars(training).values(), *values)
         for training, run in runs
-        if run.header.suite == MAIN_SUITE
-        for one in episode_values(run)
+        if run.plan.suite == MAIN_SUITE
+        for values in episode_values(run)
     ]
-    return pd.DataFrame(rows, columns=[*FIELDS, "metric", "episode", "value"])
-
-
-def _on_both_splits(summary: Summary) -> Iterator[tuple[str, Estimate]]:
-    for part in summary.generalization:
-        for metric, gap in part.gaps.items():
-            yield f"{metric}{GAP}", gap.difference
-            yield f"{metric}{HELD_OUT}", gap.held_out
-            yield f"{metric}{TRAIN}", gap.train
-
-
-def _while_exploring(run: SavedRun) -> Iterator[tuple[str, Estimate]]:
-    """Yield what Figure 9 shows, of the policy as it stood at the end of exploration."""
-    for metric in (MOVEMENT, TOUCH):
-        values = METRICS[metric].values(run.exploration_episodes)
-        if values:
-            found = bootstrap_mean(np.array(values), np.random.default_rng(0))
-            yield f"{metric}{EXPLORING}", found
+    return pd.DataFrame(rows, columns=[*HEAD, "metric", "episode", "value"])
 
 
 def _curves(results: StudyResults) -> pd.DataFrame:
     """Return a row per training and line of its ``progress.csv``; those under way, too."""
+    columns = [*HEAD, "step", "touch_share", "success"]
     frames = []
     for training in (*results.done, *results.failed, *results.left):
         rows = _progress(results.directory, training)
         if not rows.empty:
-            kept = rows[["step", "touch_share"]].assign(success=episode_success(rows))
-            frames.append(kept.assign(**vars(training)))
-    columns = [*FIELDS, "step", "touch_share", "success"]
-    return pd.concat(frames)[columns] if frames else pd.DataFrame(columns=columns)
+            named = dict(zip(HEAD, vars(training).values(), strict=True))
+            frames.append(rows.assign(success=episode_success(rows), **named)[columns])
+    return pd.concat(frames) if frames else pd.DataFrame(columns=columns)
 
 
-def _tables(estimates: pd.DataFrame) -> Iterator[Table]:
+def study_tables(estimates: pd.DataFrame) -> Iterator[Table]:
     """Yield Table 4 for each length of exploration, then the gaps on novel shapes."""
-    for suite, title in ((MAIN_SUITE, "Table 4"), (NOVEL_SHAPES, "Novel shapes")):
-        own = estimates[estimates["suite"] == suite]
-        for steps, part in own.groupby("exploration_steps", sort=True):
-            yield _table(f"{title}, {steps:,} steps of exploration", suite, part)
+    metrics = dict.fromkeys(estimates["metric"])
+    gaps = tuple(name for name in metrics if name.endswith(GAP))
+    for suite, title, shown in (
+        (MAIN_SUITE, "Table 4", TABLE4_METRICS),
+        (NOVEL_SHAPES, "Novel shapes", gaps),
+    ):
+        part = estimates[(estimates["suite"] == suite) & estimates["metric"].isin(shown)]
+        joined = join_seeds(part)
+        for steps in sorted({*joined["steps"]}):
+            name = f"{title}, {steps:,} steps of exploration"
+            yield _table(name, shown, select(joined, steps=steps))
 
 
-def _table(title: str, suite: str, part: pd.DataFrame) -> Table:
-    methods = tuple(dict.fromkeys(part["method"]))
-    with_paper = suite == MAIN_SUITE
-    columns: list[Column] = []
-    cells: list[tuple[str, str, str]] = []
-    for task in dict.fromkeys(part["task"]):
-        group = task_title(task)
-        columns += [Column(method, group) for method in methods]
-        cells += [(task, method, "") for method in methods]
-        if with_paper:
-            columns += [Column(method, group, is_paper=True) for method in PAPER_METHODS]
-            cells += [(task, "", method) for method in PAPER_METHODS]
-    metrics = (
-        metrics_shown_in(ShownIn.TABLE4)
-        if with_paper
-        else tuple(name for name in dict.fromkeys(part["metric"]) if name.endswith(GAP))
-    )
-    rows = []
-    for metric in metrics:
-        shown = metric.split(",")[0]
-        row = tuple(
-            paper_cell(task, metric, paper) if paper else _cell(part, task, method, metric)
-            for task, method, paper in cells
-        )
-        if all(cell.text == ABSENT for cell in row):
-            continue
-        head = metric_head(shown) + metric.removeprefix(shown)
-        rows.append(Row((head,), row, METRICS[shown].unit))
+def _table(title: str, metrics: Sequence[str], part: pd.DataFrame) -> Table:
+    tasks, methods = (list(dict.fromkeys(part[column])) for column in ("task", "method"))
+    with_paper = metrics is TABLE4_METRICS
+
+    def cell(task: str, index: int, name: str) -> Cell:
+        metric, suffix = split_name(name)
+        estimate = find_row(part, task=task, method=methods[index], metric=name)
+        if estimate is not None and suffix == GAP:
+            return difference_cell(metric.name, estimate)
+        return estimate_cell(metric.name, estimate)
+
     notes = (
-        f"95 % intervals: {OVER_SEEDS}: of few seeds too narrow, as it never "
-        f"goes beyond their range; {EPISODES_ONLY}.",
+        f"95 % intervals: {OVER_SEEDS_AND_EPISODES} where it is a share: of few seeds too narrow, "
+        f"as a bootstrap never goes beyond their range; {EPISODES_ONLY}.",
         *((PAPER_NOTE,) * with_paper),
     )
-    return Table(title, ("Metric",), tuple(columns), tuple(rows), notes)
-
-
-def _cell(part: pd.DataFrame, task: str, method: str, metric: str) -> Cell:
-    own = part[(part["task"] == task) & (part["method"] == method) & (part["metric"] == metric)]
-    shown, found = metric.split(",", maxsplit=1)[0], study_estimate(own)
-    if found is not None and metric.endswith(GAP):
-        return difference_cell(shown, found)
-    return estimate_cell(shown, found)
+    table = table_by_task(title, tasks, methods, metrics, cell, notes=notes, with_paper=with_paper)
+    rows = (row for row in table.rows if any(cell.text != ABSENT for cell in row.cells))
+    return replace(table, rows=tuple(rows))
 
 
 def state_lines(results: StudyResults) -> list[str]:
@@ -279,22 +250,16 @@ def trainings_table(results: StudyResults) -> Table:
         **dict.fromkeys(results.done, "done"),
     }
     rows = []
-    for training, state in states.items():
+    for training, known in states.items():
         steps, seconds = last_progress(results.directory, training)
-        cells = (
-            Cell(state or ("under way" if steps else "waiting")),
-            Cell(f"{steps:,}"),
-            Cell(f"{seconds / 60:.1f} min"),
-        )
-        rows.append(Row((training.name,), cells))
-    columns = (Column("State", is_text=True), Column("Control steps"), Column("Time"))
+        state = known or ("under way" if steps else "waiting")
+        rows.append(make_row(training.name, state, f"{steps:,}", f"{seconds / 60:.1f} min"))
+    columns = make_columns("State", "Control steps", "Time", words=["State"])
     return Table("Trainings", ("Training",), columns, tuple(rows), (TIME_NOTE,))
 
 
 def _markdown(results: StudyResults, tables: Sequence[Table]) -> str:
     parts = [f"# Study {escape(results.directory.resolve().name)}", ""]
     parts += [f"- {escape(line)}" for line in state_lines(results)]
-    for table in tables:
-        parts += ["", f"## {table.title}", "", *table_lines(table), ""]
-        parts += [f"- {escape(note)}" for note in table.notes]
+    parts += [line for table in tables for line in table_section(table)]
     return "\n".join(parts) + "\n"

@@ -12,10 +12,11 @@ from scipy import stats
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.metric import DOWN
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import SavedRun
-from minitouch_bench.rendering.tables import Cell, Column, Row, Table, format_value
+from minitouch_bench.rendering.tables import Cell, Table, format_value, make_columns, make_row
 from minitouch_bench.reporting.labels import task_title
+from minitouch_bench.reporting.long_frame import select
 from minitouch_bench.reporting.study_figures import study_parts
+from minitouch_bench.runs.run import Run
 
 PAIRS: Final = (
     ("hac", "rnd-touch"),
@@ -41,7 +42,7 @@ NOTES = (
 )
 
 
-def episode_values(run: SavedRun) -> Iterator[tuple[str, int, float]]:
+def episode_values(run: Run) -> Iterator[tuple[str, int, float]]:
     """Yield metric, index of the episode and value, for what orders the methods in a run."""
     for role, episodes in run.by_role():
         for episode in episodes:
@@ -61,15 +62,15 @@ def _ordered_metrics(task: str) -> tuple[str, ...]:
 def judge_orders(values: pd.DataFrame) -> pd.DataFrame:
     """Return a row per task, length of exploration, metric and pair that the study has.
 
-    ``values`` has a row per training, metric and episode: task, method, seed,
-    exploration_steps, metric, episode, value. A p-value is nan of one seed, or one episode;
+    ``values`` has a row per training, metric and episode: task, method, seed, steps (of
+    exploration), metric, episode, value. A p-value is nan of one seed, or one episode;
     ``p_*_reversed`` is that of the opposite order.
     """
     rows = []
     for task, steps, part in study_parts(values):
         for metric, pair in product(_ordered_metrics(task), PAIRS):
-            own = part[part["metric"] == metric]
-            tables = [_by_episode(own[own["method"] == method]) for method in pair]
+            selected = (select(part, metric=metric, method=method) for method in pair)
+            tables = [values.pivot_table("value", "episode", "seed") for values in selected]
             if any(table.empty for table in tables):
                 continue
             sign = -1.0 if METRICS[metric].direction_in(task) == DOWN else 1.0
@@ -91,11 +92,6 @@ def judge_orders(values: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _by_episode(own: pd.DataFrame) -> pd.DataFrame:
-    """Return the values of one method, (episodes, seeds)."""
-    return own.pivot_table("value", "episode", "seed")
-
-
 def _p_over_seeds(better: Sequence[float], worse: Sequence[float]) -> tuple[float, float]:
     if min(len(better), len(worse)) < 2:
         return float("nan"), float("nan")
@@ -108,14 +104,14 @@ def _p_over_seeds(better: Sequence[float], worse: Sequence[float]) -> tuple[floa
 
 
 def _p_on_episodes(better: pd.Series, worse: pd.Series) -> tuple[float, float]:
-    one, other = better.align(worse, join="inner")
-    if len(one) < 2:
+    first, second = better.align(worse, join="inner")
+    if len(first) < 2:
         return float("nan"), float("nan")
-    if one.equals(other):
+    if first.equals(second):
         return 1.0, 1.0
     greater, less = (
         stats.permutation_test(
-            (one.to_numpy(), other.to_numpy()), _mean_difference, permutation_type="samples",
+            (first.to_numpy(), second.to_numpy()), _mean_difference, permutation_type="samples",
             vectorized=True, alternative=side, n_resamples=EPISODE_ORDERS,
             rng=np.random.default_rng(0),
         ).pvalue
@@ -125,40 +121,33 @@ def _p_on_episodes(better: pd.Series, worse: pd.Series) -> tuple[float, float]:
 
 
 def _mean_difference(
-    one: NDArray[np.float64], other: NDArray[np.float64], axis: int
+    first: NDArray[np.float64], second: NDArray[np.float64], axis: int
 ) -> NDArray[np.float64]:
-    mean: NDArray[np.float64] = np.mean(one - other, axis=axis)
+    mean: NDArray[np.float64] = np.mean(first - second, axis=axis)
     return mean
 
 
 def orders_table(orders: pd.DataFrame) -> Table:
     """Return what ``judge_orders`` found as a table."""
     rows = []
-    for found in orders.to_dict("records"):
-        metric = found["metric"]
-        cells = (
-            Cell(f"{found['better']} > {found['worse']}"),
-            *(
-                Cell(f"{format_value(metric, found[f'{side}_value'])} ({found[f'{side}_seeds']})")
-                for side in ("better", "worse")
-            ),
-            *(_verdict(found, over) for over in ("seeds", "episodes")),
+    for order in orders.to_dict("records"):
+        metric = order["metric"]
+        task = f"{task_title(order['task'])}, {order['exploration_steps']:,} steps"
+        values = (
+            f"{format_value(metric, order[f'{side}_value'])} ({order[f'{side}_seeds']})"
+            for side in ("better", "worse")
         )
-        task = f"{task_title(found['task'])}, {found['exploration_steps']:,} steps"
-        rows.append(Row((task, METRICS[metric].label), cells))
-    columns = (
-        Column("Order", is_text=True),
-        Column("First (seeds)"),
-        Column("Second (seeds)"),
-        Column("Over training seeds", is_text=True),
-        Column("On the same episodes", is_text=True),
-    )
+        verdicts = (_verdict(order, over) for over in ("seeds", "episodes"))
+        pair = f"{order['better']} > {order['worse']}"
+        rows.append(make_row((task, METRICS[metric].label), pair, *values, *verdicts))
+    words = ("Order", "Over training seeds", "On the same episodes")
+    columns = make_columns("Order", "First (seeds)", "Second (seeds)", *words[1:], words=words)
     title = "The order of the methods"
     return Table(title, ("Task, exploration", "Metric"), columns, tuple(rows), NOTES)
 
 
-def _verdict(found: Mapping[Hashable, Any], over: str) -> Cell:
-    p, p_reversed = found[f"p_{over}"], found[f"p_{over}_reversed"]
+def _verdict(order: Mapping[Hashable, Any], over: str) -> Cell:
+    p, p_reversed = order[f"p_{over}"], order[f"p_{over}_reversed"]
     if np.isnan(p):
         return Cell("cannot be told", f"(too few {over})")
     if p <= SIGNIFICANT:

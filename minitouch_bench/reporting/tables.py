@@ -1,6 +1,6 @@
 """The tables of a report as data, with their notes: Table 4, the diagnostics, novel shapes."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
@@ -12,7 +12,6 @@ from minitouch_bench.records import (
     Gap,
     Generalization,
     Outcome,
-    SavedRun,
     TaskSummary,
 )
 from minitouch_bench.rendering.escaping import printable
@@ -28,6 +27,7 @@ from minitouch_bench.rendering.tables import (
 )
 from minitouch_bench.reporting.labels import RunSection, task_title, tasks_in_order
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
+from minitouch_bench.runs.run import Run
 
 TABLE4_METRICS = metrics_shown_in(ShownIn.TABLE4)
 DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
@@ -38,33 +38,60 @@ NO_DIFFERENCE = "no difference seen"
 OUTCOME_TITLES = {outcome: outcome.value.replace("_", " ") for outcome in Outcome}
 
 
-def task_summary(run: SavedRun, task: str) -> TaskSummary | None:
+def task_summary(run: Run, task: str) -> TaskSummary | None:
     """Return a run's summary of a task, None if the run has no such task."""
     return next((summary for summary in run.summary.tasks if summary.task == task), None)
 
 
-def find_estimate(run: SavedRun, task: str, metric: str) -> Estimate | None:
+def find_estimate(run: Run, task: str, metric: str) -> Estimate | None:
     """Return a run's estimate, None where it has none."""
     summary = task_summary(run, task)
     return None if summary is None else summary.estimates.get(metric)
 
 
+def table_by_task(
+    title: str,
+    tasks: Sequence[str],
+    names: Sequence[str],
+    metrics: Sequence[str],
+    cell: Callable[[str, int, str], Cell],
+    *,
+    notes: tuple[str, ...],
+    with_paper: bool = True,
+) -> Table:
+    """Lay out metrics down and tasks across, a column per name, the paper's values behind them.
+
+    ``cell`` writes a task's value of the name at an index in a metric, which is called as in a
+    long frame.
+    """
+    paper = PAPER_METHODS if with_paper else ()
+    rows = []
+    for metric in metrics:
+        label, comma, suffix = metric.partition(",")
+        cells = [
+            written
+            for task in tasks
+            for written in (
+                *(cell(task, index, metric) for index in range(len(names))),
+                *(paper_cell(task, metric, method) for method in paper),
+            )
+        ]
+        rows.append(Row((metric_head(label) + comma + suffix,), tuple(cells), METRICS[label].unit))
+    columns = tuple(
+        Column(name, task_title(task), is_paper=is_paper)
+        for task in tasks
+        for is_paper, group in ((False, names), (True, paper))
+        for name in group
+    )
+    return Table(title, ("Metric",), columns, tuple(rows), notes)
+
+
 def table4(sections: Sequence[RunSection]) -> Table:
     """Lay the runs out as Table 4: metrics down, tasks across, a column per policy."""
-    columns: list[Column] = []
-    cells: dict[str, list[Cell]] = {metric: [] for metric in TABLE4_METRICS}
-    for task in tasks_in_order([section.run for section in sections]):
-        group = task_title(task)
-        columns += [Column(section.marked_name, group) for section in sections]
-        columns += [Column(method, group, is_paper=True) for method in PAPER_METHODS]
-        for metric, row in cells.items():
-            found = (find_estimate(section.run, task, metric) for section in sections)
-            row += [estimate_cell(metric, estimate) for estimate in found]
-            row += [paper_cell(task, metric, method) for method in PAPER_METHODS]
-    rows = tuple(
-        Row((metric_head(metric),), tuple(row), METRICS[metric].unit)
-        for metric, row in cells.items()
-    )
+
+    def cell(task: str, index: int, metric: str) -> Cell:
+        return estimate_cell(metric, find_estimate(sections[index].run, task, metric))
+
     notes = (
         *_label_notes(sections),
         *_split_notes(sections),
@@ -72,17 +99,21 @@ def table4(sections: Sequence[RunSection]) -> Table:
         "episode variance only (one training seed).",
         PAPER_NOTE,
     )
-    return Table("Table 4", ("Metric",), tuple(columns), rows, notes)
+    tasks = tasks_in_order([section.run for section in sections])
+    names = [section.marked_name for section in sections]
+    return table_by_task("Table 4", tasks, names, TABLE4_METRICS, cell, notes=notes)
 
 
 def _label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
     """Return one note for each run that has labels."""
-    return tuple(f"* {one.name}: {'; '.join(one.labels)}." for one in sections if one.labels)
+    return tuple(
+        f"* {section.name}: {'; '.join(section.labels)}." for section in sections if section.labels
+    )
 
 
 def _split_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
     """Say that a value is over both splits of a shape set, where one is."""
-    mixed = [one.run for one in sections if has_both_splits(one.run.episodes)]
+    mixed = [section.run for section in sections if has_both_splits(section.run.episodes)]
     if not mixed:
         return ()
     over = "Values are over all shapes, held-out and train together"
@@ -210,7 +241,7 @@ def family_table(sections: Sequence[RunSection]) -> Table:
     )
 
 
-def find_generalization(run: SavedRun, task: str) -> Generalization | None:
+def find_generalization(run: Run, task: str) -> Generalization | None:
     """Return a run's comparison of the splits in a task, None if it has none."""
     return next((result for result in run.summary.generalization if result.task == task), None)
 
@@ -237,28 +268,28 @@ def gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[Cell, ...]:
     )
 
 
-def _family_cells(run: SavedRun, task: str, family: str) -> tuple[Cell, ...]:
+def _family_cells(run: Run, task: str, family: str) -> tuple[Cell, ...]:
     """Write a family's figure and number of episodes on each split."""
     result = find_generalization(run, task)
     if result is None:
         return (Cell(),) * 4
-    found = result.families.get(family, FamilyResult(None, None))
+    both = result.families.get(family, FamilyResult(None, None))
     cells = []
-    for estimate in (found.held_out, found.train):
+    for estimate in (both.held_out, both.train):
         cells.append(estimate_cell(result.family_metric, estimate))
         cells.append(Cell(str(estimate.count if estimate else 0)))
     return tuple(cells)
 
 
-def _family_group(runs: Sequence[SavedRun], task: str) -> str:
+def _family_group(runs: Sequence[Run], task: str) -> str:
     """Name a task's block by the task and the metric of its figures."""
-    found = (find_generalization(run, task) for run in runs)
-    metric = METRICS[next(result.family_metric for result in found if result)]
+    results = (find_generalization(run, task) for run in runs)
+    metric = METRICS[next(result.family_metric for result in results if result)]
     unit = "" if metric.is_share else f" ({metric.unit})"
     return f"{task_title(task)}: {metric.label.lower()}{unit}"
 
 
-def _tasks(runs: Sequence[SavedRun]) -> tuple[str, ...]:
+def _tasks(runs: Sequence[Run]) -> tuple[str, ...]:
     """Return the tasks that any run compares, in the order of every table."""
     return tuple(
         task for task in tasks_in_order(runs) if any(find_generalization(run, task) for run in runs)

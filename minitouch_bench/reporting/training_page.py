@@ -62,7 +62,7 @@ def _figures(rows: pd.DataFrame) -> tuple[Figure, ...]:
             ("Temperature", "temperature"),
         )
     )
-    found = (
+    all_figures = (
         Figure(
             "shares",
             "What it does",
@@ -77,7 +77,7 @@ def _figures(rows: pd.DataFrame) -> tuple[Figure, ...]:
     )
     drawn = (
         replace(figure, plots=tuple(plot for plot in figure.plots if plot.charts))
-        for figure in found
+        for figure in all_figures
     )
     return tuple(figure for figure in drawn if figure.plots)
 
@@ -130,5 +130,5 @@ def _line(steps: "pd.Series[int]", values: "pd.Series[float]", tone: str) -> Lin
     """Return the line through the values that there are, None where there are none."""
     known = values.notna().to_numpy()
     points = zip(steps[known].tolist(), values[known].tolist(), strict=True)
-    found = tuple((float(step), float(value)) for step, value in points)
-    return Line(found, tone) if found else None
+    known_points = tuple((float(step), float(value)) for step, value in points)
+    return Line(known_points, tone) if known_points else None

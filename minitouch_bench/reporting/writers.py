@@ -4,15 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rich.console import Console, Group, JustifyMethod, RenderableType
-from rich.table import Table as RichTable
-from rich.text import Text
+from rich.console import Console
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Estimate
-from minitouch_bench.rendering.markdown import code_span, escape, table_lines
-from minitouch_bench.rendering.pages import picture_uri, render_page
+from minitouch_bench.rendering.blocks import Block, Heading, Note, on_screen
+from minitouch_bench.rendering.markdown import code_span, escape, table_section
+from minitouch_bench.rendering.pages import image_uri, render_page
 from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.rendering.tables import Cell, Column, Row, Table, estimate_cell
 from minitouch_bench.reporting.figures import report_figures, split_figures
@@ -27,9 +26,6 @@ BESIDE_SUCCESS = ("episode_steps", "touch_interaction")
 BESIDE_TOUCH = ("touched", "time_to_first_touch")
 """What a card shows beside the value that sums its task up."""
 
-PAPER_WIDTH = 9
-"""Characters of a terminal in a column of the paper's values."""
-
 
 def to_markdown(report: Report) -> str:
     """Write a report as Markdown."""
@@ -38,12 +34,11 @@ def to_markdown(report: Report) -> str:
         parts += _headline(section)
     for table in (
         report.table4,
-        *report.tables_over_runs,
+        *report.over_runs.tables,
         *report.novel_shapes,
         report.diagnostics,
     ):
-        parts += ["", f"## {table.title}", "", *table_lines(table), ""]
-        parts += [f"- {escape(note)}" for note in table.notes]
+        parts += table_section(table)
     if any(section.faults for section in report.sections):
         parts += ["", "## Policy faults", ""]
         for section in report.sections:
@@ -62,7 +57,7 @@ def _headline(section: RunSection) -> list[str]:
     header = section.run.header
     kind = "official" if header.official else "unofficial"
     lines = [
-        f"**{escape(section.name)}**: suite {escape(header.suite)}, {kind}, "
+        f"**{escape(section.name)}**: suite {escape(header.plan.suite)}, {kind}, "
         f"protocol {escape(header.protocol)} ({code_span(header.protocol_digest[:12])})"
     ]
     lines += [f"> {escape(label)}" for label in section.labels]
@@ -74,13 +69,13 @@ def _facts(section: RunSection) -> list[str]:
     header, environment = section.run.header, section.run.environment
     packages = ", ".join(f"{name} {version}" for name, version in environment.packages.items())
     machine = ", ".join(f"{key}: {value}" for key, value in environment.machine.items())
-    policy = header.policy
+    policy, limits = header.policy, header.plan.limits
     facts = {
         "Policy": f"{escape(policy.name)} ({escape(policy.kind)}), {code_span(policy.source)}",
         "Policy digest": code_span(policy.digest) if policy.digest else "built in",
         "Protocol": f"{escape(header.protocol)}, {code_span(header.protocol_digest)}",
-        "Suite": f"{escape(header.suite)}, seed {header.seed}, {section.episodes}",
-        "Isolation": f"{escape(header.isolation)}, {header.act_timeout_s:g} s per action",
+        "Suite": f"{escape(header.plan.suite)}, seed {header.plan.seed}, {section.episodes}",
+        "Isolation": f"{escape(header.isolation)}, {limits.act_timeout_s:g} s per action",
         "Packages": escape(packages),
         "Machine": escape(machine),
         "Started": f"{escape(environment.started)}, {environment.wall_s:.0f} s, "
@@ -114,11 +109,11 @@ class CardValue:
 
 @dataclass(frozen=True)
 class Card:
-    """One task. ``picture`` is its picture's address, "" for none; ``rank`` "" where unranked."""
+    """One task. ``image`` is the address of its image, "" for none; ``rank`` "" where unranked."""
 
     title: str
     metric: str
-    picture: str
+    image: str
     paper: str
     values: tuple[CardValue, ...]
     rank: str = ""
@@ -126,13 +121,13 @@ class Card:
 
 def report_card(report: Report, task: str) -> Card:
     """Compose the card of a task."""
-    found = ((section.name, task_summary(section.run, task)) for section in report.sections)
-    runs = [(name, summary.estimates if summary else {}) for name, summary in found]
-    return make_card(task, runs, picture_uri(task))
+    named = ((section.name, task_summary(section.run, task)) for section in report.sections)
+    runs = [(name, summary.estimates if summary else {}) for name, summary in named]
+    return make_card(task, runs, image_uri(task))
 
 
 def make_card(
-    task: str, runs: Sequence[tuple[str, Mapping[str, Estimate]]], picture: str, rank: str = ""
+    task: str, runs: Sequence[tuple[str, Mapping[str, Estimate]]], image: str, rank: str = ""
 ) -> Card:
     """Compose a task's card of ``runs``: names, and estimates by metric.
 
@@ -147,14 +142,14 @@ def make_card(
             name=name,
             tone=series_tone(index),
             cell=estimate_cell(metric, estimates.get(metric), float(paper) if paper else None),
-            beside=tuple((METRICS[one].label, _with_unit(one, estimates)) for one in beside),
+            beside=tuple((METRICS[other].label, _with_unit(other, estimates)) for other in beside),
         )
         for index, (name, estimates) in enumerate(runs)
     )
     return Card(
         title=task_title(task),
         metric=f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}",
-        picture=picture,
+        image=image,
         paper=f"{PAPER_METHODS[0]} in the paper: {paper}" if paper else "",
         values=values,
         rank=rank,
@@ -169,31 +164,35 @@ def _with_unit(metric: str, estimates: Mapping[str, Estimate]) -> str:
 
 
 def show_report(report: Report, console: Console) -> None:
-    """Print the tables; the blocks of one stand below each other."""
-    parts: list[RenderableType] = []
-    parts += [draw_table(report.table4.block(group)) for group, _ in report.table4.groups]
-    parts += [*_notes(report.table4), Text()]
-    for table in report.tables_over_runs:
-        parts += [draw_table(table), *_notes(table), Text()]
+    """Print the tables."""
+    console.print(on_screen(report_blocks(report)))
+
+
+def report_blocks(report: Report) -> Iterator[Block]:
+    """Yield the tables with their notes; the blocks of columns of one stand below each other."""
+    yield from (report.table4.block(group) for group, _ in report.table4.groups)
+    yield from _notes(report.table4)
+    for table in report.over_runs.tables:
+        yield table
+        yield from _notes(table)
     for table in report.novel_shapes:
         for group, _ in table.groups:
-            parts.append(draw_table(replace(table.block(group), title=f"{table.title}: {group}")))
-        parts += [*_notes(table), Text()]
-    parts += [draw_table(table) for table in _by_policy(report.diagnostics)]
-    parts += _notes(report.diagnostics)
+            yield replace(table.block(group), title=f"{table.title}: {group}")
+        yield from _notes(table)
+    yield from _by_policy(report.diagnostics)
+    yield from _notes(report.diagnostics)
     if any(section.faults for section in report.sections):
-        parts += [Text(), Text("Policy faults", style="bold red")]
-    parts += [Text(line) for section in report.sections for line in fault_lines(section)]
-    console.print(Group(*parts))
+        yield Heading("Policy faults")
+    yield from (line for section in report.sections for line in fault_lines(section))
 
 
-def _notes(table: Table) -> list[Text]:
-    """Return the notes below a table."""
-    return [Text(note, style="dim") for note in table.notes]
+def _notes(table: Table) -> Iterator[Block]:
+    yield from map(Note, table.notes)
+    yield ""
 
 
 def _by_policy(table: Table) -> Iterator[Table]:
-    """Turn the diagnostics on their side, one table a policy: figures down, tasks across."""
+    """Turn the diagnostics on their side, a table per policy: metrics down, tasks across."""
     for policy in dict.fromkeys(row.heads[-1] for row in table.rows):
         rows = [row for row in table.rows if row.heads[-1] == policy]
         yield Table(
@@ -208,20 +207,3 @@ def _by_policy(table: Table) -> Iterator[Table]:
                 for index, column in enumerate(table.columns)
             ),
         )
-
-
-def draw_table(table: Table) -> RichTable:
-    """Draw a table; text is never read as markup."""
-    drawn = RichTable(title=Text(table.title, style="bold"), title_justify="left", box=None)
-    for head in table.corner:
-        drawn.add_column(Text(head), no_wrap=True)
-    for column in table.columns:
-        style = "dim" if column.is_paper else ""
-        head = f"{column.label} (paper)" if column.is_paper else column.label
-        justify: JustifyMethod = "left" if column.is_text else "right"
-        # On a narrow screen "(paper)" goes below the name, and leaves room for our intervals.
-        width = PAPER_WIDTH if column.is_paper else None
-        drawn.add_column(Text(head), justify=justify, style=style, overflow="fold", max_width=width)
-    for row in table.rows:
-        drawn.add_row(*map(Text, row.heads), *(Text(str(cell)) for cell in row.cells))
-    return drawn

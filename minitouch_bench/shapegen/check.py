@@ -165,7 +165,7 @@ def _likeness_problems(shapes: ShapeSet, bodies: list[Body]) -> tuple[list[str],
     listed = shapes.shapes
     descriptors = np.array([descriptor(body) for body in bodies])
     problems = []
-    for pair in near_duplicates(bodies, descriptors):
+    for pair in near_duplicates(bodies):
         first, second = listed[pair.first], listed[pair.second]
         where = "within" if first.split == second.split else "across"
         problems.append(

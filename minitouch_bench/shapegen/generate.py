@@ -11,18 +11,21 @@ from pathlib import Path
 from typing import Any
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
-from minitouch_bench.files import lock_directory, os_errors_as, read_file, replace_file
+from minitouch_bench.files import lock_directory, os_errors_as, replace_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import BuildConfig, make_shape
 from minitouch_bench.shapegen.families import GENERATOR_VERSION
 from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, content_digest, splits_of
 from minitouch_bench.shapegen.record import digest
+from minitouch_bench.simulation.bullet import installed_builds
+from minitouch_bench.units import Units
 
-PARTIAL, PLAN = ".partial", "plan.json"
+PARTIAL, PLAN = ".partial", "plan"
+HINT = "; the shapes made so far are kept: make room and run the same command again"
 Progress = Callable[[int, int], None]
 """Called with (done, total)."""
 
-LIBRARIES = ("numpy", "coacd", "manifold3d", "fast-simplification", "pybullet")
+LIBRARIES = ("numpy", "coacd", "manifold3d", "fast-simplification")
 
 
 @dataclass(frozen=True)
@@ -53,72 +56,70 @@ def generate(
         "parameters": asdict(BuildConfig()),
     }
     with lock_directory(folder):
-        partial = opened_partial(folder, {**header, "versions": versions(), "count": count})
-        missing = [i for i in range(count) if read_partial(partial, i) is None]
+        units = open_units(folder, {**header, "versions": versions(), "count": count})
+        missing = [index for index in range(count) if kept_shape(units, index) is None]
         progress(count - len(missing), count)
         tasks = [(root, index) for index in missing]
         for done, (position, (entry, record)) in enumerate(
             run_in_workers(make_shape, tasks, workers, name=lambda task: f"shape {task[1]}"),
             start=1,
         ):
-            write_partial(partial, missing[position], entry, record)
+            keep_shape(units, missing[position], entry, record)
             progress(count - len(missing) + done, count)
-        made = [found for i in range(count) if (found := read_partial(partial, i)) is not None]
+        shapes = (kept_shape(units, index) for index in range(count))
+        made = [shape for shape in shapes if shape is not None]
         document = write_set(folder, header, made)
-        shutil.rmtree(partial)
+        shutil.rmtree(units.directory)
     refused = sum((Counter(entry["refused"]) for entry, _ in made), Counter[str]())
     return GenerateResult(folder, content_digest(document), count, refused)
 
 
-def opened_partial(folder: Path, plan: dict[str, Any]) -> Path:
-    """Return the folder of single shapes, begun with this plan or fresh.
+def open_units(folder: Path, plan: dict[str, Any]) -> Units:
+    """Return the store of single shapes, begun with this plan or fresh.
 
     Raises:
         RunDirectoryError: a finished set, or shapes of another plan, are there already.
         InfrastructureError: it cannot be written.
     """
-    partial = folder / PARTIAL
+    units = Units(folder / PARTIAL, ".shape", HINT)
     text = json.dumps(plan, sort_keys=True).encode()
-    with os_errors_as(InfrastructureError, partial, "written"):
-        if (partial / PLAN).exists():
-            if read_file(partial / PLAN) != text:
-                raise RunDirectoryError(
-                    f"{folder} holds a generation begun with other settings; "
-                    f"delete {partial} or choose another --output"
-                )
-        elif (folder / MANIFEST).exists():
-            raise RunDirectoryError(f"{folder} holds a finished set; choose another --output")
-        else:
-            partial.mkdir(exist_ok=True)
-            replace_file(partial / PLAN, text)
-    return partial
+    if units.read(PLAN) == text:
+        return units
+    if units.path(PLAN).exists():
+        raise RunDirectoryError(
+            f"{folder} holds a generation begun with other settings; "
+            f"delete {units.directory} or choose another --output"
+        )
+    if (folder / MANIFEST).exists():
+        raise RunDirectoryError(f"{folder} holds a finished set; choose another --output")
+    with os_errors_as(InfrastructureError, units.directory, "written"):
+        units.directory.mkdir(exist_ok=True)
+    units.keep(PLAN, text)
+    return units
 
 
-def write_partial(partial: Path, index: int, entry: dict[str, Any], record: bytes) -> None:
+def keep_shape(units: Units, index: int, entry: Mapping[str, Any], record: bytes) -> None:
     """Keep one shape.
 
     Raises:
         InfrastructureError: the disk is full; what was made before stays.
     """
-    text = json.dumps(entry, allow_nan=False).encode()
-    hint = "; the shapes made so far are kept: make room and run the same command again"
-    with os_errors_as(InfrastructureError, partial, "written", hint):
-        replace_file(partial / f"{index}.shape", text + b"\n" + record)
+    units.keep(str(index), json.dumps(entry, allow_nan=False).encode() + b"\n" + record)
 
 
-def read_partial(partial: Path, index: int) -> tuple[dict[str, Any], bytes] | None:
-    """Return a kept shape, or None if there is none or it is damaged."""
-    try:
-        text, _, record = read_file(partial / f"{index}.shape").partition(b"\n")
-        entry: dict[str, Any] = json.loads(text)
-    except (OSError, ValueError):
+def kept_shape(units: Units, index: int) -> tuple[dict[str, Any], bytes] | None:
+    """Return a kept shape, or None if it is missing or damaged."""
+    content = units.read(str(index))
+    if content is None:
         return None
-    return (entry, record) if entry.get("sha256") == digest(record) else None
+    text, _, record = content.partition(b"\n")
+    return json.loads(text), record
 
 
 def versions() -> dict[str, str]:
     """Return the versions of everything a shape's bytes depend on."""
-    return {"python": platform.python_version(), **{name: version(name) for name in LIBRARIES}}
+    libraries = {name: version(name) for name in LIBRARIES}
+    return {"python": platform.python_version(), **libraries, **installed_builds()}
 
 
 def write_set(

@@ -1,6 +1,7 @@
 """PyBullet, imported without its line on stderr, and the small types that describe worlds."""
 
 import os
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -31,24 +32,34 @@ def _import_pybullet() -> Any:
 pybullet: Any = _import_pybullet()
 
 BUILDS = {"pybullet": "3.2.7", "pybullet-arm64": "3.2.8"}
-"""Distributions of the protocol's simulator: the golden episodes are the same bits with both."""
+"""Distributions of the protocol's simulator: the golden episodes are the same bits with both.
+
+``pybullet`` has wheels for CPython 3.11, ``pybullet-arm64`` for later versions, also on x86-64.
+"""
 
 
-def _check_build() -> None:
-    """Refuse a simulator that is not the protocol's: its episodes would be others.
-
-    Raises:
-        UsageError: so it is.
-    """
+def installed_builds() -> dict[str, str]:
+    """Return the installed distributions of the simulator and their versions."""
     installed = {}
     for name in BUILDS:
         with suppress(PackageNotFoundError):
             installed[name] = version(name)
+    return installed
+
+
+def _check_build() -> None:
+    """Refuse another simulator than the protocol's, which gives other episodes.
+
+    Raises:
+        UsageError: another one is installed.
+    """
+    installed = installed_builds()
     if not installed.items() & BUILDS.items():
         here = " and ".join(f"{name} {number}" for name, number in installed.items())
+        name = "pybullet" if sys.version_info < (3, 12) else "pybullet-arm64"
         raise UsageError(
             f"the protocol's simulator is {PROTOCOL.physics.simulator}, installed is "
-            f"{here or 'another'}: pip install pybullet=={BUILDS['pybullet']}"
+            f"{here or 'another'}: pip install {name}=={BUILDS[name]}"
         )
 
 

@@ -22,7 +22,7 @@ from minitouch_bench.simulation.client import PhysicsClient
 
 OBSERVATION = PROTOCOL.observation
 SIZE = OBSERVATION.image_size
-_RED, _GREEN, _BLUE = (np.uint32(weight) for weight in OBSERVATION.grey_weights)
+_WEIGHTS = tuple(np.uint32(weight) for weight in OBSERVATION.grey_weights)
 
 
 class Shadow(NamedTuple):
@@ -39,7 +39,7 @@ class GrayCamera:
     def __init__(self, camera: CameraSpec) -> None:
         self._view = View.of(camera)
         self._table_x, self._table_y = seen_on_plane(camera, PROTOCOL.physics.table_top)
-        self._background = np.zeros((SIZE, SIZE), np.uint8)
+        self._background = np.zeros(OBSERVATION.image_shape, np.uint8)
         self._background_depth = np.ones((SIZE, SIZE), np.float32)
         self._background_bodies = np.full((SIZE, SIZE), -1, np.int32)
         self._is_table = np.zeros((SIZE, SIZE), np.bool_)
@@ -53,7 +53,7 @@ class GrayCamera:
         image = client.render(self._view, SIZE, SIZE, bodies=True)
         client.paint(moving)
         client.paint(dict.fromkeys(still, INVISIBLE))
-        self._background = _gray(image)
+        self._background = _pixels(image)
         self._background_depth = image.depth
         assert image.bodies is not None
         self._background_bodies = image.bodies
@@ -67,10 +67,10 @@ class GrayCamera:
         return np.where(hidden, self._background_bodies, image.bodies)
 
     def capture(self, client: PhysicsClient, shadows: Sequence[Shadow] = ()) -> NDArray[np.uint8]:
-        """Return the picture, uint8 (1, SIZE, SIZE): what is visible now, over the background."""
+        """Return the image, uint8 (C, SIZE, SIZE): what is visible now, over the background."""
         image = client.render(self._view, SIZE, SIZE)
         hidden = image.depth >= self._background_depth
-        return np.where(hidden, self._shaded(shadows), _gray(image))[np.newaxis]
+        return np.where(hidden, self._shaded(shadows), _pixels(image))
 
     def _shaded(self, shadows: Sequence[Shadow]) -> NDArray[np.uint8]:
         """Return the background with less light where the shadows fall."""
@@ -84,14 +84,17 @@ class GrayCamera:
         return background.astype(np.uint8)
 
 
-def _gray(image: Image) -> NDArray[np.uint8]:
+def _pixels(image: Image) -> NDArray[np.uint8]:
+    if not _WEIGHTS:
+        return image.rgb.transpose(2, 0, 1)
+    red, green, blue = _WEIGHTS
     # Integers, so that every processor rounds alike; in place, since this runs every step.
-    total = image.rgb[..., 0] * _RED
-    total += image.rgb[..., 1] * _GREEN
-    total += image.rgb[..., 2] * _BLUE
+    total = image.rgb[..., 0] * red
+    total += image.rgb[..., 1] * green
+    total += image.rgb[..., 2] * blue
     total += np.uint32(5000)
     total //= np.uint32(10000)
-    return total.astype(np.uint8)
+    return total.astype(np.uint8)[np.newaxis]
 
 
 def seen_on_plane(

@@ -1,7 +1,10 @@
 """The one place that calls PyBullet's module functions."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +16,19 @@ ANY_LINK = -2
 """PyBullet's wildcard for a link."""
 
 
+class _OneWorld:
+    """PyBullet's functions, bound to one world.
+
+    ``pybullet_utils.bullet_client`` does the same, but has PyBullet print a line to stdout.
+    """
+
+    def __init__(self, world: int) -> None:
+        self._world = world
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        return partial(getattr(pybullet, name), physicsClientId=self._world)
+
+
 class PhysicsClient:
     """A private PyBullet world without a window.
 
@@ -22,12 +38,13 @@ class PhysicsClient:
 
     def __init__(self) -> None:
         self._id: int = pybullet.connect(pybullet.DIRECT)
+        self._bullet = _OneWorld(self._id)
         self.reset_world()
 
     def close(self) -> None:
         """Disconnect; a closed client cannot be used again."""
         if self._id >= 0:
-            pybullet.disconnect(physicsClientId=self._id)
+            self._bullet.disconnect()
             self._id = -1
 
     def reset_world(self) -> None:
@@ -36,17 +53,14 @@ class PhysicsClient:
         Resetting poses in place, or ``restoreState``, is not: contact caches and the order
         of overlapping pairs survive both.
         """
-        pybullet.resetSimulation(physicsClientId=self._id)
-        pybullet.setPhysicsEngineParameter(
-            deterministicOverlappingPairs=1,
-            fixedTimeStep=1.0 / PROTOCOL.physics.tick_rate,
-            physicsClientId=self._id,
-        )
-        pybullet.setGravity(0.0, 0.0, PROTOCOL.physics.gravity, physicsClientId=self._id)
+        self._bullet.resetSimulation()
+        tick = 1.0 / PROTOCOL.physics.tick_rate
+        self._bullet.setPhysicsEngineParameter(deterministicOverlappingPairs=1, fixedTimeStep=tick)
+        self._bullet.setGravity(0.0, 0.0, PROTOCOL.physics.gravity)
 
     def step(self) -> None:
         """Advance one tick of 1/240 s."""
-        pybullet.stepSimulation(physicsClientId=self._id)
+        pybullet.stepSimulation(self._id)
 
     # Bodies
 
@@ -66,86 +80,70 @@ class PhysicsClient:
         flags = pybullet.URDF_ENABLE_CACHED_GRAPHICS_SHAPES
         if inertia_from_file:
             flags |= pybullet.URDF_USE_INERTIA_FROM_FILE
-        body: int = pybullet.loadURDF(
-            str(path),
-            position,
-            orientation,
-            useFixedBase=fixed,
-            flags=flags,
-            physicsClientId=self._id,
-        )
-        return body
+        load = self._bullet.loadURDF
+        return int(load(str(path), position, orientation, useFixedBase=fixed, flags=flags))
 
     def add_box(
         self, half_extents: Vector, position: Vector, color: Rgba, *, mass: float, friction: float
     ) -> int:
         """Add a box (m, kg; mass 0 is static) and return its id."""
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=half_extents, physicsClientId=self._id
-        )
-        body: int = pybullet.createMultiBody(
-            mass, shape, self._box_visual(half_extents, color), position, physicsClientId=self._id
-        )
-        pybullet.changeDynamics(body, -1, lateralFriction=friction, physicsClientId=self._id)
+        shape = self._bullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half_extents)
+        body = self._add_visible_box(mass, shape, half_extents, position, color)
+        self._bullet.changeDynamics(body, -1, lateralFriction=friction)
         return body
 
     def add_ghost_box(self, half_extents: Vector, position: Vector, color: Rgba) -> int:
         """Add a box that is seen and never touched, and return its id."""
-        body: int = pybullet.createMultiBody(
-            0.0, -1, self._box_visual(half_extents, color), position, physicsClientId=self._id
-        )
-        return body
+        return self._add_visible_box(0.0, -1, half_extents, position, color)
 
-    def _box_visual(self, half_extents: Vector, color: Rgba) -> int:
-        visual: int = pybullet.createVisualShape(
+    def _add_visible_box(
+        self, mass: float, collision: int, half_extents: Vector, position: Vector, color: Rgba
+    ) -> int:
+        visual = self._bullet.createVisualShape(
             pybullet.GEOM_BOX,
             halfExtents=half_extents,
             rgbaColor=color,
             specularColor=(0.0, 0.0, 0.0),
-            physicsClientId=self._id,
         )
-        return visual
+        return int(self._bullet.createMultiBody(mass, collision, visual, position))
 
     def colors(self) -> dict[Part, Rgba]:
         """Return the color of every link that has a picture."""
-        bodies = range(pybullet.getNumBodies(physicsClientId=self._id))
         return {
             (shape[0], shape[1]): shape[7]
-            for body in bodies
-            for shape in pybullet.getVisualShapeData(body, physicsClientId=self._id)
+            for body in range(self._bullet.getNumBodies())
+            for shape in self._bullet.getVisualShapeData(body)
         }
 
     def paint(self, colors: Mapping[Part, Rgba]) -> None:
         """Change the color of links; alpha 0 keeps the renderer from drawing one."""
         for (body, link), color in colors.items():
-            pybullet.changeVisualShape(body, link, rgbaColor=color, physicsClientId=self._id)
+            self._bullet.changeVisualShape(body, link, rgbaColor=color)
 
     def mirror(self, other: "PhysicsClient") -> None:
         """Take over the pose of every body and joint of a world built in the same order."""
-        for body in range(pybullet.getNumBodies(physicsClientId=other._id)):
+        for body in range(other._bullet.getNumBodies()):
             self.set_pose(body, *other.pose(body))
-            for joint in range(pybullet.getNumJoints(body, physicsClientId=other._id)):
+            for joint in range(other._bullet.getNumJoints(body)):
                 self.set_joint(body, joint, other.joint_positions(body, [joint])[0])
 
     def pose(self, body: int) -> Pose:
         """Return the pose of a body's center of mass."""
-        return Pose(*pybullet.getBasePositionAndOrientation(body, physicsClientId=self._id))
+        return Pose(*self._bullet.getBasePositionAndOrientation(body))
 
     def set_pose(self, body: int, position: Vector, orientation: Vector) -> None:
         """Place a body's center of mass, at rest."""
-        pybullet.resetBasePositionAndOrientation(
-            body, position, orientation, physicsClientId=self._id
-        )
-        pybullet.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0), physicsClientId=self._id)
+        self._bullet.resetBasePositionAndOrientation(body, position, orientation)
+        self._bullet.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
 
     def speed(self, body: int) -> tuple[float, float]:
         """Return a body's speed (m/s) and rate of turn (rad/s)."""
-        linear, angular = pybullet.getBaseVelocity(body, physicsClientId=self._id)
-        return sum(v * v for v in linear) ** 0.5, sum(v * v for v in angular) ** 0.5
+        linear, angular = self._bullet.getBaseVelocity(body)
+        return math.hypot(*linear), math.hypot(*angular)
 
     def lowest_point(self, body: int) -> float:
         """Return the height of a body's lowest point (m), its collision margin included."""
-        return float(pybullet.getAABB(body, -1, physicsClientId=self._id)[0][2])
+        return float(self._bullet.getAABB(body, -1)[0][2])
 
     def scale_body(self, body: int, links: Iterable[int], mass: float, friction: float) -> None:
         """Multiply the mass, with its moments of inertia, and the friction of a body's links.
@@ -153,64 +151,51 @@ class PhysicsClient:
         Given a mass alone, Bullet puts the moments of a box in place of the file's.
         """
         for link in links:
-            known = pybullet.getDynamicsInfo(body, link, physicsClientId=self._id)
-            pybullet.changeDynamics(
+            known = self._bullet.getDynamicsInfo(body, link)
+            self._bullet.changeDynamics(
                 body,
                 link,
                 mass=mass * known[0],
                 localInertiaDiagonal=[mass * moment for moment in known[2]],
                 lateralFriction=friction * known[1],
-                physicsClientId=self._id,
             )
 
     # Joints
 
     def joint_limits(self, body: int, joint: int) -> tuple[float, float]:
         """Return a joint's range (rad or m)."""
-        info = pybullet.getJointInfo(body, joint, physicsClientId=self._id)
+        info = self._bullet.getJointInfo(body, joint)
         return info[8], info[9]
 
     def set_joint(self, body: int, joint: int, position: float) -> None:
         """Place a joint, at rest."""
-        pybullet.resetJointState(body, joint, position, physicsClientId=self._id)
+        self._bullet.resetJointState(body, joint, position)
 
     def joint_positions(self, body: int, joints: Sequence[int]) -> list[float]:
         """Return joint positions (rad or m)."""
-        states = pybullet.getJointStates(body, joints, physicsClientId=self._id)
-        return [state[0] for state in states]
+        return [state[0] for state in self._bullet.getJointStates(body, joints)]
 
     def sense_joint_forces(self, body: int, joints: Iterable[int]) -> None:
         """Switch on the force sensor of these joints."""
         for joint in joints:
-            pybullet.enableJointForceTorqueSensor(body, joint, True, physicsClientId=self._id)
+            self._bullet.enableJointForceTorqueSensor(body, joint, True)
 
     def joint_forces(self, body: int, joints: Sequence[int]) -> list[tuple[float, float, float]]:
         """Return the reaction force (N) at each joint, in the joint's frame."""
-        states = pybullet.getJointStates(body, joints, physicsClientId=self._id)
-        return [state[2][:3] for state in states]
+        return [state[2][:3] for state in self._bullet.getJointStates(body, joints)]
 
     def drive_joints(
         self, body: int, joints: Sequence[int], targets: Vector, forces: Vector
     ) -> None:
         """Drive joints towards positions with at most these forces (N or N·m)."""
-        pybullet.setJointMotorControlArray(
-            body,
-            joints,
-            pybullet.POSITION_CONTROL,
-            targetPositions=targets,
-            forces=forces,
-            physicsClientId=self._id,
+        self._bullet.setJointMotorControlArray(
+            body, joints, pybullet.POSITION_CONTROL, targetPositions=targets, forces=forces
         )
 
     def set_joint_friction(self, body: int, joint: int, torque: float) -> None:
         """Replace a joint's default motor by dry friction (N or N·m)."""
-        pybullet.setJointMotorControl2(
-            body,
-            joint,
-            pybullet.VELOCITY_CONTROL,
-            targetVelocity=0.0,
-            force=torque,
-            physicsClientId=self._id,
+        self._bullet.setJointMotorControl2(
+            body, joint, pybullet.VELOCITY_CONTROL, targetVelocity=0.0, force=torque
         )
 
     def link_position(self, body: int, link: int) -> tuple[float, float, float]:
@@ -221,10 +206,7 @@ class PhysicsClient:
 
     def placed_link_position(self, body: int, link: int) -> tuple[float, float, float]:
         """Return the position (m) of a link's frame after joints were placed without a tick."""
-        state = pybullet.getLinkState(
-            body, link, computeForwardKinematics=True, physicsClientId=self._id
-        )
-        position: tuple[float, float, float] = state[4]
+        position: tuple[float, float, float] = pybullet.getLinkState(body, link, 0, 1, self._id)[4]
         return position
 
     def inverse_kinematics(
@@ -241,15 +223,13 @@ class PhysicsClient:
 
         ``damping``: one number for every joint that can move.
         """
-        solution: tuple[float, ...] = pybullet.calculateInverseKinematics(
+        solution: tuple[float, ...] = self._bullet.calculateInverseKinematics(
             body,
             link,
-            pose.position,
-            pose.orientation,
+            *pose,
             jointDamping=damping,
             maxNumIterations=iterations,
             residualThreshold=residual,
-            physicsClientId=self._id,
         )
         return solution
 
@@ -262,15 +242,12 @@ class PhysicsClient:
 
     def overlapping(self, body_a: int, body_b: int, distance: float) -> bool:
         """Tell whether two bodies are closer than ``distance`` (m) in their present poses."""
-        points = pybullet.getClosestPoints(body_a, body_b, distance, physicsClientId=self._id)
-        return len(points) > 0
+        return len(self._bullet.getClosestPoints(body_a, body_b, distance)) > 0
 
     def contact_force(self, body: int, link: int) -> tuple[float, float, float]:
         """Return the normal forces (N) that contacts put on a link, summed, in the world."""
         total = [0.0, 0.0, 0.0]
-        for point in pybullet.getContactPoints(
-            bodyA=body, linkIndexA=link, physicsClientId=self._id
-        ):
+        for point in self._bullet.getContactPoints(bodyA=body, linkIndexA=link):
             normal, force = point[7], point[9]  # the normal points towards ``body``
             for axis in range(3):
                 total[axis] += normal[axis] * force
@@ -284,8 +261,8 @@ class PhysicsClient:
     def render(
         self, view: View, width: int, height: int, *, shadow: bool = False, bodies: bool = False
     ) -> Image:
-        """Draw the world with the software renderer; ``bodies`` also tells what is seen where."""
-        _, _, rgba, depth, seen = pybullet.getCameraImage(
+        """Render the world in software; ``bodies`` also returns the body at each pixel."""
+        _, _, rgba, depth, seen = self._bullet.getCameraImage(
             width,
             height,
             view.view,
@@ -293,11 +270,10 @@ class PhysicsClient:
             shadow=int(shadow),
             renderer=pybullet.ER_TINY_RENDERER,
             flags=0 if bodies else pybullet.ER_NO_SEGMENTATION_MASK,
-            physicsClientId=self._id,
         )
-        pixels = np.reshape(np.asarray(rgba, np.uint8), (height, width, 4))
+        size = (height, width)
         return Image(
-            pixels[..., :3],
-            np.reshape(np.asarray(depth, np.float32), (height, width)),
-            np.reshape(np.asarray(seen, np.int32), (height, width)) if bodies else None,
+            np.reshape(np.asarray(rgba, np.uint8), (*size, 4))[..., :3],
+            np.reshape(np.asarray(depth, np.float32), size),
+            np.reshape(np.asarray(seen, np.int32), size) if bodies else None,
         )

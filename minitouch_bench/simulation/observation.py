@@ -10,12 +10,9 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import FINGER_JOINTS, PandaArm
 
-POSITION = slice(0, 3)
-"""End-effector position (m)."""
-OPENINGS = slice(3, 5)
-"""Finger openings, left and right, 0 (closed) to 1 (0.04 m)."""
-FORCES = slice(5, 11)
-"""Force at the finger joints (N): left x, y, z, then right x, y, z."""
+POSITION = PROTOCOL.observation.position
+OPENINGS = PROTOCOL.observation.openings
+FORCES = PROTOCOL.observation.forces
 
 
 def read_touch(arm: PandaArm, force_limit: float) -> NDArray[np.float32]:
@@ -32,7 +29,7 @@ def read_touch(arm: PandaArm, force_limit: float) -> NDArray[np.float32]:
 
 
 Observation = dict[str, NDArray[Any]]
-"""``image``: uint8 (1, H, W), gray; ``touch``: float32 (11,), see ``read_touch``."""
+"""``image``: uint8 (C, H, W); ``touch``: float32 (11,), see ``read_touch``."""
 
 
 def observation_space(force_limit: float) -> spaces.Dict:
@@ -45,7 +42,7 @@ def observation_space(force_limit: float) -> spaces.Dict:
     low[FORCES], high[FORCES] = -force_limit, force_limit
     return spaces.Dict(
         {
-            "image": spaces.Box(0, 255, (1, spec.image_size, spec.image_size), np.uint8),
+            "image": spaces.Box(0, 255, spec.image_shape, np.uint8),
             "touch": spaces.Box(low, high, dtype=np.float32),
         }
     )

@@ -16,17 +16,19 @@ import numpy as np
 
 from minitouch_bench.cache import cache_directory, cache_file
 from minitouch_bench.errors import InfrastructureError, MiniTouchError
-from minitouch_bench.evaluation.actions import Actions, RecordedActor, Recording
+from minitouch_bench.evaluation.actors import RecordedActor, Recording
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
-from minitouch_bench.evaluation.suites import SUITES, find_suite
 from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.isolation import landlock
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeSpec, Role
+from minitouch_bench.runs.actions import Actions
+from minitouch_bench.runs.plan import SUITES, find_suite
 from minitouch_bench.shapegen.manifest import canonical_shape_set
+from minitouch_bench.simulation.bullet import installed_builds
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registry import TASKS
 from minitouch_bench.verification.golden import golden_bits, recorded
@@ -119,8 +121,10 @@ def _failed(name: str, error: MiniTouchError) -> Check:
 
 
 def _packages() -> str:
-    names = ("minitouch-bench", "pybullet", "torch", "numpy", "gymnasium")
-    found = ", ".join(f"{name} {version(name)}" for name in names)
+    versions = {name: version(name) for name in ("minitouch-bench", "torch", "numpy", "gymnasium")}
+    found = ", ".join(
+        f"{name} {number}" for name, number in {**versions, **installed_builds()}.items()
+    )
     absent = [extra for extra, packages in _extras().items() if not all(map(_installed, packages))]
     hint = f"; without the extras {', '.join(absent)}" if absent else "; every extra"
     return found + hint
@@ -235,7 +239,7 @@ def _reference() -> Check:
 
 def _speed(steps_per_s: float, workers: int) -> Check:
     suite = SUITES["table4"]
-    steps = len(suite.tasks) * suite.episodes_per_task * PROTOCOL.tasks[0].max_steps
+    steps = suite.episodes_per_task * sum(PROTOCOL.task(t).max_steps for t in suite.tasks)
     minutes = steps / steps_per_s / workers / 60
     return Check(
         "speed",

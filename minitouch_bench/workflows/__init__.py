@@ -2,8 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from minitouch_bench.records import EpisodeRecord
+
+if TYPE_CHECKING:
+    from minitouch_bench.agents.progress import ProgressRow
 
 
 def ignore(*_: object) -> None:
@@ -24,3 +28,20 @@ class Callbacks:
 
 
 SILENT = Callbacks()
+
+
+@dataclass(frozen=True)
+class TrainingProgress:
+    """Functions that a training calls while it runs; each does nothing by default.
+
+    ``note`` takes one line for the user. ``begin`` takes the control steps of both phases; ``row``
+    takes each row of ``progress.csv``. ``should_stop`` is asked before each control step.
+    """
+
+    note: Callable[[str], None] = ignore
+    begin: Callable[[int], None] = ignore
+    row: Callable[["ProgressRow"], None] = ignore
+    should_stop: Callable[[], bool] = lambda: False
+
+
+UNSEEN = TrainingProgress()

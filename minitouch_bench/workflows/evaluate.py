@@ -1,218 +1,165 @@
-"""Evaluate a policy on a suite: play its episodes, then derive every file of the run."""
+"""Evaluate a policy on a suite: the command ``evaluate``, and ``minitouch_bench.evaluate``."""
 
-import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated
 
-from minitouch_bench.conditions import STANDARD, Conditions
+from minitouch_bench.conditions import CHANGES, SENSES, parse_conditions
 from minitouch_bench.documents import write_toml
-from minitouch_bench.errors import (
-    HopelessRunError,
-    InfrastructureError,
-    InterruptedRunError,
-    UsageError,
-)
-from minitouch_bench.evaluation.actions import write_actions
-from minitouch_bench.evaluation.actors import prepare_policies
-from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
-from minitouch_bench.evaluation.filming import film, film_name, require_video
-from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run, run_episodes
-from minitouch_bench.evaluation.suites import choose_episodes, choose_tasks, find_suite
-from minitouch_bench.files import (
-    MAX_EPISODES,
-    REPORTS,
-    SETTINGS_FILE,
-    VIDEOS,
-    holds_run,
-    lock_directory,
-    make_folder,
-    write_file,
-)
-from minitouch_bench.metrics.summary import summarize
-from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
-from minitouch_bench.records import EvaluationRun, SavedRun
-from minitouch_bench.reporting.report import Report, build_report
-from minitouch_bench.reporting.run_directory import save, write_report, write_run
-from minitouch_bench.workflows import SILENT, Callbacks
-from minitouch_bench.workflows.experiment_log import check_tracker, log_run
+from minitouch_bench.errors import UsageError
+from minitouch_bench.files import MAX_EPISODES, REPORTS, SETTINGS_FILE, lock_directory, write_file
+from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
+from minitouch_bench.workflows import SILENT, Callbacks, options
+from minitouch_bench.workflows.options import OnCommandLine, StrPath, episodes_option, output_option
+
+if TYPE_CHECKING:
+    from minitouch_bench.workflows.results import Run
+
+AUTO_OUTPUT = "auto"
+"""Stands for ``reports/POLICY-SUITE``."""
+
+NOT_SETTINGS = ("output", "resume", "fresh", "trust", "callbacks")
+"""Parameters that say where a run goes, or what only a user can say."""
 
 
-@dataclass(frozen=True)
-class OutputOptions:
-    """Where a run is kept, and what to do with a run that is there already.
+def evaluate(
+    policy: options.Policy,
+    suite: Annotated[
+        str, episodes_option(help=f"{', '.join(s.name for s in PROTOCOL.suites)}.")
+    ] = PROTOCOL.suites[0].name,
+    *,
+    name: Annotated[
+        str | None, episodes_option(metavar="TEXT", help="What reports call the policy.")
+    ] = None,
+    tasks: Annotated[
+        str | Sequence[str] | None,
+        options.words_option(metavar="A,B", help="Only these tasks of the suite: unofficial."),
+    ] = None,
+    exploration: options.Exploration = None,
+    episodes: Annotated[
+        int | None,
+        episodes_option(
+            min=1, max=MAX_EPISODES, help="Episodes per task; another number is unofficial."
+        ),
+    ] = None,
+    episodes_from: Annotated[
+        Sequence[str],
+        OnCommandLine(
+            list[str] | None,
+            episodes_option(
+                metavar="TASK/N,N",
+                help="Only these episodes, as in pushing/3,17: may be given again; unofficial.",
+            ),
+            None,
+        ),
+    ] = (),
+    seed: Annotated[
+        int | None,
+        episodes_option(min=0, help="In place of the suite's own: an unofficial run."),
+    ] = None,
+    without: Annotated[
+        str | Sequence[str] | None,
+        options.words_option(
+            metavar="A,B",
+            help=f"Senses that stay as at the reset: {', '.join(SENSES)}. Unofficial.",
+        ),
+    ] = None,
+    perturb: Annotated[
+        str | Sequence[str] | None,
+        options.words_option(
+            metavar="A=X,B=X:Y",
+            help=f"{', '.join(CHANGES)}: see docs/how-to/robustness.md. Unofficial.",
+        ),
+    ] = None,
+    output: Annotated[
+        StrPath | None,
+        OnCommandLine(
+            Path,
+            output_option(metavar="DIR", help="The run's directory; auto: reports/POLICY-SUITE."),
+            AUTO_OUTPUT,
+        ),
+    ] = None,
+    video: Annotated[int, output_option(min=0, help="Film the first N episodes of each task.")] = 0,
+    log: Annotated[
+        str | None,
+        output_option(
+            metavar="wandb|tensorboard", help="Send the estimates and the episodes to a tracker."
+        ),
+    ] = None,
+    resume: options.Resume = False,
+    fresh: options.Fresh = False,
+    workers: options.Workers = None,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
+    isolation: options.IsolationLevel = Isolation.SANDBOX,
+    trust: options.Trust = False,
+    act_timeout: options.ActTimeout = ACT_TIMEOUT_S,
+    episode_timeout: options.EpisodeTimeout = EPISODE_TIMEOUT_S,
+    callbacks: Callbacks = SILENT,
+) -> "Run":
+    """Run a policy through a suite and write its Table-4 report.
 
-    ``directory`` None: in ``REPORTS``. ``in_memory``: nothing is written, and an interrupted
-    run is lost. ``video``: how many episodes of each task are filmed. ``settings``: the command's
-    options, which are written beside the run. ``log``: the tracker that a finished run is sent to.
-    """
-
-    directory: Path | None = None
-    in_memory: bool = False
-    resume: bool = False
-    fresh: bool = False
-    video: int = 0
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    log: str | None = None
-
-
-@dataclass(frozen=True)
-class EvaluateOptions:
-    """What to evaluate, and how.
-
-    ``tasks``, ``episodes`` (per task), ``seed``: None for the suite's own. ``episodes_from``:
-    only these episodes, as in ("pushing/3,17", "opening/0"), in place of tasks and a number.
-    ``policy``: a name, a file and so on as on the command line, or an object in memory.
-    ``exploration``: the policy as of the end of the exploration phase. ``name``: what reports
-    call the policy.
-    """
-
-    policy: object
-    suite: str = "table4"
-    tasks: tuple[str, ...] | None = None
-    episodes: int | None = None
-    seed: int | None = None
-    episodes_from: tuple[str, ...] = ()
-    exploration: object | None = None
-    name: str | None = None
-    engine: EngineOptions = LOCAL
-    isolation: IsolationOptions = SANDBOXED
-    conditions: Conditions = STANDARD
-    output: OutputOptions = OutputOptions()
-
-
-@dataclass(frozen=True)
-class EvaluationResult:
-    """A finished run: what was saved, its report, and its directory if it has one."""
-
-    saved: SavedRun
-    report: Report
-    directory: Path | None = None
-
-
-def evaluate(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> EvaluationResult:
-    """Run a policy through a suite, write every file of the run, and return it.
+    In Python ``policy`` and ``exploration`` can also be an object: anything with
+    ``act(observation)``, and ``reset(seed, task)`` if it uses episodes; a Stable-Baselines3 model;
+    a torch module on (image, touch). An object runs beside the simulator, and its run is
+    unofficial. Lists are texts with commas on the command line. Without ``output`` a run in Python
+    is kept in memory only, and an interrupted one is lost.
 
     Raises:
-        UsageError: an option has no meaning.
-        PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
-        RunDirectoryError: the directory is in use, or holds another run.
-        InfrastructureError, HopelessRunError, InterruptedRunError: the run is incomplete and can
-            be resumed.
+        MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
     """
-    output = options.output
-    if output.in_memory and (output.resume or output.fresh or output.video or output.log):
+    settings = _settings(locals())
+    # Not at the top: the simulator and scipy take a second, and --help shall not.
+    from minitouch_bench.evaluation.actors import prepare_policies
+    from minitouch_bench.evaluation.engine import open_engine
+    from minitouch_bench.evaluation.run import RunRequest, RunUnderWay
+    from minitouch_bench.runs.plan import make_plan
+    from minitouch_bench.workflows import playing
+    from minitouch_bench.workflows.experiment_log import log_run
+    from minitouch_bench.workflows.results import Run
+
+    if output is None and (resume or fresh or video or log):
         raise UsageError("resume, fresh, video and log need a directory: give an output")
-    if output.log is not None:
-        check_tracker(output.log)
-    if output.video:
-        require_video()
-    opening = open_engine(options.engine, callbacks.note)
-    request = make_request(options, callbacks)
-    if output.in_memory:
-        with opening as engine:
-            run = play(request, OpenRun(request.header()), engine, callbacks)
-        saved = save(run, summarize(run), run_name(request))
-        return EvaluationResult(saved, build_report([saved]))
-    directory = output.directory or REPORTS / run_name(request)
-    with opening as engine, lock_directory(directory):
-        if output.resume and not holds_run(directory):
-            callbacks.note(f"there is no run in {directory} to resume: a new one begins")
-        opened = open_run(request, directory, resume=output.resume, fresh=output.fresh)
-        if output.settings:
-            text = f"# minitouch-bench evaluate --config {SETTINGS_FILE}\n"
-            write_file(directory / SETTINGS_FILE, text + write_toml(output.settings))
-        run = play(request, opened, engine, callbacks)
-        done = save_run(run, directory, output.video)
-        if output.log is not None:
-            log_run(output.log, done.saved, directory)
-        return done
-
-
-def make_request(options: EvaluateOptions, callbacks: Callbacks = SILENT) -> RunRequest:
-    """Find suite, tasks and policies; each policy is loaded once.
-
-    Raises:
-        UsageError: an option has no meaning.
-        PolicyError, IsolationError, MissingExtraError: a policy cannot be used.
-    """
-    suite = find_suite(options.suite)
-    episodes = suite.episodes_per_task if options.episodes is None else options.episodes
-    seed = suite.seed if options.seed is None else options.seed
-    if not 1 <= episodes <= MAX_EPISODES or seed < 0:
-        raise UsageError(f"episodes can be 1 to {MAX_EPISODES:,}, and a seed 0 or more")
-    chosen = choose_episodes(options.episodes_from, suite)
-    if chosen and (options.tasks is not None or options.episodes is not None):
-        raise UsageError("--episodes-from names tasks and episodes: leave out --tasks, --episodes")
-    tasks = choose_tasks([key.partition("/")[0] for key in chosen] or options.tasks, suite)
+    playing.check_views(video, log)
+    opening = open_engine(options.engine_options(engine, workers, address), callbacks.note)
+    isolated = options.isolation_options(isolation, trust, act_timeout, episode_timeout)
+    plan = make_plan(
+        suite,
+        None if tasks is None else options.words(tasks),
+        episodes,
+        seed,
+        episodes_from or (),
+        conditions=parse_conditions(options.words(without), options.words(perturb)),
+        limits=isolated.limits,
+    )
     setup = prepare_policies(
-        options.policy,
-        tasks,
-        options.isolation,
-        callbacks.note,
-        exploration=options.exploration,
-        name=options.name,
-        conditions=options.conditions,
+        policy, plan, isolated, callbacks.note, exploration=exploration, name=name
     )
-    return RunRequest(suite, tasks, episodes, seed, setup, chosen)
+    request = RunRequest(plan, setup)
+    if output is None:
+        with opening as running:
+            return Run(playing.play(request, RunUnderWay(request.header()), running, callbacks))
+    is_auto = output == Path(AUTO_OUTPUT)
+    directory = REPORTS / playing.run_name(request) if is_auto else Path(output)
+    with opening as running, lock_directory(directory):
+        run = playing.play_in(request, directory, running, callbacks, resume=resume, fresh=fresh)
+        if settings:
+            text = f"# minitouch-bench evaluate --config {SETTINGS_FILE}\n"
+            write_file(directory / SETTINGS_FILE, text + write_toml(settings))
+        playing.write_views(run, directory, video)
+        if log is not None:
+            log_run(log, run, directory)
+    return Run(run)
 
 
-def run_name(request: RunRequest) -> str:
-    """Name a run after its policy, suite and conditions, in characters that suit a file name."""
-    policy = _file_name(request.setup.policy.name)[:80] or "policy"
-    conditions = [_file_name(words) for words in request.setup.conditions.in_words()]
-    return "-".join((policy, request.suite.name, *conditions))
-
-
-def _file_name(text: str) -> str:
-    return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip(".-")
-
-
-def play(
-    request: RunRequest, opened: OpenRun, engine: Engine, callbacks: Callbacks = SILENT
-) -> EvaluationRun:
-    """Run the episodes that are missing; tell the callbacks of those that are done, too."""
-    if opened.torn:
-        callbacks.note("the journal's last line was torn and has been cut off")
-    callbacks.phase("episodes", len(request.specs()))
-    for record in opened.records:
-        callbacks.episode(record)
-    with resumable(opened.directory):
-        return run_episodes(request, opened, engine, callbacks.episode)
-
-
-@contextmanager
-def resumable(directory: Path | None) -> Iterator[None]:
-    """Tell the user of an interrupted run how to continue it."""
-    advice = (
-        "Nothing is kept: a run with an output directory could be resumed."
-        if directory is None
-        else f"What is done is kept in {directory}; the same command with --resume continues."
-    )
-    try:
-        yield
-    except HopelessRunError as error:
-        raise HopelessRunError(f"{error}\n{advice}") from error
-    except InfrastructureError as error:
-        raise InfrastructureError(f"{error}\n{advice}") from error
-    except KeyboardInterrupt as error:
-        raise InterruptedRunError(f"interrupted\n{advice}") from error
-
-
-def save_run(run: EvaluationRun, directory: Path, video: int = 0) -> EvaluationResult:
-    """Derive every file of a run from its records; film the first ``video`` of each task."""
-    write_actions(run.records, directory)
-    videos = [
-        film(
-            record.spec,
-            record.trace.actions,
-            make_folder(directory / VIDEOS) / film_name(record.spec.key),
-            run.header.played_under,
-        )
-        for record in run.records
-        if record.spec.index < video
-    ]
-    saved = write_run(run, summarize(run), directory)
-    return EvaluationResult(saved, write_report([saved], directory, videos), directory)
+def _settings(given: dict[str, object]) -> dict[str, object]:
+    """Return what ``evaluate`` was asked for, as a file for --config says it; none of an object."""
+    texts = (str, int, float, tuple, list)
+    if not isinstance(given["policy"], str) or not isinstance(given["exploration"], str | None):
+        return {}
+    return {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in given.items()
+        if name not in NOT_SETTINGS and isinstance(value, texts) and value not in ((), "", [])
+    }

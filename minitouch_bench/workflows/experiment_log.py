@@ -9,8 +9,8 @@ from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.files import TENSORBOARD, make_folder
 from minitouch_bench.optional import require
 from minitouch_bench.policies.wire import describe
-from minitouch_bench.records import SavedRun
 from minitouch_bench.reporting.frames import episodes_frame
+from minitouch_bench.runs.run import Run
 
 PROJECT = "minitouch-bench"
 
@@ -30,7 +30,7 @@ def check_tracker(name: str) -> None:
     require(*TRACKERS[name])
 
 
-def log_run(name: str, run: SavedRun, directory: Path) -> None:
+def log_run(name: str, run: Run, directory: Path) -> None:
     """Log a run that is finished and saved in ``directory``.
 
     Raises:
@@ -48,7 +48,7 @@ def log_run(name: str, run: SavedRun, directory: Path) -> None:
         ) from error
 
 
-def _figures(run: SavedRun) -> Iterator[tuple[str, float]]:
+def _figures(run: Run) -> Iterator[tuple[str, float]]:
     """Walk through the estimates with their ends, by task and metric."""
     for summary in run.summary.tasks:
         for metric, found in summary.estimates.items():
@@ -57,7 +57,7 @@ def _figures(run: SavedRun) -> Iterator[tuple[str, float]]:
             yield f"{summary.task}/{metric}_high", found.high
 
 
-def _to_wandb(run: SavedRun) -> None:
+def _to_wandb(run: Run) -> None:
     wandb = require(*TRACKERS["wandb"])
     settings = plain(run.header)
     with wandb.init(project=PROJECT, name=run.name, job_type="evaluate", config=settings) as logged:
@@ -65,7 +65,7 @@ def _to_wandb(run: SavedRun) -> None:
         logged.log({"episodes": wandb.Table(dataframe=episodes_frame(run.episodes))})
 
 
-def _to_tensorboard(run: SavedRun, directory: Path) -> None:
+def _to_tensorboard(run: Run, directory: Path) -> None:
     """Write events: a task's figures at step 0, an episode's at its index."""
     library = require(*TRACKERS["tensorboard"])
     frame = episodes_frame(run.episodes)

@@ -6,36 +6,25 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+import typer
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.evaluation.actors import prepare_policies
-from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.evaluation.suites import Suite
 from minitouch_bench.files import os_errors_as
 from minitouch_bench.optional import require
-from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
-from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.records import EpisodeRecord, Outcome
-from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.workflows import SILENT, Callbacks
+from minitouch_bench.workflows import SILENT, Callbacks, options
+from minitouch_bench.workflows.options import OnCommandLine, StrPath
+
+if TYPE_CHECKING:
+    from minitouch_bench.tasks.environment import MiniTouchEnv
 
 RECORDING_SUITE = "recording"
 """Seeds recorded episodes; no suite has this name."""
-
-
-@dataclass(frozen=True)
-class RecordOptions:
-    """Whose episodes to record, how many, and the new directory of the dataset."""
-
-    policy: str
-    task: str
-    directory: Path
-    episodes: int = 100
-    seed: int = 0
-    isolation: IsolationOptions = SANDBOXED
 
 
 @dataclass(frozen=True)
@@ -46,26 +35,46 @@ class RecordedDataset:
     faults: int
 
 
-def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> RecordedDataset:
-    """Play the episodes and write them as a Minari dataset; one with a fault ends as truncated.
+def record(
+    policy: options.Policy,
+    task: Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))],
+    *,
+    output: Annotated[
+        StrPath,
+        OnCommandLine(Path, typer.Option(metavar="DIR", help="The dataset's new directory.")),
+    ],
+    episodes: Annotated[int, typer.Option(min=1, help="How many to record.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="Other seeds give other episodes.")] = 0,
+    isolation: options.IsolationLevel = Isolation.SANDBOX,
+    trust: options.Trust = False,
+    callbacks: Callbacks = SILENT,
+) -> RecordedDataset:
+    """Record a policy's episodes in Minari's format, for train --from-log and other libraries.
 
-    The directory appears when the dataset is whole.
+    An episode with a fault ends as truncated. The directory appears when the dataset is whole.
 
     Raises:
         UsageError: no such task.
         PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
         RunDirectoryError: the directory is there already, or cannot be written.
     """
-    tasks = (PROTOCOL.task(options.task).name,)
-    suite = Suite(RECORDING_SUITE, tasks, options.episodes, rankable=False, seed=options.seed)
+    from minitouch_bench.evaluation.actors import prepare_policies
+    from minitouch_bench.evaluation.rollout import EpisodeRunner
+    from minitouch_bench.runs.plan import Plan, Suite
+    from minitouch_bench.tasks.environment import MiniTouchEnv
+
+    isolated = options.isolation_options(isolation, trust)
+    tasks = (PROTOCOL.task(task).name,)
+    suite = Suite(RECORDING_SUITE, tasks, episodes, rankable=False, seed=seed)
+    plan = Plan(suite.name, tasks, episodes, seed, limits=isolated.limits)
     minari = require("minari", "data")
     storages = require("minari.dataset.minari_storage", "data")
-    setup = prepare_policies(options.policy, tasks, options.isolation, callbacks.note)
+    setup = prepare_policies(policy, plan, isolated, callbacks.note)
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", setup.policy.name).strip("-") or "policy"
     faults = 0
     with (
-        _new_directory(options.directory) as folder,
-        contextlib.closing(MiniTouchEnv(options.task)) as environment,
+        _new_directory(Path(output)) as folder,
+        contextlib.closing(MiniTouchEnv(task)) as environment,
         contextlib.closing(EpisodeRunner(setup)) as runner,
     ):
         storage = storages.MinariStorage.new(
@@ -74,7 +83,7 @@ def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> RecordedDat
             environment.action_space,
             jpeg_encoding=False,  # pictures as they are
         )
-        callbacks.phase("recording", options.episodes)
+        callbacks.phase("recording", episodes)
         for spec in suite.episodes(exploration=False):
             played = runner.run(spec)
             if len(played.trace.actions):  # none where the policy failed at the reset
@@ -83,12 +92,12 @@ def record(options: RecordOptions, callbacks: Callbacks = SILENT) -> RecordedDat
             faults += played.outcome is Outcome.POLICY_FAULT
         storage.update_metadata(
             {
-                "dataset_id": f"minitouch/{options.task}/{name}-v0",
+                "dataset_id": f"minitouch/{task}/{name}-v0",
                 "minari_version": minari.__version__,
                 "algorithm_name": setup.policy.name,
             }
         )
-    return RecordedDataset(options.directory, faults)
+    return RecordedDataset(Path(output), faults)
 
 
 @contextlib.contextmanager
@@ -109,7 +118,7 @@ def _new_directory(directory: Path) -> Iterator[Path]:
             unfinished.rename(directory)
 
 
-def _episode(environment: MiniTouchEnv, played: EpisodeRecord) -> Any:
+def _episode(environment: "MiniTouchEnv", played: EpisodeRecord) -> Any:
     """Return an episode with its pictures: its actions done again give the same bits."""
     buffers = require("minari.data_collector.episode_buffer", "data")
     spec, trace = played.spec, played.trace

@@ -3,29 +3,18 @@
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-
-from msgspec import UNSET
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.rollout import ActorSource
-from minitouch_bench.evaluation.run import OpenRun, RunRequest, open_run
-from minitouch_bench.evaluation.suites import find_suite
+from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, open_run
 from minitouch_bench.files import REPORTS, append_text, lock_directory, write_file
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
-from minitouch_bench.records import (
-    EpisodeRecord,
-    EpisodeSpec,
-    EvaluationRun,
-    Outcome,
-    PolicyIdentity,
-    Role,
-    SavedRun,
-)
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Outcome, PolicyIdentity, Role
 from minitouch_bench.regression.comparison import ComparedRun
 from minitouch_bench.regression.gate import (
     EpisodesUsed,
@@ -40,16 +29,16 @@ from minitouch_bench.regression.settings import STANDARD, GateSettings
 from minitouch_bench.regression.writers import gate_junit, gate_markdown
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import tasks_in_order
-from minitouch_bench.reporting.run_directory import read_run, run_digest
+from minitouch_bench.runs.run import Run, read_run, run_digest
 from minitouch_bench.workflows import SILENT, Callbacks
-from minitouch_bench.workflows.evaluate import OutputOptions, play, run_name, save_run
+from minitouch_bench.workflows.playing import play, run_name, write_views
 
 
 @dataclass(frozen=True)
 class RegressOptions:
     """What to hold to which baseline: either a ``policy``, or a finished run as ``candidate``.
 
-    ``engine``, ``isolation`` and ``output`` are of the policy. ``junit`` gets JUnit XML, and
+    ``engine`` and all to ``fresh`` are of the policy. ``junit`` gets JUnit XML, and
     Markdown is added to ``summary``.
     """
 
@@ -59,7 +48,9 @@ class RegressOptions:
     settings: GateSettings = STANDARD
     engine: EngineOptions = LOCAL
     isolation: IsolationOptions = SANDBOXED
-    output: OutputOptions = field(default_factory=OutputOptions)
+    output: Path | None = None
+    resume: bool = False
+    fresh: bool = False
     junit: Path | None = None
     summary: Path | None = None
 
@@ -92,14 +83,14 @@ def regress(options: RegressOptions, callbacks: Callbacks = SILENT) -> GateResul
     return result
 
 
-def _read_unedited(directory: Path) -> SavedRun:
+def _read_unedited(directory: Path) -> Run:
     """Read a run whose digest is that of its episodes.
 
     Raises:
-        RunDirectoryError: it is none, or was edited.
+        RunDirectoryError: it is not a run, or was edited.
     """
     run = read_run(directory)
-    if run_digest(run.header, run.episodes, run.exploration_episodes) != run.digest:
+    if run.is_edited():
         raise RunDirectoryError(
             f"{directory} was edited: its digest is not that of its episodes; make the run again"
         )
@@ -127,29 +118,30 @@ class _InOrder:
 
 
 def _play_gate(
-    baseline: SavedRun, policy: object, options: RegressOptions, callbacks: Callbacks
+    baseline: Run, policy: object, options: RegressOptions, callbacks: Callbacks
 ) -> GateResult:
     """Play the baseline's episodes until the answer is certain, or all."""
     opening = open_engine(options.engine, callbacks.note)
     whole, baseline = baseline, _deciding_part(baseline, options.settings)
     request = _request_like(baseline, policy, options.isolation, callbacks)
-    if left_out := [task for task in whole.header.tasks if task not in request.tasks]:
+    if left_out := [task for task in whole.plan.tasks if task not in request.plan.tasks]:
         callbacks.note(f"{', '.join(left_out)} of the baseline decide nothing and are not played")
     if whole.exploration_episodes:
         callbacks.note("the baseline's exploration episodes are left out: POLICY has none")
-    path, output = str(options.baseline), options.output
-    directory = output.directory or REPORTS / f"{run_name(request)}-regress"
-    root = (baseline.header.seed,)
+    path = str(options.baseline)
+    directory = options.output or REPORTS / f"{run_name(request)}-regress"
+    root = (baseline.plan.seed,)
     order = play_order(baseline.episodes, root)
     gate = SequentialGate(order, options.settings, root)
     clock = time.monotonic()
     with opening as engine, lock_directory(directory):
-        opened = open_run(request, directory, resume=output.resume, fresh=output.fresh)
+        opened = open_run(request, directory, resume=options.resume, fresh=options.fresh)
         turns = [episode_key(Role.FINAL, episode) for episode in order]
         run = _play(request, opened, _InOrder(engine, turns), gate, callbacks)
-        saved = None if run is None else save_run(run, directory).saved
-    if saved is not None:
-        result = judge_runs(baseline, saved, (path, str(directory)), options.settings)
+        if run is not None:
+            write_views(run, directory)
+    if run is not None:
+        result = judge_runs(baseline, run, (path, str(directory)), options.settings)
         used = EpisodesUsed(gate.planned, gate.planned, "no answer was certain before the end")
         return replace(result, episodes_used=used)
     header = request.header()
@@ -158,7 +150,7 @@ def _play_gate(
     return gate.result(baseline, path, candidate, header, round(time.monotonic() - clock, 3))
 
 
-def _deciding_part(baseline: SavedRun, settings: GateSettings) -> SavedRun:
+def _deciding_part(baseline: Run, settings: GateSettings) -> Run:
     """Return the baseline with the episodes that decide: a policy plays no others.
 
     Raises:
@@ -167,8 +159,8 @@ def _deciding_part(baseline: SavedRun, settings: GateSettings) -> SavedRun:
     pairs = [EpisodePair(Role.FINAL, one, one) for one in baseline.episodes]
     tasks = endpoint_values(pairs, tasks_in_order((baseline,)), settings).tasks
     episodes = tuple(one for one in baseline.episodes if one.task in tasks)
-    chosen = tuple(key for key in baseline.header.chosen if key.partition("/")[0] in tasks)
-    header = replace(baseline.header, tasks=tasks, chosen_episodes=chosen or UNSET)
+    chosen = tuple(key for key in baseline.plan.chosen if key.partition("/")[0] in tasks)
+    header = replace(baseline.header, plan=replace(baseline.plan, tasks=tasks, chosen=chosen))
     return replace(
         baseline,
         digest=run_digest(header, episodes),
@@ -179,7 +171,7 @@ def _deciding_part(baseline: SavedRun, settings: GateSettings) -> SavedRun:
 
 
 def _request_like(
-    baseline: SavedRun, policy: object, isolation: IsolationOptions, callbacks: Callbacks
+    baseline: Run, policy: object, isolation: IsolationOptions, callbacks: Callbacks
 ) -> RunRequest:
     """Return the request that plays a policy on the baseline's episodes.
 
@@ -187,27 +179,30 @@ def _request_like(
         UsageError: the baseline has other rules, or not the episodes that its header says.
         PolicyError: the policy cannot be used.
     """
-    header = baseline.header
-    setup = prepare_policies(
-        policy, header.tasks, isolation, callbacks.note, conditions=header.played_under
-    )
-    suite = find_suite(header.suite)
-    request = RunRequest(suite, header.tasks, header.episodes, header.seed, setup, header.chosen)
+    plan = replace(baseline.plan, limits=isolation.limits)
+    request = RunRequest(plan, prepare_policies(policy, plan, isolation, callbacks.note))
     refuse_other_rules(baseline, request.header())
-    found = {episode_key(Role.FINAL, one): (one.seed, one.shape) for one in baseline.episodes}
-    expected = {spec.key: (spec.seed, spec.shape) for spec in request.specs()}
-    if found != expected or len(baseline.episodes) != len(expected):
+    recorded = {episode_key(Role.FINAL, row): (row.seed, row.shape) for row in baseline.episodes}
+    planned = {spec.key: (spec.seed, spec.shape) for spec in plan.specs()}
+    if recorded != planned or len(baseline.episodes) != len(planned):
         raise UsageError(
-            f"'{printable(baseline.name)}' does not hold the {len(expected)} episodes of its "
+            f"'{printable(baseline.name)}' does not hold the {len(planned)} episodes of its "
             "suite, tasks and seed; make the baseline again"
         )
     return request
 
 
 def _play(
-    request: RunRequest, opened: OpenRun, engine: Engine, gate: SequentialGate, callbacks: Callbacks
-) -> EvaluationRun | None:
+    request: RunRequest,
+    opened: RunUnderWay | Run,
+    engine: Engine,
+    gate: SequentialGate,
+    callbacks: Callbacks,
+) -> Run | None:
     """Play until the gate is certain; return the run if it is whole."""
+    if isinstance(opened, Run):
+        gate.add(opened.episodes)
+        return opened
     gate.add(measure(record) for record in opened.records)
     if gate.is_certain and len(opened.records) < gate.planned:
         return None

@@ -3,16 +3,16 @@
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from minitouch_bench.conditions import Conditions
-from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.actions import Recording
-from minitouch_bench.evaluation.filming import film, film_name
-from minitouch_bench.evaluation.rollout import EpisodeRunner
+import typer
+
 from minitouch_bench.files import make_folder
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord
-from minitouch_bench.reporting.run_directory import view_directory
-from minitouch_bench.verification.recorded_run import open_run
+from minitouch_bench.workflows import options
+
+if TYPE_CHECKING:
+    from minitouch_bench.runs.run import Run
 
 REPLAYS = "replays"
 """Folder of the films that were made of a finished run."""
@@ -22,10 +22,9 @@ REPLAYS = "replays"
 class ReplayedEpisode:
     """An episode as its recorded actions give it here, and its row in the run."""
 
-    run: Path
+    run: "Run"
     record: EpisodeRecord
     row: EpisodeMetrics
-    conditions: Conditions
 
     @property
     def is_same(self) -> bool:
@@ -33,21 +32,28 @@ class ReplayedEpisode:
         return self.record.trace.digest() == self.row.digest
 
 
-def replay(run: Path, episode: str) -> ReplayedEpisode:
-    """Play the episode called ``episode``, as ``pushing/17``, of a finished run again.
+def replay(
+    run: options.RunDirectory,
+    episode: Annotated[str, typer.Argument(help="As pushing/17 or exploration/pushing/17.")],
+) -> ReplayedEpisode:
+    """Replay a recorded episode without its policy: film it, or print it step by step.
 
     Raises:
         UsageError: the run has no such episode, or cannot be replayed here.
-        RunDirectoryError: it is no run, or a file of it is damaged.
+        RunDirectoryError: it is not a run, or a file of it is damaged.
     """
-    opened, problems = open_run(run)
-    if opened is None:
-        raise UsageError(f"{run} cannot be replayed.\n{problems[0]}")
+    from minitouch_bench.evaluation.actors import Recording
+    from minitouch_bench.evaluation.rollout import EpisodeRunner
+    from minitouch_bench.runs.run import read_run
+    from minitouch_bench.verification.checks import refuse_unplayable
+
+    opened = read_run(Path(run))
+    refuse_unplayable(opened)
     spec, row = opened.find(episode)
-    conditions = opened.saved.header.played_under
-    runner = EpisodeRunner(Recording(opened.actions, conditions))
+    opened.actions_of(spec.key)
+    runner = EpisodeRunner(Recording(opened.actions, opened.plan.conditions))
     try:
-        return ReplayedEpisode(run, runner.run(spec), row, conditions)
+        return ReplayedEpisode(opened, runner.run(spec), row)
     finally:
         runner.close()
 
@@ -62,11 +68,16 @@ def film_replay(replayed: ReplayedEpisode, path: Path | None = None) -> Path:
         UsageError: another kind of file.
         RunDirectoryError: the file cannot be written.
     """
+    from minitouch_bench.evaluation.filming import film, film_name
+    from minitouch_bench.reporting.views import view_directory
+
     spec, actions = replayed.record.spec, replayed.record.trace.actions
+    run = replayed.run
+    assert run.directory is not None
     file = path or (
-        make_folder(view_directory(replayed.run) / REPLAYS) / film_name(spec.key, _suffix())
+        make_folder(view_directory(run.directory) / REPLAYS) / film_name(spec.key, _suffix())
     )
-    return film(spec, actions, file, replayed.conditions)
+    return film(spec, actions, file, run.plan.conditions)
 
 
 def _suffix() -> str:

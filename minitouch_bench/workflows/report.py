@@ -7,11 +7,11 @@ from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_conf
 from minitouch_bench.errors import MiniTouchError, UsageError
 from minitouch_bench.files import REPORTS, list_videos, write_file
 from minitouch_bench.leaderboard.packing import begun_submission
-from minitouch_bench.records import Role, SavedRun
-from minitouch_bench.reporting.curve import curve_csv
-from minitouch_bench.reporting.over_runs import RunOrigin
+from minitouch_bench.records import Role
+from minitouch_bench.reporting.labels import RunOrigin
 from minitouch_bench.reporting.report import AcrossRuns, Report
-from minitouch_bench.reporting.run_directory import read_run, view_directory, write_report
+from minitouch_bench.reporting.views import view_directory, write_report, write_tables
+from minitouch_bench.runs.run import Run, read_run
 
 COMPARISON = REPORTS / "comparison"
 """Where the report of several runs is written without ``output``."""
@@ -61,14 +61,16 @@ def report(options: ReportOptions) -> WrittenReport:
     origins = tuple(find_origin(*pair) for pair in zip(options.runs, runs, strict=True))
     across = AcrossRuns(origins, options.curve, options.steps)
     built = write_report(runs, directory, videos, options.names, across)
+    if single:
+        write_tables(runs[0], directory)
     curve = directory / CURVE_FILE if options.curve else None
     if curve is not None:
-        write_file(curve, curve_csv(built.curve))
+        write_file(curve, built.over_runs.curve_csv)
     figures = [] if options.figures is None else _write_figures(built, options.figures)
     return WrittenReport(built, directory, tuple(figures), curve)
 
 
-def find_origin(path: Path, run: SavedRun) -> RunOrigin:
+def find_origin(path: Path, run: Run) -> RunOrigin:
     """Return the training that a run's policy comes from, as far as files beside it say so.
 
     They are the ``submission.toml`` of the submission that holds the run, or the ``config.toml``
@@ -93,8 +95,8 @@ def find_origin(path: Path, run: SavedRun) -> RunOrigin:
 
 def _write_figures(built: Report, directory: Path) -> list[Path]:
     # matplotlib takes half a second to load, and only files need it.
-    from minitouch_bench.rendering.figure_files import write_figures  # noqa: PLC0415
-    from minitouch_bench.reporting.figures import report_figures, split_figures  # noqa: PLC0415
+    from minitouch_bench.rendering.figure_files import write_figures
+    from minitouch_bench.reporting.figures import report_figures, split_figures
 
-    figures = (*built.figures_over_runs, *report_figures(built), *split_figures(built))
+    figures = (*built.over_runs.figures, *report_figures(built), *split_figures(built))
     return write_figures(figures, directory)

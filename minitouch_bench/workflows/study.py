@@ -21,15 +21,15 @@ from minitouch_bench.agents.config import (
 from minitouch_bench.documents import fault_in_words, read_toml
 from minitouch_bench.errors import MiniTouchError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import EngineOptions, find_job_runner
-from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import RUN_FILE, lock_directory, write_file
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Count
 from minitouch_bench.reporting.study import StudyResults, StudyTraining, write_study
+from minitouch_bench.runs.plan import find_suite
 from minitouch_bench.workflows import ignore
-from minitouch_bench.workflows.evaluate import EvaluateOptions, OutputOptions, evaluate
-from minitouch_bench.workflows.train import TrainingRequest, train
+from minitouch_bench.workflows.evaluate import evaluate
+from minitouch_bench.workflows.training import TrainingRequest, run_training
 
 STUDIES = Path("reports") / "studies"
 FAILURE_FILE = "failure.txt"
@@ -128,7 +128,8 @@ def run_study(options: StudyOptions) -> StudyResults:
 
     Raises:
         UsageError: no such engine, or an option has no meaning for it.
-        MissingExtraError, InfrastructureError: Ray is not installed, or no cluster answers.
+        MissingExtraError: Ray or, for the figures, matplotlib is not installed.
+        InfrastructureError: no cluster answers.
         RunDirectoryError: the directory is in use, cannot be written, or was started with
             other settings.
     """
@@ -183,7 +184,7 @@ def _run(job: _Job) -> str:
             return f"{job.directory} is not on the machine that was to train it"
         place = _place(job.directory, job.training)
         config = job.config.config_of(job.training)
-        train(TrainingRequest(config, place, resume=(place / CONFIG_FILE).exists()))
+        run_training(TrainingRequest(config, place, resume=(place / CONFIG_FILE).exists()))
         for suite in _suites(job.config, job.training):
             _evaluate(job, suite)
     except MiniTouchError as error:
@@ -199,16 +200,15 @@ def _evaluate(job: _Job, suite: str) -> None:
     explored = place / EXPLORED_FILE
     has_exploration = explored.exists() and job.training.task in GOAL_TASKS
     evaluate(
-        EvaluateOptions(
-            str(place / TRAINED_FILE),
-            suite,
-            (job.training.task,),
-            job.config.episodes or None,
-            exploration=str(explored) if has_exploration else None,
-            name=job.training.name,
-            engine=EngineOptions(workers=1),
-            output=OutputOptions(output, resume=output.exists()),
-        )
+        str(place / TRAINED_FILE),
+        suite,
+        tasks=(job.training.task,),
+        episodes=job.config.episodes or None,
+        exploration=str(explored) if has_exploration else None,
+        name=job.training.name,
+        workers=1,
+        output=output,
+        resume=output.exists(),
     )
 
 

@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from minitouch_bench.agents.config import trained_steps
-from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup, prepare_policies
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.run import RunRequest, open_run
-from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import (
     CHECKPOINTS,
-    JOURNAL_FILE,
+    RUN_FILE,
     foreign_entries,
     holds_run,
     is_folder,
@@ -29,7 +28,9 @@ from minitouch_bench.leaderboard.packing import (
     aside,
     begun_submission,
     check_submission,
+    check_submittable,
     copy_run,
+    find_source,
     swap,
     with_seed,
 )
@@ -47,14 +48,13 @@ from minitouch_bench.leaderboard.validation import (
     validate,
 )
 from minitouch_bench.policies.isolation.options import IsolationOptions
-from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.processes import interrupts_held
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
-from minitouch_bench.records import PolicyIdentity, RunHeader, SavedRun
-from minitouch_bench.reporting.run_directory import read_run
+from minitouch_bench.runs.plan import make_plan
+from minitouch_bench.runs.run import Run, RunHeader, read_run
 from minitouch_bench.verification.problems import Problem, Problems
 from minitouch_bench.workflows import SILENT, Callbacks
-from minitouch_bench.workflows.evaluate import play, save_run
+from minitouch_bench.workflows.playing import play
 
 DEFAULT_MODALITIES = ("vision", "touch")
 
@@ -95,7 +95,7 @@ def submit(options: SubmitOptions, callbacks: Callbacks = SILENT) -> Packed:
     """Add a training seed to a submission, which begins with its first one, and check it.
 
     Raises:
-        UsageError: an option has no meaning, or a run is no official one.
+        UsageError: an option has no meaning, or a run is not official.
         PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
         RunDirectoryError: a run is there already, or cannot be read or written.
         InfrastructureError, InterruptedRunError: a run is incomplete and can be resumed.
@@ -105,16 +105,14 @@ def submit(options: SubmitOptions, callbacks: Callbacks = SILENT) -> Packed:
         known, given = ",".join(SUBMITTED_SUITES), ",".join(options.suites)
         raise UsageError(f"--suites is {MAIN_SUITE}, or {known}, not '{given}'")
     directory = options.directory / options.name
-    begun = begun_submission(directory)
-    told = _told(options, begun)
-    check_submission(told)
+    about = _about(options, begun_submission(directory))
+    check_submission(about)
     if (options.policy is None) == (not options.runs):
         raise UsageError("give a POLICY to evaluate, or finished runs with --run")
     _check_apart(options, directory)
-    packer = _Packer(options, directory, callbacks)
-    if options.policy is None:
-        return packer.pack(packer.finished_runs(), told)
-    return packer.pack(packer.evaluate(options.policy, told), told)
+    packer = _Packer(options, directory, about, callbacks)
+    parts = packer.finished_runs() if options.policy is None else packer.evaluate(options.policy)
+    return packer.pack(parts)
 
 
 def _check_apart(options: SubmitOptions, directory: Path) -> None:
@@ -129,8 +127,8 @@ def _check_apart(options: SubmitOptions, directory: Path) -> None:
             )
 
 
-def _told(options: SubmitOptions, begun: Submission | None) -> Submission:
-    """Return what the submission tells: what it told before, changed by the options given."""
+def _about(options: SubmitOptions, begun: Submission | None) -> Submission:
+    """Return what the submission says: what it said before, changed by the options given."""
     usual = RESERVED_MODALITIES.get(options.policy or options.name, DEFAULT_MODALITIES)
     steps = trained_steps(Path(options.policy)) if options.policy else 0
     known = begun or Submission(
@@ -145,23 +143,24 @@ class _Packer:
 
     options: SubmitOptions
     directory: Path
+    about: Submission
     callbacks: Callbacks
 
-    def evaluate(self, policy: str, told: Submission) -> Parts:
+    def evaluate(self, policy: str) -> Parts:
         """Run the suites in the submission's directory, where they can be resumed."""
         options = self.options
         opening = open_engine(options.engine, self.callbacks.note)
-        suites = [suite for suite in SUBMITTED_SUITES if suite in options.suites]
         setup = prepare_policies(
             policy,
-            find_suite(MAIN_SUITE).tasks,
+            make_plan(MAIN_SUITE),
             IsolationOptions(trust=options.trust),
             self.callbacks.note,
             exploration=options.exploration,
         )
-        parts = Parts({s: self._run_directory(s) for s in suites}, setup.policy, setup.exploration)
-        requests = [_request(suite, setup) for suite in suites]
-        self._check_plan(parts, [request.header() for request in requests], told)
+        requests = [_request(name, setup) for name in SUBMITTED_SUITES if name in options.suites]
+        runs = {request.plan.suite: self._run_directory(request.plan.suite) for request in requests}
+        parts = Parts(runs, setup.policy, setup.exploration)
+        self._check_plan(parts, [request.header() for request in requests])
         for request in requests:
             self._check_kept(request)
         with opening as engine:
@@ -169,61 +168,52 @@ class _Packer:
                 self._run_suite(request, engine)
         return parts
 
-    def _check_plan(self, parts: Parts, headers: Sequence[RunHeader], told: Submission) -> None:
-        """Refuse before the first episode what would be refused after the last one."""
-        self._check_replaced(parts)
-        seed = self.options.training_seed
-        places = {suite: run_place(seed, suite) for suite in parts.runs}
-        entry = TrainingSeed(seed, places, parts.name_files(self.directory, seed, include=False))
-        whole = with_seed(begun_submission(self.directory), told, entry)
-        for problem in check_planned(whole, entry, headers, self.directory):
-            raise UsageError(str(problem))
-
     def finished_runs(self) -> Parts:
         """Look at finished runs, and find their policies."""
         paths = self.options.runs
         runs = [read_run(path) for path in paths]
-        by_suite = {run.header.suite: (run, path) for run, path in zip(runs, paths, strict=True)}
+        by_suite = {run.plan.suite: (run, path) for run, path in zip(runs, paths, strict=True)}
         if MAIN_SUITE not in by_suite or len(by_suite) != len(runs):
             raise UsageError(f"--run needs one run of {MAIN_SUITE}, and at most one of each suite")
         main = by_suite[MAIN_SUITE][0].header
         for suite, (run, path) in by_suite.items():
-            _check_submittable(run.header, path, main.policy)
+            check_submittable(run.header, path, main.policy)
             directory = self._run_directory(suite)
             if holds_run(directory) and not self.options.fresh:
                 raise RunDirectoryError(f"{directory} holds a run.\nAdd --fresh to replace it")
-        explorer = None if main.exploration is None else _find_source(main.exploration)
+        explorer = None if main.exploration is None else find_source(main.exploration)
         listed = {suite: by_suite[suite][1] for suite in SUBMITTED_SUITES if suite in by_suite}
-        parts = Parts(listed, _find_source(main.policy), explorer)
+        parts = Parts(listed, find_source(main.policy), explorer)
         self._check_replaced(parts)
         return parts
 
-    def pack(self, parts: Parts, told: Submission) -> Packed:
-        """Copy the parts aside, check them, and put them in the place of those that were there.
-
-        Where a maintainer would refuse them nothing is changed.
-        """
-        options, seed = self.options, self.options.training_seed
-        places = {suite: run_place(seed, suite) for suite in parts.runs}
+    def pack(self, parts: Parts) -> Packed:
+        """Copy the parts aside and check them; only if they pass, replace those that were there."""
+        options = self.options
         with aside(options.directory) as folder:
             copy = folder / "new" / options.name
+            entry = self._entry(parts, copy, include=options.include)
             for suite, run in parts.runs.items():
-                copy_run(run, copy / places[suite])
+                copy_run(run, copy / entry.runs[suite])
             for target in parts.gone() if options.include else ():
                 self.callbacks.note(f"{target} is gone: only its SHA-256 is kept")
-            files = parts.name_files(copy, seed, include=options.include)
-            entry = TrainingSeed(seed, places, files)
-            add_seed(copy, None, told, entry)
+            add_seed(copy, None, self.about, entry)
             verdict = validate(copy)
             if problems := verdict.problems or self._copies(verdict.runs, entry):
                 return Packed(self.directory, problems)
             with interrupts_held():
-                for place in (*places.values(), f"{CHECKPOINTS}/seed-{seed}"):
+                for place in (*entry.runs.values(), f"{CHECKPOINTS}/seed-{entry.seed}"):
                     swap(copy / place, self.directory / place, folder / "old" / place)
-                add_seed(self.directory, begun_submission(self.directory), told, entry)
+                add_seed(self.directory, begun_submission(self.directory), self.about, entry)
         return Packed(self.directory, validate(self.directory).problems)
 
-    def _copies(self, runs: Mapping[str, SavedRun], entry: TrainingSeed) -> tuple[Problem, ...]:
+    def _entry(self, parts: Parts, directory: Path, *, include: bool) -> TrainingSeed:
+        """Return what ``submission.toml`` says of the seed; ``include`` copies checkpoints."""
+        seed = self.options.training_seed
+        places = {suite: run_place(seed, suite) for suite in parts.runs}
+        return TrainingSeed(seed, places, parts.name_files(directory, seed, include=include))
+
+    def _copies(self, runs: Mapping[str, Run], entry: TrainingSeed) -> tuple[Problem, ...]:
         """Return a problem for each run that is another training seed's."""
         begun, problems = begun_submission(self.directory), Problems()
         others = {
@@ -235,14 +225,21 @@ class _Packer:
         check_copies({**others, **runs}, problems)
         return tuple(problems)
 
+    def _check_plan(self, parts: Parts, headers: Sequence[RunHeader]) -> None:
+        """Refuse before the first episode what would be refused after the last one."""
+        self._check_replaced(parts)
+        entry = self._entry(parts, self.directory, include=False)
+        whole = with_seed(begun_submission(self.directory), self.about, entry)
+        for problem in check_planned(whole, entry, headers, self.directory):
+            raise UsageError(str(problem))
+
     def _check_replaced(self, parts: Parts) -> None:
         """Refuse to replace files that are not a run's, or the only copy of a checkpoint.
 
         Raises:
             RunDirectoryError: naming the first one.
         """
-        for suite in parts.runs:
-            directory = self._run_directory(suite)
+        for directory in map(self._run_directory, parts.runs):
             if foreign := foreign_entries(directory):
                 raise RunDirectoryError(
                     f"{directory} holds {foreign[0]!a}, which is no file of a run: move it away"
@@ -250,9 +247,7 @@ class _Packer:
         old = self.directory / CHECKPOINTS / f"seed-{self.options.training_seed}"
         # What is included is copied before anything is replaced.
         elsewhere = parts.digests_there(None if self.options.include else old)
-        for path in sorted(old.rglob("*")):
-            if is_folder(path):
-                continue
+        for path in sorted(path for path in old.rglob("*") if not is_folder(path)):
             with os_errors_as(RunDirectoryError, path, "read"):
                 digest = hashlib.sha256(read_file(path, MAX_CHECKPOINT)).hexdigest()
             if digest not in elsewhere:
@@ -266,17 +261,17 @@ class _Packer:
 
     def _run_suite(self, request: RunRequest, engine: Engine) -> None:
         """Run one suite alone in its directory, or keep the finished run that is there."""
-        options, directory = self.options, self._run_directory(request.suite.name)
+        options, directory = self.options, self._run_directory(request.plan.suite)
         with lock_directory(directory):
             if _is_finished(directory) and not options.fresh:
                 return
             opened = open_run(request, directory, resume=options.resume, fresh=options.fresh)
-            self.callbacks.note(f"suite {request.suite.name}")
-            save_run(play(request, opened, engine, self.callbacks), directory)
+            self.callbacks.note(f"suite {request.plan.suite}")
+            play(request, opened, engine, self.callbacks)
 
     def _check_kept(self, request: RunRequest) -> None:
         """Refuse to keep a run that nobody asked to keep, or that is another one."""
-        options, directory = self.options, self._run_directory(request.suite.name)
+        options, directory = self.options, self._run_directory(request.plan.suite)
         if options.fresh or not holds_run(directory):
             return
         if not _is_finished(directory):
@@ -288,43 +283,14 @@ class _Packer:
                 "it, or another --training-seed"
             )
         elif read_run(directory).header != request.header():
-            raise RunDirectoryError(
-                f"{directory} holds the run of another policy; --fresh replaces it"
-            )
+            raise RunDirectoryError(f"{directory} holds another policy's run; --fresh replaces it")
 
 
 def _request(name: str, setup: PolicySetup) -> RunRequest:
-    suite = find_suite(name)
-    # The exploration figure is one of Table 4 alone.
+    # The exploration metric is one of Table 4 alone.
     setup = setup if name == MAIN_SUITE else replace(setup, exploration=None)
-    return RunRequest(suite, suite.tasks, suite.episodes_per_task, suite.seed, setup)
+    return RunRequest(make_plan(name), setup)
 
 
 def _is_finished(directory: Path) -> bool:
-    return holds_run(directory) and not (directory / JOURNAL_FILE).exists()
-
-
-def _check_submittable(header: RunHeader, path: Path, main: PolicyIdentity) -> None:
-    """Refuse a run that is not official, or that is of another policy than the ``main`` run."""
-    if header.suite not in SUBMITTED_SUITES or not header.official:
-        reasons = "; ".join(header.unofficial_because) or f"suite {header.suite}"
-        raise UsageError(f"{path} is no official run: {reasons}")
-    if (header.policy.kind, header.policy.digest) != (main.kind, main.digest):
-        raise UsageError(f"{path} is the run of another policy than that of {MAIN_SUITE}")
-
-
-def _find_source(recorded: PolicyIdentity) -> PolicySource:
-    """Find the policy of a finished run again, or what is known of it where it is gone.
-
-    Raises:
-        UsageError: it is a directory, which is known by its files alone.
-    """
-    try:
-        source = parse_source(recorded.source, trust=True, contact=False)
-        if (source.kind, source.digest) == (recorded.kind, recorded.digest):
-            return source
-    except PolicyLoadError:
-        pass
-    if recorded.kind == DIRECTORY:
-        raise UsageError(f"the policy {recorded.source} has changed or is gone: put it back")
-    return PolicySource(recorded.kind, recorded.name, recorded.source, recorded.digest)
+    return (directory / RUN_FILE).exists()

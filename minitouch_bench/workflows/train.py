@@ -1,257 +1,94 @@
-"""Train a learner in a directory, evaluated as it goes under the protocol's own rollout."""
+"""Train a learner: the command ``train``, and ``minitouch_bench.train``."""
 
-import os
-import socket
-import struct
-import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Annotated, Any
 
-import numpy as np
-import torch
+import typer
 
-from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE, PICTURES_FILE
-from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_config
-from minitouch_bench.agents.progress import Evaluation, ProgressRow
-from minitouch_bench.agents.training import Training, TrainingCallbacks
-from minitouch_bench.documents import write_toml
-from minitouch_bench.errors import (
-    InfrastructureError,
-    MissingExtraError,
-    RunDirectoryError,
-    UsageError,
-)
-from minitouch_bench.evaluation.actors import PolicyActor
-from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.evaluation.suites import Suite
-from minitouch_bench.files import (
-    PROGRESS_FILE,
-    REPORT_PAGE,
-    append_bytes,
-    lock_directory,
-    make_folder,
-    open_plain,
-    os_errors_as,
-    write_file,
-)
-from minitouch_bench.optional import require
-from minitouch_bench.policies.native import NativePolicy
-from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.sources import TRAINED_FILE
-from minitouch_bench.records import Outcome
-from minitouch_bench.reporting.training_page import training_page
-from minitouch_bench.tasks.environment import MiniTouchEnv
-
-TRAININGS = Path("reports") / "training"
-EVALUATION_SUITE = "training"
-"""Seeds the episodes of a training's evaluations; no suite has this name."""
-
-EVENTS_DIRECTORY = "events"
+from minitouch_bench.agents import METHODS
+from minitouch_bench.errors import InterruptedRunError
+from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.workflows import UNSEEN, TrainingProgress
+from minitouch_bench.workflows.options import OnCommandLine, StrPath
 
 
-@dataclass(frozen=True)
-class TrainingRequest:
-    """What to train, and where.
+def train(
+    task: Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))],
+    method: Annotated[
+        str | None, typer.Option(help=f"{', '.join(METHODS)}; by default hac.")
+    ] = None,
+    *,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Fixes every random draw; by default 0.")
+    ] = None,
+    exploration_steps: Annotated[
+        int | None, typer.Option(min=0, help="Control steps on the intrinsic reward alone.")
+    ] = None,
+    task_steps: Annotated[
+        int | None, typer.Option(min=0, help="Control steps on the task's reward after them.")
+    ] = None,
+    objects: Annotated[
+        str | None,
+        typer.Option(help="cube, or shapes to draw from: train, all. Default: the task's."),
+    ] = None,
+    from_log: Annotated[
+        StrPath | None,
+        OnCommandLine(
+            Path | None,
+            typer.Option(help="Explore this recorded dataset (Minari's), not the simulator."),
+        ),
+    ] = None,
+    preset: Annotated[
+        str, typer.Option(help="default (what learns best here) or paper (Tables 2 and 3).")
+    ] = "default",
+    config: Annotated[
+        StrPath | None,
+        OnCommandLine(
+            Path | None,
+            typer.Option(help="A TOML file of settings: see docs/reference/training-settings.md."),
+        ),
+    ] = None,
+    settings: Mapping[str, Any] = MappingProxyType({}),
+    output: Annotated[
+        StrPath | None,
+        OnCommandLine(
+            Path | None, typer.Option(help="By default reports/training/TASK-METHOD-SEED.")
+        ),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint.")] = False,
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+    callbacks: TrainingProgress = UNSEEN,
+) -> Path:
+    """Train a learner in two phases: curiosity alone, then the task.
 
-    ``device``: "auto", "cpu" or "cuda". ``on_row`` and ``should_stop`` as in
-    ``TrainingCallbacks``; ``note`` takes a line for the user.
-    """
-
-    config: TrainingConfig
-    directory: Path
-    resume: bool = False
-    device: str = "auto"
-    on_row: Callable[[ProgressRow], None] = lambda _: None
-    should_stop: Callable[[], bool] = lambda: False
-    note: Callable[[str], None] = lambda _: None
-
-
-def default_directory(config: TrainingConfig) -> Path:
-    """Return where a training is kept if nobody says where."""
-    return TRAININGS / f"{config.task}-{config.method}-{config.seed}"
-
-
-def train(request: TrainingRequest) -> bool:
-    """Train to the end and return True, or False where it was asked to stop before.
+    Returns the training's directory, which ``evaluate`` takes as a policy. ``settings`` change the
+    preset's, nested as in the TOML file: ``{"task_phase": {"steps": 80_000}}``.
 
     Raises:
-        UsageError: no such device.
-        RunDirectoryError: the directory is in use, holds another training, or its
-            checkpoint is damaged.
-        InfrastructureError: a file cannot be written; the training can be resumed.
+        MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
     """
-    device = choose_device(request.device)
-    torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
-    with lock_directory(request.directory):
-        _prepare(request)
-        config = request.config
-        environment = MiniTouchEnv(
-            config.task, config.objects or None, max_steps=config.episode_steps or None
+    # Not at the top: torch takes seconds, and --help shall not.
+    from minitouch_bench.agents.config import apply_settings, make_config
+    from minitouch_bench.workflows.training import TrainingRequest, default_directory, run_training
+
+    given = {
+        "method": method,
+        "seed": seed,
+        "objects": objects,
+        "log": None if from_log is None else str(from_log),
+        "exploration": None if exploration_steps is None else {"steps": exploration_steps},
+        "task_phase": None if task_steps is None else {"steps": task_steps},
+    }
+    changes = {name: value for name, value in given.items() if value is not None}
+    base = make_config(task, preset, None if config is None else Path(config), settings)
+    asked = apply_settings(base, changes)
+    directory = default_directory(asked) if output is None else Path(output)
+    callbacks.begin(asked.steps)
+    if not run_training(TrainingRequest(asked, directory, resume, device, callbacks)):
+        raise InterruptedRunError(
+            f"interrupted; what is learned is kept in {directory}, and the same command with "
+            "--resume continues"
         )
-        evaluator = TrainingEvaluator(config)
-        events = _open_events(request)
-
-        def on_row(row: ProgressRow) -> None:
-            request.on_row(row)
-            if events is not None:
-                events.add(row)
-
-        callbacks = TrainingCallbacks(evaluator.evaluate, on_row, request.should_stop)
-        try:
-            training = Training(config, environment, request.directory, callbacks, device)
-            training.start()
-            finished = _run(training, request.directory)
-        finally:
-            evaluator.close()
-            environment.close()
-        if (request.directory / PROGRESS_FILE).exists():  # there is a row to draw
-            write_file(request.directory / REPORT_PAGE, training_page(request.directory))
-    return finished
-
-
-def _run(training: Training, directory: Path) -> bool:
-    """Train; where a file cannot be written, say what is kept and how to go on.
-
-    Raises:
-        InfrastructureError: a file cannot be written.
-    """
-    try:
-        return training.run()
-    except RunDirectoryError as error:
-        kept = training.kept_step
-        if kept is None:
-            advice = "There is no checkpoint yet; the same command with --resume begins again"
-        else:
-            advice = (
-                f"The checkpoint of step {kept} is kept in {directory}; once there is room, the "
-                "same command with --resume continues"
-            )
-        raise InfrastructureError(f"{error}\n{advice}") from error
-
-
-class _Events:
-    """TensorBoard's events of one training, each written when it happens.
-
-    tensorboardX's own writer opens its file through links, and its thread ends with a traceback
-    where the disk is full; its protocol buffers and check sums are used here.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        events = require("tensorboardX.proto.event_pb2", "train")
-        summary = require("tensorboardX.proto.summary_pb2", "train")
-        self._event, self._summary = events.Event, summary.Summary
-        self._checksum = require("tensorboardX.record_writer", "train").masked_crc32c
-        name = f"events.out.tfevents.{time.time():.0f}.{socket.gethostname()}"
-        self._file = make_folder(folder) / name
-        self._write(file_version="brain.Event:2")
-
-    def add(self, row: ProgressRow) -> None:
-        """Write every number of a row as a scalar at its control step."""
-        scalars = [
-            self._summary.Value(tag=f"{row.phase}/{name}", simple_value=value)
-            for name, value in asdict(row).items()
-            if name != "step" and isinstance(value, float | int)
-        ]
-        self._write(step=row.step, summary=self._summary(value=scalars))
-
-    def _write(self, **fields: Any) -> None:
-        """Add an event in the form of TFRecord: length, content, a check sum after each."""
-        content = self._event(wall_time=time.time(), **fields).SerializeToString()
-        length = struct.pack("<Q", len(content))
-        parts = (length, self._sum(length), content, self._sum(content))
-        append_bytes(self._file, b"".join(parts))
-
-    def _sum(self, content: bytes) -> bytes:
-        return struct.pack("<I", self._checksum(content))
-
-
-def _open_events(request: TrainingRequest) -> _Events | None:
-    """Return the writer of a new file of events, None where its package is not installed."""
-    try:
-        return _Events(request.directory / EVENTS_DIRECTORY)
-    except MissingExtraError as error:
-        request.note(f"no TensorBoard events are written: {error}")
-        return None
-
-
-def choose_device(name: str) -> torch.device:
-    """Return the device called ``name``; "auto" prefers a GPU.
-
-    Raises:
-        UsageError: there is none of that name here.
-    """
-    found = torch.cuda.is_available()
-    if name not in ("auto", "cpu", "cuda") or (name == "cuda" and not found):
-        raise UsageError(f"no device '{name}' here; choose auto, cpu" + ", cuda" * found)
-    if name == "cpu" or not found:
-        return torch.device("cpu")
-    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # equal sums in every run
-    torch.backends.cudnn.deterministic = True
-    torch.backends.cudnn.benchmark = False
-    torch.set_float32_matmul_precision("high")
-    return torch.device("cuda")
-
-
-def _prepare(request: TrainingRequest) -> None:
-    """Write the settings of a new or longer training, or check those of one to resume."""
-    directory, config = request.directory, request.config
-    file = directory / CONFIG_FILE
-    for name in (PICTURES_FILE, PROGRESS_FILE):
-        if os.path.lexists(directory / name):
-            with os_errors_as(RunDirectoryError, directory / name, "written"):
-                os.close(open_plain(directory / name, os.O_RDWR))
-    if request.resume and not os.path.lexists(file):
-        request.note(f"{directory} holds no training yet: it begins")
-    if any(os.path.lexists(directory / name) for name in (CHECKPOINT_FILE, PROGRESS_FILE)):
-        if not request.resume:
-            raise RunDirectoryError(
-                f"{directory} holds a training; go on with it by --resume, or choose another "
-                "--output"
-            )
-        known = read_config(file, config)
-        if config.is_longer_than(known):
-            _keep_policy(directory / TRAINED_FILE, known.steps)
-        elif config != known:
-            raise RunDirectoryError(
-                f"{file} has other settings than asked for; resume with the same ones, or with "
-                "more steps in the last phase"
-            )
-    write_file(file, write_toml(config))
-
-
-def _keep_policy(file: Path, steps: int) -> None:
-    """Name the policy of a training that is made longer by its steps: it is no longer the last."""
-    if os.path.lexists(file):
-        with os_errors_as(RunDirectoryError, file, "renamed"):
-            file.rename(file.with_stem(f"{file.stem}_{steps}_steps"))
-
-
-class TrainingEvaluator:
-    """Evaluate policies on the same few episodes each time, in a world of their own."""
-
-    def __init__(self, config: TrainingConfig) -> None:
-        suite = Suite(
-            EVALUATION_SUITE,
-            (config.task,),
-            config.evaluate_episodes,
-            rankable=False,
-            seed=config.seed,
-        )
-        self._specs = suite.episodes(exploration=False)
-        self._environment = MiniTouchEnv(config.task, None)
-
-    def evaluate(self, actor: TouchActor, deterministic: bool) -> Evaluation:
-        """Return the shares of success and touch over the episodes."""
-        records = [
-            run_episode(self._environment, PolicyActor(NativePolicy(actor, deterministic)), spec)
-            for spec in self._specs
-        ]
-        touched = np.concatenate([record.trace.contact_ticks > 0 for record in records])
-        success = np.mean([record.outcome is Outcome.SUCCESS for record in records])
-        return Evaluation(float(success), float(touched.mean()))
-
-    def close(self) -> None:
-        """Free the world."""
-        self._environment.close()
+    return directory

@@ -4,7 +4,7 @@ Its actions are replayed, and drawn and fresh episodes are run with its checkpoi
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,7 +13,6 @@ import numpy as np
 from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
-from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.files import CHECKPOINTS
 from minitouch_bench.leaderboard.proof import (
     MIN_FRESH_EPISODES,
@@ -32,10 +31,9 @@ from minitouch_bench.leaderboard.submission import TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.formats import BUILT_IN
-from minitouch_bench.policies.isolation.options import IsolationOptions
-from minitouch_bench.policies.limits import limits_of
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
-from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, PolicyIdentity, Role, SavedRun
+from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EpisodeSpec, PolicyIdentity, Role
+from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.fresh import (
     FreshResult,
     compare_fresh,
@@ -44,8 +42,7 @@ from minitouch_bench.verification.fresh import (
     significant_drops,
 )
 from minitouch_bench.verification.problems import Problem, Problems
-from minitouch_bench.verification.recorded_run import RecordedRun, open_run
-from minitouch_bench.verification.verify import check_identity, draw_episodes, rerun, verify_run
+from minitouch_bench.verification.verify import draw_episodes, prepare_rerun, replay_run, rerun
 from minitouch_bench.workflows import SILENT, Callbacks, ignore
 
 RERUN_BEFORE_FRESH = 50
@@ -108,12 +105,12 @@ def validate_submission(
         problems = prove(verdict, options, callbacks)
     if problems:
         return _failed(verdict, problems)
-    return Validation((), level_of(verdict, find_proof(verdict)))
+    return Validation((), level_of(verdict.runs, find_proof(verdict.directory, verdict.runs)))
 
 
 def _failed(verdict: Verdict, problems: tuple[Problem, ...]) -> Validation:
     """Withdraw the proof of a submission in which something differs, if it has one."""
-    proof = find_proof(verdict)
+    proof = find_proof(verdict.directory, verdict.runs)
     if proof is None or all(one.is_unchecked or one.is_other_protocol for one in problems):
         return Validation(problems)
     found = Problems()
@@ -129,11 +126,11 @@ def prove(
 
     A stronger proof of the same bytes stays.
     """
-    known = find_proof(verdict)
+    known = find_proof(verdict.directory, verdict.runs)
 
     def keep(level: ProofLevel, rerun: int = 0, fresh: FreshProof | None = None) -> None:
         if known is None or PROVED_LEVELS.index(known.level) <= PROVED_LEVELS.index(level):
-            proof = make_proof(verdict, level, rerun, fresh)
+            proof = make_proof(verdict.runs, level, rerun, fresh)
             write_proof(proof, proof_path(verdict.directory.resolve()))
 
     again = options.rerun or (RERUN_BEFORE_FRESH if options.fresh_episodes else 0)
@@ -186,10 +183,15 @@ def _episode_count(verdict: Verdict, again: int, fresh: int) -> int:
     """Return how many episodes a proof plays."""
     count = again * len(verdict.runs)
     for run in verdict.runs.values():
-        count += len(run.episodes) + len(run.exploration_episodes)
-        suite = replace(find_suite(run.header.suite), episodes_per_task=fresh)
-        count += len(suite.episodes(exploration=run.header.exploration is not None))
+        count += len(run.header.specs())
+        count += len(_fresh_specs(run, fresh, 0)) if fresh else 0
     return count
+
+
+def _fresh_specs(run: Run, count: int, seed: int) -> tuple[EpisodeSpec, ...]:
+    """Return ``count`` episodes of each task of a run, with another seed."""
+    plan = replace(run.plan, episodes=count, seed=seed, chosen=())
+    return plan.specs(exploration=run.header.exploration is not None)
 
 
 def _drop_problem(drop: FreshResult) -> Problem:
@@ -215,27 +217,23 @@ class Prover:
 
     def replay(self) -> None:
         """Replay the actions of every run. No checkpoint is opened."""
-        for place in self.verdict.runs:
+        for place, run in self.verdict.runs.items():
             with self.problems.caught(place):
-                found = verify_run(self.verdict.directory / place, self.engine, self.on_record)
-                for one in found.problems:
-                    remedy = one.remedy or NOT_REPLAYED
-                    self.problems.add_below(place, replace(one, remedy=remedy))
+                for problem in replay_run(run, self.engine, self.on_record).problems:
+                    self.problems.add_below(place, replace(problem, remedy=NOT_REPLAYED))
 
     def run_again(self, count: int) -> None:
         """Run ``count`` drawn episodes of each run with the checkpoint, held in the sandbox."""
         for seed in self.verdict.submission.seeds:
             for place in seed.runs.values():
                 with self.problems.caught(place):
-                    run, found = open_run(self.verdict.directory / place)
-                    for problem in found if run is None else self._run_again(seed, run, count):
-                        self.problems.add_below(place, problem)
-
-    def _run_again(self, seed: TrainingSeed, run: RecordedRun, count: int) -> Iterator[Problem]:
-        specs = draw_episodes(run, count, self.rng)
-        for record, differing in rerun(run, self._setup(seed, run.saved), specs, self.engine):
-            self.on_record(record)
-            yield from (replace(problem, remedy=NOT_REPEATED) for problem in differing)
+                    run = self.verdict.runs[place]
+                    specs = draw_episodes(run, count, self.rng)
+                    setup = self._setup(seed, run)
+                    for record, differing in rerun(run, setup, specs, self.engine):
+                        self.on_record(record)
+                        for problem in differing:
+                            self.problems.add_below(place, replace(problem, remedy=NOT_REPEATED))
 
     def run_fresh(self, count: int, draw: str) -> FreshProof:
         """Run ``count`` new episodes of each task of each run, and compare with the official ones.
@@ -248,10 +246,10 @@ class Prover:
         for seed in self.verdict.submission.seeds:
             for place in seed.runs.values():
                 with self.problems.caught(place):
-                    saved = self.verdict.runs[place]
-                    seeds[place] = fresh_seed(saved.header.policy.digest, draw)
-                    setup = self._setup(seed, saved)
-                    results[place] = self._fresh_results(saved, setup, count, seeds[place])
+                    run = self.verdict.runs[place]
+                    seeds[place] = fresh_seed(run.header.policy.digest, draw)
+                    specs = _fresh_specs(run, count, seeds[place])
+                    results[place] = self._fresh_results(run, self._setup(seed, run), specs)
             compared = [one for place in seed.runs.values() for one in results.get(place, ())]
             drops = significant_drops(compared) if compared else ()
             for place in seed.runs.values():
@@ -260,36 +258,28 @@ class Prover:
         return FreshProof(draw, count, seeds, results)
 
     def _fresh_results(
-        self, saved: SavedRun, setup: PolicySetup, count: int, seed: int
+        self, run: Run, setup: PolicySetup, specs: Sequence[EpisodeSpec]
     ) -> tuple[FreshResult, ...]:
-        own = replace(find_suite(saved.header.suite), episodes_per_task=count, seed=seed)
-        suite = replace(own, tasks=saved.header.tasks)
         measured: dict[tuple[Role, str], list[EpisodeMetrics]] = {}
-        for record in self.engine.run(setup, suite.episodes(exploration=bool(setup.exploration))):
+        for record in self.engine.run(setup, specs):
             self.on_record(record)
             measured.setdefault((record.spec.role, record.spec.task), []).append(measure(record))
-        official = dict(saved.by_role())
+        official = dict(run.by_role())
         return tuple(
-            compare_fresh([one for one in official[role] if one.task == task], fresh, role, task)
+            compare_fresh([row for row in official[role] if row.task == task], fresh, role, task)
             for (role, task), fresh in measured.items()
         )
 
-    def _setup(self, seed: TrainingSeed, saved: SavedRun) -> PolicySetup:
-        header = saved.header
-        setup = PolicySetup(
-            self._source(seed, Role.FINAL, header.policy),
-            isolation=IsolationOptions(limits=limits_of(header)),
-        )
-        if header.exploration is None:
-            return setup
-        return replace(setup, exploration=self._source(seed, Role.EXPLORATION, header.exploration))
+    def _setup(self, seed: TrainingSeed, run: Run) -> PolicySetup:
+        header = run.header
+        explorer = header.exploration and self._source(seed, Role.EXPLORATION, header.exploration)
+        return prepare_rerun(run, self._source(seed, Role.FINAL, header.policy), explorer)
 
     def _source(self, seed: TrainingSeed, role: Role, recorded: PolicyIdentity) -> PolicySource:
         """Find a policy's checkpoint in the submission.
 
         Raises:
             IncompleteCheckError: it is not there.
-            UsageError: it is another one.
             PolicyLoadError: it cannot be read.
         """
         files = seed.files(role)
@@ -303,6 +293,4 @@ class Prover:
         path = self.verdict.directory / files[0].path
         if recorded.kind == DIRECTORY:
             path = self.verdict.directory / CHECKPOINTS / f"seed-{seed.seed}" / role.value
-        source = parse_source(str(path))
-        check_identity(recorded, source)
-        return source
+        return parse_source(str(path))

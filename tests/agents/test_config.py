@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import pytest
 
+from minitouch_bench.agents import METHODS
 from minitouch_bench.agents.config import (
     PRESETS,
     PhaseConfig,
@@ -11,7 +12,6 @@ from minitouch_bench.agents.config import (
     read_config,
     trained_steps,
 )
-from minitouch_bench.agents.curiosity import METHODS
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
 

@@ -2,9 +2,11 @@ from dataclasses import replace
 
 import pytest
 import torch
+from torch import nn
 
+from minitouch_bench.agents import METHODS
 from minitouch_bench.agents.config import HAPTICS, CuriosityConfig
-from minitouch_bench.agents.curiosity import METHODS, make_curiosity
+from minitouch_bench.agents.curiosity import make_curiosity
 from tests.agents.batches import random_batch
 
 CONFIG = CuriosityConfig(width=0.25, bfloat16=False, learning_rate=1e-3)
@@ -18,6 +20,10 @@ def make(method, config=CONFIG):
     return curiosity
 
 
+def surprise(curiosity, batch):
+    return curiosity.errors(batch).surprise.detach()
+
+
 def test_sac_has_none():
     assert make_curiosity("sac", CONFIG, 4) is None
 
@@ -25,26 +31,46 @@ def test_sac_has_none():
 @pytest.mark.parametrize("method", CURIOUS)
 def test_what_is_learned_from_surprises_less(method):
     curiosity, batch = make(method), random_batch()
-    before = curiosity.surprise(batch).detach()
-    losses = [float(curiosity.update(batch)["curiosity_loss"]) for _ in range(15)]
+    before = surprise(curiosity, batch)
+    losses = [float(curiosity.update(batch).loss) for _ in range(15)]
     assert before.shape == (8,)
     assert (before >= 0).all()
     assert losses[-1] < losses[0]
-    assert curiosity.surprise(batch).mean() < before.mean()
+    assert surprise(curiosity, batch).mean() < before.mean()
+
+
+@pytest.mark.parametrize("method", CURIOUS)
+def test_the_surprise_of_an_update_is_that_of_the_weights_before_it(method):
+    curiosity, same, batch = make(method), make(method), random_batch()
+    losses = [one.errors(batch) if one is same else one.update(batch) for one in (same, curiosity)]
+    assert torch.equal(losses[1].surprise, losses[0].surprise.detach())
+    assert torch.equal(losses[1].loss, losses[0].loss.detach())
+    assert not torch.equal(surprise(curiosity, batch), losses[1].surprise)
+
+
+@pytest.mark.parametrize("method", ["rnd", "rnd-touch"])
+def test_the_width_is_that_of_random_distillation_too(method):
+    wide, narrow = (make(method, replace(CONFIG, width=width)) for width in (1.0, 0.25))
+    for maps in ("maps", "target_maps"):
+        outputs = [
+            [layer.out_channels for layer in getattr(one, maps) if isinstance(layer, nn.Conv2d)]
+            for one in (wide, narrow)
+        ]
+        assert outputs == [[32, 64, 64], [8, 16, 16]]
 
 
 @pytest.mark.parametrize("method", ["hac", "icm-touch", "rnd-touch"])
 def test_touch_counts_where_the_name_says_so(method):
     curiosity, batch = make(method), random_batch()
     other = replace(batch, next_touch=batch.next_touch + 1.0)
-    assert not torch.equal(curiosity.surprise(batch), curiosity.surprise(other))
+    assert not torch.equal(surprise(curiosity, batch), surprise(curiosity, other))
 
 
 @pytest.mark.parametrize("method", ["icm", "disagreement", "rnd"])
 def test_touch_does_not_count_elsewhere(method):
     curiosity, batch = make(method), random_batch()
     other = replace(batch, touch=batch.touch + 1.0, next_touch=batch.next_touch + 1.0)
-    assert torch.equal(curiosity.surprise(batch), curiosity.surprise(other))
+    assert torch.equal(surprise(curiosity, batch), surprise(curiosity, other))
 
 
 @pytest.mark.parametrize("haptics", HAPTICS)
@@ -53,10 +79,9 @@ def test_touch_does_not_count_elsewhere(method):
 def test_every_form_of_haptic_curiosity(haptics, standardize, from_previous):
     config = replace(CONFIG, haptics=haptics, standardize=standardize, from_previous=from_previous)
     curiosity, batch = make("hac", config), random_batch()
-    curiosity.update(batch)
-    assert torch.isfinite(curiosity.reward(batch)).all()
+    assert torch.isfinite(curiosity.reward(curiosity.update(batch).surprise)).all()
     unseen = replace(batch, image=255 - batch.image)
-    same = torch.equal(curiosity.surprise(batch), curiosity.surprise(unseen))
+    same = torch.equal(surprise(curiosity, batch), surprise(curiosity, unseen))
     assert same != from_previous
 
 
@@ -73,16 +98,16 @@ def test_a_rare_touch_outweighs_forces_that_are_always_random(standardize, rare_
 
     for seed in range(200):
         curiosity.update(felt(seed))
-    random_forces = curiosity.surprise(felt(200))[:4].mean()
-    light_touch = curiosity.surprise(replace(batch, next_touch=torch.full((8, 11), 0.5)))[4:]
+    random_forces = surprise(curiosity, felt(200))[:4].mean()
+    light_touch = surprise(curiosity, replace(batch, next_touch=torch.full((8, 11), 0.5)))[4:]
     assert (light_touch.min() > random_forces) == rare_first
 
 
 def test_rewards_are_divided_by_their_standard_deviation_so_far():
     curiosity = make("hac")
     batches = [random_batch(seed=seed) for seed in range(3)]
-    surprises = [curiosity.surprise(batch).detach() for batch in batches]
-    rewards = [curiosity.reward(batch) for batch in batches]
+    surprises = [surprise(curiosity, batch) for batch in batches]
+    rewards = [curiosity.reward(one) for one in surprises]
     deviation = torch.cat(surprises).double().std(correction=0).float()
     torch.testing.assert_close(rewards[-1], surprises[-1] / deviation)
 
@@ -91,4 +116,4 @@ def test_disagreement_of_copies_is_zero():
     curiosity, batch = make("disagreement"), random_batch()
     for member in curiosity.members:
         member.load_state_dict(curiosity.members[0].state_dict())
-    assert curiosity.surprise(batch).max() < 1e-10
+    assert surprise(curiosity, batch).max() < 1e-10

@@ -7,7 +7,7 @@ import torch
 
 from minitouch_bench.agents import learner as learners
 from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
-from minitouch_bench.agents.curiosity.curiosity import Curiosity
+from minitouch_bench.agents.curiosity.curiosity import Curiosity, Errors
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.policies.networks import ENCODER_CHANNELS
@@ -61,14 +61,10 @@ class TouchCounts(Curiosity):
         self.register_buffer("counts", torch.zeros(2))
 
     def update(self, batch):
-        self.counts += torch.bincount(self._cells(batch), minlength=2)
-        return {}
-
-    def surprise(self, batch):
-        return self.counts[self._cells(batch)].rsqrt()
-
-    def _cells(self, batch):
-        return (batch.next_touch[:, -1] > 0).long()
+        cells = (batch.next_touch[:, -1] > 0).long()
+        self.counts += torch.bincount(cells, minlength=2)
+        surprise = self.counts[cells].rsqrt()
+        return Errors(surprise, surprise.mean())
 
 
 def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeypatch):

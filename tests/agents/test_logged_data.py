@@ -16,7 +16,8 @@ from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfi
 from minitouch_bench.agents.logged_data import fill_from_log
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import UsageError
-from minitouch_bench.workflows.train import TrainingRequest, train
+from minitouch_bench.workflows import TrainingProgress
+from minitouch_bench.workflows.training import TrainingRequest, run_training
 from tests.agents.logs import LENGTHS, write_log
 
 
@@ -206,22 +207,28 @@ def config_with_log(tmp_path, method="hac"):
 def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_path):
     config = config_with_log(tmp_path)
     rows = []
-    once = TrainingRequest(config, tmp_path / "run", device="cpu", on_row=rows.append)
-    assert train(once)
+    once = TrainingRequest(
+        config, tmp_path / "run", device="cpu", callbacks=TrainingProgress(row=rows.append)
+    )
+    assert run_training(once)
     assert [row.phase for row in rows] == ["exploration", "exploration", "task"]
     assert all(row.critic_loss is not None for row in rows)
 
     asked = iter([False] * 7 + [True])
-    broken = replace(once, directory=tmp_path / "broken", should_stop=lambda: next(asked))
-    assert not train(broken)
-    assert train(replace(broken, resume=True, should_stop=lambda: False))
+    broken = replace(
+        once,
+        directory=tmp_path / "broken",
+        callbacks=TrainingProgress(should_stop=lambda: next(asked)),
+    )
+    assert not run_training(broken)
+    assert run_training(replace(broken, resume=True, callbacks=once.callbacks))
     files = [tmp_path / name / "final.safetensors" for name in ("run", "broken")]
     assert files[0].read_bytes() == files[1].read_bytes()
 
 
 def test_sac_acts_from_the_first_step_with_the_log_in_its_memory(tmp_path):
     config = config_with_log(tmp_path, "sac")
-    assert train(TrainingRequest(config, tmp_path / "run", device="cpu"))
+    assert run_training(TrainingRequest(config, tmp_path / "run", device="cpu"))
     memory, log_alone = (Replay(config.replay_size, 11, 4, compress=True) for _ in range(2))
     CheckpointFiles(tmp_path / "run").load(memory)
     fill_from_log(log_alone, tmp_path / "log", 4)

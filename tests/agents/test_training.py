@@ -10,12 +10,13 @@ import pytest
 from tensorboardX.proto import event_pb2
 
 import minitouch_bench as mt
+from minitouch_bench.agents import METHODS
 from minitouch_bench.agents.config import PhaseConfig
-from minitouch_bench.agents.curiosity import METHODS
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.policies.native import load_native
 from minitouch_bench.policies.policy import Checkpoint
-from minitouch_bench.workflows.train import TrainingRequest, train
+from minitouch_bench.workflows import TrainingProgress
+from minitouch_bench.workflows.training import TrainingRequest, run_training
 from tests.agents.trainings import CONFIG
 
 
@@ -30,7 +31,7 @@ def outcome(directory):
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     directory = tmp_path_factory.mktemp("undisturbed")
-    assert train(TrainingRequest(CONFIG, directory, device="cpu"))
+    assert run_training(TrainingRequest(CONFIG, directory, device="cpu"))
     return directory
 
 
@@ -74,9 +75,11 @@ def break_off(directory, after, *, kill, resume):
             raise KilledError
         return True
 
-    request = TrainingRequest(CONFIG, directory, resume, "cpu", should_stop=should_stop)
+    request = TrainingRequest(
+        CONFIG, directory, resume, "cpu", callbacks=TrainingProgress(should_stop=should_stop)
+    )
     try:
-        assert train(request) is False
+        assert run_training(request) is False
     except KilledError:
         assert kill
 
@@ -85,7 +88,7 @@ def break_off(directory, after, *, kill, resume):
 def test_resumed_in_both_phases_it_ends_in_the_same_bits(tmp_path, undisturbed, kill):
     break_off(tmp_path, 17, kill=kill, resume=False)
     break_off(tmp_path, 24, kill=kill, resume=True)
-    assert train(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
+    assert run_training(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
     assert outcome(tmp_path) == outcome(undisturbed)
 
 
@@ -97,9 +100,9 @@ def test_every_method_is_resumed_in_both_phases(tmp_path, method):
     for stops in (14, 24):
         answers = iter([False] * stops + [True])
         request = TrainingRequest(config, directories[1], resume=True, device="cpu")
-        assert train(replace(request, should_stop=answers.__next__)) is False
+        assert run_training(replace(request, should_stop=answers.__next__)) is False
     for directory in directories:
-        assert train(TrainingRequest(config, directory, resume=True, device="cpu"))
+        assert run_training(TrainingRequest(config, directory, resume=True, device="cpu"))
     assert outcome(directories[0]) == outcome(directories[1])
 
 
@@ -110,14 +113,14 @@ def test_it_can_be_made_longer(tmp_path, undisturbed, explored, trained):
         exploration=replace(CONFIG.exploration, steps=explored),
         task_phase=replace(CONFIG.task_phase, steps=trained),
     )
-    assert train(TrainingRequest(shorter, tmp_path, device="cpu"))
-    assert train(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
+    assert run_training(TrainingRequest(shorter, tmp_path, device="cpu"))
+    assert run_training(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
     assert outcome(tmp_path) == outcome(undisturbed)
 
 
 def test_killed_before_the_first_checkpoint_it_starts_over(tmp_path, undisturbed):
     break_off(tmp_path, 6, kill=True, resume=False)
-    assert train(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
+    assert run_training(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
     assert outcome(tmp_path) == outcome(undisturbed)
 
 
@@ -138,7 +141,7 @@ def test_exploration_alone_leaves_both_policies_too(tmp_path):
 
 def test_training_episodes_can_be_shorter_than_the_task_s(tmp_path):
     config = replace(CONFIG, task="playing", episode_steps=3, checkpoint_every=50)
-    assert train(TrainingRequest(config, tmp_path, device="cpu"))
+    assert run_training(TrainingRequest(config, tmp_path, device="cpu"))
     rows, _ = outcome(tmp_path)
     assert sum(int(row["episodes"]) for row in rows) == config.steps // 3
 
@@ -151,13 +154,15 @@ def test_other_settings_are_not_mixed_in(undisturbed):
         TrainingRequest(replace(CONFIG, task_phase=PhaseConfig(19)), undisturbed, resume=True),
     ):
         with pytest.raises(RunDirectoryError):
-            train(request)
+            run_training(request)
 
 
 def test_a_training_that_was_killed_before_it_began_is_begun_by_resume(tmp_path):
     notes = []
     request = TrainingRequest(CONFIG, tmp_path / "run", resume=True, device="cpu")
-    assert not train(replace(request, note=notes.append, should_stop=lambda: True))
+    assert not run_training(
+        replace(request, callbacks=TrainingProgress(note=notes.append, should_stop=lambda: True))
+    )
     assert "holds no training yet: it begins" in notes[0]
     assert (tmp_path / "run" / "config.toml").exists()
 
@@ -186,21 +191,34 @@ def test_a_damaged_checkpoint_is_named(broken_off, tmp_path, name, damage):
     shutil.copytree(broken_off, directory)
     (directory / name).write_bytes(damage((directory / name).read_bytes()))
     with pytest.raises(RunDirectoryError, match=r"checkpoint\.pt|progress\.csv"):
-        train(TrainingRequest(CONFIG, directory, resume=True, device="cpu"))
+        run_training(TrainingRequest(CONFIG, directory, resume=True, device="cpu"))
 
 
 def test_a_mistake_leaves_the_directory_free(tmp_path):
     with pytest.raises(UsageError, match="typo"):
-        train(TrainingRequest(replace(CONFIG, objects="typo"), tmp_path, device="cpu"))
+        run_training(TrainingRequest(replace(CONFIG, objects="typo"), tmp_path, device="cpu"))
     with pytest.raises(UsageError, match="is not a Minari dataset"):
-        train(TrainingRequest(replace(CONFIG, log="typo"), tmp_path, device="cpu"))
-    assert train(TrainingRequest(CONFIG, tmp_path, device="cpu", should_stop=lambda: True)) is False
+        run_training(TrainingRequest(replace(CONFIG, log="typo"), tmp_path, device="cpu"))
+    assert (
+        run_training(
+            TrainingRequest(
+                CONFIG, tmp_path, device="cpu", callbacks=TrainingProgress(should_stop=lambda: True)
+            )
+        )
+        is False
+    )
 
 
 def test_stopped_before_its_first_row_it_leaves_no_page(tmp_path):
     break_off(tmp_path, 6, kill=True, resume=False)
-    stopped = TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu", should_stop=lambda: True)
-    assert train(stopped) is False
+    stopped = TrainingRequest(
+        CONFIG,
+        tmp_path,
+        resume=True,
+        device="cpu",
+        callbacks=TrainingProgress(should_stop=lambda: True),
+    )
+    assert run_training(stopped) is False
     assert not (tmp_path / "progress.csv").exists()
     assert not (tmp_path / "report.html").exists()
 
@@ -211,8 +229,12 @@ def test_the_policy_of_a_shorter_training_does_not_stand_for_the_longer(undistur
     policy = (directory / "final.safetensors").read_bytes()
     longer = replace(CONFIG, task_phase=replace(CONFIG.task_phase, steps=30))
     request = TrainingRequest(
-        longer, directory, resume=True, device="cpu", should_stop=lambda: True
+        longer,
+        directory,
+        resume=True,
+        device="cpu",
+        callbacks=TrainingProgress(should_stop=lambda: True),
     )
-    assert train(request) is False
+    assert run_training(request) is False
     assert not (directory / "final.safetensors").exists()
     assert (directory / "final_50_steps.safetensors").read_bytes() == policy

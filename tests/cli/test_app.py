@@ -67,4 +67,6 @@ def test_a_refusal_keeps_its_exit_code_where_nothing_can_be_printed(tmp_path):
 
 
 def test_escape_codes_of_a_name_reach_no_terminal(tmp_path):
-    run("verify", "\x1b[31mred\u200b", directory=tmp_path).refused(6, "[31mred is no run")
+    run("verify", "\x1b[31mred\u200b", directory=tmp_path).refused(
+        6, "[31mred is not a run directory"
+    )

@@ -2,19 +2,15 @@
 
 import json
 
-import numpy as np
 import pytest
 
-from minitouch_bench.metrics.summary import summarize
-from minitouch_bench.reporting.run_directory import write_run
 from tests.cli.command import run
 from tests.reporting.synthetic import make_run
+from tests.reporting.synthetic import write as write_run
 
 
 def write(directory, name, **options):
-    made = make_run(name, exploration=False, **options)
-    directory.mkdir()
-    write_run(made, summarize(made, np.random.default_rng(0)), directory)
+    write_run(make_run(name, exploration=False, **options), directory)
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +48,7 @@ REFUSED = [
     (("a",), 2, "2 to 26 runs"),
     (("a", "few"), 2, "not of the same episodes"),
     (("a", "other"), 2, "protocols differ"),
-    (("a", "gone"), 6, "gone is no run"),
+    (("a", "gone"), 6, "gone is not a run directory"),
 ]
 
 

@@ -1,4 +1,4 @@
-"""What a run survives: each row of docs/faults.md that the other tests do not give."""
+"""What a run survives, beyond what the other tests show."""
 
 import contextlib
 import json
@@ -87,9 +87,9 @@ def undisturbed(tmp_path_factory) -> Path:
     return directory / "run"
 
 
-def begun(journal: Path, process: subprocess.Popen[str]) -> None:
+def begun(run: Path, process: subprocess.Popen[str]) -> None:
     """Wait until the first episodes are on their way."""
-    while not journal.exists() and process.poll() is None:
+    while not (run / "unfinished").exists() and process.poll() is None:
         time.sleep(0.02)
 
 
@@ -100,9 +100,11 @@ def test_kill_9_of_the_parent_at_20_moments_costs_time_only(undisturbed, tmp_pat
     place = tmp_path / "run"
     killed = 0
     while killed < KILLS:
+        (place / ".lock").unlink(missing_ok=True)
         process = start(*RANDOM, "--output", place, "--resume", directory=tmp_path)
-        begun(place / "journal.jsonl", process)
-        time.sleep(chance.uniform(0.0, 4.0))
+        while not (place / ".lock").exists() and process.poll() is None:
+            time.sleep(0.001)
+        time.sleep(chance.choice([0.0, 0.01, chance.uniform(0.0, 4.0)]))  # opening it, or playing
         killed += process.poll() is None
         below = family(process.pid)
         process.kill()
@@ -128,7 +130,7 @@ def test_kill_9_of_workers_and_policies_changes_nothing(undisturbed, tmp_path, k
     killed = 0
     while killed < KILLS:
         process = start(*RANDOM, "--output", place, "--fresh", directory=tmp_path)
-        begun(place / "journal.jsonl", process)
+        begun(place, process)
         for _ in range(2):  # an episode is tried three times
             time.sleep(chance.uniform(0.3, 2.0))
             if found := victims(process.pid, kind):
@@ -142,7 +144,7 @@ def test_kill_9_of_workers_and_policies_changes_nothing(undisturbed, tmp_path, k
 
 def test_a_second_ctrl_c_ends_it_as_well(place):
     process = start(*EVALUATE, directory=place)
-    while not (place / "run" / "journal.jsonl").exists():
+    while not (place / "run" / "unfinished").exists():
         time.sleep(0.01)
     time.sleep(1.0)
     for _ in range(2):

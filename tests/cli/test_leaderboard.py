@@ -2,14 +2,14 @@
 
 import contextlib
 import shutil
+from dataclasses import replace
 
 import pytest
 import typer
 
 from minitouch_bench.cli import leaderboard
 from minitouch_bench.errors import IncompleteCheckError
-from minitouch_bench.leaderboard.board import LeftOut
-from minitouch_bench.leaderboard.build import Built
+from minitouch_bench.leaderboard.board import LeftOut, make_board
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows.validate import Validation
 from tests.cli.command import run
@@ -37,8 +37,8 @@ def test_valid_submissions_are_named_with_their_level(root):
 
 @pytest.mark.parametrize("refused", [(), (LeftOut("hac", ("notes.txt: no such file",)),)])
 def test_a_strict_build_fails_where_a_submission_is_refused(tmp_path, monkeypatch, refused):
-    built = Built(ranked=1, apart=0, refused=refused, new=1)
-    monkeypatch.setattr("minitouch_bench.leaderboard.build.build_board", lambda *_: built)
+    board = replace(make_board([]), refused=refused)
+    monkeypatch.setattr("minitouch_bench.leaderboard.build.build_board", lambda *_: board)
     leaderboard.build(tmp_path, tmp_path, strict=False)
     expected = pytest.raises(typer.Exit) if refused else contextlib.nullcontext()
     with expected as end:
@@ -90,7 +90,7 @@ def test_a_proof_that_is_withdrawn_is_told(tmp_path, monkeypatch, capsys):
 def test_a_directory_that_is_not_there_is_named_once(tmp_path):
     done = run("leaderboard", "validate", "nosuch", directory=tmp_path)
     assert done.code == 1
-    assert done.out == "nosuch: there is no such directory; give a submission's directory\n"
+    assert done.out == "nosuch: it is not a directory; give a submission's directory\n"
 
 
 def test_every_fault_has_a_line_and_the_exit_code_is_1(root):
@@ -101,7 +101,7 @@ def test_every_fault_has_a_line_and_the_exit_code_is_1(root):
     lines = done.out.splitlines()
     assert lines[-1] == "zero: valid, re-run-verified"
     assert "hac: notes.txt: a submission has no such file; remove it" in lines
-    assert any("table4.csv: it is not what run.json gives" in line for line in lines)
+    assert any("table4.csv: a submission has no such file" in line for line in lines)
     assert "1 of 2 valid" in done.err
 
 

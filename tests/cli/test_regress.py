@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from minitouch_bench.reporting.run_directory import parse_run, run_digest
+from minitouch_bench.runs.run import parse_run, run_digest
 from tests.cli.command import finish, run, start
 from tests.cli.test_compare import write
 
@@ -121,7 +121,7 @@ EDITS = {
         lambda document: document["header"].update(protocol_digest="0" * 64), 2, "protocol digest"
     ),
     "conditions": (
-        lambda document: document["header"].update(conditions={"without": ["vision"]}),
+        lambda document: document["header"]["plan"]["conditions"].update(without=["vision"]),
         2,
         "conditions",
     ),
@@ -143,7 +143,7 @@ REFUSED = [
     (("zero", "--baseline", "good", "--candidate", "bad"), 2, "either POLICY or --candidate"),
     (("--candidate", "good"), 2, "--baseline"),
     (("--baseline", "good", "--candidate", "few"), 2, "not of the same episodes"),
-    (("--baseline", "gone", "--candidate", "good"), 6, "gone is no run"),
+    (("--baseline", "gone", "--candidate", "good"), 6, "gone is not a run directory"),
     (("--baseline", "good", "--candidate", "bad", "--alpha", "1"), 2, "alpha"),
     (("--baseline", "good", "--candidate", "bad", "--metric", "x"), 2, "no metric 'x'"),
     (("--baseline", "good", "--candidate", "bad", "--strict", "--lenient"), 2, "not both"),
@@ -242,9 +242,8 @@ def test_the_number_of_workers_and_a_break_do_not_change_the_answer(baseline):
     assert answers[0] == answers[1]
     broken = ("regress", "random", "--baseline", "base", "--output", "broken")
     process = start(*broken, "--workers", 1, directory=baseline)
-    journal = baseline / "broken" / "journal.jsonl"
     deadline = time.monotonic() + 60
-    while not journal.exists() or journal.read_bytes().count(b"\n") < 3:
+    while len(list((baseline / "broken" / "unfinished").glob("*.unit"))) < 3:
         assert time.monotonic() < deadline
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)

@@ -80,9 +80,13 @@ def test_a_server_that_a_run_names_is_contacted_only_if_the_user_names_it(tmp_pa
 
 
 def test_what_is_no_run_or_damaged_ends_with_6(copy, tmp_path):
-    run("verify", tmp_path, directory=tmp_path).refused(6, "is no run: it has no run.json")
+    run("verify", tmp_path, directory=tmp_path).refused(
+        6, "is not a run directory: it has no run.json"
+    )
     for gone in ("gone", "gone/run.json"):
-        run("verify", gone, directory=tmp_path).refused(6, "gone is no run: there is no such dir")
+        run("verify", gone, directory=tmp_path).refused(
+            6, "gone is not a run directory: it does not exist"
+        )
     (copy / "actions.npz").write_bytes((copy / "actions.npz").read_bytes()[:-30])
     run("verify", copy, directory=tmp_path).refused(6, "actions.npz", "damaged")
 

@@ -2,14 +2,14 @@ from pathlib import Path
 
 import pytest
 
-from minitouch_bench.records import EvaluationRun
+from minitouch_bench.runs.run import Run
 from tests.evaluation.runs import request, run
 
 HERE = Path(__file__).parent
 
 
 @pytest.fixture(scope="session")
-def finished(tmp_path_factory) -> tuple[EvaluationRun, Path]:
+def finished(tmp_path_factory) -> tuple[Run, Path]:
     """Six episodes by one worker, and their directory, which nobody may change."""
     directory = tmp_path_factory.mktemp("finished")
     return run(request(), directory), directory

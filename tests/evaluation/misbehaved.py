@@ -50,7 +50,7 @@ class ReadsItsRun(Still):
     """Reads what the run knows of earlier episodes; it lies in the working directory."""
 
     def act(self, observation):
-        Path("run/journal.jsonl").read_bytes()
+        Path("run/unfinished/header.unit").read_bytes()
         return super().act(observation)
 
 

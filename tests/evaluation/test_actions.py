@@ -6,28 +6,32 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.evaluation.actions import ENTRY_MARK, read_actions, write_actions
 from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.records import EpisodeSpec, Role
+from minitouch_bench.runs.actions import ENTRY_MARK, parse_actions, write_actions
+from tests.reporting.synthetic import make_run
+
+RECORDS = make_run(tasks=("pushing", "opening"), episodes=2).records
 
 
-def test_actions_are_those_of_the_records_and_always_the_same_bytes(finished, tmp_path):
-    run, directory = finished
-    write_actions(run.records, tmp_path)
-    assert (tmp_path / ACTIONS_FILE).read_bytes() == (directory / ACTIONS_FILE).read_bytes()
-    with np.load(tmp_path / ACTIONS_FILE) as stored:
-        assert list(stored) == [record.spec.key for record in run.records]
-        for record in run.records:
-            assert stored[record.spec.key].dtype == np.float32
-            assert np.array_equal(stored[record.spec.key], record.trace.actions)
+def read_actions(directory, specs):
+    return parse_actions((directory / ACTIONS_FILE).read_bytes(), specs, ACTIONS_FILE)
+
+
+def test_actions_are_those_of_the_records(tmp_path):
+    write_actions(RECORDS, tmp_path)
+    actions = read_actions(tmp_path, [record.spec for record in RECORDS])
+    assert [*actions] == [record.spec.key for record in RECORDS]
+    for record in RECORDS:
+        assert actions[record.spec.key].tobytes() == record.trace.actions.tobytes()
     assert os.listdir(tmp_path) == [ACTIONS_FILE]
 
 
-def test_actions_that_cannot_be_written_are_said(finished, tmp_path):
+def test_actions_that_cannot_be_written_are_said(tmp_path):
     (tmp_path / ACTIONS_FILE).mkdir()
     (tmp_path / ACTIONS_FILE / "x").write_text("x")
     with pytest.raises(RunDirectoryError, match="cannot be written"):
-        write_actions(finished[0].records, tmp_path)
+        write_actions(RECORDS, tmp_path)
 
 
 # Reading actions back
@@ -37,24 +41,16 @@ SPECS = tuple(EpisodeSpec(Role.FINAL, "pushing", index, 1) for index in range(2)
 GOOD = np.zeros((3, 4), np.float32)
 
 
-def test_actions_are_read_as_they_were_written(finished):
-    run, directory = finished
-    specs = [record.spec for record in run.records]
-    actions = read_actions(directory, specs)
-    for record in run.records:
-        assert actions[record.spec.key].tobytes() == record.trace.actions.tobytes()
-
-
 @pytest.mark.parametrize(
     ("array", "words"),
     [
         (np.full((3, 4), np.nan, np.float32), "beyond -1 to 1"),
         (np.full((3, 4), 1.001, np.float32), "beyond -1 to 1"),
-        (np.zeros((3, 5), np.float32), r"not float32 \(steps, 4\)"),
+        (np.zeros((3, 5), np.float32), r"not float32 \(T, 4\)"),
         (np.zeros((3, 4)), r"float64 \(3, 4\)"),
         (np.zeros((201, 4), np.float32), "0 to 200 actions"),
-        (np.asfortranarray(np.zeros((3, 4), np.float32)), "not float32"),
-        (np.array([{}], object), r"object \(1,\)"),
+        (np.asfortranarray(np.zeros((3, 4), np.float32)), "another kind"),
+        (np.array([{}], object), "another kind"),
         (np.zeros(10_000_000, np.float32), "declares 40000128 bytes"),
     ],
 )
@@ -69,19 +65,17 @@ def test_a_header_that_claims_more_than_there_is_takes_no_memory(tmp_path):
     header = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + text.ljust(117) + b"\n"
     with zipfile.ZipFile(tmp_path / ACTIONS_FILE, "w") as archive:
         archive.writestr("pushing/0.npy", header + bytes(64))
-    with pytest.raises(RunDirectoryError, match="0 to 200 actions"):
+    with pytest.raises(RunDirectoryError, match="damaged"):
         read_actions(tmp_path, SPECS)
 
 
 def test_episodes_that_are_not_of_the_run_are_refused(tmp_path):
     np.savez(tmp_path / ACTIONS_FILE, **{"pushing/0": GOOD, "../evil\x1b": GOOD})
-    with pytest.raises(RunDirectoryError, match=r"'\.\./evil\\x1b', which is no episode"):
+    with pytest.raises(RunDirectoryError, match=r"'\.\./evil\\x1b', which is not an episode"):
         read_actions(tmp_path, SPECS)
 
 
-def test_a_file_that_is_missing_cut_or_debris_is_refused(tmp_path):
-    with pytest.raises(RunDirectoryError, match="cannot be read"):
-        read_actions(tmp_path, SPECS)
+def test_a_file_that_is_cut_or_debris_is_refused(tmp_path):
     np.savez_compressed(tmp_path / ACTIONS_FILE, **{"pushing/0": GOOD, "pushing/1": GOOD})
     content = (tmp_path / ACTIONS_FILE).read_bytes()
     for end in range(0, len(content) - 1, 7):
@@ -126,5 +120,5 @@ def test_a_list_of_a_million_empty_entries_takes_no_memory(tmp_path, monkeypatch
     end = struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, 65535, 65535, 46 * 10**6, 0, 0)
     (tmp_path / ACTIONS_FILE).write_bytes(entry * 10**6 + end)
     monkeypatch.setattr(zipfile, "ZipFile", pytest.fail)
-    with pytest.raises(RunDirectoryError, match="lists more than 1 episodes"):
+    with pytest.raises(RunDirectoryError, match="lists more than 1 arrays"):
         read_actions(tmp_path, SPECS[:1])

@@ -1,7 +1,5 @@
 """Episodes under other conditions than the protocol's, for real."""
 
-from dataclasses import replace
-
 import numpy as np
 import pybullet
 import pytest
@@ -12,11 +10,12 @@ from minitouch_bench.evaluation.actors import AlteredSenses
 from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
+from minitouch_bench.runs.run import read_run
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.verify import verify_run
-from minitouch_bench.workflows.evaluate import EvaluateOptions, OutputOptions, evaluate
-from minitouch_bench.workflows.verify import VerifyOptions, verify
+from minitouch_bench.workflows.evaluate import evaluate
+from minitouch_bench.workflows.verify import verify
 
 ONE_WORKER = EngineOptions(workers=1)
 TRUSTED = IsolationOptions(Isolation.PROCESS, trust=True)
@@ -110,21 +109,14 @@ def test_twice_the_mass_has_twice_the_moments_of_inertia():
 
 
 def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
-    options = EvaluateOptions(
-        "random",
-        suite="smoke",
-        tasks=("pushing", "opening"),
-        episodes=1,
-        conditions=Conditions(without=("touch",), mass=(0.5, 2.0)),
-        output=OutputOptions(tmp_path / "run"),
-    )
-    saved = evaluate(options).saved
-    assert saved.header.unofficial_because[-2:] == ("without touch", "mass 0.5 to 2 times")
-    assert verify_run(tmp_path / "run", LocalEngine(1)).problems == ()
-    standard = replace(options, conditions=STANDARD, output=OutputOptions(tmp_path / "standard"))
-    others = evaluate(standard).saved
-    assert [one.seed for one in saved.episodes] == [one.seed for one in others.episodes]
-    assert saved.digest != others.digest
+    options = {"suite": "smoke", "tasks": "pushing,opening", "episodes": 1}
+    altered = {"without": ["touch"], "perturb": ["mass=0.5:2"], "output": tmp_path / "run"}
+    run = evaluate("random", **options, **altered).facts
+    assert run.header.unofficial_because[-2:] == ("without touch", "mass 0.5 to 2 times")
+    assert verify_run(read_run(tmp_path / "run"), LocalEngine(1)).problems == ()
+    other = evaluate("random", **options).facts
+    assert [row.seed for row in run.episodes] == [row.seed for row in other.episodes]
+    assert run.digest != other.digest
 
 
 @pytest.mark.usefixtures("importable")
@@ -144,22 +136,22 @@ def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
     ids=lambda conditions: ", ".join(conditions.in_words()),
 )
 def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, conditions):
-    options = EvaluateOptions(
+    options = conditions.as_options()
+    spelled = dict(zip(options[::2], options[1::2], strict=True))
+    evaluate(
         "misbehaved:Sensitive",
-        tasks=("pick-up",),
+        tasks="pick-up",
         episodes=1,
-        engine=ONE_WORKER,
-        isolation=TRUSTED,
-        conditions=conditions,
-        output=OutputOptions(tmp_path / "run"),
+        workers=1,
+        trust=True,
+        without=spelled.get("--without"),
+        perturb=spelled.get("--perturb"),
+        output=tmp_path / "run",
     )
-    evaluate(options)
-    asked = VerifyOptions(tmp_path / "run", rerun=1, engine=ONE_WORKER, isolation=TRUSTED)
-    found = verify(asked)
-    assert (found.problems, found.reran) == ((), 1)
+    again = verify(tmp_path / "run", rerun=1, workers=1, trust=True)
+    assert (again.problems, again.reran) == ((), 1)
 
 
 def test_the_scripted_policy_has_no_senses_to_change():
-    options = EvaluateOptions("scripted", conditions=Conditions(without=("vision",)))
     with pytest.raises(UsageError, match="reads the simulator"):
-        evaluate(options)
+        evaluate("scripted", without="vision")

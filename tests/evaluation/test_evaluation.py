@@ -1,3 +1,5 @@
+import shutil
+
 import pytest
 
 from minitouch_bench.errors import (
@@ -7,34 +9,30 @@ from minitouch_bench.errors import (
     UsageError,
 )
 from minitouch_bench.evaluation.actors import prepare_policies
-from minitouch_bench.evaluation.engine import EngineOptions
-from minitouch_bench.evaluation.journal import read_journal
-from minitouch_bench.evaluation.run import open_run
-from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
+from minitouch_bench.evaluation.run import open_run, package_versions
+from minitouch_bench.files import ACTIONS_FILE, UNFINISHED
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.policies.limits import limits_of
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.records import Outcome, Role
+from minitouch_bench.records import Outcome
+from minitouch_bench.runs.plan import make_plan
+from minitouch_bench.runs.unfinished import UnfinishedRun
+from minitouch_bench.simulation.bullet import installed_builds
+from minitouch_bench.units import unit_name
 from minitouch_bench.workflows import Callbacks
-from minitouch_bench.workflows.evaluate import EvaluateOptions, OutputOptions, evaluate
+from minitouch_bench.workflows.evaluate import evaluate
 from tests.evaluation.runs import digests, request, run
+
+KEYS = ["pushing/0", "pushing/1", "opening/0", "opening/1", "pick-up/0", "pick-up/1"]
 
 
 def test_a_run_holds_every_episode_in_the_suite_s_order(finished):
     done, _ = finished
-    assert [record.spec.key for record in done.records] == [
-        "pushing/0",
-        "pushing/1",
-        "opening/0",
-        "opening/1",
-        "pick-up/0",
-        "pick-up/1",
-    ]
-    assert {record.outcome for record in done.records} == {Outcome.SUCCESS}
+    assert [spec.key for spec, _ in done.rows()] == KEYS
+    assert {row.outcome for row in done.episodes} == {Outcome.SUCCESS}
     assert done.header.official is False
     assert done.environment.workers == 1
-    assert done.environment.packages["pybullet"] == "3.2.7"
+    assert done.environment.packages.items() >= installed_builds().items()
 
 
 def test_two_workers_give_the_same_bits(finished, tmp_path):
@@ -51,23 +49,34 @@ def test_a_policy_s_own_chance_comes_from_the_episode_alone(tmp_path):
     wanted = request("random", ("opening",), 2)
     runs = [run(wanted, tmp_path / str(workers), workers) for workers in (1, 2)]
     assert digests(runs[0]) == digests(runs[1])
-    one, other = (record.trace.actions for record in runs[0].records)
+    one, other = runs[0].actions.values()
     assert one[0].tolist() != other[0].tolist()
 
 
-def cut(source, target, lines, extra=b""):
-    """Copy the first lines of a journal, and perhaps a torn one."""
-    content = (source / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
-    (target / JOURNAL_FILE).write_bytes(b"".join(content[:lines]) + extra)
+def begin(source, target, count):
+    """Copy the first episodes that a run kept."""
+    (target / UNFINISHED).mkdir()
+    for name in ["header", *map(unit_name, KEYS[:count])]:
+        shutil.copy(source / UNFINISHED / f"{name}.unit", target / UNFINISHED)
 
 
-@pytest.mark.parametrize("lines", [1, 4, 7])
-def test_resuming_gives_the_same_run(finished, tmp_path, lines):
+@pytest.mark.parametrize("count", [0, 3, 6])
+def test_resuming_gives_the_same_run(finished, tmp_path, count):
     done, directory = finished
-    cut(directory, tmp_path, lines, b'{"crc32":"00' if lines < 7 else b"")
+    begin(directory, tmp_path, count)
     again = run(request(), tmp_path, workers=2, resume=True)
     assert digests(again) == digests(done)
     assert (tmp_path / ACTIONS_FILE).read_bytes() == (directory / ACTIONS_FILE).read_bytes()
+
+
+def test_a_damaged_episode_and_one_of_another_run_are_played_again(finished, tmp_path):
+    done, directory = finished
+    begin(directory, tmp_path, 6)
+    (tmp_path / UNFINISHED / "pushing-1.unit").write_bytes(b"torn")
+    shutil.copy(directory / UNFINISHED / "opening-1.unit", tmp_path / UNFINISHED / "opening-0.unit")
+    opened = open_run(request(), tmp_path, resume=True, fresh=False)
+    assert len(opened.records) == 4
+    assert digests(run(request(), tmp_path, resume=True)) == digests(done)
 
 
 @pytest.mark.parametrize(
@@ -82,27 +91,31 @@ def test_resuming_gives_the_same_run(finished, tmp_path, lines):
     ],
 )
 def test_a_run_of_other_settings_is_not_resumed(finished, tmp_path, other, difference):
-    cut(finished[1], tmp_path, 2)
+    begin(finished[1], tmp_path, 1)
     with pytest.raises(RunDirectoryError, match="another run") as caught:
         run(other, tmp_path, resume=True)
     assert difference in str(caught.value)
 
 
 def test_a_directory_that_holds_a_run_is_neither_resumed_nor_replaced_unasked(finished, tmp_path):
-    cut(finished[1], tmp_path, 7)
+    begin(finished[1], tmp_path, 6)
     with pytest.raises(RunDirectoryError, match=r"--resume.*--fresh"):
         run(request(), tmp_path)
     with pytest.raises(UsageError, match="choose one"):
         run(request(), tmp_path, resume=True, fresh=True)
-    before = (tmp_path / JOURNAL_FILE).read_bytes()
-    assert before == (finished[1] / JOURNAL_FILE).read_bytes()
+    for file in (tmp_path / UNFINISHED).iterdir():
+        assert file.read_bytes() == (finished[1] / UNFINISHED / file.name).read_bytes()
 
 
 def test_a_fresh_run_replaces_the_old_one_and_leaves_the_rest(finished, tmp_path):
-    cut(finished[1], tmp_path, 7)
+    begin(finished[1], tmp_path, 6)
     (tmp_path / "notes.txt").write_text("mine")
     done = run(request(tasks=("opening",), episodes=1), tmp_path, fresh=True)
-    assert [record.spec.key for record in done.records] == ["opening/0"]
+    assert [spec.key for spec, _ in done.rows()] == ["opening/0"]
+    assert sorted(path.name for path in (tmp_path / UNFINISHED).iterdir()) == [
+        "header.unit",
+        "opening-0.unit",
+    ]
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
@@ -121,36 +134,36 @@ def test_a_directory_of_other_files_is_refused_and_fresh_keeps_them(tmp_path, na
 
 def test_resuming_what_never_began_begins(tmp_path):
     done = run(request(tasks=("opening",), episodes=1), tmp_path, resume=True)
-    assert len(done.records) == 1
+    assert len(done.episodes) == 1
 
 
 def test_faults_stay_in_the_denominator_and_the_rest_goes_on(tmp_path, importable):
     wanted = request("misbehaved:FaultInPushing", ("pushing", "opening"), 1)
     done = run(wanted, tmp_path)
-    pushing, opening = done.records
+    pushing, opening = done.episodes
     assert pushing.outcome is Outcome.POLICY_FAULT
-    assert "NaN" in pushing.fault
-    assert len(pushing.trace.actions) == 2
+    assert pushing.steps == len(done.actions["pushing/0"]) == 2
     assert opening.outcome is Outcome.STEP_LIMIT
-    assert opening.fault == ""
+    assert done.faults.keys() == {"pushing/0"}
+    assert "NaN" in done.faults["pushing/0"]
 
 
 def test_a_run_that_begins_with_ten_faults_ends_and_can_be_resumed(tmp_path, importable):
     wanted = request("misbehaved:Hopeless", ("opening",), 12)
     with pytest.raises(HopelessRunError, match="policy faults: the policy said: ValueError"):
         run(wanted, tmp_path)
-    assert len(read_journal(tmp_path).records) == 10
+    assert len(UnfinishedRun(tmp_path).records(wanted.plan.specs())) == 10
     done = run(wanted, tmp_path, resume=True)
-    assert [record.outcome for record in done.records] == [Outcome.POLICY_FAULT] * 12
+    assert [row.outcome for row in done.episodes] == [Outcome.POLICY_FAULT] * 12
 
 
 def test_ten_faults_are_a_whole_run_and_nine_are_no_reason(tmp_path, importable, monkeypatch):
     wanted = request("misbehaved:Hopeless", ("opening",), 10)
-    assert len(run(wanted, tmp_path / "whole").records) == 10
+    assert len(run(wanted, tmp_path / "whole").episodes) == 10
     wanted = request("misbehaved:Hopeless", ("opening",), 11, isolation=Isolation.PROCESS)
-    monkeypatch.setenv("FINE", str(wanted.specs()[3].policy_seed))
+    monkeypatch.setenv("FINE", str(wanted.plan.specs()[3].policy_seed))
     monkeypatch.setattr("minitouch_bench.evaluation.run.HOPELESS_AFTER", 4)
-    assert len(run(wanted, tmp_path / "fine").records) == 11
+    assert len(run(wanted, tmp_path / "fine").episodes) == 11
 
 
 def test_a_run_of_other_packages_is_not_resumed(tmp_path, monkeypatch):
@@ -172,30 +185,25 @@ def test_another_episode_timeout_is_unofficial_and_another_run(tmp_path):
     assert "600 s per episode" in other.header().unofficial_because
     assert not any("per episode" in reason for reason in usual.header().unofficial_because[1:])
     run(other, tmp_path)
-    assert read_journal(tmp_path).header == other.header()
-    assert limits_of(other.header()).episode_timeout_s == 600.0
-    with pytest.raises(RunDirectoryError, match=r"600\.0 there, the usual asked for"):
+    UnfinishedRun(tmp_path).check(other.header(), package_versions())
+    with pytest.raises(RunDirectoryError, match=r"600\.0 there, \d+\.0 asked for"):
         run(usual, tmp_path, resume=True)
 
 
-def test_a_factory_cannot_read_the_journal_of_its_run(tmp_path, importable, monkeypatch):
+def test_a_factory_cannot_read_what_its_run_keeps(tmp_path, importable, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (record,) = run(request("misbehaved:ReadsItsRun", ("opening",), 1), tmp_path / "run").records
-    assert record.fault.startswith("the policy said: PermissionError")
+    done = run(request("misbehaved:ReadsItsRun", ("opening",), 1), tmp_path / "run")
+    assert done.faults["opening/0"].startswith("the policy said: PermissionError")
 
 
 def test_exploration_is_run_beside_the_final_policy(tmp_path):
     wanted = request("scripted", ("playing", "opening"), 1, exploration="zero")
     done = run(wanted, tmp_path)
-    assert [record.spec.key for record in done.records] == [
-        "playing/0",
-        "opening/0",
-        "exploration/opening/0",
-    ]
-    final, exploration = done.records[1:]
+    keys = [spec.key for spec, _ in done.rows()]
+    assert keys == ["playing/0", "opening/0", "exploration/opening/0"]
+    final, exploration = done.episodes[1], done.exploration_episodes[0]
     assert (final.outcome, exploration.outcome) == (Outcome.SUCCESS, Outcome.STEP_LIMIT)
-    assert exploration.spec.role is Role.EXPLORATION
-    assert exploration.spec.seed == final.spec.seed
+    assert exploration.seed == final.seed
 
 
 @pytest.fixture
@@ -230,9 +238,9 @@ def test_a_policy_killed_from_outside_is_tried_again_with_the_same_result(
 def test_a_policy_gains_nothing_by_being_killed(deaths_file, importable, policy, deaths, fault):
     deaths_file.write_text(str(deaths))
     wanted = request(f"misbehaved:{policy}", ("opening",), 1, isolation=Isolation.PROCESS)
-    (record,) = run(wanted, deaths_file.parent / "run").records
-    assert record.outcome is Outcome.POLICY_FAULT
-    assert fault in record.fault
+    done = run(wanted, deaths_file.parent / "run")
+    assert done.episodes[0].outcome is Outcome.POLICY_FAULT
+    assert fault in done.faults["opening/0"]
 
 
 def test_a_resumed_run_holds_a_policy_to_the_actions_of_before(deaths_file, importable):
@@ -241,31 +249,37 @@ def test_a_resumed_run_holds_a_policy_to_the_actions_of_before(deaths_file, impo
     wanted = request("misbehaved:KillsItsWorker", ("opening",), 1, isolation=Isolation.PROCESS)
     with pytest.raises(InfrastructureError):
         run(wanted, place)
-    assert [path.name for path in (place / "attempts").iterdir()] == ["opening-0"]
-    (record,) = run(wanted, place, resume=True).records
-    assert "did not repeat its actions" in record.fault
-    assert not (place / "attempts").exists()
+    kept = place / UNFINISHED
+    assert {path.name for path in kept.iterdir()} == {"header.unit", "opening-0.given"}
+    done = run(wanted, place, resume=True)
+    assert "did not repeat its actions" in done.faults["opening/0"]
+    assert {path.name for path in kept.iterdir()} == {"header.unit", "opening-0.unit"}
 
 
-def test_resuming_what_was_never_begun_is_told(tmp_path):
-    told = []
-    options = EvaluateOptions(
-        "zero",
-        tasks=("opening",),
-        episodes=1,
-        engine=EngineOptions(workers=1),
-        output=OutputOptions(tmp_path / "run", resume=True),
-    )
-    for _ in range(2):
-        evaluate(options, Callbacks(note=told.append))
-    assert told == [f"there is no run in {tmp_path / 'run'} to resume: a new one begins"]
+def test_what_there_is_to_resume_is_said_and_the_views_are_written_again(tmp_path):
+    notes, directory = [], tmp_path / "run"
+    options = {"tasks": "opening", "episodes": 1, "workers": 1, "output": directory}
+    options |= {"resume": True, "callbacks": Callbacks(note=notes.append)}
+    first = evaluate("zero", **options).facts
+    assert not (directory / UNFINISHED).exists()
+    content = {path.name: path.read_bytes() for path in directory.iterdir()}
+    (directory / "report.html").unlink()
+    (directory / "episodes.csv").write_text("edited")
+    (directory / UNFINISHED).mkdir()  # a crash after the last file left it
+    again = evaluate("zero", **options).facts
+    assert again == first
+    assert content == {path.name: path.read_bytes() for path in directory.iterdir()}
+    assert notes == [
+        f"there is no run in {directory} to resume: a new one begins",
+        f"{directory} holds the finished run: no episode is missing",
+    ]
 
 
-def test_a_policy_named_after_one_task_that_plays_others_is_told(tmp_path):
-    told = []
+def test_a_policy_named_after_one_task_that_plays_others_is_named(tmp_path):
+    notes = []
     file = tmp_path / "pushing.safetensors"
     save_native(TouchActor(action_size=4), file)
     for tasks in (("pushing",), ("pushing", "opening")):
-        prepare_policies(file, tasks, note=told.append)
-    (line,) = told
+        prepare_policies(file, make_plan("table4", tasks), note=notes.append)
+    (line,) = notes
     assert line.startswith(f"{file} is named after pushing and plays pushing, opening: ")

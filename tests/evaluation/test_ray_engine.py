@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import shutil
 import signal
 import socket
 import sys
@@ -18,7 +19,7 @@ from minitouch_bench.cache import VARIABLE
 from minitouch_bench.errors import InfrastructureError, MissingExtraError, UsageError
 from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.ray_engine import RayEngine
-from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
+from minitouch_bench.files import ACTIONS_FILE, UNFINISHED
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.protocol.minitouch import TASK_NAMES
@@ -75,7 +76,7 @@ def test_two_nodes_give_the_bits_of_one_worker_on_every_task(cluster, script, tm
         assert engine.workers == 2
         there = run(wanted, tmp_path / "there", engine=engine)
     assert digests(there) == digests(here)
-    assert {record.fault for record in there.records} == {""}
+    assert there.faults == {}
     assert there.header == here.header
     actions = [(tmp_path / place / ACTIONS_FILE).read_bytes() for place in ("here", "there")]
     assert actions[0] == actions[1]
@@ -85,14 +86,14 @@ def test_two_nodes_give_the_bits_of_one_worker_on_every_task(cluster, script, tm
 @pytest.mark.slow
 def test_a_run_begun_here_goes_on_there_and_ends_here(finished, cluster, tmp_path):
     done, directory = finished
-    lines = (directory / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
-    (tmp_path / JOURNAL_FILE).write_bytes(b"".join(lines[:3]))
+    shutil.copytree(directory / UNFINISHED, tmp_path / UNFINISHED)
     wanted = request()
+    for lost in ("opening-0", "pick-up-1"):
+        (tmp_path / UNFINISHED / f"{lost}.unit").unlink()
     with engine_on(cluster, 1) as (engine, _):
         again = run(wanted, tmp_path, engine=engine, resume=True)
     assert digests(again) == digests(done)
-    lines = (tmp_path / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
-    (tmp_path / JOURNAL_FILE).write_bytes(b"".join(lines[:5]))
+    (tmp_path / UNFINISHED / "pushing-1.unit").unlink()
     assert digests(run(wanted, tmp_path, resume=True)) == digests(done)
 
 
@@ -117,7 +118,7 @@ def test_the_checkpoint_may_go_once_the_episodes_have_begun(cluster, script, tmp
 def test_a_node_that_joins_is_used_and_its_loss_costs_time_only(cluster, tmp_path):
     wanted = request("zero", TASK_NAMES, 6)
     here = run(wanted, tmp_path, workers=2)
-    specs = wanted.specs()
+    specs = wanted.header().specs()
     found, used = {}, False
     with contextlib.ExitStack() as stack, engine_on(cluster) as (engine, notes):
         for record in engine.run(wanted.setup, specs):
@@ -137,7 +138,7 @@ def test_a_node_that_joins_is_used_and_its_loss_costs_time_only(cluster, tmp_pat
 def test_a_worker_that_dies_is_replaced_and_its_policy_dies_with_it(cluster, tmp_path):
     wanted = request("zero", ("opening",), 3)
     here = run(wanted, tmp_path)
-    specs = wanted.specs()
+    specs = wanted.header().specs()
     found, hosts = {}, set()
     with engine_on(cluster, 1) as (engine, notes):
         for record in engine.run(wanted.setup, specs):
@@ -170,7 +171,7 @@ def test_an_episode_is_tried_three_times_where_its_node_stays(cluster, tmp_path,
     counter = Path(os.environ["DEATHS"])
     counter.write_text(str(deaths))
     wanted = request("misbehaved:KillsItsWorkerOnce", ("opening",), 1, isolation=Isolation.PROCESS)
-    specs = wanted.specs()
+    specs = wanted.header().specs()
     with engine_on(cluster) as (engine, _):
         if deaths < 3:
             assert len(list(engine.run(wanted.setup, specs))) == 1
@@ -182,7 +183,7 @@ def test_an_episode_is_tried_three_times_where_its_node_stays(cluster, tmp_path,
 
 @pytest.mark.slow
 def test_breaking_off_ends_the_workers(cluster):
-    specs = request("zero", TASK_NAMES, 4).specs()
+    specs = request("zero", TASK_NAMES, 4).header().specs()
     before = policy_hosts()
     with engine_on(cluster) as (engine, _):
         records = engine.run(request("zero").setup, specs)
@@ -245,7 +246,7 @@ def test_where_every_node_is_refused_nothing_runs(tmp_path):
         address = stack.enter_context(ray_nodes.head())
         engine, notes = stack.enter_context(engine_on(address))
         with pytest.raises(InfrastructureError, match=r"no node of the cluster can run"):
-            list(engine.run(request().setup, request().specs()))
+            list(engine.run(request().setup, request().header().specs()))
         assert len(notes) == 1
 
 

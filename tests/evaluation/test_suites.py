@@ -1,20 +1,17 @@
 from dataclasses import replace
 
 import pytest
+import typer
 
+from minitouch_bench.cli.app import app
+from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.run import RunRequest
-from minitouch_bench.evaluation.suites import (
-    SUITES,
-    choose_episodes,
-    choose_tasks,
-    find_suite,
-    why_unofficial,
-)
-from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.policies.limits import PolicyLimits
+from minitouch_bench.policies.sources import identify, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.records import IN_MEMORY, Role
+from minitouch_bench.runs.plan import choose_episodes, choose_tasks, find_suite, make_plan
+from minitouch_bench.runs.run import why_unofficial
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 
 TABLE4 = find_suite("table4")
@@ -77,20 +74,56 @@ def test_novel_shapes_faces_each_held_out_shape_once_and_as_many_others():
 
 
 def test_what_makes_a_run_unofficial_is_said():
-    header = RunRequest(TABLE4, TASK_NAMES, 100, 0, PolicySetup(parse_source("zero"))).header()
-    assert header.official
-    assert why_unofficial(header, TABLE4) == ()
-    changed = replace(header, tasks=("pushing",), episodes=3, seed=7)
-    assert why_unofficial(changed, TABLE4) == (
+    plan = make_plan("table4")
+    assert plan.why_unofficial() == ()
+    changed = replace(plan, tasks=("pushing",), episodes=3, seed=7)
+    assert changed.why_unofficial() == (
         "tasks pushing only",
         "3 of 100 episodes per task",
         "seed 7",
     )
-    assert why_unofficial(replace(header, episodes=5), SUITES["smoke"]) == ("suite smoke",)
-    patient = replace(header, act_timeout_s=60.0)
-    assert why_unofficial(patient, TABLE4) == ("60 s per action",)
-    in_memory = replace(header, exploration=replace(header.policy, kind=IN_MEMORY))
-    assert why_unofficial(in_memory, TABLE4) == ("policy in memory, beside the simulator",)
+    assert make_plan("smoke").why_unofficial() == ("suite smoke",)
+    limits = PolicyLimits(1.0, 60.0, 600.0, 1)
+    assert replace(plan, limits=limits).why_unofficial() == (
+        "60 s per action",
+        "600 s per episode",
+        "1 s to load",
+        "1 MiB of memory",
+    )
+    zero = identify(parse_source("zero"))
+    assert why_unofficial(plan, zero, None, "sandbox") == ()
+    in_memory = replace(zero, kind=IN_MEMORY)
+    assert why_unofficial(plan, zero, in_memory, "none") == (
+        "policy in memory, beside the simulator",
+    )
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        make_plan("table4"),
+        make_plan("smoke", ["opening", "pushing"], 3, 2**200),
+        make_plan("novel-shapes", episodes_from=["pushing/3,17", "pick-up/0"], seed=1),
+        make_plan(
+            "table4",
+            conditions=Conditions(("forces",), noise=2.5, mass=(0.5, 2.0)),
+            limits=PolicyLimits(act_timeout_s=2.0, episode_timeout_s=100.0),
+        ),
+    ],
+    ids=lambda plan: " ".join(plan.as_options()),
+)
+def test_the_options_of_a_plan_make_it_again(plan, monkeypatch):
+    made = []
+
+    def take(_policy, plan, *_, **__):
+        made.append(plan)
+        raise UsageError("enough")
+
+    monkeypatch.setattr("minitouch_bench.evaluation.actors.prepare_policies", take)
+    command = typer.main.get_command(app)
+    with pytest.raises(UsageError, match="enough"):
+        command.main(["evaluate", "zero", *plan.as_options()], standalone_mode=False)
+    assert made == [plan]
 
 
 def test_tasks_are_chosen_in_the_suite_s_order():
@@ -123,10 +156,8 @@ def test_unknown_episodes_are_usage_errors(asked):
 
 
 def test_a_label_names_a_few_chosen_episodes():
-    setup = PolicySetup(parse_source("zero"))
-    chosen = tuple(f"pushing/{index}" for index in range(8))
-    header = RunRequest(TABLE4, ("pushing",), 100, 0, setup, chosen).header()
-    assert header.unofficial_because == (
+    plan = make_plan("table4", episodes_from=["pushing/0,1,2,3,4,5,6,7"])
+    assert plan.why_unofficial() == (
         "episodes pushing/0, pushing/1, pushing/2, pushing/3, pushing/4, pushing/5 and 2 more only",
     )
 

@@ -1,4 +1,4 @@
-"""Submissions of official size without a simulator: each run as ``evaluate`` writes it."""
+"""Submissions of official size without a simulator: the facts of each run, as ``submit`` has."""
 
 import hashlib
 from dataclasses import replace
@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.evaluation.actions import write_actions
-from minitouch_bench.evaluation.suites import SUITES
-from minitouch_bench.leaderboard.packing import add_seed, begun_submission, tidy
+from minitouch_bench.leaderboard.packing import add_seed, begun_submission
 from minitouch_bench.leaderboard.proof import (
     PROVED_LEVELS,
     ProofLevel,
@@ -25,11 +23,11 @@ from minitouch_bench.leaderboard.submission import (
     run_place,
 )
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.metrics.summary import summarize
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import EvaluationRun, PolicyIdentity, Role, RunEnvironment, RunHeader
-from minitouch_bench.reporting.run_directory import write_run
-from tests.reporting.synthetic import make_record, with_fault
+from minitouch_bench.records import PolicyIdentity, Role
+from minitouch_bench.runs.actions import write_actions
+from minitouch_bench.runs.plan import SUITES, make_plan
+from minitouch_bench.runs.run import RunEnvironment, make_header, run_json
+from tests.reporting.synthetic import Played, make_record, measured, with_fault
 
 CHECKPOINT = b"weights of a policy that nobody ever loads"
 ABOUT = Submission(
@@ -47,7 +45,7 @@ ABOUT = Submission(
 
 def official_run(
     suite="table4", skill=0.8, seed=0, *, exploration=False, faults=0, kind="native"
-) -> EvaluationRun:
+) -> Played:
     """Make a run of every episode of a suite, its policy as good as ``skill`` says."""
     rng = np.random.default_rng([seed, len(suite), int(1000 * skill)])
     records = []
@@ -70,21 +68,8 @@ def official_run(
         policy = PolicyIdentity(kind, kind, kind, "", notes)
     if kind == "remote":
         policy = PolicyIdentity("host", "http://host:1", kind, "", ("remote",))
-    header = RunHeader(
-        protocol=PROTOCOL.name,
-        protocol_digest=PROTOCOL.digest(),
-        task_digests={task: PROTOCOL.task_digest(task, suite) for task in SUITES[suite].tasks},
-        suite=suite,
-        official=True,
-        unofficial_because=(),
-        tasks=SUITES[suite].tasks,
-        episodes=SUITES[suite].episodes_per_task,
-        seed=0,
-        policy=policy,
-        exploration=policy if exploration else None,
-        act_timeout_s=5.0,
-        isolation="none" if kind == "scripted" else "sandbox",
-    )
+    isolation = "none" if kind == "scripted" else "sandbox"
+    header = make_header(make_plan(suite), policy, policy if exploration else None, isolation)
     environment = RunEnvironment(
         packages={"minitouch-bench": "0.1.0", "pybullet": "3.2.7"},
         machine={"system": "Linux", "processor": "x86_64"},
@@ -92,15 +77,14 @@ def official_run(
         started="2025-03-04T10:20:30+00:00",
         wall_s=754.2,
     )
-    return EvaluationRun(header, environment, tuple(records))
+    return Played(header, environment, tuple(records))
 
 
-def write_official(run: EvaluationRun, place: Path) -> None:
-    """Write a run's files as ``submit`` does."""
+def write_official(run: Played, place: Path) -> None:
+    """Write a run's facts as ``submit`` does."""
     place.mkdir(parents=True)
     write_actions(run.records, place)
-    write_run(run, summarize(run, np.random.default_rng(0)), place)
-    tidy(place)
+    (place / "run.json").write_bytes(run_json(measured(run, place.name)))
 
 
 def make_submission(
@@ -137,7 +121,7 @@ def make_submission(
         told = replace(about, name=name, modalities=modalities)
         add_seed(directory, begun_submission(directory), told, entry)
     if level in PROVED_LEVELS:
-        write_proof(make_proof(validate(directory), level, 5), proof_path(directory))
+        write_proof(make_proof(validate(directory).runs, level, 5), proof_path(directory))
     return directory
 
 

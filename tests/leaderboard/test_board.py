@@ -11,12 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minitouch_bench.leaderboard import kept_rows
-from minitouch_bench.leaderboard.board import CALIBRATION, ScoredSubmission, make_board
+from minitouch_bench.documents import plain
+from minitouch_bench.leaderboard.board import CALIBRATION, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
-from minitouch_bench.leaderboard.build import build_board, score_submissions
-from minitouch_bench.leaderboard.entries import Ending, Episodes
-from minitouch_bench.leaderboard.kept_rows import file_state
+from minitouch_bench.leaderboard.build import build_board, find_submissions, read_entry
+from minitouch_bench.leaderboard.entries import Ending
 from minitouch_bench.leaderboard.proof import (
     MAX_PROOF,
     ProofLevel,
@@ -24,13 +23,21 @@ from minitouch_bench.leaderboard.proof import (
     proof_path,
     write_proof,
 )
-from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL, _gap
+from minitouch_bench.leaderboard.scores import (
+    BOARD_METRICS,
+    GAP_PARTS,
+    MEAN_SUCCESS,
+    OVERALL,
+    score_gaps,
+)
 from minitouch_bench.leaderboard.site import index_html
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.leaderboard.views import views
 from minitouch_bench.metrics.definitions import ranking_metric
+from minitouch_bench.metrics.intervals import over_seeds, quadrature
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
-from minitouch_bench.reporting.run_directory import read_run, run_json
+from minitouch_bench.rendering.tables import estimate_cell
+from minitouch_bench.runs.run import read_run, run_json
 from tests.leaderboard.synthetic import make_submission
 
 BOTH = ("table4", "novel-shapes")
@@ -48,13 +55,20 @@ def submissions(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def scored(submissions):
-    return score_submissions(sorted(submissions.iterdir()))
+def built(submissions, tmp_path_factory):
+    output = tmp_path_factory.mktemp("built")
+    build_board(submissions, output)
+    return output
 
 
 @pytest.fixture(scope="module")
-def board(scored):
-    return make_board(scored)
+def entries(submissions):
+    return [read_entry(path) for path in find_submissions(submissions)]
+
+
+@pytest.fixture(scope="module")
+def board(entries):
+    return make_board(entries)
 
 
 @pytest.fixture(scope="module")
@@ -62,50 +76,63 @@ def rows(board):
     return {row.name: row for row in board.rows}
 
 
-def test_figures_of_one_seed_are_those_of_its_run(submissions, rows):
-    run = read_run(submissions / "hac" / "seed-0" / "table4")
-    for task in run.summary.tasks:
-        for metric in ("success", "exploration", "touched"):
-            if metric in task.estimates:
-                assert rows["hac"].estimate(task.task, metric) == task.estimates[metric]
-        for metric in ("episode_steps", "touch_interaction", "touch_onsets", "time_to_first_touch"):
-            if metric in task.estimates:
-                mine, theirs = (
-                    rows["hac"].estimate(task.task, metric),
-                    task.estimates[metric],
-                )
-                width = theirs.high - theirs.low
-                assert mine.value == pytest.approx(theirs.value, rel=1e-12)
-                assert mine.count == theirs.count
-                assert mine.low == pytest.approx(theirs.low, abs=0.08 * width)
-                assert mine.high == pytest.approx(theirs.high, abs=0.08 * width)
+def test_every_interval_on_the_board_is_that_of_its_runs(submissions, built):
+    """Those of one seed are in its run.json; of several, ``over_seeds`` of those."""
+    document = json.loads((built / "leaderboard.json").read_text())
+    compared = 0
+    for row in (*document["ranked"], *document["calibration"]):
+        runs = [read_run(submissions / row["name"] / place) for place in row["runs"]]
+        main = [
+            {task.task: task.estimates for task in run.summary.tasks}
+            for run in runs
+            if run.plan.suite == "table4"
+        ]
+        for task in TASK_NAMES:
+            for metric, figure in row["figures"][task].items():
+                estimates = [one[task][metric] for one in main]
+                assert figure == plain(over_seeds(estimates, task, metric))
+                assert len(main) > 1 or figure == plain(estimates[0])
+                compared += 1
+            shown = {name for name in BOARD_METRICS if all(name in one[task] for one in main)}
+            assert row["figures"][task].keys() == shown
+        for task, gap in row["novel_shapes"].items():
+            metric = ranking_metric(task)
+            gaps = [
+                result.gaps[metric]
+                for run in runs
+                for result in run.summary.generalization
+                if result.task == task
+            ]
+            for part, title in GAP_PARTS.items():
+                parts = [getattr(one, part) for one in gaps]
+                floor = quadrature(parts) if part == "difference" else None
+                name = f"{metric}, {title}"
+                assert gap[part] == plain(over_seeds(parts, task, name, over_episodes=floor))
+                compared += 1
+    assert compared > 150
 
 
-def test_the_gap_of_one_seed_is_that_of_its_run(submissions, rows):
-    run = read_run(submissions / "hac" / "seed-0" / "novel-shapes")
-    for result in run.summary.generalization:
-        mine = rows["hac"].novel_shapes[result.task]
-        theirs = result.gaps[ranking_metric(result.task)]
-        if result.task in GOAL_TASKS:
-            assert mine == theirs
-        else:
-            width = theirs.difference.high - theirs.difference.low
-            assert mine.difference.value == pytest.approx(theirs.difference.value, rel=1e-9)
-            assert mine.difference.low == pytest.approx(theirs.difference.low, abs=0.08 * width)
+def test_every_interval_on_the_pages_is_that_of_the_board(built, rows):
+    shown = (built / "leaderboard.md").read_text().replace("\\", "")
+    for row in rows.values():
+        page = (built / "submission" / f"{row.name}.html").read_text()
+        for task in TASK_NAMES:
+            for metric, figure in row.figures[task].items():
+                cell = estimate_cell(metric, figure)
+                assert f"{cell.text} <small>{cell.small}</small>" in page
+                assert f"{cell.text} {cell.small}" in shown
 
 
-def test_a_gap_over_two_seeds_is_no_narrower_than_over_their_episodes():
-    is_held_out = np.arange(400) % 2 == 0
-    listed = []
-    for more in (2, 4):  # of 200: two seeds that agree in the sign, as half of all do
-        values = np.ones(400)
-        values[np.flatnonzero(is_held_out)[:more]] = 0.0
-        none = np.zeros(400)
-        listed.append(Episodes(none, none, {"success": values}, is_held_out, ()))
-    gap = _gap(listed, "pushing")
-    assert gap.difference.value == pytest.approx(-0.015)
-    assert gap.difference.low < -0.02
-    assert gap.train.value == 1.0 > gap.train.low
+def test_a_gap_over_two_seeds_is_no_narrower_than_over_their_episodes(submissions):
+    (run,) = [read_run(submissions / "hac" / "seed-0" / "novel-shapes")]
+    (pushing,) = [result for result in run.summary.generalization if result.task == "pushing"]
+    gaps = [pushing.gaps["success"]] * 2  # two seeds that agree
+    summary = replace(run.summary, generalization=(pushing,))
+    gap = score_gaps([replace(run, summary=summary)] * 2)["pushing"]
+    assert gap.difference.value == gaps[0].difference.value
+    width = gaps[0].difference.high - gaps[0].difference.low
+    assert gap.difference.high - gap.difference.low == pytest.approx(width / 2**0.5)
+    assert gap.train.low < gap.train.value < gap.train.high
 
 
 def test_several_seeds_are_averaged_and_resampled(submissions, rows):
@@ -157,14 +184,12 @@ def test_calibrations_have_no_rank(board, rows):
     assert board.missing_calibration == CALIBRATION[1:]
 
 
-def test_every_episode_has_one_ending(scored, rows):
+def test_every_episode_has_one_ending(entries, rows):
     counts = rows["hac"].endings
     assert all(sum(own.values()) == 100 for own in counts.values())
     assert counts["pushing"][Ending.FAULT] == 4
-    (values,) = [
-        one.values for one in scored if isinstance(one, ScoredSubmission) and one.row.name == "hac"
-    ]
-    won = sum(values["pushing"][0])
+    (hac,) = [entry for entry in entries if entry.about.name == "hac"]
+    won = sum(episode.success for episode in hac.episodes("table4", "pushing")[0])
     assert counts["pushing"][Ending.SUCCEEDED] == won
     assert sum(rows["seeds"].endings["opening"].values()) == 300
     assert set(counts["playing"]) <= {Ending.TOUCHED, Ending.NEVER_TOUCHED}
@@ -177,9 +202,7 @@ def test_the_same_episodes_under_another_name_are_told(submissions, tmp_path):
     shutil.rmtree(copied / "seed-0")
     shutil.copytree(root / "near" / "seed-0", copied / "seed-0")
     places = [root / "near", copied]
-    same = {
-        row.name: row.same_episodes_as for row in make_board(score_submissions(places)).unranked
-    }
+    same = {row.name: row.same_episodes_as for row in make_board(map(read_entry, places)).unranked}
     assert same == {"near": ("copied",), "copied": ("near",)}
 
 
@@ -191,7 +214,7 @@ def test_a_copy_without_a_rank_is_told_and_filtered_on_the_site(submissions, tmp
     copied = make_submission(root, "copied", 0.5, level=ProofLevel.SELF_REPORTED)
     shutil.rmtree(copied / "seed-0")
     shutil.copytree(root / "near" / "seed-0", copied / "seed-0")
-    board = make_board(score_submissions([root / "near", copied]))
+    board = make_board([read_entry(root / "near"), read_entry(copied)])
     (overall, *_) = index_html(board, views(board)).split("</section>")
     _, ranked, unranked, _ = overall.split("<tbody")
     for part, name, other in ((ranked, "near", "copied"), (unranked, "copied", "near")):
@@ -211,8 +234,8 @@ def test_another_protocol_is_listed_apart_and_a_bad_one_left_out(submissions, tm
     file.write_bytes(run_json(replace(run, header=replace(run.header, task_digests=digests))))
     (root / "hac" / "submission.toml").unlink()
     (root / "README.md").write_text("hello")
-    built = build_board(root, tmp_path / "board")
-    assert (built.ranked, built.apart, len(built.refused)) == (2, 1, 1)
+    board = build_board(root, tmp_path / "board")
+    assert list(map(len, (board.ranked, board.other_protocol, board.refused))) == [2, 1, 1]
     text = (tmp_path / "board" / "leaderboard.md").read_text()
     assert "## Other protocols, not ranked\n\n- **near**" in text
     assert "## Left out\n\n- **hac**" in text
@@ -251,85 +274,8 @@ def with_method(row, method):
     return replace(row, method=method)
 
 
-def test_the_board_does_not_depend_on_the_order_of_submissions(submissions, board):
-    scored = score_submissions(sorted(submissions.iterdir(), reverse=True))
-    assert board_csv(make_board(scored)) == board_csv(board)
-
-
-def files_of(board):
-    return {
-        path.relative_to(board): path.read_bytes()
-        for path in board.rglob("*")
-        if path.is_file() and ".cache" not in path.parts
-    }
-
-
-def test_a_row_more_gives_the_board_that_all_rows_at_once_give(submissions, tmp_path):
-    root = tmp_path / "submissions"
-    shutil.copytree(submissions, root)
-    late = shutil.move(root / "near", tmp_path / "near")
-    assert build_board(root, tmp_path / "grown").new == 4
-    assert build_board(root, tmp_path / "grown").new == 0
-    shutil.move(late, root / "near")
-    assert build_board(root, tmp_path / "grown").new == 1
-    assert build_board(root, tmp_path / "whole").new == 5
-    assert files_of(tmp_path / "grown") == files_of(tmp_path / "whole")
-
-
-def test_what_changes_is_read_again_and_what_is_gone_is_forgotten(submissions, tmp_path):
-    root, board = tmp_path / "submissions", tmp_path / "board"
-    for name in ("near", "hac", "_proofs"):
-        shutil.copytree(submissions / name, root / name)
-    assert build_board(root, board).ranked == 2
-    table = root / "near" / "seed-0" / "table4" / "table4.csv"
-    text = table.read_text()
-    table.write_text(text.replace("0", "1", 1))
-    built = build_board(root, board)
-    assert (built.ranked, built.new, [one.name for one in built.refused]) == (1, 1, ["near"])
-    table.write_text(text)
-    shutil.rmtree(root / "hac")
-    assert build_board(root, board).ranked == 1
-    assert len(list((board / ".cache").glob("*.json"))) == 1
-    assert (board / ".cache" / ".gitignore").read_text() == "*\n"
-
-
-@pytest.mark.parametrize("content", ["", "{}", "no json", '{"scored": {}, "refusal": null}'])
-def test_a_kept_row_that_is_damaged_is_made_again(submissions, tmp_path, content):
-    root, board = tmp_path / "submissions", tmp_path / "board"
-    shutil.copytree(submissions / "near", root / "near")
-    build_board(root, board)
-    before = files_of(board)
-    (kept,) = (board / ".cache").glob("*.json")
-    kept.write_text(content)
-    assert build_board(root, board).new == 1
-    assert files_of(board) == before
-
-
-def test_a_kept_row_without_its_page_is_made_again(submissions, tmp_path):
-    root, board = tmp_path / "submissions", tmp_path / "board"
-    shutil.copytree(submissions / "near", root / "near")
-    build_board(root, board)
-    (page,) = (board / ".cache").glob("*.html")
-    page.unlink()
-    assert build_board(root, board).new == 1
-
-
-def test_files_that_have_not_changed_are_not_read_again(submissions, tmp_path, monkeypatch):
-    root, board = tmp_path / "submissions", tmp_path / "board"
-    shutil.copytree(submissions / "near", root / "near")
-    assert file_state(root / "near") == ""  # too new to be trusted
-    monkeypatch.setattr(kept_rows, "SETTLED_NS", 0)
-    build_board(root, board)
-    read = []
-    hashed = kept_rows.submission_digest
-    monkeypatch.setattr(kept_rows, "submission_digest", lambda one: read.append(one) or hashed(one))
-    assert (build_board(root, board).new, read) == (0, [])
-    table = root / "near" / "seed-0" / "table4" / "table4.csv"
-    before = table.stat()
-    table.write_text(table.read_text().replace("0", "1", 1))
-    os.utime(table, ns=(before.st_atime_ns, before.st_mtime_ns))
-    assert build_board(root, board).refused  # of the same size and time, but not the same file
-    assert read == [root / "near"]
+def test_the_board_does_not_depend_on_the_order_of_submissions(entries, board):
+    assert board_csv(make_board(reversed(entries))) == board_csv(board)
 
 
 def write_debris(path):
@@ -384,6 +330,20 @@ def test_a_proof_changes_its_row(submissions, tmp_path):
     shutil.copytree(submissions / "near", root / "near")
     build_board(root, board)
     verdict = validate(root / "near")
-    write_proof(make_proof(verdict, ProofLevel.REPLAYED), proof_path(root / "near"))
-    assert build_board(root, board).new == 1
+    write_proof(make_proof(verdict.runs, ProofLevel.REPLAYED), proof_path(root / "near"))
+    build_board(root, board)
     assert "replay-verified" in (board / "submission" / "near.html").read_text()
+
+
+def test_estimates_are_computed_again_where_no_proof_is_for_these_bytes(submissions, tmp_path):
+    root, file = tmp_path / "submissions", "near/seed-0/table4/run.json"
+    shutil.copytree(submissions, root)
+    run = read_run(root / "near/seed-0/table4")
+    task = run.summary.tasks[1]
+    steps = task.estimates["episode_steps"]
+    estimates = {**task.estimates, "episode_steps": replace(steps, low=steps.low - 1)}
+    tasks = (run.summary.tasks[0], replace(task, estimates=estimates), *run.summary.tasks[2:])
+    edited = replace(run, summary=replace(run.summary, tasks=tasks))
+    (root / file).write_bytes(run_json(edited))
+    (refused,) = build_board(root, tmp_path / "board").refused
+    assert "episode_steps.low" in refused.reasons[0]

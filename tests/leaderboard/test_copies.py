@@ -1,15 +1,22 @@
 """What exact comparison finds of runs that share episodes, and what it cannot find."""
 
+from types import SimpleNamespace
+
 from minitouch_bench.leaderboard.copies import find_copies
 
 
 def episodes(name, changed=0, number=400):
-    """Return a run's episodes, the first ``changed`` of them played in another way."""
-    return [f"pushing/{i} {name}{' otherwise' if i < changed else ''}" for i in range(number)]
+    """Return a run whose first ``changed`` episodes are played in another way."""
+    digests = [f"{name}{' otherwise' if i < changed else ''}" for i in range(number)]
+    return SimpleNamespace(
+        episodes=[
+            SimpleNamespace(task="pushing", index=i, digest=one) for i, one in enumerate(digests)
+        ]
+    )
 
 
 def test_runs_of_other_trainings_share_nothing():
-    assert find_copies({"a": episodes("a"), "b": episodes("b"), "c": ()}) == {}
+    assert find_copies({"a": episodes("a"), "b": episodes("b"), "c": episodes("c", number=0)}) == {}
 
 
 def test_every_pair_is_compared_and_the_earlier_run_is_named_first():
@@ -24,5 +31,5 @@ def test_half_of_the_smaller_run_is_enough():
 
 
 def test_a_copy_that_acts_otherwise_in_every_episode_is_not_found():
-    """As with noise, a gain of 0.9 or one idle step: see docs/submitting.md."""
+    """As with noise, a gain of 0.9 or one idle step: see docs/explanation/levels-of-proof.md."""
     assert find_copies({"a": episodes("a"), "b": episodes("a", 400)}) == {}

@@ -2,13 +2,13 @@
 
 import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
 
 from minitouch_bench.documents import write_json
 from minitouch_bench.errors import IncompleteCheckError
-from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.leaderboard.proof import (
@@ -23,9 +23,8 @@ from minitouch_bench.leaderboard.proof import (
 )
 from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict, validate
-from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.records import Role
-from minitouch_bench.reporting.run_directory import run_json, write_run
+from minitouch_bench.runs.run import read_run, run_json
 from minitouch_bench.verification.fresh import FreshResult
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows import Callbacks, ignore
@@ -42,25 +41,25 @@ PLACE = "seed-0/table4"
 
 
 @pytest.fixture(scope="module")
-def records(tmp_path_factory):
+def finished(tmp_path_factory):
     return run(request("scripted", ("opening",), 2), tmp_path_factory.mktemp("run") / "run")
 
 
 @pytest.fixture
-def verdict(records, tmp_path):
+def verdict(finished, tmp_path):
     """A run of two episodes as if it were a submission's: only its replay is looked at here."""
     directory = tmp_path / "submissions" / "scripted"
     place = directory / PLACE
     place.mkdir(parents=True)
-    write_actions(records.records, place)
-    saved = write_run(records, summarize(records, np.random.default_rng(0)), place)
+    shutil.copy(finished.directory / "actions.npz", place)
+    (place / "run.json").write_bytes(run_json(finished))
     submission = Submission(
         name="scripted",
         method="scripted",
         modalities=("state",),
         seeds=(TrainingSeed(0, {"table4": PLACE}),),
     )
-    return Verdict(directory, submission, {PLACE: saved}, ())
+    return Verdict(directory, submission, {PLACE: read_run(place)}, ())
 
 
 @pytest.fixture
@@ -107,37 +106,33 @@ def test_episodes_run_again_with_the_policy_give_the_same_actions(prover):
     assert not prover.problems
 
 
-def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, prover):
-    saved = verdict.runs[PLACE]
-    policy = dataclasses.replace(saved.header.policy, kind="native", digest="0" * 64)
-    header = dataclasses.replace(saved.header, policy=policy)
-    content = run_json(dataclasses.replace(saved, header=header))
-    (verdict.directory / PLACE / "run.json").write_bytes(content)
+def with_policy(verdict, **changes):
+    """Return the submission with another policy in its run."""
+    run = verdict.runs[PLACE]
+    policy = dataclasses.replace(run.header.policy, **changes)
+    changed = dataclasses.replace(run, header=dataclasses.replace(run.header, policy=policy))
+    return dataclasses.replace(verdict, runs={PLACE: changed})
+
+
+@pytest.mark.parametrize(
+    "policy",
+    [
+        {"kind": "native", "digest": "0" * 64},
+        # The address in a stranger's run is not contacted.
+        {"kind": "remote", "source": "http://127.0.0.1:1"},
+    ],
+)
+def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, policy):
+    prover = Prover(with_policy(verdict, **policy), LocalEngine(1), np.random.default_rng(3))
     with pytest.raises(IncompleteCheckError, match="checkpoint of seed 0 is not in the submission"):
         prover.run_again(1)
 
 
-def test_a_server_is_never_run_again(verdict, prover):
-    """Its address in a stranger's run is not contacted."""
-    saved = verdict.runs[PLACE]
-    policy = dataclasses.replace(saved.header.policy, kind="remote", source="http://127.0.0.1:1")
-    header = dataclasses.replace(saved.header, policy=policy)
-    content = run_json(dataclasses.replace(saved, header=header))
-    (verdict.directory / PLACE / "run.json").write_bytes(content)
-    with pytest.raises(IncompleteCheckError, match="not in the submission"):
-        prover.run_again(1)
-
-
 def test_what_was_replayed_is_proved_where_the_checkpoint_is_missing(verdict):
-    saved = verdict.runs[PLACE]
-    policy = dataclasses.replace(saved.header.policy, kind="native", digest="0" * 64)
-    changed = dataclasses.replace(saved, header=dataclasses.replace(saved.header, policy=policy))
-    (verdict.directory / PLACE / "run.json").write_bytes(run_json(changed))
-    given = dataclasses.replace(verdict, runs={PLACE: changed})
-    engine = EngineOptions(workers=1)
+    changed = with_policy(verdict, kind="native", digest="0" * 64)
     with pytest.raises(IncompleteCheckError, match="not in the submission"):
-        prove(given, ValidateOptions(rerun=1, engine=engine))
-    assert find_proof(given).level is ProofLevel.REPLAYED
+        prove(changed, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
+    assert find_proof(changed.directory, changed.runs).level is ProofLevel.REPLAYED
 
 
 # Proofs
@@ -145,17 +140,17 @@ def test_what_was_replayed_is_proved_where_the_checkpoint_is_missing(verdict):
 
 def test_a_proof_counts_for_the_very_bytes_alone(sound, tmp_path):
     verdict = validate(sound)
-    proof = make_proof(verdict, ProofLevel.REPLAYED)
+    proof = make_proof(verdict.runs, ProofLevel.REPLAYED)
     path = tmp_path / "_proofs" / "hac.json"
     write_proof(proof, path)
     assert read_proof(path) == proof
-    assert level_of(verdict, proof) is ProofLevel.REPLAYED
-    assert level_of(verdict, None) is ProofLevel.SELF_REPORTED
+    assert level_of(verdict.runs, proof) is ProofLevel.REPLAYED
+    assert level_of(verdict.runs, None) is ProofLevel.SELF_REPORTED
 
 
 def test_a_proof_that_an_older_version_wrote_is_read(sound, tmp_path):
     """It holds sketches of the actions, which nothing uses now."""
-    proof, path = make_proof(validate(sound), ProofLevel.RERUN, 50), tmp_path / "hac.json"
+    proof, path = make_proof(validate(sound).runs, ProofLevel.RERUN, 50), tmp_path / "hac.json"
     document = {**json.loads(write_json(proof)), "sketches": {PLACE: [0.25, -1.5]}}
     path.write_text(json.dumps(document))
     assert read_proof(path) == proof
@@ -163,21 +158,21 @@ def test_a_proof_that_an_older_version_wrote_is_read(sound, tmp_path):
 
 def test_a_proof_of_other_bytes_is_ignored(submission):
     verdict = validate(submission)
-    proof = make_proof(verdict, ProofLevel.RERUN, 5)
+    proof = make_proof(verdict.runs, ProofLevel.RERUN, 5)
     write_proof(proof, proof_path(submission))
-    assert find_proof(verdict) == proof
-    assert level_of(verdict, proof) is ProofLevel.RERUN
+    assert find_proof(verdict.directory, verdict.runs) == proof
+    assert level_of(verdict.runs, proof) is ProofLevel.RERUN
     file = submission / PLACE / "run.json"
     file.write_bytes(file.read_bytes() + b"\n")
-    assert find_proof(verdict) is None
+    assert find_proof(submission, validate(submission).runs) is None
 
 
 @pytest.mark.parametrize("known", [ProofLevel.REPLAYED, ProofLevel.RERUN])
 def test_a_weaker_proof_does_not_replace_a_stronger_one(verdict, known):
     """The second time by a maintainer who only replays."""
-    write_proof(make_proof(verdict, known, rerun_episodes=5), proof_path(verdict.directory))
+    write_proof(make_proof(verdict.runs, known, rerun_episodes=5), proof_path(verdict.directory))
     assert prove(verdict, ValidateOptions(replay=True, engine=EngineOptions(workers=1))) == ()
-    proof = find_proof(verdict)
+    proof = find_proof(verdict.directory, verdict.runs)
     assert proof.level is known
     assert proof.rerun_episodes == (5 if known is ProofLevel.RERUN else 0)
 
@@ -186,7 +181,7 @@ def fresh_proof(verdict, places, episodes):
     drop = FreshResult(Role.FINAL, "pushing", "success", 0.9, 0.88, episodes, 0.4)
     seeds, results = dict.fromkeys(places, 1), dict.fromkeys(places, (drop,))
     fresh = FreshProof("a phrase", episodes, seeds, results)
-    return make_proof(verdict, ProofLevel.FRESH, 50, fresh)
+    return make_proof(verdict.runs, ProofLevel.FRESH, 50, fresh)
 
 
 @pytest.mark.parametrize(
@@ -203,7 +198,7 @@ def test_a_row_is_fresh_where_each_of_its_runs_has_twenty_fresh_episodes_a_task(
     both = [f"seed-0/{suite}" for suite in ("table4", "novel-shapes")]
     shown = dataclasses.replace(verdict, runs=dict.fromkeys(both, verdict.runs[PLACE]))
     places = [f"seed-0/{suite}" for suite in suites]
-    assert level_of(shown, fresh_proof(verdict, places, episodes)) is level
+    assert level_of(shown.runs, fresh_proof(verdict, places, episodes)) is level
 
 
 @pytest.mark.parametrize(("count", "level"), [(1, ProofLevel.RERUN), (20, ProofLevel.FRESH)])
@@ -212,7 +207,7 @@ def test_a_few_fresh_episodes_give_no_level(verdict, monkeypatch, count, level):
     monkeypatch.setattr(Prover, "run_fresh", lambda *_: fresh)
     engine = EngineOptions(workers=1)
     assert prove(verdict, ValidateOptions(rerun=1, fresh_episodes=count, engine=engine)) == ()
-    proof = find_proof(verdict)
+    proof = find_proof(verdict.directory, verdict.runs)
     assert (proof.level, proof.fresh) == (level, fresh if count == 20 else None)
 
 
@@ -226,19 +221,20 @@ UNREAD = Problem("seed-0/table4", "it cannot be read", is_unchecked=True)
 )
 def test_a_failed_check_withdraws_an_older_proof(submission, monkeypatch, problems, is_withdrawn):
     level = ProofLevel.RERUN
-    write_proof(make_proof(validate(submission), level, 5), proof_path(submission))
+    write_proof(make_proof(validate(submission).runs, level, 5), proof_path(submission))
     monkeypatch.setattr("minitouch_bench.workflows.validate.prove", lambda *_: problems)
     found = validate_submission(submission, ValidateOptions(replay=True))
     assert found.problems == problems
     assert found.withdrawn == (level if is_withdrawn else None)
-    assert level_of(validate(submission), find_proof(validate(submission))) == (
+    runs = validate(submission).runs
+    assert level_of(runs, find_proof(submission, runs)) == (
         ProofLevel.SELF_REPORTED if is_withdrawn else level
     )
 
 
 def test_a_check_that_could_not_be_made_leaves_the_proof(verdict, monkeypatch):
     """The checkpoint is gone; the proof was made when it was there."""
-    write_proof(make_proof(verdict, ProofLevel.RERUN, 5), proof_path(verdict.directory))
+    write_proof(make_proof(verdict.runs, ProofLevel.RERUN, 5), proof_path(verdict.directory))
 
     def gone(*_):
         raise IncompleteCheckError("the final checkpoint of seed 0 is not in the submission")
@@ -246,7 +242,7 @@ def test_a_check_that_could_not_be_made_leaves_the_proof(verdict, monkeypatch):
     monkeypatch.setattr(Prover, "run_again", gone)
     with pytest.raises(IncompleteCheckError):
         prove(verdict, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
-    assert find_proof(verdict).level is ProofLevel.RERUN
+    assert find_proof(verdict.directory, verdict.runs).level is ProofLevel.RERUN
 
 
 def test_what_differs_counts_though_the_check_could_not_be_finished(verdict, monkeypatch):
@@ -266,7 +262,7 @@ def test_a_check_ends_when_its_time_is_up(verdict):
     with pytest.raises(IncompleteCheckError, match="not finished within 1e-09 s"):
         prove(verdict, options, Callbacks(episode=played.append))
     assert len(played) == 1
-    assert find_proof(verdict) is None
+    assert find_proof(verdict.directory, verdict.runs) is None
 
 
 def test_what_was_replayed_in_time_is_proved(verdict, monkeypatch):
@@ -276,7 +272,7 @@ def test_what_was_replayed_in_time_is_proved(verdict, monkeypatch):
     monkeypatch.setattr(Prover, "run_again", too_slow)
     with pytest.raises(IncompleteCheckError, match="--time-limit"):
         prove(verdict, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
-    assert find_proof(verdict).level is ProofLevel.REPLAYED
+    assert find_proof(verdict.directory, verdict.runs).level is ProofLevel.REPLAYED
 
 
 def test_a_proof_lies_beside_the_submissions(submission):
@@ -288,7 +284,7 @@ def test_a_remote_policy_stays_remote(verdict):
     policy = dataclasses.replace(saved.header.policy, kind="remote")
     saved = dataclasses.replace(saved, header=dataclasses.replace(saved.header, policy=policy))
     remote = dataclasses.replace(verdict, runs={PLACE: saved})
-    assert level_of(remote, make_proof(remote, ProofLevel.RERUN)) is ProofLevel.REMOTE
+    assert level_of(remote.runs, make_proof(remote.runs, ProofLevel.RERUN)) is ProofLevel.REMOTE
 
 
 def test_a_proof_inside_a_submission_is_an_unknown_file(submission):

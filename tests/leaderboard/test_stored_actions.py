@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
@@ -16,11 +15,9 @@ from minitouch_bench.leaderboard.submission import (
     checkpoint_place,
 )
 from minitouch_bench.leaderboard.validation import Verdict
-from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
 from minitouch_bench.records import Role
-from minitouch_bench.reporting.run_directory import write_run
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.fresh import fresh_seed
 from minitouch_bench.workflows.validate import Prover
@@ -67,25 +64,23 @@ def verdict(tmp_path_factory, request):
     (directory / CHECKPOINT).parent.mkdir(parents=True)
     solved = run(wanted_run("scripted", ("pushing",), OFFICIAL), directory.parent / "solved")
     environment = MiniTouchEnv("pushing")
-    specs = [record.spec for record in solved.records]
+    specs = solved.header.specs()
     images = [torch.from_numpy(environment.reset(seed=spec.seed)[0]["image"]) for spec in specs]
     keys = torch.stack(list(map(drawn, specs)) if by_seed else images).float()
-    actions = np.zeros((OFFICIAL, max(len(one.trace.actions) for one in solved.records), 4))
-    for row, record in zip(actions, solved.records, strict=True):
-        row[: len(record.trace.actions)] = record.trace.actions
+    recorded = [solved.actions[spec.key] for spec in specs]
+    actions = np.zeros((OFFICIAL, max(map(len, recorded)), 4))
+    for row, one in zip(actions, recorded, strict=True):
+        row[: len(one)] = one
     table = Table(keys, torch.from_numpy(actions).float(), by_seed=by_seed)
     with pytest.warns(DeprecationWarning, match="torch.jit"):
         torch.jit.save(torch.jit.script(table), directory / CHECKPOINT)
 
     wanted = wanted_run(str(directory / CHECKPOINT), ("pushing",), OFFICIAL)
     done = run(wanted, directory / PLACE)
-    (directory / PLACE / "journal.jsonl").unlink()
-    write_actions(done.records, directory / PLACE)
-    saved = write_run(done, summarize(done, np.random.default_rng(0)), directory / PLACE)
     digest = parse_source(str(directory / CHECKPOINT)).digest
     file = CheckpointFile(Role.FINAL, ALL_TASKS, "table.pt", digest, CHECKPOINT)
     seed = TrainingSeed(0, {"table4": PLACE}, (file,))
-    return Verdict(directory, Submission(name="table", seeds=(seed,)), {PLACE: saved}, ())
+    return Verdict(directory, Submission(name="table", seeds=(seed,)), {PLACE: done}, ())
 
 
 def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(verdict):
@@ -109,7 +104,8 @@ def test_fresh_episodes_tell(verdict):
 def test_fresh_episodes_of_novel_shapes_tell_too(verdict):
     """The same run as one of novel shapes: these episodes are all lost, as no scene is known."""
     saved = verdict.runs[PLACE]
-    novel = replace(saved, header=replace(saved.header, suite=NOVEL_SHAPES))
+    plan = replace(saved.plan, suite=NOVEL_SHAPES)
+    novel = replace(saved, header=replace(saved.header, plan=plan))
     place = f"seed-0/{NOVEL_SHAPES}"
     seed = replace(verdict.submission.seeds[0], runs={NOVEL_SHAPES: place})
     known = replace(

@@ -1,4 +1,4 @@
-"""The recipes of docs/libraries.md, run as they stand with the libraries that are installed."""
+"""The recipes of docs/how-to/other-libraries.md, run with the libraries that are installed."""
 
 import os
 import re
@@ -9,31 +9,29 @@ from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).parents[2] / "docs" / "libraries.md"
-RECIPES = dict(
-    re.findall(r"^## (.+)\n(?:(?!## ).*\n)*?```python\n((?:.*\n)*?)```", PAGE.read_text(), re.M)
-)
+DOCS = Path(__file__).parents[2] / "docs"
+EXAMPLES = DOCS / "examples"
+RECIPES = sorted(file.stem for file in (EXAMPLES / "libraries").glob("*.py"))
 NEEDS = {
-    "Stable-Baselines3 SAC": ("stable_baselines3", "'minitouch-bench[sb3]'"),
-    "Stable-Baselines3 PPO": ("stable_baselines3", "'minitouch-bench[sb3]'"),
-    "TorchRL": ("torchrl", "'torchrl>=0.14'"),
-    "skrl": ("skrl", "'skrl>=2'"),
-    "tianshou": ("tianshou", "'tianshou<1'"),
-    "Minari": ("jax", "'minari[create,hdf5]'"),
+    "sb3_sac": ("stable_baselines3", "'minitouch-bench[sb3]'"),
+    "sb3_ppo": ("stable_baselines3", "'minitouch-bench[sb3]'"),
+    "torchrl_ppo": ("torchrl", "'torchrl>=0.14'"),
+    "skrl_ppo": ("skrl", "'skrl>=2'"),
+    "tianshou_sac": ("tianshou", "'tianshou<1'"),
+    "minari_record": ("jax", "'minari[create,hdf5]'"),
 }
 """What a recipe imports, and what pip installs for it."""
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("library", RECIPES)
-def test_a_recipe_runs_unchanged(library, tmp_path):
-    if library in NEEDS:
-        module, package = NEEDS[library]
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_a_recipe_runs_unchanged(recipe, tmp_path):
+    if recipe in NEEDS:
+        module, package = NEEDS[recipe]
         pytest.importorskip(module, reason=f"pip install {package}")
-    (tmp_path / "recipe.py").write_text(RECIPES[library], encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "recipe.py"],
+        [sys.executable, EXAMPLES / "libraries" / f"{recipe}.py"],
         cwd=tmp_path,
         env={
             **os.environ,
@@ -47,11 +45,18 @@ def test_a_recipe_runs_unchanged(library, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+def test_the_page_shows_every_recipe():
+    page = (DOCS / "how-to" / "other-libraries.md").read_text()
+    shown = re.findall(r'^--8<-- "docs/examples/libraries/(\w+)\.py"$', page, re.M)
+    assert sorted(shown) == RECIPES
+    assert NEEDS.keys() <= set(RECIPES)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_the_example_draws_its_curve(tmp_path):
     pytest.importorskip("stable_baselines3", reason="pip install 'minitouch-bench[sb3]'")
-    script = PAGE.parent / "examples" / "curve.py"
+    script = EXAMPLES / "curve.py"
     assert len(script.read_text().splitlines()) < 30
     subprocess.run([sys.executable, script], cwd=tmp_path, check=True)
     assert (tmp_path / "curve.png").stat().st_size > 5000
@@ -60,10 +65,5 @@ def test_the_example_draws_its_curve(tmp_path):
 @pytest.mark.parametrize("extra", [("onnx", "onnxscript"), ("video", "moviepy")])
 def test_an_extra_brings_what_its_recipe_needs(extra):
     name, package = extra
-    project = tomllib.loads((PAGE.parents[1] / "pyproject.toml").read_text())["project"]
+    project = tomllib.loads((DOCS.parent / "pyproject.toml").read_text())["project"]
     assert any(one.startswith(package) for one in project["optional-dependencies"][name])
-
-
-def test_every_need_is_of_a_recipe():
-    assert NEEDS.keys() <= RECIPES.keys()
-    assert len(RECIPES) == 8

@@ -1,17 +1,21 @@
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from minitouch_bench.metrics.summary import (
     MIN_EPISODES,
     generalize,
     has_both_splits,
-    measure_run,
-    summarize,
 )
 from minitouch_bench.records import Role
-from tests.reporting.synthetic import SHAPE_TASKS, make_run, with_shapes, without_success
+from tests.reporting.synthetic import (
+    SHAPE_TASKS,
+    make_run,
+    rows_of,
+    summary_of,
+    with_shapes,
+    without_success,
+)
 
 ROOT = (1, 2, 3, 4)
 TOUCH = ("touch_interaction", "touch_share", "object_movement")
@@ -22,12 +26,12 @@ def novel_run(episodes: int = 40, tasks=SHAPE_TASKS):
 
 
 def of_task(run, task):
-    found = summarize(run, np.random.default_rng(3)).generalization
+    found = summary_of(run, 3).generalization
     return next(result for result in found if result.task == task)
 
 
 def test_goal_tasks_and_playing_have_their_metrics():
-    found = summarize(novel_run(), np.random.default_rng(3)).generalization
+    found = summary_of(novel_run(), 3).generalization
     assert [(result.task, tuple(result.gaps), result.family_metric) for result in found] == [
         ("playing", TOUCH, "touch_share"),
         *(
@@ -62,13 +66,13 @@ def test_families_divide_the_episodes():
 
 def test_same_seed_same_numbers():
     run = novel_run()
-    first = summarize(run, np.random.default_rng(3)).generalization
-    assert first == summarize(run, np.random.default_rng(3)).generalization
-    assert first != summarize(run, np.random.default_rng(4)).generalization
+    first = summary_of(run, 3).generalization
+    assert first == summary_of(run, 3).generalization
+    assert first != summary_of(run, 4).generalization
 
 
 def test_other_tasks_do_not_change_a_gap():
-    episodes = measure_run(novel_run())
+    episodes = rows_of(novel_run())
     alone = generalize([e for e in episodes if e.task == "pick-up"], ("pick-up",), ROOT)
     assert alone[0] == generalize(episodes, SHAPE_TASKS, ROOT)[-1]
 
@@ -77,14 +81,14 @@ def test_other_tasks_do_not_change_a_gap():
 def test_one_split_alone_has_no_gap(split):
     run = novel_run()
     one = tuple(replace(r, spec=replace(r.spec, split=split)) for r in run.records)
-    assert summarize(replace(run, records=one), np.random.default_rng(0)).generalization == ()
-    assert not has_both_splits(measure_run(replace(run, records=one)))
+    assert summary_of(replace(run, records=one), 0).generalization == ()
+    assert not has_both_splits(rows_of(replace(run, records=one)))
 
 
 def test_a_trivial_number_of_episodes_has_no_gap():
     enough = novel_run(2 * MIN_EPISODES, ("pushing",))
-    assert generalize(measure_run(enough), ("pushing",), ROOT)
-    assert not generalize(measure_run(enough)[:-1], ("pushing",), ROOT)
+    assert generalize(rows_of(enough), ("pushing",), ROOT)
+    assert not generalize(rows_of(enough)[:-1], ("pushing",), ROOT)
 
 
 def test_exploration_episodes_do_not_count():

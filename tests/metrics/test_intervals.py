@@ -1,14 +1,16 @@
+from collections import Counter
+from fractions import Fraction
+
 import numpy as np
 import pytest
+from scipy import stats
 
 from minitouch_bench.metrics.intervals import (
-    RESAMPLES,
     bootstrap_difference,
     bootstrap_mean,
-    mean_intervals,
     newcombe,
-    resample_weights,
-    stratified_intervals,
+    over_seeds,
+    quadrature,
     wilson,
 )
 
@@ -207,82 +209,86 @@ def test_bootstrap_of_a_difference_refuses_an_empty_sample():
         bootstrap_difference([1.0], [], np.random.default_rng(0))
 
 
-ROOT = (0,)
+def exact_bca(values, z=1.959963984540054):
+    """Return the BCa interval of a mean over all n^n resamples, each counted by exact fractions.
+
+    Ties with the estimate count by half, as in scipy.
+    """
+    sample = [Fraction(value) for value in values]
+    n = len(sample)
+    sums = {Fraction(0): 1}
+    for _ in range(n):
+        grown = Counter()
+        for total, ways in sums.items():
+            for value in sample:
+                grown[total + value] += ways
+        sums = grown
+    estimate, number = sum(sample), n**n
+    below = sum(ways for total, ways in sums.items() if total < estimate)
+    ties = sums[estimate]
+    bias = float(stats.norm.ppf(float(Fraction(2 * below + ties, 2 * number))))
+    influences = [float(n * value - estimate) for value in sample]
+    acceleration = sum(u**3 for u in influences) / (6 * sum(u**2 for u in influences) ** 1.5)
+    ends = []
+    for side in (-z, z):
+        level = stats.norm.cdf(bias + (bias + side) / (1 - acceleration * (bias + side)))
+        reached = Fraction(0)
+        for total in sorted(sums):
+            reached += Fraction(sums[total], number)
+            if reached >= level:
+                ends.append(float(total / n))
+                break
+    return ends
 
 
-@pytest.fixture(scope="module")
-def values():
-    return np.random.default_rng(5).gamma(2, 30, (150, 100))
+@pytest.mark.parametrize(
+    "values", [(1, 1, 1, 0.9, 0.8, 1, 1), (0, 0, 1, 1, 1, 0, 0, 1), (2, 2, 2, 3, 5, 2)]
+)
+def test_bootstrap_of_tied_values_is_that_of_exact_arithmetic(values):
+    estimate = bootstrap_mean([float(v) for v in values], np.random.default_rng(2), 200_000)
+    low, high = exact_bca([Fraction(str(value)) for value in values])
+    step = 0.05 / len(values) if 0.9 in values else 1 / len(values)
+    assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=step / 2)
 
 
-def test_each_resample_draws_as_many_values_as_there_are():
-    weights = resample_weights(100, ROOT, "a")
-    assert weights.shape == (RESAMPLES, 100)
-    assert (weights.sum(axis=1) == 100).all()
-    assert weights.mean() == pytest.approx(1)
-    assert weights.var() == pytest.approx(0.99, abs=0.01)  # of a multinomial count
+def test_values_that_differ_by_rounding_alone_have_an_interval():
+    estimate = bootstrap_mean([0.1, 0.1 + 2e-17, np.nextafter(0.1, 1)], np.random.default_rng(0))
+    assert estimate.low <= estimate.value <= estimate.high
 
 
-def test_streams_have_names_and_repeat():
-    again = resample_weights.__wrapped__(30, ROOT, "a")
-    assert np.array_equal(resample_weights(30, ROOT, "a"), again)
-    assert not np.array_equal(again, resample_weights(30, ROOT, "b"))
+# Over training seeds
 
 
-def test_intervals_are_those_of_the_plain_bootstrap(values):
-    limits = mean_intervals(values, resample_weights(100, ROOT, "a"))
-    for own, (low, high) in zip(values[:20], limits, strict=False):
-        plain = bootstrap_mean(own, np.random.default_rng(1))
-        width = plain.high - plain.low
-        assert low == pytest.approx(plain.low, abs=0.06 * width)
-        assert high == pytest.approx(plain.high, abs=0.06 * width)
+def test_the_estimate_of_one_seed_stays_as_it_is():
+    one = wilson(7, 10)
+    assert over_seeds([one], "pushing", "success") is one
+    assert over_seeds([], "pushing", "success") is None
 
 
-def test_an_interval_does_not_depend_on_the_other_rows(values):
-    weights = resample_weights(100, ROOT, "a")
-    alone = mean_intervals(values[77:78], weights)
-    assert mean_intervals(values, weights)[77].tolist() == alone[0].tolist()
+def test_seeds_are_resampled_and_a_share_is_no_narrower_than_over_all_episodes():
+    equal = over_seeds([wilson(50, 100)] * 3, "pushing", "success")
+    pooled = wilson(150, 300)
+    assert (equal.value, equal.low, equal.high, equal.count) == (0.5, pooled.low, pooled.high, 3)
+    apart = [wilson(10, 100), wilson(50, 100), wilson(90, 100)]
+    wide = over_seeds(apart, "pushing", "success")
+    plain = bootstrap_mean([0.1, 0.5, 0.9], np.random.default_rng(0))
+    assert (wide.low, wide.high) == pytest.approx((plain.low, plain.high), abs=0.02)
 
 
-def test_equal_values_have_no_width():
-    table = np.full((2, 100), 0.1)
-    assert mean_intervals(table, resample_weights(100, ROOT, "a")).tolist() == [[0.1, 0.1]] * 2
+def test_means_over_seeds_have_the_bootstrap_alone_or_what_they_are_given():
+    rng = np.random.default_rng(0)
+    means = [bootstrap_mean(rng.normal(5, 1, 50), rng) for _ in range(3)]
+    values = [mean.value for mean in means]
+    alone = over_seeds(means, "playing", "touch_share")
+    assert (alone.low, alone.high) == pytest.approx((min(values), max(values)))
+    assert alone == over_seeds(means, "playing", "touch_share")
+    given = over_seeds(means, "playing", "touch_share", over_episodes=quadrature(means))
+    assert given.low <= quadrature(means).low < quadrature(means).high <= given.high
 
 
-def test_an_episode_without_a_value_does_not_count(values):
-    weights = resample_weights(100, ROOT, "a")
-    table = np.concatenate([np.full(50, 3.0), np.full(50, np.nan)])[None]
-    assert mean_intervals(table, weights)[0] == pytest.approx(3.0)
-    rows = np.concatenate([table, values[:5]])
-    assert (
-        mean_intervals(rows, weights)[1:].tolist() == mean_intervals(values[:5], weights).tolist()
-    )
-
-
-def test_a_sample_without_a_value_has_no_interval():
-    table = np.full((2, 100), np.nan)
-    table[1, 3] = 1.0
-    limits = mean_intervals(table, resample_weights(100, ROOT, "a"))
-    assert np.isnan(limits[0]).all()
-    assert limits[1].tolist() == [1.0, 1.0]
-
-
-@pytest.mark.parametrize("draw", ["normal", "exponential"])
-def test_the_interval_covers_the_truth(draw):
-    rng = np.random.default_rng(8)
-    table = rng.normal(0, 1, (4000, 100)) if draw == "normal" else rng.exponential(1, (4000, 100))
-    truth = 0.0 if draw == "normal" else 1.0
-    limits = mean_intervals(table, resample_weights(100, ROOT, "coverage"))
-    covered = ((limits[:, 0] <= truth) & (truth <= limits[:, 1])).mean()
-    assert 0.93 <= covered <= 0.97
-
-
-def test_strata_are_resampled_apart():
-    rng = np.random.default_rng(2)
-    strata = [rng.normal(0, 1, (1, 100)) for _ in range(3)]
-    weights = [resample_weights(100, ROOT, name) for name in "abc"]
-    (limits,) = stratified_intervals(strata, weights)
-    width = limits[1] - limits[0]
-    # The error of a mean over three independent strata: sqrt of the sum of variances, over 3.
-    error = np.sqrt(sum(stratum.var() / 100 for stratum in strata)) / 3
-    assert width == pytest.approx(2 * 1.96 * error, rel=0.05)
+def test_quadrature_joins_independent_errors():
+    parts = [wilson(50, 100), wilson(50, 100)]
+    joined = quadrature(parts)
+    assert joined.value == 0.5
+    width = parts[0].high - parts[0].low
+    assert joined.high - joined.low == pytest.approx(width / 2**0.5)

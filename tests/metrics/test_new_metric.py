@@ -1,8 +1,12 @@
-"""Proof by doing: a metric is an entry in the table and a field of an episode, nothing else."""
+"""Proof by doing: a metric is an entry in the table and a field of an episode, nothing else.
+
+A fact on the board is one field with its type, nothing else.
+"""
 
 import csv
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -30,20 +34,35 @@ ENTRY = """    Metric(
         shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
     ),
 )
+# fmt: on
+"""
 
-METRICS:"""
+FACT = """    parameters: Annotated[
+        int, Meta(ge=0), Fact("Parameters", Place.COLUMN, "weights", amount, is_text=False)
+    ] = 0
+"""
+
+NOTES = "    notes: Annotated["
 
 SCRIPT = """
 import json, sys
+from dataclasses import replace
 from pathlib import Path
 from minitouch_bench.leaderboard.board import board_schema
 from minitouch_bench.leaderboard.build import build_board
-from minitouch_bench.reporting.run_directory import run_schema
-from tests.leaderboard.synthetic import make_submission
+from minitouch_bench.reporting.views import write_report, write_tables
+from minitouch_bench.runs.run import read_run
+from minitouch_bench.runs.schema import run_schema
+from tests.leaderboard.synthetic import ABOUT, make_submission, official_run, write_official
 
 root = Path(sys.argv[1])
-make_submission(root / "submissions", "random", 0.2, kind="random")
+about = replace(ABOUT, parameters=1_234_567)
+make_submission(root / "submissions", "random", 0.2, kind="random", about=about)
 build_board(root / "submissions", root / "board")
+write_official(official_run(kind="random"), root / "run")
+run = read_run(root / "run")
+write_tables(run, root / "run")
+write_report([run], root / "run")
 (root / "run.schema.json").write_text(json.dumps(run_schema()))
 (root / "leaderboard.schema.json").write_text(json.dumps(board_schema()))
 """
@@ -63,7 +82,8 @@ def built(tmp_path_factory) -> Path:
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("tests", "shapes"):
         (copy.parent / name).symlink_to(ROOT / name)
-    insert(copy / "metrics" / "definitions.py", ")\n\nMETRICS:", ENTRY)
+    insert(copy / "metrics" / "definitions.py", ")\n# fmt: on\n", ENTRY)
+    insert(copy / "leaderboard" / "submission.py", NOTES, f"{FACT}{NOTES}")
     field = "    clipped_actions: Count\n"
     insert(copy / "records.py", field, f"    peak_finger_force: float\n{field}")
     subprocess.run(
@@ -77,7 +97,7 @@ def built(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def run(built) -> Path:
-    return built / "submissions" / "random" / "seed-0" / "table4"
+    return built / "run"
 
 
 def test_it_is_a_column_of_the_episodes(run):
@@ -116,3 +136,15 @@ def test_it_is_on_the_board(built):
     for name in ("leaderboard.md", "index.html", "leaderboard.csv"):
         text = (board / name).read_text()
         assert "Peak finger force" in text or "peak_finger_force" in text
+
+
+def test_a_fact_is_on_the_board(built):
+    board = built / "board"
+    document = json.loads((board / "leaderboard.json").read_text())
+    assert document["calibration"][0]["parameters"] == 1_234_567
+    rows = list(csv.DictReader((board / "leaderboard.csv").read_text().splitlines()))
+    assert {row["parameters"] for row in rows if row["name"] == "random"} == {"1234567"}
+    for name in ("leaderboard.md", "index.html", "submission/random.html"):
+        text = (board / name).read_text()
+        assert "Parameters" in text
+        assert re.search(r"1\.23\sM", text)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.summary import measure, measure_run, summarize
+from minitouch_bench.metrics.summary import measure
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
-from tests.reporting.synthetic import make_run, with_fault
+from tests.reporting.synthetic import make_run, of_tasks, rows_of, summary_of, with_fault
 
 SPEC = EpisodeSpec(Role.FINAL, "pushing", 3, 42, 0, "mug-017")
 
@@ -106,32 +106,24 @@ def test_long_contact_does_not_overflow_int16():
     assert metrics.ticks == 200_000
 
 
-def rng(seed: int = 3) -> np.random.Generator:
-    return np.random.default_rng(seed)
-
-
 def by_task(run, seed: int = 3):
-    return {task.task: task for task in summarize(run, rng(seed)).tasks}
+    return {task.task: task for task in summary_of(run, seed).tasks}
 
 
 def test_tasks_keep_the_order_of_the_run():
     run = make_run(tasks=("opening", "playing"), episodes=3)
-    assert [task.task for task in summarize(run, rng()).tasks] == ["opening", "playing"]
+    assert [task.task for task in summary_of(run).tasks] == ["opening", "playing"]
 
 
 def test_same_seed_same_numbers():
     run = make_run(episodes=6)
-    assert summarize(run, rng()) == summarize(run, rng())
-    assert summarize(run, rng()) != summarize(run, rng(4))
+    assert summary_of(run) == summary_of(run)
+    assert summary_of(run) != summary_of(run, 4)
 
 
 def test_other_tasks_do_not_change_an_estimate():
     run = make_run(episodes=8)
-    header = replace(run.header, tasks=("opening",))
-    alone = replace(
-        run, header=header, records=tuple(r for r in run.records if r.spec.task == "opening")
-    )
-    assert by_task(alone)["opening"] == by_task(run)["opening"]
+    assert by_task(of_tasks(run, "opening"))["opening"] == by_task(run)["opening"]
 
 
 def test_metrics_draw_from_streams_of_their_own():
@@ -175,7 +167,7 @@ def test_exploration_needs_its_checkpoint():
 def test_exploration_counts_its_own_episodes_only():
     run = make_run(episodes=10, skill=1.0)
     pushing = by_task(run)["pushing"]
-    wins = sum(e.success for e in measure_run(run, Role.EXPLORATION) if e.task == "pushing")
+    wins = sum(e.success for e in rows_of(run, Role.EXPLORATION) if e.task == "pushing")
     assert pushing.estimates["exploration"].value == wins / 10
     assert pushing.estimates["success"].value == 1.0
     assert sum(pushing.outcomes.values()) == 10

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from minitouch_bench.policies.wire import Frame, pack_action, pack_frame
+from minitouch_bench.policies.wire import MAX_PAYLOAD, Frame, pack_action, pack_frame
 
 calls = 0
 """Acts so far in this process; a later episode must not see those of an earlier one."""
@@ -46,23 +46,29 @@ def close_pipes():
     time.sleep(1000)
 
 
-def say(words):
+def say(*packets):
     """Write to the evaluation past the code that answers for this policy."""
     for descriptor in range(3, 64):
         try:
-            os.write(descriptor, words)
+            for packet in packets:
+                os.write(descriptor, packet)
         except OSError:
             continue
 
 
-def say_only(words):
-    say(words)
+def say_only(packet):
+    say(packet)
     time.sleep(1000)
 
 
 def answer_ahead():
-    say(pack_frame(Frame.ACTION, pack_action(np.ones(4, np.float32))) * 3)
+    say(*3 * [pack_frame(Frame.ACTION, pack_action(np.ones(4, np.float32)))])
     return np.ones(4, np.float32)
+
+
+def speak_without_end():
+    while True:
+        say(bytes((Frame.ACTION,)) * MAX_PAYLOAD)
 
 
 def leave_child_behind():
@@ -87,6 +93,10 @@ ACTS = {
     "abort": os.abort,
     "close_pipes": close_pipes,
     "speak_nonsense": lambda: say_only(b"\xff" * 100),
+    "say_nothing": lambda: say_only(b""),
+    "speak_at_length": lambda: say_only(bytes((Frame.ACTION,)) * (MAX_PAYLOAD + 2)),
+    "speak_without_end": speak_without_end,
+    "cut_short": lambda: say_only(pack_frame(Frame.ACTION, pack_action(np.ones(4)))[:-1]),
     "name_no_type": lambda: say_only(pack_frame(Frame.ACTION, b",\0\0\0\0\0\0\0\0")),
     "claim_refusal": lambda: say_only(pack_frame(Frame.REFUSED, b"refused")),
     "claim_no_sandbox": lambda: say_only(pack_frame(Frame.UNCONFINED, b"no sandbox")),
@@ -137,7 +147,7 @@ def claiming_factory():
 
 
 def ready_at_once():
-    say(pack_frame(Frame.LOADED) + pack_frame(Frame.READY))
+    say(pack_frame(Frame.LOADED), pack_frame(Frame.READY))
     return Misbehaving()
 
 

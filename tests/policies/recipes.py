@@ -1,4 +1,4 @@
-"""Run the recipes of docs/policies.md, so that the page and the tests cannot differ."""
+"""Run the recipes of docs/how-to/export-a-policy.md: page and tests cannot differ."""
 
 import contextlib
 import re
@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-PAGE = Path(__file__).parents[2] / "docs" / "policies.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "export-a-policy.md"
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 

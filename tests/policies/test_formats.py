@@ -67,7 +67,7 @@ def test_native_files_of_another_form_are_refused(light):
 
     form = {"architecture": "hac-actor-v1", "action_size": 5}
     refused("native", b"", "damaged: it is not safetensors")
-    refused("native", b"plain text, long enough", "no native checkpoint: it declares a header")
+    refused("native", b"plain text, long enough", "not a native checkpoint: it declares a header")
     refused("native", content[:-100], "damaged")
     refused("native", safetensors.torch.save(tensors), "save_native")
     refused("native", written({**form, "architecture": "other"}), "architecture 'other'")
@@ -91,7 +91,7 @@ def test_native_files_that_do_not_say_their_images_were_trained_on_84_pixels(
 
 
 def test_torchscript_files_of_another_form_are_refused():
-    refused("torchscript", b"plain text", "no TorchScript file")
+    refused("torchscript", b"plain text", "not a TorchScript file")
     weights = io.BytesIO()
     torch.save({"weight": torch.zeros(3)}, weights)
     refused("torchscript", weights.getvalue(), "Weights alone are not enough")
@@ -140,7 +140,7 @@ def test_chance_in_a_graph_comes_from_the_episodes_seed(tmp_path, observation):
 
 
 def test_onnx_files_of_another_form_are_refused():
-    refused("onnx", b"plain text", "no ONNX file")
+    refused("onnx", b"plain text", "not an ONNX file")
     refused("onnx", onnx_bytes(inputs=("state", "touch")), r"inputs \['state', 'touch'\]")
     refused("onnx", onnx_bytes(output="mean"), r"outputs \['mean'\]")
     refused("onnx", onnx_bytes(image_shape=[1, 3, 84, 84]), "'image' is not uint8")

@@ -1,5 +1,6 @@
 """Real policy processes, and everything that can go wrong in one."""
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -18,14 +19,14 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
-from minitouch_bench.policies.connection import EpisodePipes
+from minitouch_bench.policies.connection import EpisodeChannel
 from minitouch_bench.policies.isolate import try_policy
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.policies.limits import PolicyLimits
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import PolicySource, parse_source
-from minitouch_bench.policies.wire import MAX_PAYLOAD, Frame
+from minitouch_bench.policies.wire import MAX_PAYLOAD, Frame, WireError
 from tests.policies.conftest import load
 from tests.policies.misbehaving import RESET_EXITS, RESET_RAISES, RESET_SLEEPS, SEEDS
 
@@ -84,10 +85,14 @@ def gone(pid):
         ("abort", PolicyExitError, "killed by SIGABRT"),
         ("leave_child_behind", PolicyExitError, "exited with code 4$"),
         ("close_pipes", PolicyExitError, "closed its connection$"),
-        ("speak_nonsense", PolicyExitError, "broke the protocol"),
+        ("speak_nonsense", PolicyExitError, "broke the protocol: a packet of kind 255"),
+        ("say_nothing", PolicyExitError, "closed its connection$"),
+        ("speak_at_length", PolicyExitError, "a packet of more than 65536 bytes"),
+        ("speak_without_end", PolicyExitError, "an action whose type"),
+        ("cut_short", PolicyExitError, "an action whose type"),
         ("name_no_type", PolicyExitError, "broke the protocol: an action whose type"),
-        ("claim_refusal", PolicyExitError, "REFUSED is no answer to ACT"),
-        ("claim_no_sandbox", PolicyExitError, "UNCONFINED is no answer to ACT"),
+        ("claim_refusal", PolicyExitError, "REFUSED is not an answer to ACT"),
+        ("claim_no_sandbox", PolicyExitError, "UNCONFINED is not an answer to ACT"),
         ("nan", InvalidActionError, "NaN"),
         ("short", InvalidActionError, "3 numbers"),
         ("integers", InvalidActionError, "int64"),
@@ -110,25 +115,32 @@ def test_a_fault_is_named_at_once_and_the_next_episode_is_fine(bad, how, error, 
 def test_an_answer_before_the_question_is_a_fault(bad):
     bad.reset(SEEDS["answer_ahead"], "pushing")
     assert bad.act(OBSERVATION).tolist() == [1.0] * 4
+    time.sleep(0.1)  # its other packets are under way
     with pytest.raises(PolicyExitError, match="answered before it was asked"):
         bad.act(OBSERVATION)
 
 
 def test_a_policy_cannot_say_for_its_loader_that_it_is_ready(bad, monkeypatch):
     monkeypatch.setattr(bad, "_source", factory("ready_at_once"))
-    with pytest.raises(PolicyExitError, match="answered before it was asked"):
+    words = "answered before it was asked|is not an answer to"
+    with pytest.raises(PolicyExitError, match=words):  # noqa: PT012
         bad.reset(0, "pushing")
+        bad.act(OBSERVATION)  # if its second packet came late
 
 
 def test_a_policy_that_never_reads_hangs_nobody():
-    pipes = EpisodePipes()
-    pipes.watch(os.getpid())
+    channel = EpisodeChannel()
+    channel.watch(os.getpid())
     began = time.monotonic()
     with pytest.raises(TimeoutError):
-        pipes.ask(Frame.ACT, bytes(MAX_PAYLOAD), began + 0.2)  # more than the pipe takes
+        channel.ask(Frame.ACT, bytes(MAX_PAYLOAD), began + 0.2)
+    with pytest.raises(WireError, match="does not read"):  # noqa: PT012
+        while True:  # until its queue is full
+            with contextlib.suppress(TimeoutError):
+                channel.ask(Frame.ACT, bytes(MAX_PAYLOAD), 0.0)
     assert time.monotonic() - began < 2.0
-    pipes.hand_over()
-    pipes.close()
+    channel.hand_over()
+    channel.close()
 
 
 @pytest.mark.parametrize("how", ["sleep", "flood"])
@@ -215,7 +227,7 @@ def test_loading_and_reset_have_a_deadline(bad, monkeypatch, seed, error, text):
         ("raising_factory", "RuntimeError: no weights here"),
         ("exiting_factory", "exited with code 7: cannot start"),
         ("not_a_policy", "has no reset"),
-        ("claiming_factory", "UNCONFINED is no answer to LOAD"),
+        ("claiming_factory", "UNCONFINED is not an answer to LOAD"),
         ("missing", "cannot be imported"),
     ],
 )
@@ -274,7 +286,7 @@ def test_probe_refuses_a_bad_file_but_leaves_faults_to_episodes(tmp_path, light)
     (tmp_path / "pushing.safetensors").hardlink_to(light / "policy.safetensors")
     source = parse_source(str(tmp_path))
     try_policy(source, ["pushing"])
-    with pytest.raises(PolicyLoadError, match="no ONNX file"):
+    with pytest.raises(PolicyLoadError, match="not an ONNX file"):
         try_policy(source, ["pushing", "opening"])
     try_policy(parse_source("scripted"), ["pushing"])
 

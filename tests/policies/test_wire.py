@@ -1,10 +1,9 @@
-import os
+import socket
 
 import numpy as np
 import pytest
 
 from minitouch_bench.policies.wire import (
-    HEADER,
     MAX_PAYLOAD,
     Frame,
     WireError,
@@ -14,7 +13,7 @@ from minitouch_bench.policies.wire import (
     plain_line,
     read_frame,
     unpack_action,
-    unpack_header,
+    unpack_frame,
     unpack_observation,
     write_frame,
 )
@@ -99,20 +98,32 @@ def test_random_bytes_are_an_action_or_refused_and_nothing_else():
             continue
 
 
-def test_hostile_headers_are_refused():
-    for header in (HEADER.pack(MAX_PAYLOAD + 1, Frame.ACTION), HEADER.pack(0, 99)):
-        with pytest.raises(WireError):
-            unpack_header(header)
+@pytest.mark.parametrize("kind", [0, 99, 255])
+def test_packets_of_an_unknown_kind_are_refused(kind):
+    with pytest.raises(WireError, match=f"of kind {kind}"):
+        unpack_frame(bytes((kind, 1, 2)))
 
 
-def test_frames_survive_a_pipe():
-    reader, writer = os.pipe()
-    write_frame(writer, Frame.RAISED, b"text")
-    os.close(writer)
-    assert read_frame(reader) == (Frame.RAISED, b"text")
-    with pytest.raises(EOFError):
-        read_frame(reader)
-    os.close(reader)
+def test_packets_survive_a_socket_one_by_one():
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with theirs:
+        for payload in (b"text", b"", bytes(MAX_PAYLOAD)):
+            write_frame(ours.fileno(), Frame.RAISED, payload)
+            write_frame(ours.fileno(), Frame.READY)
+            assert read_frame(theirs.fileno()) == (Frame.RAISED, payload)
+            assert read_frame(theirs.fileno()) == (Frame.READY, b"")
+        ours.close()
+        with pytest.raises(EOFError):
+            read_frame(theirs.fileno())
+
+
+def test_an_end_that_leaves_packets_unread_is_an_end():
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with theirs:
+        write_frame(theirs.fileno(), Frame.READY)
+        ours.close()
+        with pytest.raises(EOFError):
+            read_frame(theirs.fileno())
 
 
 def test_text_of_a_policy_becomes_one_plain_line():

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 from gymnasium.utils.seeding import np_random
 
-from minitouch_bench.evaluation.suites import find_suite
 from minitouch_bench.protocol.seeds import episode_seed, policy_seed, senses_generator
+from minitouch_bench.runs.plan import find_suite
 
 KNOWN = {
     ("table4", "pushing", 0, 0): 3634405880,

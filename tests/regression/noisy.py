@@ -12,13 +12,12 @@ import numpy as np
 from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import EvaluationRun, RunEnvironment, SavedRun
 from minitouch_bench.regression.gate import GateResult, judge_runs
 from minitouch_bench.regression.sequential import SequentialGate, play_order
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.regression.tables import difference_text, result_line
+from minitouch_bench.runs.run import Run, RunEnvironment, make_run
 from tests.evaluation.runs import request
-from tests.reporting.synthetic import save
 
 STRENGTHS = (0.2, 0.5, 1.0)
 """Standard deviations of the noise, where the largest action is 1."""
@@ -59,16 +58,16 @@ class Variant:
         return HalfActor() if self.noise is None else NoisyActor(self.noise)
 
 
-def play(variant: Variant, name: str, episodes: int, tasks: Sequence[str] = GOAL_TASKS) -> SavedRun:
+def play(variant: Variant, name: str, episodes: int, tasks: Sequence[str] = GOAL_TASKS) -> Run:
     wanted = request(tasks=tuple(tasks), episodes=episodes)
-    specs = wanted.specs()
-    records = {record.spec: record for record in LocalEngine(2).run(variant, specs)}
     header = wanted.header()
     header = replace(header, policy=replace(header.policy, name=name))
-    return save(EvaluationRun(header, NOWHERE, tuple(records[spec] for spec in specs)), name)
+    specs = header.specs()
+    records = {record.spec: record for record in LocalEngine(2).run(variant, specs)}
+    return make_run(header, NOWHERE, [records[spec] for spec in specs], name)
 
 
-def judged(baseline: SavedRun, candidate: SavedRun) -> tuple[GateResult, SequentialGate]:
+def judged(baseline: Run, candidate: Run) -> tuple[GateResult, SequentialGate]:
     """Judge whole runs, and by the sequential gate."""
     settings = GateSettings()
     gate = SequentialGate(play_order(baseline.episodes, (0,)), settings, (0,))
@@ -76,7 +75,7 @@ def judged(baseline: SavedRun, candidate: SavedRun) -> tuple[GateResult, Sequent
     return judge_runs(baseline, candidate, ("base", "candidate"), settings), gate
 
 
-def report(baseline: SavedRun, candidate: SavedRun) -> None:
+def report(baseline: Run, candidate: Run) -> None:
     result, gate = judged(baseline, candidate)
     print(f"\n{candidate.name}: {result_line(result)}", flush=True)
     early = "no answer" if gate.decision is None else gate.decision.value

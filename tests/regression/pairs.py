@@ -1,12 +1,17 @@
 """Runs with outcomes as wanted, without a simulator."""
 
+import io
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
 
-from minitouch_bench.records import EpisodeMetrics, Outcome, SavedRun
+from minitouch_bench.records import EpisodeMetrics, Outcome
+from minitouch_bench.runs.plan import Plan
+from minitouch_bench.runs.run import Run
 from tests.reporting.synthetic import make_run, save
 
 TEMPLATE = save(make_run("a-policy", tasks=("pushing",), episodes=1, exploration=False))
@@ -47,18 +52,13 @@ def draw(
     return Values(won, steps, touch, touch_steps)
 
 
-def make_saved(
-    tasks: Mapping[str, Values], name: str = "a-run", digest: str | None = None
-) -> SavedRun:
+def make_saved(tasks: Mapping[str, Values], name: str = "a-run", digest: str | None = None) -> Run:
     episodes = tuple(
         episode(task, index, own) for task, own in tasks.items() for index in range(len(own.steps))
     )
-    header = replace(
-        TEMPLATE.header,
-        tasks=tuple(tasks),
-        episodes=len(episodes) // len(tasks),
-        policy=replace(TEMPLATE.header.policy, name=name),
-    )
+    plan = Plan("table4", tuple(tasks), len(episodes) // len(tasks), 0)
+    policy = replace(TEMPLATE.header.policy, name=name)
+    header = replace(TEMPLATE.header, plan=plan, policy=policy)
     estimates = TEMPLATE.summary.tasks[0]
     summary = replace(
         TEMPLATE.summary, tasks=tuple(replace(estimates, task=task) for task in tasks)
@@ -89,5 +89,24 @@ def episode(task: str, index: int, own: Values) -> EpisodeMetrics:
     )
 
 
+def shown(show, what) -> str:
+    """What a function prints on a screen of 120 columns."""
+    console = Console(width=120, record=True, file=io.StringIO())
+    show(what, console)
+    return console.export_text()
+
+
+def outside_code(page: str) -> str:
+    """The page without its code spans, in which GitHub shows everything as it is."""
+    return re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", page)
+
+
 def flags(successes: int, n: int) -> NDArray[np.bool_]:
     return np.arange(n) < successes
+
+
+def with_header(run: Run, **changes) -> Run:
+    """Return a run with other fields of its header, or of the plan in it."""
+    plan = {name: changes.pop(name) for name in [*changes] if hasattr(run.plan, name)}
+    header = replace(run.header, plan=replace(run.plan, **plan), **changes)
+    return replace(run, header=header)

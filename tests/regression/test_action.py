@@ -4,9 +4,11 @@ import json
 import os
 import re
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 from minitouch_bench.regression.settings import GateSettings, with_flags
 
@@ -105,21 +107,34 @@ def test_no_input_stands_in_a_script():
 def test_every_input_is_handed_to_a_step():
     text = ACTION.read_text()
     declared = re.findall(r"^  (\w+):\n    description", text.split("outputs:")[0], re.MULTILINE)
-    assert len(declared) == 12
+    assert len(declared) == 13
     for name in declared:
         assert f"${{{{ inputs.{name} }}}}" in text
 
 
 def test_the_example_uses_inputs_that_exist_and_tolerances_that_mean_something():
     text = WORKFLOW.read_text()
-    given = text.split("        with:\n          baseline")[1].split("      - uses")[0]
-    used = re.findall(r"^          (\w+):", "          baseline" + given, re.MULTILINE)
-    assert used == ["baseline", "policy", "tolerance"]
+    given = text.split("@main\n        with:\n")[1].split("      - uses")[0]
+    used = re.findall(r"^          (\w+):", given, re.MULTILINE)
+    assert used == ["install", "baseline", "policy", "tolerance"]
     (tolerance,) = re.findall(r'^          tolerance: "(.*)"$', given, re.MULTILINE)
     with_flags(GateSettings(), tolerance=tolerance)
 
 
+def test_both_name_the_package_as_its_project_file_does():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    action = yaml.safe_load(ACTION.read_text())["inputs"]
+    name, extra = re.fullmatch(r"([a-z-]+)\[(\w+)\]", action["install"]["default"]).groups()
+    assert name == project["name"]
+    assert extra in project["optional-dependencies"]
+    (step,) = [
+        s for s in yaml.safe_load(WORKFLOW.read_text())["jobs"]["gate"]["steps"] if "name" in s
+    ]
+    assert step["with"]["install"].startswith(f"{name}[{extra}] @ git+https://")
+    assert step["uses"].startswith(f"OWNER/{name}/")
+    assert f"Python :: {action['python']['default']}" in " ".join(project["classifiers"])
+
+
 @pytest.mark.parametrize("file", [ACTION, WORKFLOW])
 def test_it_is_yaml(file):
-    yaml = pytest.importorskip("yaml")
     assert yaml.safe_load(file.read_text())["name"]

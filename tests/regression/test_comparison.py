@@ -1,17 +1,14 @@
-import io
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.regression.comparison import compare_runs
 from minitouch_bench.regression.paired_tests import holm
 from minitouch_bench.regression.writers import comparison_json, comparison_markdown, show_comparison
-from tests.regression.pairs import draw, flags, make_saved, values
+from tests.regression.pairs import draw, flags, make_saved, outside_code, shown, values
 from tests.reporting.conftest import HOSTILE
 
 TASKS = ("playing", "pushing", "opening", "pick-up")
@@ -166,15 +163,36 @@ def test_the_document_is_json_with_every_number():
     assert len(document["pairs"][0]["changes"]) == len(comparison.pairs[0].changes)
 
 
-def shown(comparison):
-    console = Console(width=120, record=True, file=io.StringIO())
-    show_comparison(comparison, console)
-    return console.export_text()
+def test_values_are_those_of_run_json_to_the_last_bit(hac, novel):
+    for run in (hac, novel):
+        other = replace(run, name="other", digest="other")
+        (pair,) = compare_runs((run, other), ("a", "b")).pairs
+        shown = {(one.effect.task, one.effect.metric): one.effect.first for one in pair.metrics}
+        stored = {
+            (part.task, metric): estimate.value
+            for part in run.summary.tasks
+            for metric, estimate in part.estimates.items()
+        }
+        assert len(shown) > 6
+        assert all(stored[key] == value for key, value in shown.items() if key[0] != "mean")
+
+
+def test_printed_it_is_the_tables_and_it_has_a_frame_of_them():
+    comparison = compared(GOOD, BAD)
+    printed = shown(show_comparison, comparison).splitlines()
+    assert str(comparison).splitlines() == [line.rstrip() for line in printed]
+    frame = comparison.to_frame()
+    (row,) = frame[(frame["task"] == "mean")].to_dict("records")
+    (mean,) = [one for one in comparison.pairs[0].metrics if one.effect.task == "mean"]
+    assert (row["first"], row["second"], row["verdict"]) == ("A", "B", "A is better")
+    difference = mean.effect.difference
+    assert (row["difference"], row["low"]) == (difference.value, difference.low)
+    assert len(frame) == len(comparison.pairs[0].metrics)
 
 
 def test_the_screen_and_the_page_show_effect_interval_verdict_and_commands():
     comparison = compared(GOOD, BAD)
-    screen, page = shown(comparison), comparison_markdown(comparison)
+    screen, page = shown(show_comparison, comparison), comparison_markdown(comparison)
     for text in (screen, page):
         for wanted in ("Success ↑ (share of episodes)", "B minus A", "A is better", "Detectable"):
             assert wanted in text
@@ -183,18 +201,13 @@ def test_the_screen_and_the_page_show_effect_interval_verdict_and_commands():
     assert max(map(len, screen.splitlines())) <= 120
 
 
-def outside_code(page):
-    """The page without its code spans, in which GitHub shows everything as it is."""
-    return re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", page)
-
-
 def test_hostile_names_are_harmless_everywhere():
     hostile = replace(
         make_saved({"pushing": values([True, False] * 4)}, HOSTILE),
         faults={"pushing/1": HOSTILE},
     )
     comparison = compare_runs((hostile, replace(hostile, digest="x")), (HOSTILE, HOSTILE))
-    page, screen = comparison_markdown(comparison), shown(comparison)
+    page, screen = comparison_markdown(comparison), shown(show_comparison, comparison)
     for text in (page, screen):
         assert "\x1b" not in text
         assert "\u202e" not in text

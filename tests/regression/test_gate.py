@@ -14,7 +14,7 @@ from minitouch_bench.regression.gate import Decision, judge_runs
 from minitouch_bench.regression.settings import GateSettings, Tolerance
 from minitouch_bench.regression.tables import result_line
 from minitouch_bench.regression.writers import gate_json, gate_junit, gate_markdown, show_result
-from tests.regression.pairs import flags, make_saved, values
+from tests.regression.pairs import flags, make_saved, values, with_header
 from tests.reporting.conftest import HOSTILE
 
 N = 100
@@ -172,10 +172,6 @@ def test_holm_is_over_every_metric_of_every_task():
 # What cannot be compared
 
 
-def with_header(run, **changes):
-    return replace(run, header=replace(run.header, **changes))
-
-
 @pytest.mark.parametrize("other", [["pushing"], ["pushing", "opening"]])
 def test_a_task_with_other_rules_is_refused_by_name(other):
     then = {"pushing": "p" * 64, "opening": "o" * 64}
@@ -196,7 +192,7 @@ def test_other_conditions_are_refused():
     blind = with_header(candidate(90), conditions=Conditions(without=("vision",)))
     with pytest.raises(UsageError, match=r"conditions .*vision.*standard"):
         judged(blind)
-    assert judged(blind, baseline=with_header(BASELINE, conditions=blind.header.conditions))
+    assert judged(blind, baseline=with_header(BASELINE, conditions=blind.plan.conditions))
 
 
 # What it writes

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.regression.paired_tests import holm, measure_effect
+from minitouch_bench.regression.paired_tests import holm, paired_test
 from minitouch_bench.regression.pairing import PairedValues
 
 
@@ -19,7 +19,7 @@ def test_holm_keeps_order_and_never_lowers_a_value():
 
 
 def effect_of(metric, first, second, task="pushing"):
-    return measure_effect(PairedValues(task, metric, (task,), first, second), (0,))
+    return paired_test(PairedValues(task, metric, (task,), first, second), (0,))
 
 
 def has_0(effect):

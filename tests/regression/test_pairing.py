@@ -7,15 +7,11 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.records import Role
 from minitouch_bench.regression.comparison import differences_of_making
 from minitouch_bench.regression.pairing import collect_values, pair_runs
-from tests.regression.pairs import flags, make_saved, values
+from tests.regression.pairs import flags, make_saved, values, with_header
 from tests.reporting.synthetic import make_run, save
 
 ONE = make_saved({"playing": values(flags(0, 5)), "pushing": values(flags(3, 5))}, "one")
 OTHER = make_saved({"playing": values(flags(0, 5)), "pushing": values(flags(4, 5))}, "other")
-
-
-def with_header(run, **changes):
-    return replace(run, header=replace(run.header, **changes))
 
 
 def with_episode(run, place, **changes):
@@ -73,7 +69,7 @@ def test_a_task_with_other_rules_is_left_out():
 
 REFUSALS = [
     (
-        with_header(OTHER, task_digests=dict.fromkeys(OTHER.header.tasks, "ff" * 32)),
+        with_header(OTHER, task_digests=dict.fromkeys(OTHER.plan.tasks, "ff" * 32)),
         "protocols differ .*ffffffffffff",
     ),
     (with_header(OTHER, suite="smoke"), "suites differ .table4; smoke"),

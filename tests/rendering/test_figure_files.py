@@ -1,9 +1,10 @@
+import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import pytest
 
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import MissingExtraError, RunDirectoryError
 from minitouch_bench.rendering.figure_files import write_figures
 from minitouch_bench.reporting.figures import report_figures, split_figures
 from minitouch_bench.reporting.report import build_report
@@ -50,3 +51,9 @@ def test_a_figure_of_many_plots_has_several_rows(figures, tmp_path):
     many = replace(figures[0], plots=figures[0].plots * 2)
     (drawing, _) = write_figures([many], tmp_path)
     assert drawing.read_text(encoding="utf-8").count(">Pushing</text>") == 2
+
+
+def test_without_matplotlib_the_extra_is_named(figures, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(MissingExtraError, match=r"the extra minitouch-bench\[figures\]"):
+        write_figures(figures, tmp_path)

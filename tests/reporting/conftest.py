@@ -1,16 +1,16 @@
 import pytest
 
-from minitouch_bench.records import SavedRun
+from minitouch_bench.runs.run import Run
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes
 
 
 @pytest.fixture(scope="session")
-def hac() -> SavedRun:
+def hac() -> Run:
     return save(make_run("hac-seed1", episodes=20, faults=2), "hac-seed1")
 
 
 @pytest.fixture(scope="session")
-def scripted() -> SavedRun:
+def scripted() -> Run:
     run = make_run(
         "scripted",
         tasks=("playing", "pushing"),
@@ -24,7 +24,7 @@ def scripted() -> SavedRun:
 
 
 @pytest.fixture(scope="session")
-def novel() -> SavedRun:
+def novel() -> Run:
     run = make_run("hac-seed1", tasks=SHAPE_TASKS, episodes=40, skill=0.7, exploration=False)
     return save(with_shapes(run), "novel")
 
@@ -33,6 +33,6 @@ HOSTILE = "=cmd|' /C calc'!A0 <script>alert(1)</script> $x$ `a` [b](c) \x1b[31m\
 
 
 @pytest.fixture(scope="session")
-def hostile() -> SavedRun:
+def hostile() -> Run:
     run = make_run(HOSTILE, tasks=("pushing",), episodes=4, faults=1, notes=(HOSTILE,))
     return save(run, HOSTILE)

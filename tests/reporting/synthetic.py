@@ -1,25 +1,41 @@
 """Plausible runs without a simulator: records that look like those of an evaluation."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.files import RUN_FILE, write_file
+from minitouch_bench.metrics.summary import measure
 from minitouch_bench.records import (
+    EpisodeMetrics,
     EpisodeRecord,
     EpisodeSpec,
     EpisodeTrace,
-    EvaluationRun,
     Outcome,
     PolicyIdentity,
     Role,
-    RunEnvironment,
-    RunHeader,
-    SavedRun,
+    Summary,
 )
-from minitouch_bench.reporting.run_directory import parse_run, run_json
-from minitouch_bench.reporting.run_directory import save as saved_form
+from minitouch_bench.reporting.views import write_tables
+from minitouch_bench.runs.plan import Plan
+from minitouch_bench.runs.run import Run, RunEnvironment, RunHeader, parse_run, read_run, run_json
+from minitouch_bench.runs.run import make_run as measure_run
+
+
+@dataclass(frozen=True)
+class Played:
+    """What an evaluation gives before its episodes are measured."""
+
+    header: RunHeader
+    environment: RunEnvironment
+    records: tuple[EpisodeRecord, ...]
+
+    @property
+    def plan(self) -> Plan:
+        return self.header.plan
+
 
 FAMILIES = ("carved", "extruded", "harmonic", "lathed")
 SHAPE_TASKS = ("playing", "pushing", "pick-up")
@@ -81,7 +97,7 @@ def make_run(  # noqa: PLR0917 - a fixture with defaults reads best as one call
     notes: tuple[str, ...] = (),
     official: bool = True,
     digest: str = "5f1c9ad27e",
-) -> EvaluationRun:
+) -> Played:
     rng = np.random.default_rng([seed, len(name)])
     records = []
     for task in tasks:
@@ -101,17 +117,13 @@ def make_run(  # noqa: PLR0917 - a fixture with defaults reads best as one call
         protocol="minitouch-v1",
         protocol_digest=digest * 6,
         task_digests={task: f"{task} {digest}" for task in tasks},
-        suite="table4",
+        plan=Plan("table4", tuple(tasks), episodes, 0),
         official=official,
         unofficial_because=() if official else (f"{episodes} of 100 episodes",),
-        tasks=tuple(tasks),
-        episodes=episodes,
-        seed=0,
         policy=policy,
         exploration=PolicyIdentity(f"{name}-exploration", "e.safetensors", "native", "cd" * 32)
         if exploration
         else None,
-        act_timeout_s=5.0,
         isolation="sandbox",
     )
     environment = RunEnvironment(
@@ -121,10 +133,10 @@ def make_run(  # noqa: PLR0917 - a fixture with defaults reads best as one call
         started="2025-03-04T10:20:30Z",
         wall_s=754.2,
     )
-    return EvaluationRun(header, environment, tuple(records))
+    return Played(header, environment, tuple(records))
 
 
-def with_shapes(run: EvaluationRun) -> EvaluationRun:
+def with_shapes(run: Played) -> Played:
     """Give every episode a shape: held-out ones at even indices, train ones at odd ones."""
     records = []
     for record in run.records:
@@ -135,11 +147,11 @@ def with_shapes(run: EvaluationRun) -> EvaluationRun:
         split = "held-out" if held_out else "train"
         spec = replace(record.spec, shape=f"{split}-{turn}", family=family, split=split)
         records.append(replace(record, spec=spec))
-    header = replace(run.header, suite="novel-shapes")
+    header = replace(run.header, plan=replace(run.plan, suite="novel-shapes"))
     return replace(run, header=header, records=tuple(records))
 
 
-def without_success(run: EvaluationRun, split: str) -> EvaluationRun:
+def without_success(run: Played, split: str) -> Played:
     """Turn every success on one split into a failure at the step limit."""
     records = (
         replace(record, outcome=Outcome.STEP_LIMIT)
@@ -150,6 +162,33 @@ def without_success(run: EvaluationRun, split: str) -> EvaluationRun:
     return replace(run, records=tuple(records))
 
 
-def save(run: EvaluationRun, name: str = "a-run", seed: int = 1) -> SavedRun:
-    summary = summarize(run, np.random.default_rng(seed))
-    return parse_run(run_json(saved_form(run, summary, name)), name)
+def save(run: Played, name: str = "a-run") -> Run:
+    return parse_run(run_json(measured(run, name)), name)
+
+
+def write(run: Played, directory: Path) -> Run:
+    """Write the ``run.json`` and the tables of a run, and read it."""
+    done = measured(run)
+    write_file(directory / RUN_FILE, run_json(done))
+    write_tables(done, directory)
+    return read_run(directory)
+
+
+def measured(run: Played, name: str = "a-run") -> Run:
+    return measure_run(run.header, run.environment, run.records, name)
+
+
+def summary_of(run: Played, seed: int = 3) -> Summary:
+    plan = replace(run.plan, seed=seed)
+    return measured(replace(run, header=replace(run.header, plan=plan))).summary
+
+
+def rows_of(run: Played, role: Role = Role.FINAL) -> tuple[EpisodeMetrics, ...]:
+    return tuple(measure(record) for record in run.records if record.spec.role is role)
+
+
+def of_tasks(run: Played, *tasks: str) -> Played:
+    """Return the run of these tasks alone."""
+    plan = replace(run.plan, tasks=tasks)
+    records = tuple(record for record in run.records if record.spec.task in tasks)
+    return replace(run, header=replace(run.header, plan=plan), records=records)

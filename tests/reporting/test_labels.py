@@ -1,6 +1,7 @@
 import shlex
 from dataclasses import replace
 
+from minitouch_bench.policies.limits import PolicyLimits
 from minitouch_bench.reporting.labels import reproduce_command, run_labels, run_names
 
 
@@ -17,24 +18,24 @@ def test_labels_of_the_exploration_policy_are_said_too(hac):
 
 
 def test_an_official_run_is_repeated_by_its_suite_alone(hac):
-    assert reproduce_command(hac.header) == (
+    plan = replace(hac.plan, episodes=100)
+    assert reproduce_command(replace(hac.header, plan=plan)) == (
         "minitouch-bench evaluate checkpoints/hac-seed1.safetensors --suite table4 "
         "--exploration e.safetensors"
     )
 
 
 def test_an_unofficial_run_names_what_differs(scripted):
-    command = reproduce_command(scripted.header)
-    assert command.endswith("--tasks playing,pushing --episodes 5 --seed 0")
+    header = replace(scripted.header, plan=replace(scripted.plan, seed=7))
+    assert reproduce_command(header).endswith("--tasks playing,pushing --episodes 5 --seed 7")
 
 
 def test_limits_and_isolation_are_those_of_the_run(hac, scripted):
-    limited = replace(
-        hac.header, act_timeout_s=2.5, episode_timeout_s=60.0, isolation="process", official=False
-    )
-    assert reproduce_command(limited).endswith(
-        "--seed 0 --act-timeout 2.5 --episode-timeout 60 --isolation process --trust"
-    )
+    plan = replace(hac.plan, limits=PolicyLimits(act_timeout_s=2.5, episode_timeout_s=60.0))
+    limited = replace(hac.header, plan=plan, isolation="process", official=False)
+    command = reproduce_command(limited)
+    assert "--episodes 20 --act-timeout 2.5 --episode-timeout 60 --exploration" in command
+    assert command.endswith("--isolation process --trust")
     policy = replace(scripted.header.policy, kind="scripted")  # which runs there in any case
     beside = replace(scripted.header, policy=policy, isolation="none")
     assert "--isolation" not in reproduce_command(beside)

@@ -7,12 +7,10 @@ import re
 from dataclasses import replace
 
 import jsonschema
-import numpy as np
 import pytest
 from rich.console import Console
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.charts import Dot
 from minitouch_bench.rendering.tables import ABSENT
@@ -20,19 +18,21 @@ from minitouch_bench.reporting.figures import split_figures
 from minitouch_bench.reporting.frames import DIFFERENCE, csv_text, generalization_frame
 from minitouch_bench.reporting.labels import describe_runs
 from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.run_directory import (
-    parse_run,
-    read_run,
-    run_json,
-    run_schema,
-    write_report,
-    write_run,
-)
-from minitouch_bench.reporting.run_directory import save as saved_form
 from minitouch_bench.reporting.tables import novel_shapes, table4, verdict
+from minitouch_bench.reporting.views import write_report
 from minitouch_bench.reporting.writers import show_report, to_html, to_markdown
+from minitouch_bench.runs.run import parse_run, run_json
+from minitouch_bench.runs.schema import run_schema
 from tests.reporting.conftest import HOSTILE
-from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes, without_success
+from tests.reporting.synthetic import (
+    SHAPE_TASKS,
+    make_run,
+    measured,
+    save,
+    with_shapes,
+    without_success,
+    write,
+)
 
 VALIDATOR = jsonschema.Draft202012Validator(run_schema())
 
@@ -42,8 +42,8 @@ def novel_run(name: str = "hac-seed1", **options):
 
 
 def document_of(run):
-    summary = summarize(run, np.random.default_rng(0))
-    return summary, json.loads(run_json(saved_form(run, summary, "x")))
+    done = measured(run)
+    return done.summary, json.loads(run_json(done))
 
 
 def test_the_document_follows_the_schema_and_reads_back():
@@ -78,10 +78,8 @@ def test_a_malformed_document_gives_one_clear_line(change, message):
 
 def test_files_and_equal_bytes(tmp_path):
     for place in ("one", "two"):
-        run = novel_run()
-        saved = write_run(run, summarize(run, np.random.default_rng(0)), tmp_path / place / "run")
-        write_report([saved], tmp_path / place / "run")
-        assert read_run(tmp_path / place / "run") == saved
+        run = write(novel_run(), tmp_path / place / "run")
+        write_report([run], tmp_path / place / "run")
     files = sorted(file.name for file in (tmp_path / "one" / "run").iterdir())
     assert "generalization.csv" in files
     for name in files:
@@ -90,13 +88,12 @@ def test_files_and_equal_bytes(tmp_path):
 
 
 def test_a_run_of_one_split_has_no_file_and_no_section(tmp_path, hac):
-    run = make_run(episodes=24)
-    saved = write_run(run, summarize(run, np.random.default_rng(0)), tmp_path)
+    run = write(make_run(episodes=24), tmp_path)
     assert not (tmp_path / "generalization.csv").exists()
-    report = build_report([saved, hac])
+    report = build_report([run, hac])
     assert report.novel_shapes == ()
     assert "Novel shapes" not in to_html(report) + to_markdown(report)
-    assert "over all shapes" not in "".join(table4(describe_runs([saved])).notes)
+    assert "over all shapes" not in "".join(table4(describe_runs([run])).notes)
 
 
 def test_csv_is_long_and_signed(novel):

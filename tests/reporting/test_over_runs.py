@@ -1,6 +1,7 @@
 """What several runs show together: over seeds, and over training steps."""
 
 import hashlib
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,12 @@ import pytest
 from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.intervals import wilson
-from minitouch_bench.reporting.curve import ONE_TRAINING, curve_csv, curve_points
-from minitouch_bench.reporting.labels import describe_runs
+from minitouch_bench.reporting.curve import ONE_TRAINING, curve_csv, label_curve, make_curve
+from minitouch_bench.reporting.labels import RunOrigin, describe_runs
+from minitouch_bench.reporting.long_frame import find_row
 from minitouch_bench.reporting.over_runs import (
-    RunOrigin,
-    group_methods,
     interquartile_mean,
+    label_methods,
     performance_profile,
     resample_scores,
 )
@@ -23,11 +24,12 @@ from minitouch_bench.reporting.writers import to_html, to_markdown
 from tests.reporting.synthetic import make_run, save
 
 
-def make(name, skill=0.5, seed=0, tasks=("pushing", "opening"), policy="", **header):
+def make(name, skill=0.5, seed=0, tasks=("pushing", "opening"), policy="", **plan):
     run = make_run(name, tasks=tasks, episodes=10, skill=skill, seed=seed, exploration=False)
     digest = hashlib.sha256((policy or name).encode()).hexdigest()
     identity = replace(run.header.policy, digest=digest)
-    return save(replace(run, header=replace(run.header, policy=identity, **header)), name)
+    header = replace(run.header, policy=identity, plan=replace(run.header.plan, **plan))
+    return save(replace(run, header=header), name)
 
 
 @pytest.fixture(scope="module")
@@ -39,65 +41,66 @@ def seeds():
 
 def test_seeds_of_one_method_are_one_row(seeds):
     runs, origins = seeds
-    methods = group_methods(describe_runs(runs), origins)
-    assert [(one.name, len(one.runs)) for one in methods] == [("hac", 2), ("c", 1)]
+    labels = label_methods(describe_runs(runs), origins)
+    assert [(one.method, one.seed) for one in labels] == [("hac", 0), ("hac", 1), ("c", 0)]
     longer = (RunOrigin("hac", 5000), RunOrigin("hac", 9000), RunOrigin())
-    names = [one.name for one in group_methods(describe_runs(runs), longer)]
+    names = [one.method for one in label_methods(describe_runs(runs), longer)]
     assert names == ["hac, 5,000 steps, table4", "hac, 9,000 steps, table4", "c"]
 
 
 def test_two_runs_of_one_policy_are_not_two_seeds():
     runs = [make("a"), make("b", seed=1, policy="a"), make("c", tasks=("playing",), policy="a")]
-    methods = group_methods(describe_runs(runs), (RunOrigin("hac", 5000),) * 3)
-    assert [(one.name, len(one.runs)) for one in methods] == [("hac", 2), ("b", 1)]
+    labels = label_methods(describe_runs(runs), (RunOrigin("hac", 5000),) * 3)
+    assert Counter(one.method for one in labels) == {"hac": 2, "b": 1}
 
 
 def test_a_task_with_more_runs_does_not_count_for_more(seeds):
     runs, origins = seeds
     more = [*runs, make("d", tasks=("pushing",))]
     across = AcrossRuns((*origins, RunOrigin("hac", 5000)))
-    assert build_report(more, across=across).tables_over_runs == ()
+    assert build_report(more, across=across).over_runs.tables == ()
 
 
 def test_a_curve_does_not_mix_conditions():
     altered = make("b_2000_steps", conditions=Conditions(without=("forces",)))
     runs = [make("a_1000_steps"), make("b_1000_steps"), make("a_2000_steps"), altered]
-    points = curve_points(runs, (RunOrigin("hac"),) * 4)
-    assert [(one.training, one.steps, len(one.runs)) for one in points] == [
-        ("hac", 1000, 2),
-        ("hac", 2000, 1),
-        ("hac, without forces", 2000, 1),
-    ]
+    labels = label_curve(runs, (RunOrigin("hac"),) * 4)
+    assert Counter((one.method, one.steps) for one in labels) == {
+        ("hac", 1000): 2,
+        ("hac", 2000): 1,
+        ("hac, without forces", 2000): 1,
+    }
 
 
 def test_a_report_of_several_runs_has_their_interquartile_means(seeds):
     runs, origins = seeds
     report = build_report(runs, across=AcrossRuns(origins))
-    (table,) = report.tables_over_runs
+    (table,) = report.over_runs.tables
     assert [row.heads for row in table.rows] == [("hac",), ("c",)]
     assert [str(row.cells[2]) for row in table.rows] == ["4", "2"]
     assert [str(row.cells[3]) for row in table.rows] == ["training seeds", "episodes"]
     assert "## Over tasks and seeds" in to_markdown(report)
     assert to_html(report).count('id="over-tasks-and-seeds"') == 1
-    assert build_report(runs[:1]).tables_over_runs == ()
+    assert build_report(runs[:1]).over_runs.tables == ()
 
 
 def test_tasks_that_not_all_methods_have_are_left_out():
     runs = [make("a"), make("b", tasks=("pushing", "playing"))]
-    assert build_report(runs).tables_over_runs == ()  # one score each says no more than Table 4
+    assert build_report(runs).over_runs.tables == ()  # one score each says no more than Table 4
 
 
 def test_steps_and_trainings_are_read_off_the_policies_names():
     names = ("hac_20000_steps", "hac_10000_steps", "rnd-step-10000", "rnd-step-20000")
-    points = curve_points([make(name) for name in names], (RunOrigin(),) * 4)
-    found = [(point.training, point.steps) for point in points]
+    runs = [make(name) for name in names]
+    curve = make_curve(label_curve(runs, (RunOrigin(),) * 4), runs)
+    found = [*dict.fromkeys(zip(curve["method"], curve["steps"], strict=True))]
     assert found == [("hac", 10000), ("hac", 20000), ("rnd", 10000), ("rnd", 20000)]
 
 
 def test_steps_that_are_given_win_and_different_names_are_one_training():
     runs = [make("early_7_steps"), make("late_8_steps")]
-    points = curve_points(runs, (RunOrigin(), RunOrigin()), (100, 200))
-    assert [(point.training, point.steps) for point in points] == [
+    labels = label_curve(runs, (RunOrigin(), RunOrigin()), (100, 200))
+    assert [(one.method, one.steps) for one in labels] == [
         (ONE_TRAINING, 100),
         (ONE_TRAINING, 200),
     ]
@@ -105,15 +108,16 @@ def test_steps_that_are_given_win_and_different_names_are_one_training():
 
 def test_runs_of_one_training_after_the_same_steps_are_seeds():
     runs = [make("a", 0.9), make("b", 0.5, 1), make("c", 0.2, 2)]
-    points = curve_points(runs, (RunOrigin(),) * 3, (10, 10, 20), ("x", "x", "x"))
-    assert [len(point.runs) for point in points] == [2, 1]
-    found = points[0].estimate("pushing")
+    labels = label_curve(runs, (RunOrigin(),) * 3, (10, 10, 20), ("x", "x", "x"))
+    assert [(one.steps, one.seed) for one in labels] == [(10, 0), (10, 1), (20, 0)]
+    curve = make_curve(labels, runs)
+    found = find_row(curve, steps=10, task="pushing")
     one, other = (run.summary.tasks[0].estimates["success"] for run in runs[:2])
     assert found.value == pytest.approx((one.value + other.value) / 2)
     assert found.low < found.value < found.high
     assert found.count == 2
-    rows = curve_csv(points).splitlines()
-    assert rows[0].startswith("training,training_steps,task,metric,value,low,high")
+    rows = curve_csv(curve).splitlines()
+    assert rows[0] == "training,training_steps,task,metric,value,low,high,count,method"
     assert len(rows) == 1 + 2 * 2
 
 
@@ -128,7 +132,7 @@ def test_runs_of_one_training_after_the_same_steps_are_seeds():
 )
 def test_a_curve_that_cannot_be_drawn(steps, names, what):
     with pytest.raises(UsageError, match=what):
-        curve_points([make("a"), make("b")], (RunOrigin(), RunOrigin()), steps, names)
+        label_curve([make("a"), make("b")], (RunOrigin(), RunOrigin()), steps, names)
 
 
 def test_the_curve_stands_in_the_report():

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.reporting.report import Video, build_report
-from minitouch_bench.reporting.run_directory import write_report
+from minitouch_bench.reporting.views import write_report
 from minitouch_bench.reporting.writers import to_html
 from tests.reporting.synthetic import make_run, save
 

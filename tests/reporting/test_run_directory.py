@@ -3,23 +3,20 @@ import subprocess
 import sys
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.metrics.summary import summarize
-from minitouch_bench.reporting.run_directory import read_run, write_report, write_run
-from tests.reporting.synthetic import make_run
-
-
-def write(directory, run):
-    return write_run(run, summarize(run, np.random.default_rng(0)), directory)
+from minitouch_bench.reporting.views import write_report
+from minitouch_bench.runs.run import read_run, run_json
+from tests.reporting.synthetic import make_run, write
 
 
 def test_a_run_reads_back_as_it_was_written(tmp_path):
-    saved = write(tmp_path / "a", make_run(episodes=4, faults=1))
-    assert read_run(tmp_path / "a") == saved
-    assert read_run(tmp_path / "a" / "run.json") == saved
+    run = write(make_run(episodes=4, faults=1), tmp_path / "a")
+    assert run.name == "a"
+    assert run.directory == tmp_path / "a"
+    assert run.content == (tmp_path / "a" / "run.json").read_bytes() == run_json(run)
+    assert read_run(tmp_path / "a" / "run.json") == run
     assert sorted(file.name for file in (tmp_path / "a").iterdir()) == [
         "episodes.csv",
         "exploration.csv",
@@ -29,7 +26,7 @@ def test_a_run_reads_back_as_it_was_written(tmp_path):
 
 
 def test_without_exploration_there_is_no_exploration_file(tmp_path):
-    write(tmp_path / "a", make_run(episodes=2, exploration=False))
+    write(make_run(episodes=2, exploration=False), tmp_path / "a")
     assert not (tmp_path / "a" / "exploration.csv").exists()
 
 
@@ -38,7 +35,7 @@ def test_equal_runs_give_equal_bytes_apart_from_the_times(tmp_path):
     environment = replace(run.environment, started="2031-12-31T23:59:59Z", wall_s=1.0)
     again, later = make_run(episodes=5, faults=1), replace(run, environment=environment)
     for place, made in (("one", run), ("two", again), ("three", later)):
-        write_report([write(tmp_path / place / "run", made)], tmp_path / place / "run")
+        write_report([write(made, tmp_path / place / "run")], tmp_path / place / "run")
     for file in (tmp_path / "one" / "run").iterdir():
         first = file.read_bytes()
         assert first == (tmp_path / "two" / "run" / file.name).read_bytes(), file.name
@@ -55,7 +52,7 @@ def test_a_directory_without_a_run_is_refused(tmp_path):
         read_run(tmp_path)
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe\x00"])
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe\x00", b'{"format": "run\xe1"}'])
 def test_a_file_that_is_no_json_is_refused(tmp_path, content):
     (tmp_path / "run.json").write_bytes(content)
     with pytest.raises(RunDirectoryError, match="is not JSON"):
@@ -71,7 +68,7 @@ def test_a_malformed_run_names_its_directory(tmp_path):
 def test_a_run_that_cannot_be_written_is_said_in_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(RunDirectoryError, match="cannot be written"):
-        write(tmp_path / "file" / "run", make_run(tasks=("playing",), episodes=1))
+        write(make_run(tasks=("playing",), episodes=1), tmp_path / "file" / "run")
 
 
 def test_a_report_is_drawn_without_torch_or_pybullet():

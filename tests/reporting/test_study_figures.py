@@ -8,12 +8,9 @@ import pytest
 from minitouch_bench.metrics.intervals import wilson
 from minitouch_bench.rendering.charts import Dot, Line
 from minitouch_bench.rendering.figure_files import write_figures
-from minitouch_bench.reporting.study_figures import (
-    GAP,
-    learning_curves,
-    study_estimate,
-    study_figures,
-)
+from minitouch_bench.reporting.long_frame import GAP, estimates_in, join_seeds
+from minitouch_bench.reporting.study import study_tables
+from minitouch_bench.reporting.study_figures import learning_curves, study_figures
 
 METHODS = ("hac", "rnd")
 
@@ -21,15 +18,16 @@ METHODS = ("hac", "rnd")
 def row(training, metric, value, suite="table4"):
     task, method, seed, steps = training
     return {
-        "task": task, "method": method, "seed": seed, "exploration_steps": steps, "suite": suite,
-        "metric": metric, "value": value, "low": value - 0.1, "high": value + 0.1, "episodes": 100,
+        "task": task, "method": method, "seed": seed, "steps": steps, "suite": suite,
+        "metric": metric, "value": value, "low": value - 0.1, "high": value + 0.1, "count": 100,
+        "interval": "wilson" if metric.startswith("success") else "bootstrap",
     }  # fmt: skip
 
 
 def curves(lengths):
     return pd.DataFrame(
         {
-            "task": "opening", "method": method, "seed": seed, "exploration_steps": steps,
+            "task": "opening", "method": method, "seed": seed, "steps": steps,
             "step": step, "touch_share": 0.5, "success": step / 1000,
         }
         for method, seed, steps, step in product(METHODS, (0, 1), lengths, (100, 200, 300))
@@ -78,7 +76,7 @@ def test_a_mean_ends_where_the_first_seed_does():
 def test_from_four_seeds_on_the_interquartile_mean_stands_beside_the_mean():
     frame = pd.DataFrame(
         {
-            "task": "opening", "method": "hac", "seed": seed, "exploration_steps": 1000,
+            "task": "opening", "method": "hac", "seed": seed, "steps": 1000,
             "step": step, "touch_share": 0.5, "success": success,
         }
         for step in (100, 200)
@@ -130,20 +128,38 @@ def test_they_can_be_drawn(figures, tmp_path):
         assert path.stat().st_size > 1000
 
 
+def joined(metric, *values):
+    rows = pd.DataFrame(
+        row(("pushing", "hac", seed, 1), metric, value) for seed, value in enumerate(values)
+    )
+    rows["count"] = 25
+    if metric.endswith(GAP):
+        rows["interval"] = "newcombe"
+    (estimate,) = estimates_in(join_seeds(rows))
+    return estimate
+
+
 @pytest.mark.parametrize(
     ("metric", "interval"),
     [("success", (wilson(75, 75).low, 1.0)), ("touch_share", (1.0, 1.0))],
 )
 def test_seeds_that_agree_are_no_proof_of_a_share(metric, interval):
-    seeds = pd.DataFrame(
-        [(metric, 1.0, 0.87, 1.0, 25)] * 3, columns=["metric", "value", "low", "high", "episodes"]
-    )
-    found = study_estimate(seeds)
+    found = joined(metric, 1.0, 1.0, 1.0)
     assert (found.value, found.low, found.high) == (1.0, *interval)
 
 
 def test_a_gap_of_shares_is_no_share():
-    columns = ["metric", "value", "low", "high", "episodes"]
-    rows = [(f"success{GAP}", value, -0.2, 0.1, 400) for value in (-0.1, -0.05, 0.0)]
-    found = study_estimate(pd.DataFrame(rows, columns=columns))
-    assert -0.1 <= found.low < found.value < found.high <= 0.0
+    found = joined(f"success{GAP}", -0.1, -0.05, 0.0)
+    assert found.low < found.value < found.high
+    # No narrower than over the seeds, which lie between these.
+    assert found.low <= -0.1
+    assert found.high >= 0.0
+
+
+def test_tables_have_a_row_per_metric_that_a_method_has_and_the_paper_beside_ours():
+    first, second = study_tables(estimates((1000, 2000)))
+    assert first.title == "Table 4, 1,000 steps of exploration"
+    assert [column.label for column in first.columns] == [*METHODS, "HaC", "RND+touch", "RND"]
+    success = next(row for row in first.rows if row.heads == ("Success ↑",))
+    assert str(success.cells[0]).startswith("0.850 [")
+    assert second.title == "Table 4, 2,000 steps of exploration"

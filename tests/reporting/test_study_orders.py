@@ -13,7 +13,7 @@ def values(metric, **methods):
         for seed, episodes in enumerate(seeds)
         for episode, value in enumerate(episodes)
     ]
-    names = ["task", "method", "seed", "exploration_steps", "metric", "episode", "value"]
+    names = ["task", "method", "seed", "steps", "metric", "episode", "value"]
     return pd.DataFrame(rows, columns=names)
 
 

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from minitouch_bench.rendering.charts import Bar
-from minitouch_bench.rendering.pages import picture_uri
+from minitouch_bench.rendering.pages import image_uri
 from minitouch_bench.reporting.figures import report_figures
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.writers import report_card, show_report, to_markdown
@@ -93,6 +93,6 @@ def test_cards_show_the_verdict_and_the_paper(hac):
 
 
 def test_a_missing_picture_is_left_out(tmp_path):
-    assert picture_uri("pushing", tmp_path) == ""
+    assert image_uri("pushing", tmp_path) == ""
     (tmp_path / "pushing.png").write_bytes(b"\x89PNG")
-    assert picture_uri("pushing", tmp_path) == "data:image/png;base64,iVBORw=="
+    assert image_uri("pushing", tmp_path) == "data:image/png;base64,iVBORw=="

@@ -2,13 +2,18 @@ import numpy as np
 import pytest
 
 from minitouch_bench.shapegen.likeness import (
-    aligned_iou,
+    CELLS,
+    TURNS,
     biased_split,
+    cell_fills,
     descriptor,
     near_duplicates,
     split_p_value,
 )
-from minitouch_bench.shapegen.poses import rotation_matrix
+from minitouch_bench.shapegen.manifest import canonical_shape_set
+from minitouch_bench.shapegen.mesh import Mesh
+from minitouch_bench.shapegen.record import Body
+from minitouch_bench.shapegen.solids import to_solid
 from tests.shapegen.bodies import box, box_body
 
 FAMILIES = ["a", "b"] * 100
@@ -20,18 +25,32 @@ def features() -> np.ndarray:
     return np.concatenate([rng.normal(size=(200, 6)), rng.random((200, 32)).cumsum(axis=1)], axis=1)
 
 
+def duplicates(*meshes: Mesh) -> list[tuple[int, int, float]]:
+    bodies = [Body(mesh, (mesh,), 1.0, (1.0, 1.0, 1.0)) for mesh in meshes]
+    return [(pair.first, pair.second, round(pair.iou, 4)) for pair in near_duplicates(bodies)]
+
+
 def test_a_solid_is_its_own_duplicate_however_it_is_turned() -> None:
-    mesh = box(0.05, 0.04, 0.03)
-    quarter = rotation_matrix((0.5, 0.5, 0.5, 0.5))
-    assert aligned_iou(mesh, mesh.moved(quarter, np.zeros(3))) == pytest.approx(1.0)
-    assert aligned_iou(mesh, box(0.05, 0.04, 0.027)) == pytest.approx(0.9)
+    mesh = canonical_shape_set().shapes[3].body().visual
+    for turn in TURNS:
+        assert duplicates(mesh, mesh.moved(turn, np.zeros(3))) == [(0, 1, 1.0)]
 
 
 def test_near_duplicates_are_found_and_others_are_not() -> None:
-    sides = [(0.05, 0.04, 0.03), (0.05, 0.0402, 0.03), (0.055, 0.04, 0.03)]
-    bodies = [box_body(*side) for side in sides]
-    pairs = near_duplicates(bodies, np.array([descriptor(body) for body in bodies]))
-    assert [(pair.first, pair.second) for pair in pairs] == [(0, 1)]
+    sides = [(0.05, 0.04, 0.03), (0.0402, 0.05, 0.03), (0.055, 0.04, 0.03), (0.05, 0.04, 0.0288)]
+    assert duplicates(*(box(*side) for side in sides)) == [
+        (0, 1, 0.995),
+        (0, 3, 0.96),
+        (1, 3, 0.9552),
+    ]
+
+
+def test_the_cells_of_a_grid_hold_the_whole_solid() -> None:
+    solid = to_solid(canonical_shape_set().shapes[0].body().visual)
+    fills = cell_fills(solid)
+    assert fills.shape == (CELLS, CELLS, CELLS)
+    assert fills.min() > -1e-12
+    assert fills.sum() == pytest.approx(solid.volume(), rel=0.02)
 
 
 def test_the_distance_histogram_is_a_share_of_pairs() -> None:

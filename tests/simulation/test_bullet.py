@@ -9,18 +9,25 @@ from minitouch_bench.simulation import bullet
 @pytest.mark.parametrize(
     ("installed", "said"),
     [
-        ({"pybullet": "3.2.6"}, "installed is pybullet 3.2.6: pip install pybullet==3.2.7"),
-        ({}, "installed is another"),
+        ({"pybullet": "3.2.6"}, "installed is pybullet 3.2.6: pip install {build}"),
+        ({}, "installed is another: pip install {build}"),
     ],
 )
-def test_another_simulator_than_the_protocol_s_is_refused(monkeypatch, installed, said):
+@pytest.mark.parametrize(
+    ("python", "build"),
+    [((3, 11), "pybullet==3.2.7"), ((3, 13), "pybullet-arm64==3.2.8")],
+)
+def test_another_simulator_than_the_protocol_s_is_refused(
+    monkeypatch, installed, said, python, build
+):
     def version(name):
         if name not in installed:
             raise PackageNotFoundError(name)
         return installed[name]
 
     monkeypatch.setattr(bullet, "version", version)
-    with pytest.raises(UsageError, match=said):
+    monkeypatch.setattr(bullet.sys, "version_info", python)
+    with pytest.raises(UsageError, match=said.format(build=build)):
         bullet._check_build()
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.files import ACTIONS_FILE
-from minitouch_bench.metrics.summary import summarize
-from minitouch_bench.reporting.run_directory import write_report, write_run
+from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, write_file
+from minitouch_bench.reporting.views import write_report, write_tables
+from minitouch_bench.runs.run import run_json
 from tests.evaluation.runs import request, run
 
 WANTED = request("scripted", ("pushing", "opening"), 2, exploration="scripted")
@@ -21,8 +21,9 @@ def whole(tmp_path_factory) -> Path:
     """A finished run with all its files, which nobody may change."""
     directory = tmp_path_factory.mktemp("verified") / "run"
     done = run(WANTED, directory, workers=2)
-    saved = write_run(done, summarize(done, np.random.default_rng(0)), directory)
-    write_report([saved], directory)
+    write_file(directory / RUN_FILE, run_json(done))
+    write_tables(done, directory)
+    write_report([done], directory)
     return directory
 
 

@@ -5,6 +5,7 @@ process of its own, because a limit of memory cannot be taken back.
 """
 
 import contextlib
+import hashlib
 import io
 import json
 import os
@@ -17,7 +18,6 @@ import sys
 import time
 import traceback
 import zipfile
-import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -34,23 +34,32 @@ from minitouch_bench.agents.logged_data import DATA_FILE, fill_from_log
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.cli.report import report
 from minitouch_bench.errors import MiniTouchError
-from minitouch_bench.evaluation.actions import write_actions
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.journal import Journal, _framed
 from minitouch_bench.evaluation.run import RunRequest, open_run
-from minitouch_bench.evaluation.suites import find_suite
-from minitouch_bench.files import ACTIONS_FILE, GIB, JOURNAL_FILE, MIB, lock_directory
+from minitouch_bench.files import (
+    ACTIONS_FILE,
+    GIB,
+    MIB,
+    RUN_FILE,
+    UNFINISHED,
+    lock_directory,
+    write_file,
+)
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.packing import copy_run
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.records import EpisodeRecord, EvaluationRun, RunEnvironment
+from minitouch_bench.records import EpisodeRecord
 from minitouch_bench.regression.comparison import compare_runs
-from minitouch_bench.reporting.run_directory import read_run, write_report, write_run
+from minitouch_bench.reporting.views import write_report, write_tables
+from minitouch_bench.runs.actions import unpack_arrays, write_actions
+from minitouch_bench.runs.plan import Plan
+from minitouch_bench.runs.run import RunEnvironment, make_run, read_run, run_json
+from minitouch_bench.runs.unfinished import UnfinishedRun
 from minitouch_bench.verification.verify import verify_run
-from minitouch_bench.workflows.train import TrainingRequest, train
+from minitouch_bench.workflows import TrainingProgress
+from minitouch_bench.workflows.training import TrainingRequest, run_training
 from tests.agents.logs import write_log
 from tests.agents.trainings import CONFIG
 from tests.leaderboard.synthetic import make_submission
@@ -60,9 +69,9 @@ TIME_LIMIT_S = 20
 MEMORY_LIMIT = GIB
 SECRET = "words of the user that nobody else may see"
 REQUEST = RunRequest(
-    find_suite("table4"), ("pushing", "opening"), 2, 0,
+    Plan("table4", ("pushing", "opening"), 2, 0),
     PolicySetup(parse_source("random"), None, IsolationOptions()),
-)  # fmt: skip
+)
 
 
 class TooLongError(BaseException):
@@ -82,27 +91,29 @@ class Replayed:
             yield self._records[spec]
 
 
-def sound_run(directory: Path) -> EvaluationRun:
-    """Write a small run with all its files."""
+def sound_run(directory: Path) -> tuple[EpisodeRecord, ...]:
+    """Write a small run with all its files, also those of one that is not finished."""
     rng = np.random.default_rng(1)
     records = []
-    for spec in REQUEST.specs():
+    header = REQUEST.header()
+    for spec in header.specs():
         record = make_record(rng, spec, 0.7)
         unclipped = np.zeros(len(record.trace.actions), bool)
         records.append(replace(record, trace=replace(record.trace, clipped=unclipped)))
     environment = RunEnvironment({"numpy": "2"}, {"system": "Linux"}, 1, "2025-01-01", 1.0)
-    run = EvaluationRun(REQUEST.header(), environment, tuple(records))
     directory.mkdir()
-    with Journal(directory) as journal:
-        journal.write_header(run.header)
-        for record in records:
-            journal.write_record(record)
+    unfinished = UnfinishedRun(directory)
+    unfinished.begin(header, {})
+    for record in records:
+        unfinished.keep(record)
     write_actions(records, directory)
-    saved = write_run(run, summarize(run, np.random.default_rng(0)), directory)
+    run = make_run(header, environment, records, "run", directory)
+    write_file(directory / RUN_FILE, run_json(run))
+    write_tables(run, directory)
     (directory / "videos").mkdir()
     (directory / "videos" / "pushing-0.mp4").write_bytes(b"film")
-    write_report([saved], directory, [directory / "videos" / "pushing-0.mp4"])
-    return run
+    write_report([run], directory, [directory / "videos" / "pushing-0.mp4"])
+    return tuple(records)
 
 
 # What is done to a file
@@ -125,7 +136,10 @@ def debris(file: Path, chance: random.Random, mine: Path) -> None:
 
 
 def swap(file: Path, chance: random.Random, mine: Path) -> None:
-    other = chance.choice([path for path in file.parent.rglob("*") if path.is_file()])
+    others = [path for path in file.parent.rglob("*") if path.is_file() and not path.is_symlink()]
+    if file.is_symlink() or not others:
+        return  # the spoiling itself would write through the link
+    other = chance.choice(others)
     content = file.read_bytes()
     file.write_bytes(other.read_bytes())
     other.write_bytes(content)
@@ -148,7 +162,7 @@ def link(file: Path, chance: random.Random, mine: Path) -> None:
 def folder_link(file: Path, chance: random.Random, mine: Path) -> None:
     folder = file.parent
     if folder.name in ("run", "hac", "training", "log"):
-        names = ["videos", "attempts", "replays", "checkpoints", "seed-0", "events"]
+        names = ["videos", UNFINISHED, "replays", "checkpoints", "seed-0", "events"]
         folder /= chance.choice(names)
     if not folder.is_symlink():
         shutil.rmtree(folder, ignore_errors=True)
@@ -157,7 +171,7 @@ def folder_link(file: Path, chance: random.Random, mine: Path) -> None:
 
 def special(file: Path, chance: random.Random, mine: Path) -> None:
     """Put a pipe, a directory or a device in the place of a file, or of one that may come."""
-    file = chance.choice([file, file, file.with_name(".lock"), file.with_name("attempts")])
+    file = chance.choice([file, file, file.with_name(".lock"), file.with_name(UNFINISHED)])
     with contextlib.suppress(FileNotFoundError):
         file.unlink()
     kind = chance.choice(["pipe", "directory", "device"])
@@ -209,17 +223,8 @@ def other_type(file: Path, chance: random.Random, mine: Path) -> None:
         for _ in range(chance.choice([1, 1, 3])):
             document = change_value(document, chance, mine)
         file.write_text(json.dumps(document, indent=1) + "\n")
-    elif file.name == JOURNAL_FILE:
-        lines = file.read_bytes().splitlines()
-        at = chance.randrange(len(lines))
-        body = json.loads(lines[at])["body"]
-        if at and chance.random() < 0.3:
-            pack = zlib.compressobj(9)
-            bomb = b"".join([*(pack.compress(bytes(MIB)) for _ in range(100)), pack.flush()])
-            name = chance.choice(list(body["trace"]))
-            body["trace"][name] = ["<f4", [25 * MIB], bomb.hex()]
-        lines[at] = _framed(json.dumps(change_value(body, chance, mine)).encode()).rstrip(b"\n")
-        file.write_bytes(b"\n".join(lines) + b"\n")
+    elif file.suffix == ".unit":
+        change_unit(file, chance, mine)
     elif file.name == ACTIONS_FILE:
         with np.load(file) as archive:
             arrays = dict(archive)
@@ -240,6 +245,26 @@ def other_type(file: Path, chance: random.Random, mine: Path) -> None:
     else:
         text = file.read_text(errors="replace").replace("0", str(other_value(chance, mine))[:99], 2)
         file.write_text(text, errors="replace")
+
+
+def change_unit(file: Path, chance: random.Random, mine: Path) -> None:
+    """Put another value or array into an episode's file, whose digest is made to agree."""
+    _, content = file.read_bytes().split(b"\n", 1)
+    if file.name == "header.unit":
+        changed = json.dumps(change_value(json.loads(content), chance, mine)).encode()
+    else:
+        head, packed = content.split(b"\n", 1)
+        arrays = dict(unpack_arrays(packed, 20))
+        name = chance.choice(list(arrays))
+        arrays[name] = chance.choice([
+            np.zeros(30_000_000, "<f4"), np.array(5.0), arrays[name][:-1], arrays[name][None],
+            np.full_like(arrays[name], 1), arrays[name].astype("<f8") * np.nan,
+        ])  # fmt: skip
+        out = io.BytesIO()
+        np.savez_compressed(out, **arrays)
+        values = change_value(json.loads(head), chance, mine)
+        changed = json.dumps(values).encode() + b"\n" + out.getvalue()
+    file.write_bytes(hashlib.sha256(changed).hexdigest().encode() + b"\n" + changed)
 
 
 def change_state(state: object, chance: random.Random) -> object:
@@ -328,9 +353,10 @@ def readers_of_a_run(
 ) -> Iterator[tuple[str, Callable[[], object]]]:
     def resume() -> None:
         with lock_directory(directory):
+            (directory / RUN_FILE).unlink(missing_ok=True)
             open_run(REQUEST, directory, resume=True, fresh=False)
 
-    yield "verify", lambda: verify_run(directory, engine)
+    yield "verify", lambda: verify_run(read_run(directory), engine)
     yield "compare", lambda: compare_runs([read_run(sound), read_run(directory)], ["a", "b"])
     yield "pack", lambda: copy_run(directory, directory.parent / "packed")
     yield "report", lambda: report([directory])
@@ -349,9 +375,13 @@ def readers_of_a_training(
 ) -> Iterator[tuple[str, Callable[[], object]]]:
     asked = iter([False] * 3 + [True])
     request = TrainingRequest(
-        CONFIG, directory, resume=True, device="cpu", should_stop=lambda: next(asked)
+        CONFIG,
+        directory,
+        resume=True,
+        device="cpu",
+        callbacks=TrainingProgress(should_stop=lambda: next(asked)),
     )
-    yield "train", lambda: train(request)
+    yield "train", lambda: run_training(request)
 
 
 def readers_of_a_dataset(
@@ -415,13 +445,16 @@ def make_sound(kind: str, place: Path) -> tuple[Path, Replayed, Readers]:
         return make_submission(place), Replayed(()), readers_of_a_submission
     place.mkdir()
     if kind == "run":
-        records = sound_run(place / "run").records
+        records = sound_run(place / "run")
         return place / "run", Replayed(records), readers_of_a_run
     if kind == "training":
         asked = iter([False] * 25 + [True])
-        train(
+        run_training(
             TrainingRequest(
-                CONFIG, place / "training", device="cpu", should_stop=lambda: next(asked)
+                CONFIG,
+                place / "training",
+                device="cpu",
+                callbacks=TrainingProgress(should_stop=lambda: next(asked)),
             )
         )
         return place / "training", Replayed(()), readers_of_a_training

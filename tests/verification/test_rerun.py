@@ -3,7 +3,7 @@ import pytest
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.verification.recorded_run import open_run
+from minitouch_bench.runs.run import read_run
 from minitouch_bench.verification.verify import check_identity, draw_episodes, rerun
 from tests.evaluation.runs import request
 from tests.verification.conftest import WANTED, Here
@@ -11,9 +11,7 @@ from tests.verification.conftest import WANTED, Here
 
 @pytest.fixture
 def opened(whole):
-    run, problems = open_run(whole)
-    assert problems == ()
-    return run
+    return read_run(whole)
 
 
 def test_the_draw_is_the_generator_s_in_the_run_s_order(opened):
@@ -21,31 +19,31 @@ def test_the_draw_is_the_generator_s_in_the_run_s_order(opened):
     assert all(len(specs) == 3 for specs in drawn)
     assert drawn[0] == draw_episodes(opened, 3, np.random.default_rng(0))
     assert len(set(drawn)) > 5
-    assert all(list(specs) == sorted(specs, key=opened.specs.index) for specs in drawn)
-    assert draw_episodes(opened, 99, np.random.default_rng(0)) == opened.specs
+    assert all(list(specs) == sorted(specs, key=opened.header.specs().index) for specs in drawn)
+    assert draw_episodes(opened, 99, np.random.default_rng(0)) == opened.header.specs()
 
 
 def test_the_same_checkpoint_gives_the_same_bits(opened):
-    results = list(rerun(opened, WANTED.setup, opened.specs, Here()))
-    assert {record.spec for record, _ in results} == set(opened.specs)
+    results = list(rerun(opened, WANTED.setup, opened.header.specs(), Here()))
+    assert {record.spec for record, _ in results} == set(opened.header.specs())
     assert all(problems == () for _, problems in results)
 
 
 def test_another_policy_is_found_at_its_first_other_action(opened):
     other = request("zero", ("pushing", "opening"), 2, exploration="zero").setup
-    specs = opened.specs[:1]
+    specs = opened.header.specs()[:1]
     ((_, (difference,)),) = rerun(opened, other, specs, Here())
     assert difference.place == "pushing/0"
     assert "success recorded, step_limit when run again" in difference.what
-    explored = [spec for spec in opened.specs if spec.key == "exploration/pushing/0"]
+    explored = [spec for spec in opened.header.specs() if spec.key == "exploration/pushing/0"]
     ((_, (difference,)),) = rerun(opened, other, explored, Here())
     assert difference.place == "exploration/pushing/0"
 
 
 def test_only_the_evaluated_checkpoint_is_run_again(opened, tmp_path):
-    check_identity(opened.saved.header.policy, parse_source("scripted"))
+    check_identity(opened.header.policy, parse_source("scripted"))
     with pytest.raises(UsageError, match=r"zero is not the policy of this run: zero"):
-        check_identity(opened.saved.header.policy, parse_source("zero"))
+        check_identity(opened.header.policy, parse_source("zero"))
 
 
 def test_an_episode_is_found_by_its_name(opened):

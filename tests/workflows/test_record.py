@@ -7,9 +7,8 @@ import pytest
 from minitouch_bench.agents.logged_data import fill_from_log
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
-from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.workflows import Callbacks
-from minitouch_bench.workflows.record import RecordOptions, record
+from minitouch_bench.workflows.record import record
 
 POLICIES = Path(__file__).parents[1] / "evaluation"
 
@@ -17,7 +16,7 @@ POLICIES = Path(__file__).parents[1] / "evaluation"
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     directory = tmp_path_factory.mktemp("data") / "log"
-    done = record(RecordOptions("scripted", "pushing", directory, 2))
+    done = record("scripted", "pushing", output=directory, episodes=2)
     assert (done.directory, done.faults) == (directory, 0)
     return directory
 
@@ -39,7 +38,7 @@ def test_minari_reads_what_was_recorded(dataset):
 def test_a_relative_directory_is_written_to(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     directory = Path("data/log")
-    assert record(RecordOptions("zero", "opening", directory, 1)).directory == directory
+    assert record("zero", "opening", output=directory, episodes=1).directory == directory
     assert len(list(minari.MinariDataset(directory).iterate_episodes())) == 1
     assert [entry.name for entry in Path("data").iterdir()] == ["log"]
 
@@ -55,36 +54,35 @@ def test_a_training_reads_it_too(dataset):
 def test_a_fault_is_no_end_of_the_task(tmp_path, monkeypatch):
     """A memory that learned from it would take the last state for a goal."""
     monkeypatch.setenv("PYTHONPATH", str(POLICIES), prepend=":")
-    trusted = IsolationOptions(trust=True)
-    options = RecordOptions("misbehaved:FaultInPushing", "pushing", tmp_path / "log", 1, 0, trusted)
-    assert record(options).faults == 1
+    options = {"task": "pushing", "episodes": 1, "trust": True}
+    done = record("misbehaved:FaultInPushing", output=tmp_path / "log", **options)
+    assert done.faults == 1
     dataset = minari.MinariDataset(tmp_path / "log")
     (episode,) = dataset.iterate_episodes()
     assert episode.terminations.tolist() == [False, False]
     assert episode.truncations.tolist() == [False, True]
     assert dataset.spec.dataset_id == "minitouch/pushing/misbehaved-FaultInPushing-v0"
-    nothing = RecordOptions("misbehaved:Hopeless", "pushing", tmp_path / "none", 1, 0, trusted)
     with pytest.raises(PolicyLoadError, match="nothing learned"):
-        record(nothing)
+        record("misbehaved:Hopeless", output=tmp_path / "none", **options)
 
 
 def test_a_dataset_is_not_overwritten(dataset):
     with pytest.raises(RunDirectoryError, match="--output"):
-        record(RecordOptions("random", "pushing", dataset, 1))
+        record("random", "pushing", output=dataset, episodes=1)
 
 
 def test_an_interrupted_recording_leaves_nothing_in_the_way(tmp_path):
     def interrupt(_):
         raise KeyboardInterrupt
 
-    options = RecordOptions("random", "opening", tmp_path / "log", 2)
+    directory = tmp_path / "log"
     with pytest.raises(KeyboardInterrupt):
-        record(options, Callbacks(episode=interrupt))
+        record("random", "opening", output=directory, callbacks=Callbacks(episode=interrupt))
     assert list(tmp_path.iterdir()) == []
-    record(options)
+    record("random", "opening", output=directory, episodes=2)
     assert len(list(minari.MinariDataset(tmp_path / "log").iterate_episodes())) == 2
 
 
 def test_an_unknown_task_is_named(tmp_path):
     with pytest.raises(UsageError, match="juggling"):
-        record(RecordOptions("random", "juggling", tmp_path / "log", 1))
+        record("random", "juggling", output=tmp_path / "log")

@@ -9,7 +9,7 @@ import pytest
 
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.reporting.run_directory import read_run
+from minitouch_bench.runs.run import read_run
 from minitouch_bench.workflows.replay import film_replay, replay
 from minitouch_bench.workflows.report import ReportOptions, report
 from tests.cli.command import run

@@ -6,7 +6,7 @@ import pytest
 
 from minitouch_bench.agents.config import TrainingConfig
 from minitouch_bench.documents import write_toml
-from minitouch_bench.reporting.over_runs import RunOrigin
+from minitouch_bench.reporting.labels import RunOrigin
 from minitouch_bench.workflows.report import find_origin
 from tests.reporting.synthetic import make_run, save
 

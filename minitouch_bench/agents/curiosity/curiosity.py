@@ -1,6 +1,7 @@
 """What every curiosity is: a model that learns from batches, and a reward from its surprise."""
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -12,12 +13,23 @@ from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import HIDDEN_UNITS, VisualEncoder
 
 
+@dataclass(frozen=True)
+class Errors:
+    """What a model got wrong about a batch, before it learned from it.
+
+    ``surprise`` float32 (N,), >= 0: how new each transition is. ``loss``: a scalar.
+    """
+
+    surprise: Tensor
+    loss: Tensor
+
+
 class Curiosity(nn.Module, ABC):
     """What an agent has learned from, paid where a transition is new to it.
 
-    A subclass says how it learns (``update``) and what surprise is (``surprise``). What it
-    learns is a parameter or a buffer, so that checkpoints hold it. Batches are one control
-    step long and hold normalized touch.
+    A subclass says how it learns and what surprises it (``update``). What it learns is a
+    parameter or a buffer, so that checkpoints hold it. Batches are one control step long and
+    hold normalized touch.
     """
 
     def __init__(self, config: CuriosityConfig) -> None:
@@ -34,20 +46,15 @@ class Curiosity(nn.Module, ABC):
         """Get ready to learn, once everything is in place on its device."""
 
     @abstractmethod
-    def update(self, batch: Batch) -> dict[str, Tensor]:
-        """Learn from a batch and return what is worth a curve, by name."""
-
-    @abstractmethod
-    def surprise(self, batch: Batch) -> Tensor:
-        """Return how new each transition is, float32 (N,), >= 0."""
+    def update(self, batch: Batch) -> Errors:
+        """Learn from a batch and return its errors, without gradients."""
 
     @torch.no_grad()
-    def reward(self, batch: Batch) -> Tensor:
-        """Return the intrinsic reward of each transition, float32 (N,).
+    def reward(self, surprise: Tensor) -> Tensor:
+        """Return the intrinsic reward of transitions, float32 (N,), from how new they are.
 
         With ``normalize`` it is divided by the running standard deviation of all surprises.
         """
-        surprise = self.surprise(batch)
         if not self.config.normalize:
             return surprise
         self._count(surprise.double())
@@ -75,7 +82,9 @@ class Curiosity(nn.Module, ABC):
 class Predictor(Curiosity):
     """Networks that predict something of the world, paid where they are wrong.
 
-    A subclass says what they are to learn (``loss``) and where they are wrong (``surprise``).
+    A subclass says where they are wrong (``errors``). The reward comes from the same pass as
+    the loss, so from the weights before the gradient step: another pass costs as much again as
+    the loss, and one gradient step changes it little.
     """
 
     optimizer: torch.optim.Optimizer
@@ -86,16 +95,16 @@ class Predictor(Curiosity):
         self.optimizer = torch.optim.Adam(trained, self.config.learning_rate, fused=True)
 
     @abstractmethod
-    def loss(self, batch: Batch) -> Tensor:
-        """Return the networks' loss, a scalar."""
+    def errors(self, batch: Batch) -> Errors:
+        """Return how new each transition is, and the networks' loss with its gradients."""
 
-    def update(self, batch: Batch) -> dict[str, Tensor]:
-        """Do one gradient step and return the loss."""
-        loss = self.loss(batch)
+    def update(self, batch: Batch) -> Errors:
+        """Do one gradient step and return the errors before it."""
+        errors = self.errors(batch)
         self.optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
+        errors.loss.backward()  # type: ignore[no-untyped-call]
         self.optimizer.step()
-        return {"curiosity_loss": loss.detach()}
+        return Errors(errors.surprise.detach(), errors.loss.detach())
 
     def state(self) -> dict[str, Any]:
         """Return everything that later steps depend on."""

@@ -1,10 +1,10 @@
 """Disagreement of an ensemble about what comes next."""
 
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Predictor, own_encoder, two_layers
+from minitouch_bench.agents.curiosity.curiosity import Errors, Predictor, own_encoder, two_layers
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import FEATURES
 
@@ -26,15 +26,10 @@ class Disagreement(Predictor):
             two_layers(FEATURES + action_size, FEATURES) for _ in range(MEMBERS)
         )
 
-    def loss(self, batch: Batch) -> Tensor:
-        """Return the mean squared error of every member."""
-        then = self.encode(self.encoder, batch.next_image)
-        return (self._predictions(batch) - then).square().mean()
-
-    def surprise(self, batch: Batch) -> Tensor:
-        """Return the variance of the members' predictions."""
-        return self._predictions(batch).var(dim=0, correction=0).mean(dim=1)
-
-    def _predictions(self, batch: Batch) -> Tensor:
+    def errors(self, batch: Batch) -> Errors:
+        """Return the variance of the predictions; the loss is every member's squared error."""
         seen = torch.cat((self.encode(self.encoder, batch.image), batch.action), dim=1)
-        return torch.stack([member(seen) for member in self.members])
+        then = self.encode(self.encoder, batch.next_image)
+        predictions = torch.stack([member(seen) for member in self.members])
+        variance = predictions.detach().var(dim=0, correction=0)
+        return Errors(variance.mean(dim=1), (predictions - then).square().mean())

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Predictor, own_encoder, two_layers
+from minitouch_bench.agents.curiosity.curiosity import Errors, Predictor, own_encoder, two_layers
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE
 from minitouch_bench.simulation.observation import FORCES
@@ -41,27 +41,20 @@ class HapticCuriosity(Predictor):
         outputs = 2 if config.haptics == "contact" else 6
         self.head = two_layers(inputs, 2 * outputs if config.standardize else outputs)
 
-    def loss(self, batch: Batch) -> Tensor:
-        """Return the mean squared error, or the negative log likelihood (less a constant)."""
-        prediction = self._prediction(batch)
-        if not self.config.standardize:
-            return (prediction - self.haptics(batch)).square().mean()
-        square, log_variance = self._standardized(prediction, batch)
-        return 0.5 * (square + log_variance).mean()
+    def errors(self, batch: Batch) -> Errors:
+        """Return squared errors, with ``standardize`` in units of the predicted variance.
 
-    def surprise(self, batch: Batch) -> Tensor:
-        """Return the squared error, with ``standardize`` in units of the predicted variance."""
-        prediction = self._prediction(batch)
+        The loss is their mean, with ``standardize`` the negative log likelihood (less a constant).
+        """
+        prediction, haptics = self._prediction(batch), self.haptics(batch)
         if not self.config.standardize:
-            return (prediction - self.haptics(batch)).square().mean(dim=1)
-        square, _ = self._standardized(prediction, batch)
-        return square.clamp(max=MOST_SURPRISE).mean(dim=1)
-
-    def _standardized(self, prediction: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Return squared errors in units of their variance, and its logarithm, each (N, 6 or 2)."""
+            surprise = (prediction - haptics).square().mean(dim=1)
+            return Errors(surprise, surprise.mean())
         mean, log_variance = prediction.chunk(2, dim=1)
         log_variance = log_variance.clamp(*LOG_VARIANCE_BOUNDS)
-        return (mean - self.haptics(batch)).square() / log_variance.exp(), log_variance
+        square = (mean - haptics).square() / log_variance.exp()
+        loss = 0.5 * (square + log_variance).mean()
+        return Errors(square.clamp(max=MOST_SURPRISE).mean(dim=1), loss)
 
     def haptics(self, batch: Batch) -> Tensor:
         """Return what is to be predicted, float32 (N, 6) or (N, 2)."""

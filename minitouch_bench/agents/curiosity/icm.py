@@ -5,7 +5,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Predictor, own_encoder, two_layers
+from minitouch_bench.agents.curiosity.curiosity import Errors, Predictor, own_encoder, two_layers
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE
 
@@ -26,20 +26,16 @@ class InverseDynamics(Predictor):
         self.inverse = two_layers(2 * FEATURES, action_size)
         self.forward_model = two_layers(state + action_size, state)
 
-    def loss(self, batch: Batch) -> Tensor:
-        """Return the inverse model's and the forward model's squared errors, summed."""
+    def errors(self, batch: Batch) -> Errors:
+        """Return the forward model's squared errors; the loss adds the inverse model's."""
         now = self.encode(self.encoder, batch.image)
         then = self.encode(self.encoder, batch.next_image)
         guessed = self.inverse(torch.cat((now, then), dim=1))
         inverse = functional.mse_loss(guessed, batch.action)
-        return inverse + self._errors(batch, now.detach(), then.detach()).mean()
+        surprise = self._forward_errors(batch, now.detach(), then.detach())
+        return Errors(surprise, inverse + surprise.mean())
 
-    def surprise(self, batch: Batch) -> Tensor:
-        """Return the forward model's squared error."""
-        now = self.encode(self.encoder, batch.image)
-        return self._errors(batch, now, self.encode(self.encoder, batch.next_image))
-
-    def _errors(self, batch: Batch, now: Tensor, then: Tensor) -> Tensor:
+    def _forward_errors(self, batch: Batch, now: Tensor, then: Tensor) -> Tensor:
         if self.uses_touch:
             now = torch.cat((now, batch.touch), dim=1)
             then = torch.cat((then, batch.next_touch), dim=1)

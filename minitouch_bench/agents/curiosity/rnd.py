@@ -4,9 +4,9 @@ import torch
 from torch import Tensor, nn
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Predictor
+from minitouch_bench.agents.curiosity.curiosity import Errors, Predictor
 from minitouch_bench.agents.replay import Batch
-from minitouch_bench.policies.networks import TOUCH_SIZE, FirstConvolution
+from minitouch_bench.policies.networks import TOUCH_SIZE, PictureConvolutions
 from minitouch_bench.policies.policy import IMAGE_SHAPE
 
 OUTPUTS = 512
@@ -19,19 +19,19 @@ class RandomDistillation(Predictor):
     """Predict what a fixed random network says of the reached state.
 
     r = mean_k (f(o')_k - t(o')_k)^2, t random and fixed, o' the whitened picture (Burda et
-    al. 2019). Convolutions of 32, 64 and 64 channels as theirs; the predictor is two layers
-    deeper. It does not depend on actions.
+    al. 2019). Convolutions of 32, 64 and 64 channels as theirs, times ``width``; the predictor
+    is two layers deeper. It does not depend on actions.
     """
 
     uses_touch = False
 
     def __init__(self, config: CuriosityConfig, _action_size: int) -> None:
         super().__init__(config)
-        flat = _convolutions()(torch.zeros(1, *IMAGE_SHAPE)).shape[1]
+        self.target_maps = _convolutions(config.width).requires_grad_(False)
+        flat = self.target_maps(torch.zeros(1, *IMAGE_SHAPE)).shape[1]
         inputs = flat + (TOUCH_SIZE if self.uses_touch else 0)
-        self.target_maps = _convolutions().requires_grad_(False)
         self.target_head = nn.Linear(inputs, OUTPUTS).requires_grad_(False)
-        self.maps = _convolutions()
+        self.maps = _convolutions(config.width)
         self.head = nn.Sequential(
             nn.Linear(inputs, OUTPUTS), nn.ReLU(),
             nn.Linear(OUTPUTS, OUTPUTS), nn.ReLU(),
@@ -44,17 +44,15 @@ class RandomDistillation(Predictor):
         self.register_buffer("pixel_mean", torch.zeros(IMAGE_SHAPE))
         self.register_buffer("pixel_square", torch.zeros(IMAGE_SHAPE))
 
-    def loss(self, batch: Batch) -> Tensor:
-        """Learn the pixels' statistics, and return the predictor's mean squared error."""
-        self._watch(batch.next_image.float())
-        return self.surprise(batch).mean()
-
-    def surprise(self, batch: Batch) -> Tensor:
-        """Return the predictor's squared error."""
-        image = self._whitened(batch.next_image.float())
+    def errors(self, batch: Batch) -> Errors:
+        """Learn the pixels' statistics, and return the predictor's squared errors."""
+        image = batch.next_image.float()
+        self._watch(image)
+        image = self._whitened(image)
         target = self._output(self.target_maps, self.target_head, image, batch.next_touch)
         guess = self._output(self.maps, self.head, image, batch.next_touch)
-        return (guess - target.detach()).square().mean(dim=1)
+        surprise = (guess - target).square().mean(dim=1)
+        return Errors(surprise, surprise.mean())
 
     def _output(self, maps: nn.Module, head: nn.Module, image: Tensor, touch: Tensor) -> Tensor:
         features = self.encode(maps, image)
@@ -85,10 +83,11 @@ class TouchDistillation(RandomDistillation):
     uses_touch = True
 
 
-def _convolutions() -> nn.Sequential:
-    return nn.Sequential(
-        FirstConvolution(1, 32, 8, 4), nn.LeakyReLU(),
-        nn.Conv2d(32, 64, 4, 2), nn.LeakyReLU(),
-        nn.Conv2d(64, 64, 3, 1), nn.LeakyReLU(),
+def _convolutions(width: float) -> PictureConvolutions:
+    first, second, third = (max(1, int(width * channels)) for channels in (32, 64, 64))
+    return PictureConvolutions(
+        nn.Conv2d(1, first, 8, 4), nn.LeakyReLU(),
+        nn.Conv2d(first, second, 4, 2), nn.LeakyReLU(),
+        nn.Conv2d(second, third, 3, 1), nn.LeakyReLU(),
         nn.Flatten(),
     )  # fmt: skip

@@ -6,20 +6,6 @@
   const count = document.querySelector(".count");
   const search = document.querySelector(".search");
 
-  const more = document.querySelector(".more");
-  const bodies = [...document.querySelectorAll("tbody.ranked")];
-  const FIRST = 100;
-  let wholly = false;
-
-  // A table of a thousand rows takes a second to lay out; its first hundred are shown at once.
-  const lay = (body) => {
-    let place = 0;
-    for (const row of body.querySelectorAll("tr[data-name]")) {
-      row.hidden = !(row.wanted && (wholly || place < FIRST));
-      place += row.wanted;
-    }
-  };
-
   // Tabs: without this script every view stands below the other.
   const show = (key, focus) => {
     const chosen = views.some((view) => view.dataset.view === key) ? key : views[0].dataset.view;
@@ -70,7 +56,6 @@
     for (const cell of table.querySelectorAll("th[aria-sort]")) cell.setAttribute("aria-sort", "none");
     head.setAttribute("aria-sort", order);
     body.append(...rows.map(({ row }) => row));
-    lay(body);
   };
   for (const button of document.querySelectorAll(".sort")) {
     button.addEventListener("click", () => sort(button.closest("table"), button.closest("th")));
@@ -88,11 +73,7 @@
         && (levels.length === 0 || levels.includes(row.dataset.proof))
         && words.every((word) => row.dataset.name.includes(word));
     };
-    for (const row of document.querySelectorAll("tbody.unranked tr[data-name]")) row.hidden = !wants(row);
-    for (const body of bodies) {
-      for (const row of body.querySelectorAll("tr[data-name]")) row.wanted = wants(row);
-      lay(body);
-    }
+    for (const row of document.querySelectorAll("tr[data-name]")) row.hidden = !wants(row);
     tell();
   };
   // The address keeps the view and the filters, as in #table4?modality=touch&words=hac.
@@ -119,13 +100,10 @@
   const tell = () => {
     const view = views.find((one) => !one.hidden) || views[0];
     const rows = [...view.querySelectorAll("tbody.ranked tr[data-name]")];
-    const wanted = rows.filter((row) => row.wanted).length;
+    const wanted = rows.filter((row) => !row.hidden).length;
     count.textContent = wanted === rows.length
       ? `${wanted} ranked ${wanted === 1 ? "submission" : "submissions"}` : `${wanted} of ${rows.length} ranked submissions`;
-    more.hidden = wholly || wanted <= FIRST;
-    more.textContent = `Show all ${wanted}`;
   };
-  more.addEventListener("click", () => { wholly = true; bodies.forEach(lay); tell(); });
   controls.addEventListener("change", () => { filter(); remember(); });
   search.addEventListener("input", () => { filter(); remember(); });
   controls.hidden = false;

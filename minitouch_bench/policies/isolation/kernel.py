@@ -39,7 +39,7 @@ def prctl(option: int, *arguments: object) -> int:
 
 
 def _widened(arguments: tuple[object, ...]) -> list[object]:
-    return [ctypes.c_ulong(one) if isinstance(one, int) else one for one in arguments]
+    return [ctypes.c_ulong(value) if isinstance(value, int) else value for value in arguments]
 
 
 def _checked(answer: int) -> int:

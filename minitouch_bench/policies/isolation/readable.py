@@ -54,9 +54,9 @@ def readable_paths() -> tuple[str, ...]:
         packages.append(site.getusersitepackages())
     # Another environment's packages, joined by a .pth file or PYTHONPATH.
     packages += [path for path in sys.path if Path(path).name in PACKAGE_FOLDERS]
-    own = str(Path(minitouch_bench.__file__).parent)
+    package = str(Path(minitouch_bench.__file__).parent)
     library = os.path.join(sys.base_prefix, "lib")  # with libpython, and conda's libraries
-    return tuple(dict.fromkeys((*SYSTEM, library, *packages, own)))
+    return tuple(dict.fromkeys((*SYSTEM, library, *packages, package)))
 
 
 class FactoryPaths(NamedTuple):
@@ -87,7 +87,7 @@ def factory_paths(target: str, private: str = "") -> FactoryPaths:
     others = [
         path
         for path in dict.fromkeys(Path(folder).resolve() for folder in folders)
-        if not any(path.is_relative_to(one) for one in known)
+        if not any(path.is_relative_to(folder) for folder in known)
     ]
     run = Path(private).resolve() if private else None
     readable = [str(part) for path in others for part in _parts(path, run)]

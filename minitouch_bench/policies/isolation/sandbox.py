@@ -57,7 +57,7 @@ class Sandbox:
 
 
 def prepare(
-    allowed: kernel.ProcessLimits, own: FactoryPaths = NOTHING, *, threads: bool = False
+    allowed: kernel.ProcessLimits, paths: FactoryPaths = NOTHING, *, threads: bool = False
 ) -> Sandbox:
     """Return a sandbox in which a factory's own paths may be read beside what Python needs.
 
@@ -67,6 +67,8 @@ def prepare(
         IsolationError: this machine cannot have one, or it does not hold.
     """
     machine = platform.machine()
+    if platform.system() != "Linux":
+        raise _unavailable("it needs Linux")
     if machine not in ARCHITECTURES or struct.calcsize("P") != 8:
         raise _unavailable(f"it knows {' and '.join(ARCHITECTURES)} in 64 bits, not {machine}")
     abi = landlock.supported_abi()
@@ -76,8 +78,8 @@ def prepare(
             "it; see /sys/kernel/security/lsm)"
         )
     try:
-        readable = (*readable_paths(), *own.readable)
-        ruleset = landlock.make_ruleset(abi, readable, WRITABLE, own.listable)
+        readable = (*readable_paths(), *paths.readable)
+        ruleset = landlock.make_ruleset(abi, readable, WRITABLE, paths.listable)
     except OSError as error:
         raise _unavailable(f"Landlock refused its rules: {error.strerror}") from error
     sandbox = Sandbox(machine, abi, ruleset, allowed, threads)

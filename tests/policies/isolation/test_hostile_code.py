@@ -220,8 +220,9 @@ def test_what_is_no_action_is_a_fault(scripts, tmp_path, monkeypatch, which, tex
         scripts.act(observation)
 
 
-def test_torchscript_out_of_the_sandbox_needs_trust(tmp_path, monkeypatch):
-    path = tmp_path / "policy.pt"
+@pytest.mark.parametrize("suffix", ["pt", "zip"])
+def test_files_that_run_code_need_trust_out_of_the_sandbox(tmp_path, suffix):
+    path = tmp_path / f"policy.{suffix}"
     path.write_bytes(hostile_modules.saved(hostile_modules.Counts("")))
     for level in (Isolation.PROCESS, Isolation.NONE):
         policy = isolate(parse_source(str(path)), IsolationOptions(level, limits=LIMITS))

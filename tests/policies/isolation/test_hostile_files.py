@@ -1,10 +1,18 @@
 """Files that are bombs, pickles or debris, each loaded by a real child."""
 
+import _thread
 import base64
+import ctypes
 import io
 import json
+import mmap
+import os
 import pickle
+import socket
 import struct
+import subprocess
+import sys
+import time
 import warnings
 import zipfile
 from pathlib import Path
@@ -15,12 +23,13 @@ import safetensors.torch
 import torch
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
-from minitouch_bench.policies.isolate import isolate
+from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.policies.limits import PolicyLimits
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import MAX_FILE_BYTES, parse_source
+from minitouch_bench.policies.wire import Frame, pack_frame
 from tests.policies.isolation import hostile_modules
 from tests.policies.recipes import run_recipes
 
@@ -107,7 +116,7 @@ def test_every_format_gives_the_same_bits_in_the_sandbox_and_out(files, observat
         actions = []
         for level in (Isolation.PROCESS, Isolation.SANDBOX):
             with isolate(
-                parse_source(str(path)), IsolationOptions(level, trust="pt" in path.name)
+                parse_source(str(path)), IsolationOptions(level, trust=level is Isolation.PROCESS)
             ) as policy:
                 policy.reset(3, "opening")
                 actions.append([policy.act(observation).tobytes() for _ in range(3)])
@@ -134,8 +143,8 @@ def test_a_file_too_large_is_refused_unread(tmp_path, kind):
 def test_a_pickle_named_pt_is_not_opened(policy, tmp_path, canary):
     buffer = io.BytesIO()
     torch.save({"weights": Canary(canary)}, buffer)
-    refused(policy, tmp_path, "torchscript", buffer.getvalue(), "no TorchScript file")
-    refused(policy, tmp_path, "torchscript", pickle.dumps(Canary(canary)), "no TorchScript file")
+    refused(policy, tmp_path, "torchscript", buffer.getvalue(), "not a TorchScript file")
+    refused(policy, tmp_path, "torchscript", pickle.dumps(Canary(canary)), "not a TorchScript file")
 
 
 def test_a_pickle_inside_a_script_is_not_opened(policy, files, tmp_path, canary):
@@ -145,15 +154,143 @@ def test_a_pickle_inside_a_script_is_not_opened(policy, files, tmp_path, canary)
     refused(policy, tmp_path, "torchscript", zipped(contents))
 
 
-def test_pickles_in_sb3s_settings_are_not_opened(policy, files, tmp_path, canary):
-    contents = members(files["sb3"])
-    settings = json.loads(contents["data"])
-    song = base64.b64encode(cloudpickle.dumps(Canary(canary))).decode()
-    for section in settings.values():
-        if isinstance(section, dict) and ":serialized:" in section:
-            section[":serialized:"] = song
-    give(policy, tmp_path, "sb3", zipped({**contents, "data": json.dumps(settings)}))
-    policy.reset(0, "pushing")
+class Deed:
+    """Unpickled, it calls a function."""
+
+    def __init__(self, function, *arguments):
+        self.call = function, arguments
+
+    def __reduce__(self):
+        return self.call
+
+
+DEEDS = {
+    "write a file": (Deed(Path.write_text, Path("canary"), "sung"), "Permission"),
+    "write by another way": (Deed(os.open, "canary", os.O_CREAT | os.O_WRONLY), "Permission"),
+    "link a file": (Deed(os.symlink, "/etc/passwd", "canary"), "not permitted"),
+    "read /etc/passwd": (Deed(Path.read_text, Path("/etc/passwd")), "Permission denied"),
+    "read the environment": (Deed(Path.read_text, Path("/proc/self/environ")), "Permission"),
+    "list a folder": (Deed(os.listdir, "/"), "Permission denied"),
+    "open a socket": (Deed(socket.socket), "not permitted"),
+    "open a connection": (Deed(socket.create_connection, ("127.0.0.1", 1)), "not permitted|resol"),
+    "fork": (Deed(os.fork), "not permitted"),
+    "run a program": (Deed(subprocess.run, ["/bin/touch", "canary"]), "not permitted|Permission"),
+    "run a shell": (Deed(os.system, "touch canary"), "policy"),
+    "become a program": (Deed(os.execv, "/bin/touch", ["touch", "canary"]), "Permission|permitted"),
+    "kill everything": (Deed(os.kill, -1, 9), "not permitted"),
+    "start a thread": (Deed(_thread.start_new_thread, int, ()), "start new thread"),
+    "allocate 10 GB": (Deed(bytearray, 10 * 10**9), "MemoryError"),
+    "map 10 GB": (Deed(mmap.mmap, -1, 10 * 10**9), "Cannot allocate"),
+    "build 10 GB of network": (Deed(torch.nn.Linear, 10**5, 10**5), "allocate"),
+    "never end": (Deed(exec, "while True: pass"), "not loaded within 3 s"),
+    "sleep": (Deed(time.sleep, 1000), "not loaded within 3 s"),
+    "flood its output": (Deed(exec, "while True: print('x' * 1000)"), "not loaded within 3 s"),
+    "exit": (Deed(os._exit, 0), "exited with code 0"),
+    "leave": (Deed(sys.exit, "going home"), "exited with code 1: going home"),
+    "interrupt": (Deed(exec, "raise KeyboardInterrupt"), "KeyboardInterrupt"),
+    "abort": (Deed(os.abort), "killed by SIGABRT"),
+    "crash": (Deed(ctypes.string_at, 0), "killed by SIGSEGV"),
+}
+"""What is tried by the pickle of a Stable-Baselines3 model, and what is said of it."""
+
+
+@pytest.fixture
+def singing(files):
+    """Return a zip that calls a function when its policy class is unpickled, or another one."""
+
+    def make(deed, setting="policy_class"):
+        contents = members(files["sb3"])
+        settings = json.loads(contents["data"])
+        song = base64.b64encode(cloudpickle.dumps(deed)).decode()
+        settings[setting] = {":type:": "", ":serialized:": song}
+        return zipped({**contents, "data": json.dumps(settings)})
+
+    return make
+
+
+@pytest.fixture
+def impatient(policy, monkeypatch):
+    limits = PolicyLimits(load_timeout_s=3.0, memory_mb=2048)
+    return lambda: monkeypatch.setattr(policy, "_limits", limits)
+
+
+@pytest.mark.usefixtures("canary")
+@pytest.mark.parametrize("name", DEEDS)
+def test_a_pickle_in_an_sb3_zip_cannot(impatient, policy, singing, tmp_path, name):
+    deed, text = DEEDS[name]
+    if "within 3 s" in text:
+        impatient()
+    content = singing(Deed(*in_folder(deed, tmp_path)))
+    give(policy, tmp_path, "sb3", content)
+    with pytest.raises(PolicyLoadError, match=text) as caught:
+        policy.reset(0, "pushing")
+    assert caught.value.exit_code == 3
+    assert len(str(caught.value).splitlines()) == 1
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 600
+
+
+def in_folder(deed, folder):
+    """Return a deed's call with the canary's whole path, which it would be written at."""
+    function, arguments = deed.call
+    whole = str(folder / "canary")
+
+    def placed(value):
+        if isinstance(value, list):
+            return [placed(part) for part in value]
+        if isinstance(value, Path):
+            return Path(placed(str(value)))
+        return value.replace("canary", whole) if isinstance(value, str) else value
+
+    return function, *map(placed, arguments)
+
+
+def test_the_same_pickle_writes_where_nothing_holds_it(singing, tmp_path):
+    canary = tmp_path / "canary"
+    path = tmp_path / "policy.zip"
+    path.write_bytes(singing(Canary(canary)))
+    source = parse_source(str(path))
+    with pytest.raises(PolicyLoadError):
+        try_policy(source, ["pushing"], IsolationOptions(Isolation.PROCESS, trust=True))
+    assert canary.exists()  # so the tests above test something
+
+
+def test_a_pickle_that_hides_what_it_tried_gained_nothing(policy, files, singing, canary):
+    tries = (
+        "import os, socket\n"
+        "for deed in (lambda: open(PATH, 'w'), socket.socket, os.fork, lambda: os.listdir('/'),\n"
+        "             lambda: open('/etc/passwd'), lambda: os.kill(os.getppid(), 9)):\n"
+        "    try:\n"
+        "        deed()\n"
+        "    except OSError:\n"
+        "        continue\n"
+        "    raise AssertionError('it got out')\n"
+    ).replace("PATH", repr(str(canary)))
+    actions = []
+    for content in (files["sb3"].read_bytes(), singing(Deed(exec, tries), "_last_obs")):
+        give(policy, canary.parent, "sb3", content)
+        policy.reset(0, "pushing")
+        actions.append(policy.act(zero_observation()).tobytes())
+    assert actions[0] == actions[1]
+
+
+def test_a_pickle_cannot_say_for_its_loader_that_it_is_ready(policy, singing, tmp_path):
+    said = pack_frame(Frame.LOADED), pack_frame(Frame.READY)
+    speak = (
+        "import os\n"
+        "for number in range(3, 64):\n"
+        "    try:\n"
+        f"        os.write(number, {said[0]!r})\n"
+        f"        os.write(number, {said[1]!r})\n"
+        "    except OSError:\n"
+        "        continue\n"
+        "os._exit(0)\n"
+    )
+    give(policy, tmp_path, "sb3", singing(Deed(exec, speak)))
+    with pytest.raises(
+        PolicyFaultError, match=r"answered before|is not an answer|closed|with code 0"
+    ):
+        play_one_step(policy)
 
 
 def test_pickles_as_sb3s_weights_are_not_opened(policy, files, tmp_path, canary):
@@ -163,11 +300,22 @@ def test_pickles_as_sb3s_weights_are_not_opened(policy, files, tmp_path, canary)
     refused(policy, tmp_path, "sb3", zipped(contents), "no plain weights")
 
 
+def test_weights_that_unpack_to_more_than_the_memory_are_refused(policy, files, tmp_path):
+    buffer = io.BytesIO()
+    torch.save({"weights": torch.zeros(1).expand(10)}, buffer)
+    with zipfile.ZipFile(buffer) as inner:
+        contents = {name: inner.read(name) for name in inner.namelist()}
+    (name,) = [name for name in contents if name.endswith("/data/0")]
+    bomb = zipped({**contents, name: bytes(2**28)}, zipfile.ZIP_DEFLATED)
+    content = zipped({**members(files["sb3"]), "policy.pth": bomb})
+    refused(policy, tmp_path, "sb3", content, "no plain weights|do not fit")
+
+
 def test_a_pickle_in_safetensors_metadata_is_not_opened(policy, tmp_path, canary):
     song = base64.b64encode(pickle.dumps(Canary(canary))).decode()
     metadata = {"minitouch": song, "__reduce__": song}
     content = safetensors.torch.save({"weight": torch.zeros(1)}, metadata)
-    refused(policy, tmp_path, "native", content, "no native checkpoint")
+    refused(policy, tmp_path, "native", content, "not a native checkpoint")
 
 
 def test_what_is_not_safetensors_is_called_damaged(policy, tmp_path):
@@ -192,9 +340,10 @@ def test_tensors_that_declare_more_than_the_file_are_refused(policy, tmp_path):
 @pytest.mark.parametrize("kind", ["torchscript", "sb3"])
 def test_a_zip_bomb_is_not_unpacked(policy, files, tmp_path, kind):
     bomb = zipped({"policy/data/0": bytes(2**26)}, zipfile.ZIP_DEFLATED)
-    refused(policy, tmp_path, kind, bomb, f"declares {2**26}: it is not unpacked")
     many = zipped({f"data/{number}": b"" for number in range(10_001)})
-    refused(policy, tmp_path, kind, many, "holds 10001 files")
+    for content, text in ((bomb, f"declares {2**26}: it is not"), (many, "holds 10001 files")):
+        with pytest.raises(PolicyLoadError, match=text):  # before any process is started
+            give(policy, tmp_path, kind, content)
 
 
 def graph(nodes=(), initializers=(), sparse=()):

@@ -26,13 +26,13 @@ class Reader:
         return np.array(found, np.float32)
 """
 OPEN = ("data/numbers.txt", "reports/other/notes.txt")
-CLOSED = (".env", "reports/run/journal.jsonl")
+CLOSED = (".env", "reports/run/run.json")
 
 
 @pytest.fixture
 def home(tmp_path, monkeypatch):
     """A working directory with a factory, its data, a secret and a run."""
-    for name in (*OPEN, *CLOSED, "reports/run/attempts/opening-0"):
+    for name in (*OPEN, *CLOSED, "reports/run/unfinished/opening-0.unit"):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("x")
@@ -64,7 +64,7 @@ def test_no_part_that_is_named_holds_the_run(home, run):
 
 
 def test_a_run_in_the_working_directory_itself_is_left_out(home):
-    (home / "journal.jsonl").write_text("x")
+    (home / "unfinished").mkdir()
     readable, _ = factory_paths("reader:Reader", str(home))
-    assert str(home / "journal.jsonl") not in readable
+    assert str(home / "unfinished") not in readable
     assert str(home / "reader.py") in readable

@@ -1,0 +1,103 @@
+"""Estimates of several runs in one long frame, of which every report over runs is a selection.
+
+A row per run, task and metric; ``join_seeds`` makes of it a row per method, task and metric.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.intervals import over_seeds, quadrature
+from minitouch_bench.metrics.metric import Metric
+from minitouch_bench.records import Estimate
+from minitouch_bench.runs.run import Run
+
+KEY = ("method", "steps", "suite", "task", "metric")
+ESTIMATE = ("value", "low", "high", "count", "interval")
+COLUMNS = ("method", "seed", *KEY[1:], *ESTIMATE)
+
+GAP, HELD_OUT, TRAIN = ", held-out minus train", ", held-out", ", train"
+"""What follows a metric's name where its value is not over all episodes."""
+
+Row = tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class RunLabel:
+    """What a run is in the frame: a training seed of a method, after so many training steps."""
+
+    method: str
+    seed: int
+    steps: int
+
+
+def frame_rows(label: RunLabel, run: Run) -> list[Row]:
+    """Return the rows of a run: the estimates of its ``run.json``, unchanged."""
+    named = [
+        (part.task, metric, estimate)
+        for part in run.summary.tasks
+        for metric, estimate in part.estimates.items()
+    ]
+    for part in run.summary.generalization:
+        for metric, gap in part.gaps.items():
+            for suffix, estimate in (
+                (GAP, gap.difference),
+                (HELD_OUT, gap.held_out),
+                (TRAIN, gap.train),
+            ):
+                named.append((part.task, metric + suffix, estimate))
+    return [frame_row(label, run.plan.suite, *one) for one in named]
+
+
+def frame_row(label: RunLabel, suite: str, task: str, metric: str, estimate: Estimate) -> Row:
+    """Return a row of the frame."""
+    head = (label.method, label.seed, label.steps, suite, task, metric)
+    return (*head, *_cells(estimate))
+
+
+def _cells(estimate: Estimate) -> Row:
+    return estimate.value, estimate.low, estimate.high, estimate.count, estimate.method
+
+
+def make_long_frame(rows: Iterable[Row]) -> pd.DataFrame:
+    """Return the frame, with ``COLUMNS``."""
+    return pd.DataFrame([*rows], columns=[*COLUMNS])
+
+
+def estimates_in(frame: pd.DataFrame) -> list[Estimate]:
+    """Return the estimates of a frame's rows."""
+    return [Estimate(*row) for row in frame[[*ESTIMATE]].itertuples(index=False, name=None)]
+
+
+def join_seeds(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return a row per ``KEY`` with its estimate over training seeds, in order of appearance."""
+    rows = []
+    for key, own in frame.groupby([*KEY], sort=False):
+        estimates, metric = estimates_in(own), str(key[-1])
+        # The gap of two shapes' splits is no narrower than that over all their episodes.
+        over_episodes = quadrature(estimates) if metric.endswith(GAP) else None
+        estimate = over_seeds(estimates, str(key[-2]), metric, over_episodes=over_episodes)
+        if estimate is not None:
+            rows.append((*key, *_cells(estimate)))
+    return pd.DataFrame(rows, columns=[*KEY, *ESTIMATE])
+
+
+def split_name(name: str) -> tuple[Metric, str]:
+    """Return the metric that a row is of, and what follows its name."""
+    metric, comma, rest = name.partition(",")
+    return METRICS[metric], comma + rest
+
+
+def select(frame: pd.DataFrame, **values: object) -> pd.DataFrame:
+    """Return the rows that have these values, by column."""
+    for column, value in values.items():
+        frame = frame[frame[column] == value]
+    return frame
+
+
+def find_row(frame: pd.DataFrame, **values: object) -> Estimate | None:
+    """Return the estimate of the first row with these values, None where there is none."""
+    return next(iter(estimates_in(select(frame, **values))), None)

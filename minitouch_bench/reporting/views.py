@@ -1,0 +1,72 @@
+"""The views of a run that people look at, written beside it and never read back."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from minitouch_bench.files import (
+    EPISODES_FILE,
+    EXPLORATION_FILE,
+    GENERALIZATION_FILE,
+    REPORT_FILE,
+    REPORT_PAGE,
+    REPORTS,
+    RUN_FILE,
+    SUBMISSION_FILE,
+    TABLE4_FILE,
+    write_file,
+)
+from minitouch_bench.reporting.frames import (
+    csv_text,
+    episodes_csv,
+    generalization_frame,
+    table4_frame,
+)
+from minitouch_bench.reporting.report import ALONE, AcrossRuns, Report, build_report, find_videos
+from minitouch_bench.reporting.writers import to_html, to_markdown
+from minitouch_bench.runs.run import Run
+
+
+def write_tables(run: Run, directory: Path) -> None:
+    """Write the CSV files of a run.
+
+    Raises:
+        RunDirectoryError: one cannot be written.
+    """
+    write_file(directory / EPISODES_FILE, episodes_csv(run.episodes))
+    write_file(directory / TABLE4_FILE, csv_text(table4_frame([run])))
+    if run.exploration_episodes:
+        write_file(directory / EXPLORATION_FILE, episodes_csv(run.exploration_episodes))
+    if run.summary.generalization:
+        write_file(directory / GENERALIZATION_FILE, csv_text(generalization_frame([run])))
+
+
+def write_report(
+    runs: Sequence[Run],
+    directory: Path,
+    videos: Sequence[Path] = (),
+    names: Sequence[str] | None = None,
+    across: AcrossRuns = ALONE,
+) -> Report:
+    """Write ``report.md`` and ``report.html`` of one or several runs; return what they show.
+
+    Raises:
+        UsageError: runs of different protocols, or names that do not fit them.
+        RunDirectoryError: a file cannot be written.
+    """
+    report = build_report(runs, find_videos(videos, directory), names, across)
+    write_file(directory / REPORT_FILE, to_markdown(report))
+    write_file(directory / REPORT_PAGE, to_html(report))
+    return report
+
+
+def view_directory(run: Path) -> Path:
+    """Return where reports and videos of a finished run are written: its own directory.
+
+    A submission stays as it is: the views of its runs are written to ``reports/NAME/...``.
+    """
+    directory = run.parent if run.name == RUN_FILE else run
+    submission = directory.resolve().parent.parent
+    if not os.path.lexists(submission / SUBMISSION_FILE):
+        return directory
+    return REPORTS / directory.resolve().relative_to(submission.parent)

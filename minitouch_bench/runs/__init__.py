@@ -1,0 +1,1 @@
+"""Runs: the plan of one, its episodes and actions, and the opened run that every view is of."""

@@ -1,0 +1,272 @@
+"""What a run plays: the plan that its header holds, and the episodes that follow from it."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from minitouch_bench.conditions import STANDARD, Conditions
+from minitouch_bench.errors import UsageError
+from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.policies.limits import USUAL_LIMITS, PolicyLimits
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
+from minitouch_bench.protocol.seeds import episode_seed, policy_seed, suite_generator
+from minitouch_bench.protocol.spec import CUBE, SuiteSpec
+from minitouch_bench.records import Count, EpisodeSpec, Role
+from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
+
+NAMED = 6
+"""Chosen episodes that a label names; the rest are counted."""
+
+
+class Suite(SuiteSpec):
+    """A suite that can name its episodes."""
+
+    def episodes(self, *, exploration: bool, chosen: Sequence[str] = ()) -> tuple[EpisodeSpec, ...]:
+        """Return the episodes, task by task; with ``exploration`` those of that role too.
+
+        Both roles face the same episodes. Playing has no exploration metric. ``chosen`` names
+        those to return, as in "pushing/17"; without it all.
+        """
+        wanted = frozenset(chosen)
+        final = tuple(
+            self.assign_object(self._spec(task, index))
+            for task in self.tasks
+            for index in range(self.episodes_per_task)
+            if not wanted or f"{task}/{index}" in wanted
+        )
+        if not exploration:
+            return final
+        return final + tuple(
+            replace(spec, role=Role.EXPLORATION) for spec in final if spec.task in GOAL_TASKS
+        )
+
+    def _spec(self, task: str, index: int) -> EpisodeSpec:
+        words = (self.name, task, index, self.seed)
+        return EpisodeSpec(Role.FINAL, task, index, episode_seed(*words), policy_seed(*words))
+
+    def assign_object(self, spec: EpisodeSpec) -> EpisodeSpec:
+        """Return the episode with its object filled in.
+
+        That is the task's own cube or nothing (Opening); where the task draws from a shape set,
+        the seed chooses.
+        """
+        if self.novel_shapes:
+            return self._assign_novel_shape(spec)
+        objects = PROTOCOL.task(spec.task).default_objects
+        if objects in ("", CUBE):
+            return replace(spec, shape=objects)
+        shapes = canonical_shape_set().split(objects)
+        drawn = int(np.random.default_rng(spec.seed).integers(len(shapes)))
+        return _with_shape(spec, shapes[drawn])
+
+    def _assign_novel_shape(self, spec: EpisodeSpec) -> EpisodeSpec:
+        """Take each held-out shape once (even indices), beside as many train shapes (odd ones).
+
+        The train shapes are drawn once, without replacement, from the protocol's name alone.
+        """
+        shapes = canonical_shape_set()
+        held_out, train = shapes.split("held-out"), shapes.split("train")
+        turn = (spec.index // 2) % len(held_out)
+        if spec.index % 2 == 0:
+            return _with_shape(spec, held_out[turn])
+        order = suite_generator(self.name).permutation(len(train))
+        return _with_shape(spec, train[int(order[turn])])
+
+
+def _with_shape(spec: EpisodeSpec, shape: Shape) -> EpisodeSpec:
+    return replace(spec, shape=shape.name, family=shape.family, split=shape.split)
+
+
+SUITES = {spec.name: Suite(**vars(spec)) for spec in PROTOCOL.suites}
+
+
+def find_suite(name: str) -> Suite:
+    """Return the suite called ``name``.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if name not in SUITES:
+        raise UsageError(f"no suite '{name}'; the suites are {', '.join(SUITES)}")
+    return SUITES[name]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What fixes the episodes of a run and how they are played, known before the first one.
+
+    ``tasks`` in the suite's order; ``episodes`` per task. ``chosen`` names the episodes that are
+    played, as in "pushing/17", where they are not every one. ``limits``: the policy's time and
+    memory.
+    """
+
+    suite: str
+    tasks: tuple[str, ...]
+    episodes: Count
+    seed: Count
+    chosen: tuple[str, ...] = ()
+    conditions: Conditions = STANDARD
+    limits: PolicyLimits = USUAL_LIMITS
+
+    def specs(self, *, exploration: bool = False) -> tuple[EpisodeSpec, ...]:
+        """Return the episodes, in the suite's order; with ``exploration`` those of that role too.
+
+        Raises:
+            UsageError: there is no such suite.
+        """
+        return _specs(self, exploration)
+
+    def why_unofficial(self) -> tuple[str, ...]:
+        """Return what differs from an official run of the suite, in words."""
+        suite, limits = find_suite(self.suite), self.limits
+        reasons = [] if suite.rankable else [f"suite {suite.name}"]
+        if self.chosen:
+            more = f" and {len(self.chosen) - NAMED} more" if len(self.chosen) > NAMED else ""
+            reasons.append(f"episodes {', '.join(self.chosen[:NAMED])}{more} only")
+        elif self.tasks != suite.tasks:
+            reasons.append(f"tasks {', '.join(self.tasks)} only")
+        if self.episodes != suite.episodes_per_task:
+            reasons.append(f"{self.episodes} of {suite.episodes_per_task} episodes per task")
+        if self.seed != suite.seed:
+            reasons.append(f"seed {self.seed}")
+        if limits.act_timeout_s != USUAL_LIMITS.act_timeout_s:
+            reasons.append(f"{limits.act_timeout_s:g} s per action")
+        if limits.episode_timeout_s != USUAL_LIMITS.episode_timeout_s:
+            reasons.append(f"{limits.episode_timeout_s:g} s per episode")
+        if limits.load_timeout_s != USUAL_LIMITS.load_timeout_s:
+            reasons.append(f"{limits.load_timeout_s:g} s to load")
+        if limits.memory_mb != USUAL_LIMITS.memory_mb:
+            reasons.append(f"{limits.memory_mb} MiB of memory")
+        return (*reasons, *self.conditions.in_words())
+
+    def as_options(self) -> tuple[str, ...]:
+        """Return the options of ``evaluate`` that make this plan."""
+        suite = find_suite(self.suite)
+        words = ["--suite", self.suite]
+        if self.chosen:
+            words += [word for key in self.chosen for word in ("--episodes-from", key)]
+        else:
+            if self.tasks != suite.tasks:
+                words += ["--tasks", ",".join(self.tasks)]
+            if self.episodes != suite.episodes_per_task:
+                words += ["--episodes", str(self.episodes)]
+        if self.seed != suite.seed:
+            words += ["--seed", str(self.seed)]
+        return (*words, *self.conditions.as_options(), *self.limits.as_options())
+
+    def mistake(self) -> tuple[str, str]:
+        """Return the first field that no plan of this protocol can have, and why; or two "".
+
+        A stranger's header can hold any plan.
+        """
+        if self.suite not in SUITES:
+            return "suite", f"there is no suite '{self.suite}'"
+        suite = SUITES[self.suite]
+        if not self.tasks or tuple(t for t in suite.tasks if t in self.tasks) != self.tasks:
+            return "tasks", f"they are not tasks of {suite.name} in its order"
+        if not 0 < self.episodes <= MAX_EPISODES:
+            return "episodes", f"a run has 1 to {MAX_EPISODES} per task"
+        if self.chosen and not self._chooses(replace(suite, episodes_per_task=self.episodes)):
+            return "chosen", f"they are not episodes of {suite.name} in its order"
+        return "", ""
+
+    def _chooses(self, suite: Suite) -> bool:
+        """Tell whether the chosen are episodes of every task of the plan, each once, in order."""
+        try:
+            return choose_episodes(self.chosen, suite) == self.chosen and (
+                choose_tasks(_tasks_of(self.chosen), suite) == self.tasks
+            )
+        except UsageError:
+            return False
+
+
+@lru_cache(maxsize=8)
+def _specs(plan: Plan, exploration: bool) -> tuple[EpisodeSpec, ...]:
+    suite = replace(
+        find_suite(plan.suite),
+        tasks=plan.tasks,
+        episodes_per_task=plan.episodes,
+        seed=plan.seed,
+    )
+    return suite.episodes(exploration=exploration, chosen=plan.chosen)
+
+
+def make_plan(
+    suite: str,
+    tasks: Sequence[str] | None = None,
+    episodes: int | None = None,
+    seed: int | None = None,
+    episodes_from: Sequence[str] = (),
+    **fields: object,
+) -> Plan:
+    """Return a plan of what a user asks for; None and () for what the suite has.
+
+    ``episodes_from``: only these episodes, as in ("pushing/3,17", "opening/0"), in place of tasks
+    and a number. ``fields``: those of ``Plan`` that have a default.
+
+    Raises:
+        UsageError: there is no such suite, task or episode.
+    """
+    known = find_suite(suite)
+    chosen = choose_episodes(episodes_from, known)
+    if chosen and (tasks is not None or episodes is not None):
+        raise UsageError("--episodes-from names tasks and episodes: leave out --tasks, --episodes")
+    number = known.episodes_per_task if episodes is None else episodes
+    if not 1 <= number <= MAX_EPISODES or (seed or 0) < 0:
+        raise UsageError(f"episodes can be 1 to {MAX_EPISODES:,}, and a seed 0 or more")
+    return Plan(
+        suite,
+        choose_tasks(_tasks_of(chosen) or tasks, known),
+        number,
+        known.seed if seed is None else seed,
+        chosen,
+        **fields,  # type: ignore[arg-type]
+    )
+
+
+def _tasks_of(chosen: Sequence[str]) -> list[str]:
+    return [key.partition("/")[0] for key in chosen]
+
+
+def choose_tasks(asked: Sequence[str] | None, suite: Suite) -> tuple[str, ...]:
+    """Return the tasks of a suite that are asked for, in the suite's order; None for all.
+
+    Raises:
+        UsageError: one of them is not in the suite.
+    """
+    if asked is None:
+        return suite.tasks
+    unknown = [name for name in asked if name not in suite.tasks]
+    if unknown or not asked:
+        raise UsageError(
+            f"no task '{unknown[0] if unknown else ''}' in suite {suite.name}; "
+            f"its tasks are {', '.join(suite.tasks)}"
+        )
+    return tuple(name for name in suite.tasks if name in asked)
+
+
+def choose_episodes(asked: Sequence[str], suite: Suite) -> tuple[str, ...]:
+    """Return the names of the episodes asked for, as in "pushing/3,17", in the suite's order.
+
+    Raises:
+        UsageError: one of them is not in the suite.
+    """
+    return tuple(
+        f"{suite.tasks[task]}/{index}" for task, index in sorted({*_positions(asked, suite)})
+    )
+
+
+def _positions(asked: Sequence[str], suite: Suite) -> Iterator[tuple[int, int]]:
+    for text in asked:
+        task, _, indices = text.partition("/")
+        choose_tasks([task], suite)
+        for index in map(str.strip, indices.split(",")):
+            if not re.fullmatch(r"[0-9]{1,8}", index) or int(index) >= suite.episodes_per_task:
+                raise UsageError(
+                    f"no episode '{task}/{index}' in suite {suite.name}; "
+                    f"it has {task}/0 to {task}/{suite.episodes_per_task - 1}"
+                )
+            yield suite.tasks.index(task), int(index)

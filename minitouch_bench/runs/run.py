@@ -1,0 +1,349 @@
+"""An opened run: its facts as ``run.json`` and ``actions.npz`` hold them, read once.
+
+Everything people look at is a view of it, and every check works on it.
+"""
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Final, Literal
+
+from minitouch_bench.documents import read_json, write_json
+from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError
+from minitouch_bench.files import (
+    ACTIONS_FILE,
+    LARGEST_ACTIONS,
+    RUN_FILE,
+    UNFINISHED,
+    os_errors_as,
+    read_file,
+)
+from minitouch_bench.metrics.summary import measure, summarize, with_touch_curves
+from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
+from minitouch_bench.records import (
+    IN_MEMORY,
+    Count,
+    EpisodeMetrics,
+    EpisodeRecord,
+    EpisodeSpec,
+    PolicyIdentity,
+    Role,
+    Sha256,
+    Summary,
+)
+from minitouch_bench.runs.actions import Actions, parse_actions
+from minitouch_bench.runs.plan import Plan
+
+RUN_FORMAT: Final = "minitouch-run"
+RUN_VERSION: Final = 3
+"""Raised whenever a field of ``run.json`` is added or means something else."""
+
+NAMED = 3
+"""Episodes named in one line; the rest are counted."""
+
+
+@dataclass(frozen=True)
+class RunHeader:
+    """Everything that fixes the numbers of a run, known before its first episode.
+
+    ``task_digests``: the protocol's digest for each task; results of a task are comparable where
+    its digests are equal.
+    """
+
+    protocol: str
+    protocol_digest: str
+    task_digests: Mapping[str, str]
+    plan: Plan
+    official: bool
+    unofficial_because: tuple[str, ...]
+    policy: PolicyIdentity
+    exploration: PolicyIdentity | None
+    isolation: str
+
+    def specs(self) -> tuple[EpisodeSpec, ...]:
+        """Return the episodes of the run, in order."""
+        return self.plan.specs(exploration=self.exploration is not None)
+
+    def policies(self) -> tuple[PolicyIdentity, ...]:
+        """Return the final policy, and the exploration policy where there is one."""
+        return (self.policy,) if self.exploration is None else (self.policy, self.exploration)
+
+    def rules_differ(self, other: "RunHeader") -> tuple[str, ...]:
+        """Return the tasks of both runs that were not played by the same rules."""
+        return tuple(
+            task
+            for task in self.plan.tasks
+            if task in other.plan.tasks
+            and self.task_digests.get(task) != other.task_digests.get(task)
+        )
+
+
+def make_header(
+    plan: Plan, policy: PolicyIdentity, exploration: PolicyIdentity | None, isolation: str
+) -> RunHeader:
+    """Return the header of a run of this plan, under this installation's protocol."""
+    reasons = why_unofficial(plan, policy, exploration, isolation)
+    return RunHeader(
+        protocol=PROTOCOL.name,
+        protocol_digest=PROTOCOL.digest(),
+        task_digests={task: PROTOCOL.task_digest(task, plan.suite) for task in plan.tasks},
+        plan=plan,
+        official=not reasons,
+        unofficial_because=reasons,
+        policy=policy,
+        exploration=exploration,
+        isolation=isolation,
+    )
+
+
+def why_unofficial(
+    plan: Plan, policy: PolicyIdentity, exploration: PolicyIdentity | None, isolation: str
+) -> tuple[str, ...]:
+    """Return what makes a run unofficial, in words."""
+    kinds = {one.kind for one in (policy, exploration) if one is not None}
+    found = plan.why_unofficial()
+    if IN_MEMORY in kinds:
+        return (*found, "policy in memory, beside the simulator")
+    if isolation == "process" and "remote" not in kinds:
+        return (*found, "isolation: process")
+    return found
+
+
+@dataclass(frozen=True)
+class RunEnvironment:
+    """Where and when a run was made; never part of its numbers."""
+
+    packages: Mapping[str, str]
+    machine: Mapping[str, str]
+    workers: Count
+    started: str
+    wall_s: float
+
+
+@dataclass(frozen=True)
+class RunDocument:
+    """What ``run.json`` holds: everything a report is made from.
+
+    ``digest`` covers every episode: runs with equal ones hold the same bits. ``faults`` says what
+    the policy did wrong, by episode, such as "pushing/17" or "exploration/pushing/17"; each is a
+    failed episode. Episodes stand in the suite's order. Equal runs give equal documents except for
+    ``environment``, which alone holds times.
+    """
+
+    format: Literal["minitouch-run"]
+    version: Literal[3]
+    digest: Sha256
+    header: RunHeader
+    environment: RunEnvironment
+    summary: Summary
+    faults: Mapping[str, str]
+    episodes: tuple[EpisodeMetrics, ...]
+    exploration_episodes: tuple[EpisodeMetrics, ...]
+
+    @property
+    def plan(self) -> Plan:
+        """What the run plays."""
+        return self.header.plan
+
+    def by_role(self) -> tuple[tuple[Role, tuple[EpisodeMetrics, ...]], ...]:
+        """Return the episodes of each role, the final policy's first."""
+        return (Role.FINAL, self.episodes), (Role.EXPLORATION, self.exploration_episodes)
+
+
+@dataclass(frozen=True)
+class Run(RunDocument):
+    """A finished run, opened once; ``name`` is what it is called, usually its directory's name.
+
+    ``directory`` is None where it is kept in memory only. ``content``: the bytes of ``run.json``
+    that were read, empty where it was not read from a file.
+    """
+
+    name: str
+    directory: Path | None = None
+    content: bytes = b""
+
+    @cached_property
+    def actions_content(self) -> bytes:
+        """The bytes of ``actions.npz``.
+
+        Raises:
+            UnreadableFileError: the file cannot be read.
+        """
+        path = self._path(ACTIONS_FILE)
+        with os_errors_as(UnreadableFileError, path, "read"):
+            return read_file(path, LARGEST_ACTIONS)
+
+    @cached_property
+    def actions(self) -> Mapping[str, Actions]:
+        """The recorded actions by episode, as in "pushing/17", float32 (T, A) each.
+
+        Raises:
+            RunDirectoryError: the file is missing or damaged, or holds other episodes.
+        """
+        return parse_actions(
+            self.actions_content, self.header.specs(), str(self._path(ACTIONS_FILE))
+        )
+
+    def actions_of(self, key: str) -> Actions:
+        """Return the recorded actions of the episode called ``key``.
+
+        Raises:
+            RunDirectoryError: they are missing, or the file is missing or damaged.
+        """
+        if key not in self.actions:
+            raise RunDirectoryError(f"{self._path(ACTIONS_FILE)} has no actions of {key}")
+        return self.actions[key]
+
+    def _path(self, name: str) -> Path:
+        if self.directory is None:
+            raise UnreadableFileError(f"{self.name} is kept in memory: it has no {name}")
+        return self.directory / name
+
+    def file_digests(self) -> dict[str, str]:
+        """Return the SHA-256 of the bytes that were read, by file name."""
+        contents = {RUN_FILE: self.content, ACTIONS_FILE: self.actions_content}
+        return {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
+
+    def rows(self) -> Iterator[tuple[EpisodeSpec, EpisodeMetrics]]:
+        """Walk through the episodes of the plan with the row of each."""
+        return zip(self.header.specs(), (*self.episodes, *self.exploration_episodes), strict=True)
+
+    def find(self, key: str) -> tuple[EpisodeSpec, EpisodeMetrics]:
+        """Return the episode called ``key``, as ``pushing/17``.
+
+        Raises:
+            UsageError: there is none.
+        """
+        for spec, row in self.rows():
+            if spec.key == key:
+                return spec, row
+        specs, chosen = self.header.specs(), self.plan.chosen
+        if chosen:
+            names = ", ".join(chosen[:NAMED]) + (", …" if len(chosen) > NAMED else "")
+        else:
+            names = f"{specs[0].key} to {specs[-1].key}"
+        raise UsageError(f"the run has no episode '{key}'; it has {names}")
+
+    def is_edited(self) -> bool:
+        """Tell whether the digest is not that of the episodes."""
+        return self.digest != run_digest(self.header, self.episodes, self.exploration_episodes)
+
+
+def make_run(
+    header: RunHeader,
+    environment: RunEnvironment,
+    records: Iterable[EpisodeRecord],
+    name: str,
+    directory: Path | None = None,
+) -> Run:
+    """Measure the episodes of a plan, given in its order, and estimate every metric, once."""
+    records = tuple(records)
+    rows = {
+        role: tuple(measure(record) for record in records if record.spec.role is role)
+        for role in Role
+    }
+    episodes, exploration = rows[Role.FINAL], rows[Role.EXPLORATION]
+    summary = summarize(header.plan.tasks, episodes, exploration, header.plan.seed)
+    return Run(
+        format=RUN_FORMAT,
+        version=RUN_VERSION,
+        digest=run_digest(header, episodes, exploration),
+        header=header,
+        environment=environment,
+        summary=with_touch_curves(summary, records),
+        faults={record.spec.key: record.fault for record in records if record.fault},
+        episodes=episodes,
+        exploration_episodes=exploration,
+        name=name,
+        directory=directory,
+    )
+
+
+def run_digest(
+    header: RunHeader,
+    episodes: Iterable[EpisodeMetrics],
+    exploration_episodes: Iterable[EpisodeMetrics] = (),
+) -> str:
+    """Return the SHA-256 over the rules of each task and the episodes, in the run's order.
+
+    Of an episode it covers the task, index, seed, shape, outcome and the trajectory's own
+    digest, and so every metric but ``clipped_actions``. It names neither the policy nor the
+    machine: whoever gets the same bits gets the same digest.
+    """
+    rules = (f"{task} {header.task_digests.get(task, '')}" for task in header.plan.tasks)
+    sha = hashlib.sha256("\n".join(rules).encode())
+    for role, listed in (("final", episodes), ("exploration", exploration_episodes)):
+        for episode in listed:
+            identity = (role, episode.task, episode.index, episode.seed, episode.shape)
+            result = (episode.outcome.value, episode.digest)
+            sha.update(("\n" + " ".join(map(str, (*identity, *result)))).encode())
+    return sha.hexdigest()
+
+
+def run_json(run: Run) -> bytes:
+    """Write a run as the content of ``run.json``: all but what it is called.
+
+    Raises:
+        ValueError: it holds NaN or infinity.
+    """
+    return write_json(
+        RunDocument(**{field.name: getattr(run, field.name) for field in fields(RunDocument)})
+    )
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """What every version of the document begins with."""
+
+    format: str
+    version: int
+
+
+def parse_run(content: bytes, name: str, directory: Path | None = None) -> Run:
+    """Read a run from the content of its ``run.json``; ``name`` is what it is called.
+
+    Raises:
+        RunDirectoryError: it is not a run, or of another version.
+    """
+    mark = read_json(content, _Mark, RUN_FILE)
+    if mark.format != RUN_FORMAT:
+        raise RunDirectoryError(f"{RUN_FILE}: its format is not '{RUN_FORMAT}'")
+    if mark.version != RUN_VERSION:
+        raise RunDirectoryError(
+            f"{RUN_FILE} has version {mark.version}, this program reads version {RUN_VERSION}; "
+            "use the minitouch-bench that wrote it"
+        )
+    document = read_json(content, RunDocument, RUN_FILE)
+    summary = document.summary
+    rows = (*document.episodes, *document.exploration_episodes)
+    named = {row.task for part in (rows, summary.tasks, summary.generalization) for row in part}
+    if unknown := sorted({*document.plan.tasks, *named} - set(TASK_NAMES)):
+        raise RunDirectoryError(f"{RUN_FILE}: this version has no task {unknown[0]!a}")
+    return Run(**vars(document), name=name, directory=directory, content=content)
+
+
+def read_run(directory: Path) -> Run:
+    """Read a run from its directory, or from the path of its ``run.json``.
+
+    Raises:
+        RunDirectoryError: in one line that says what is wrong.
+    """
+    file = directory if directory.name == RUN_FILE else directory / RUN_FILE
+    try:
+        content = read_file(file)
+    except FileNotFoundError as error:
+        if (file.parent / UNFINISHED).exists():
+            what = "holds an unfinished run: the command that began it finishes it with --resume"
+        elif file.parent.exists():
+            what = f"is not a run directory: it has no {RUN_FILE}"
+        else:
+            what = "is not a run directory: it does not exist"
+        raise RunDirectoryError(f"{file.parent} {what}") from error
+    except OSError as error:
+        raise UnreadableFileError(f"{file} cannot be read: {error.strerror}") from error
+    try:
+        return parse_run(content, file.resolve().parent.name, file.parent)
+    except RunDirectoryError as error:
+        raise RunDirectoryError(f"{file.parent}: {error}") from error

@@ -1,0 +1,118 @@
+"""Play a run in its directory, and write its facts and its views."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from minitouch_bench.errors import HopelessRunError, InfrastructureError, InterruptedRunError
+from minitouch_bench.evaluation.engine import Engine
+from minitouch_bench.evaluation.filming import film, film_name, require_video
+from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, open_run, play_missing
+from minitouch_bench.files import RUN_FILE, VIDEOS, holds_run, list_videos, make_folder, write_file
+from minitouch_bench.reporting.report import Report
+from minitouch_bench.reporting.views import write_report, write_tables
+from minitouch_bench.runs.run import Run, run_json
+from minitouch_bench.runs.unfinished import UnfinishedRun
+from minitouch_bench.workflows import SILENT, Callbacks
+from minitouch_bench.workflows.experiment_log import check_tracker
+
+
+def play_in(
+    request: RunRequest,
+    directory: Path,
+    engine: Engine,
+    callbacks: Callbacks = SILENT,
+    *,
+    resume: bool = False,
+    fresh: bool = False,
+) -> Run:
+    """Play the episodes that are missing of a run in its directory, which must be locked.
+
+    Raises:
+        UsageError: both ``resume`` and ``fresh``.
+        RunDirectoryError: it holds another run, or one and neither was asked for.
+        InfrastructureError, HopelessRunError, InterruptedRunError: the run is incomplete and can
+            be resumed.
+    """
+    if resume and not holds_run(directory):
+        callbacks.note(f"there is no run in {directory} to resume: a new one begins")
+    opened = open_run(request, directory, resume=resume, fresh=fresh)
+    return play(request, opened, engine, callbacks)
+
+
+def run_name(request: RunRequest) -> str:
+    """Name a run after its policy, suite and conditions, in characters that suit a file name."""
+    policy = _file_name(request.setup.policy.name)[:80] or "policy"
+    conditions = [_file_name(words) for words in request.plan.conditions.in_words()]
+    return "-".join((policy, request.plan.suite, *conditions))
+
+
+def _file_name(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip(".-")
+
+
+def play(
+    request: RunRequest, opened: RunUnderWay | Run, engine: Engine, callbacks: Callbacks = SILENT
+) -> Run:
+    """Play the episodes that are missing, and keep the facts of the run in its directory.
+
+    The callbacks are told of the episodes that are done, too. A run that is finished already is
+    returned as it is.
+    """
+    if isinstance(opened, Run):
+        callbacks.note(f"{opened.directory} holds the finished run: no episode is missing")
+        return opened
+    callbacks.phase("episodes", len(opened.header.specs()))
+    for record in opened.records:
+        callbacks.episode(record)
+    with resumable(opened.directory):
+        run = play_missing(request, opened, engine, callbacks.episode, run_name(request))
+    if run.directory is None:
+        return run
+    content = run_json(run)
+    write_file(run.directory / RUN_FILE, content)  # a directory with it holds a finished run
+    UnfinishedRun(run.directory).remove()
+    return replace(run, name=run.directory.resolve().name, content=content)
+
+
+@contextmanager
+def resumable(directory: Path | None) -> Iterator[None]:
+    """Tell the user of an interrupted run how to continue it."""
+    advice = (
+        "Nothing is kept: a run with an output directory could be resumed."
+        if directory is None
+        else f"What is done is kept in {directory}; the same command with --resume continues."
+    )
+    try:
+        yield
+    except HopelessRunError as error:
+        raise HopelessRunError(f"{error}\n{advice}") from error
+    except InfrastructureError as error:
+        raise InfrastructureError(f"{error}\n{advice}") from error
+    except KeyboardInterrupt as error:
+        raise InterruptedRunError(f"interrupted\n{advice}") from error
+
+
+def check_views(video: int, log: str | None) -> None:
+    """See that videos can be made and a tracker be used, before an hour of episodes.
+
+    Raises:
+        UsageError: there is no such tracker.
+        MissingExtraError: a package is not installed.
+    """
+    if log is not None:
+        check_tracker(log)
+    if video:
+        require_video()
+
+
+def write_views(run: Run, directory: Path, video: int = 0) -> Report:
+    """Write the tables, the report and the videos of the first ``video`` episodes of each task."""
+    for spec in run.header.specs():
+        if spec.index < video:
+            file = make_folder(directory / VIDEOS) / film_name(spec.key)
+            film(spec, run.actions_of(spec.key), file, run.plan.conditions)
+    write_tables(run, directory)
+    return write_report([run], directory, list_videos(directory))

@@ -1,0 +1,33 @@
+"""The quickstart notebook runs from start to end, with a small budget."""
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+NOTEBOOK = ROOT / "examples" / "quickstart.ipynb"
+BUDGET = "TRAINING_STEPS = 300\nEPISODES = 2\n"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_the_notebook_runs_from_start_to_end(tmp_path):
+    nbformat = pytest.importorskip("nbformat", reason="pip install 'minitouch-bench[dev]'")
+    nbclient = pytest.importorskip("nbclient", reason="pip install 'minitouch-bench[dev]'")
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    [parameters] = [
+        cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", ())
+    ]
+    parameters.source = BUDGET
+    resources = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(notebook, timeout=900, resources=resources).execute()
+    assert (tmp_path / "reports" / "trained" / "run.json").exists()
+    assert "image/gif" in str(notebook.cells)
+
+
+def test_the_notebook_is_stored_without_results():
+    nbformat = pytest.importorskip("nbformat", reason="pip install 'minitouch-bench[dev]'")
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    nbformat.validate(notebook)
+    for cell in notebook.cells:
+        assert cell.cell_type == "markdown" or (not cell.outputs and cell.execution_count is None)

@@ -1,0 +1,35 @@
+"""The documentation site builds without a warning, searches, and loads nothing from elsewhere."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LOADED = re.compile(
+    r"<(?:script|img|iframe)[^>]+src=\"?(https?:[^\">\s]+)|<link[^>]+href=\"?(https?:[^\">\s]+)"
+)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_the_site_builds_and_opens_offline(tmp_path):
+    pytest.importorskip("material", reason="pip install 'minitouch-bench[docs]'")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path / "site"]
+    done = subprocess.run(
+        command,
+        cwd=ROOT,
+        env={"PATH": "", "NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    pages = list((tmp_path / "site").rglob("*.html"))
+    assert len(pages) > 30
+    assert not [found for page in pages for found in LOADED.findall(page.read_text())]
+    search = json.loads((tmp_path / "site" / "search" / "search_index.json").read_text())
+    assert any("sandbox" in entry["text"] for entry in search["docs"])

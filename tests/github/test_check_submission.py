@@ -1,0 +1,151 @@
+"""The script that validates the submission of a pull request, and what it leaves."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tests.github.scripts import load
+
+VALIDATE = """
+import pathlib, sys
+if sys.argv[1] == "build":
+    pathlib.Path(sys.argv[3]).mkdir(parents=True)
+    raise SystemExit
+place = pathlib.Path(sys.argv[-1])
+code = int((place / "code").read_text())
+print(" ".join(sys.argv[1:]))
+if code == 0:
+    proofs = place.parent / "_proofs"
+    proofs.mkdir(exist_ok=True)
+    (proofs / f"{place.name}.json").write_text("{}")
+raise SystemExit(code)
+"""
+
+
+def git(clone, *arguments):
+    identity = ("-c", "user.name=a", "-c", "user.email=a@example.org")
+    command = ["git", "-C", str(clone), *identity, *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def commit(clone, **files):
+    """Commit files, whose names have two underscores for each slash; return the commit."""
+    for name, text in files.items():
+        path = clone / name.replace("__", "/")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    git(clone, "add", "-A")
+    git(clone, "commit", "-q", "-m", "change")
+    return git(clone, "rev-parse", "HEAD")
+
+
+@pytest.fixture
+def script(tmp_path, monkeypatch):
+    """The script, whose own clone is small and whose command is a stand-in."""
+    module = load("check_submission")
+    (tmp_path / "own" / "submissions" / "_proofs").mkdir(parents=True)
+    (tmp_path / "own" / "submissions" / "_proofs" / "mine.json").write_text('{"old": true}')
+    monkeypatch.setattr(module, "ROOT", tmp_path / "own")
+    monkeypatch.setattr(module, "COMMAND", (sys.executable, "-c", VALIDATE))
+    for name in ("GITHUB_STEP_SUMMARY", "GITHUB_OUTPUT"):
+        monkeypatch.setenv(name, str(tmp_path / name))
+    return module
+
+
+@pytest.fixture
+def clone(tmp_path):
+    folder = tmp_path / "clone"
+    folder.mkdir()
+    git(folder, "init", "-q")
+    return folder
+
+
+def run(script, clone, head, *arguments):
+    """Run it; return its exit code, result and folder."""
+    output = clone.parent / "checked"
+    options = ["--clone", str(clone), "--head", head, "--output", str(output), *arguments]
+    code = script.main(options)
+    return code, json.loads((output / "result.json").read_text()), output
+
+
+def test_a_valid_submission_leaves_its_proof_and_a_summary(script, clone, tmp_path):
+    base = commit(clone, README="")
+    head = commit(clone, submissions__mine__code="0")
+    code, result, output = run(script, clone, head, "--base", base, "--only-one")
+    assert code == 0
+    assert result == {"head": head, "outcomes": {"mine": "valid"}}
+    text = (output / "output.txt").read_text()
+    assert text.startswith("validate --rerun 50 --fresh-seeds 50 --workers auto --time-limit 18000")
+    assert (output / "proofs" / "mine.json").read_text() == "{}"  # not the old one
+    assert (output / "leaderboard").is_dir()
+    assert "| `mine` | valid |" in (tmp_path / "GITHUB_STEP_SUMMARY").read_text()
+    assert (tmp_path / "GITHUB_OUTPUT").read_text() == "proofs=1\n"
+
+
+@pytest.mark.parametrize(
+    ("code", "outcome"),
+    [
+        (1, "refused"),
+        (5, "not finished"),
+        (6, "not readable"),
+        (70, "the check failed with exit code 70"),
+    ],
+)
+def test_any_other_outcome_is_named_and_leaves_no_proof(script, clone, tmp_path, code, outcome):
+    base = commit(clone, README="")
+    head = commit(clone, submissions__mine__code=str(code))
+    ended, result, output = run(script, clone, head, "--base", base, "--only-one")
+    assert ended == 1
+    assert result["outcomes"] == {"mine": outcome}
+    assert not (output / "proofs").exists()
+    assert (tmp_path / "GITHUB_OUTPUT").read_text() == "proofs=0\n"
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"submissions__mine__code": "0", "README": "also"},
+        {"submissions__mine__code": "0", "submissions___proofs__mine.json": "{}"},
+        {"submissions__mine__code": "0", "submissions__other__code": "0"},
+        {"submissions__a`b__code": "0"},
+        {"submissions__README.md": ""},
+    ],
+)
+def test_a_change_of_more_than_one_submission_is_not_checked(script, clone, files):
+    base = commit(clone, README="")
+    head = commit(clone, **files)
+    code, result, output = run(script, clone, head, "--base", base, "--only-one")
+    assert code == 1
+    assert set(result["outcomes"].values()) <= {"not checked"}
+    assert "nothing else" in (output / "output.txt").read_text()
+
+
+def test_a_branch_behind_its_base_is_compared_with_where_it_left(script, clone):
+    commit(clone, README="")
+    git(clone, "checkout", "-q", "-b", "mine")
+    head = commit(clone, submissions__mine__code="0")
+    git(clone, "checkout", "-q", "-")
+    base = commit(clone, README="later", submissions__other__code="1")
+    git(clone, "checkout", "-q", "mine")
+    code, result, _ = run(script, clone, head, "--base", base, "--only-one")
+    assert (code, result["outcomes"]) == (0, {"mine": "valid"})
+
+
+def test_after_a_merge_every_changed_submission_is_proved(script, clone):
+    base = commit(clone, submissions__old__code="1")
+    head = commit(clone, submissions__one__code="0", submissions__two__code="0", README="")
+    code, result, output = run(script, clone, head, "--base", base)
+    assert (code, result["outcomes"]) == (0, {"one": "valid", "two": "valid"})
+    assert {file.name for file in (output / "proofs").iterdir()} == {"one.json", "two.json"}
+
+
+def test_a_first_push_and_a_name_choose_too(script, clone):
+    head = commit(clone, submissions__one__code="0", submissions__two__code="1")
+    assert run(script, clone, head, "--base", "0" * 40)[1]["outcomes"] == {
+        "one": "valid",
+        "two": "refused",
+    }
+    assert run(script, clone, head, "--name", "one")[1]["outcomes"] == {"one": "valid"}
+    assert run(script, clone, head, "--name", "../one")[1]["outcomes"] == {}

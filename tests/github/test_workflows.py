@@ -1,0 +1,147 @@
+"""The workflows, checked as far as one can without GitHub: who may do what, and what they call."""
+
+import re
+import shutil
+import subprocess
+
+import pytest
+import yaml
+
+from tests.github.scripts import ROOT, SCRIPTS, load
+
+FOLDER = ROOT / ".github" / "workflows"
+FILES = sorted(FOLDER.glob("*.yml"))
+NAMES = {"nightly", "proof", "release", "site", "submission-report", "submission", "tests"}
+OF_STRANGERS = {"site", "submission", "tests"}
+"""They run on pull requests, also from forks."""
+
+SIGNING = {"id-token": "write", "attestations": "write"}
+WRITING = {
+    "proof/attest": SIGNING,
+    "release/publish": SIGNING,
+    "site/deploy": {"pages": "write", "id-token": "write"},
+    "submission-report/comment": {
+        "contents": "read",
+        "actions": "read",
+        "pull-requests": "write",
+    },
+}
+"""Every job that may write, and all that it may."""
+
+ACTION = re.compile(r"(actions/[a-z-]+@v[0-9]+|pypa/gh-action-pypi-publish@release/v1)")
+
+
+def workflow(name):
+    found = yaml.safe_load((FOLDER / f"{name}.yml").read_text())
+    return found, found[True]  # YAML 1.1 reads the key "on" as true
+
+
+def jobs():
+    return [
+        pytest.param(file.stem, key, job, id=f"{file.stem}/{key}")
+        for file in FILES
+        for key, job in yaml.safe_load(file.read_text())["jobs"].items()
+    ]
+
+
+def test_the_workflows_are_these():
+    assert {file.stem for file in FILES} == NAMES
+
+
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_a_workflow_may_read_and_nothing_else_until_a_job_says_so(name):
+    document, _ = workflow(name)
+    assert document["permissions"] in ({}, {"contents": "read"})
+
+
+@pytest.mark.parametrize(("name", "key", "job"), jobs())
+def test_a_job_has_the_permissions_listed_here_and_a_time_limit(name, key, job):
+    assert job.get("permissions") == WRITING.get(f"{name}/{key}")
+    assert job["timeout-minutes"] <= 350
+
+
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_no_strangers_code_meets_a_secret_or_a_token_that_writes(name):
+    document, on = workflow(name)
+    assert "pull_request_target" not in on
+    assert "secrets." not in (FOLDER / f"{name}.yml").read_text()
+    assert ("pull_request" in on) == (name in OF_STRANGERS)
+    if name in OF_STRANGERS:
+        for key, job in document["jobs"].items():
+            if "permissions" in job:
+                assert job["if"].startswith("github.event_name != 'pull_request' && "), key
+
+
+@pytest.mark.parametrize(("name", "key", "job"), jobs())
+def test_a_job_that_writes_checks_out_no_pull_request_and_runs_no_policy(name, key, job):
+    if f"{name}/{key}" not in WRITING:
+        return
+    for step in job["steps"]:
+        assert "ref" not in step.get("with", {})
+        assert "make" not in step.get("run", "")
+        assert "minitouch" not in step.get("run", "")
+
+
+@pytest.mark.parametrize(("name", "key", "job"), jobs())
+def test_steps_use_known_actions_without_credentials_and_scripts_without_expressions(
+    name, key, job
+):
+    for step in job["steps"]:
+        if "uses" in step:
+            assert ACTION.fullmatch(step["uses"]), step["uses"]
+        if step.get("uses", "").startswith("actions/checkout@"):
+            assert step["with"]["persist-credentials"] is False
+        assert "${{" not in step.get("run", "")
+
+
+@pytest.mark.parametrize(("name", "key", "job"), jobs())
+def test_what_a_job_calls_is_in_the_repository(name, key, job):
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    for step in job["steps"]:
+        script = step.get("run", "")
+        for target in re.findall(r"^make ([a-z-]+)$", script, re.MULTILINE):
+            assert target in targets, target
+        for file in re.findall(r"\.github/scripts/(\w+)\.py", script):
+            assert (SCRIPTS / f"{file}.py").is_file(), file
+
+
+def test_the_pythons_are_those_of_the_package():
+    text = (ROOT / "pyproject.toml").read_text()
+    declared = re.findall(r"Programming Language :: Python :: (3\.\d+)", text)
+    for name, key in (("tests", "test"), ("tests", "wheel"), ("nightly", "prove")):
+        matrix = workflow(name)[0]["jobs"][key]["strategy"]["matrix"]
+        assert matrix["python"] == declared
+
+
+def test_the_report_follows_the_check_of_a_submission():
+    report = workflow("submission-report")[1]["workflow_run"]
+    assert report["workflows"] == [workflow("submission")[0]["name"]]
+
+
+def test_a_tag_must_be_the_version(monkeypatch, capsys):
+    check = load("check_version")
+    text = (ROOT / "pyproject.toml").read_text()
+    version = re.search(r'^version = "(.*)"$', text, re.MULTILINE)[1]
+    monkeypatch.setattr(check.sys, "argv", ["check_version.py", f"v{version}"])
+    assert check.main() == 0
+    monkeypatch.setattr(check.sys, "argv", ["check_version.py", "v99.0.0"])
+    assert check.main() == 1
+    assert "the tag is v99.0.0" in capsys.readouterr().err
+
+
+def test_actionlint_finds_nothing():
+    actionlint = shutil.which("actionlint")
+    if actionlint is None:
+        pytest.skip("actionlint is not installed")
+    subprocess.run([actionlint, *FILES], check=True)
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml")))
+def test_an_issue_form_is_one(file):
+    form = yaml.safe_load(file.read_text())
+    if file.stem == "config":
+        assert set(form) <= {"blank_issues_enabled", "contact_links"}
+        return
+    assert {"name", "description", "body"} <= set(form)
+    ids = [field["id"] for field in form["body"] if field["type"] != "markdown"]
+    assert len(ids) == len(set(ids)) > 0

@@ -1,0 +1,1 @@
+from tests.reporting.conftest import hac, novel  # noqa: F401

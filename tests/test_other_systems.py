@@ -1,0 +1,81 @@
+"""A system without what only Linux has, such as macOS; simulated, because none is at hand."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+WITHOUT = """
+import ctypes, os, platform, socket
+platform.system = lambda: "Darwin"
+del os.pidfd_open, os.sched_getaffinity, socket.MSG_CMSG_CLOEXEC
+pair = socket.socketpair
+def socketpair(family=None, kind=socket.SOCK_STREAM, *rest):
+    if kind == socket.SOCK_SEQPACKET:
+        raise OSError("Protocol not supported")
+    return pair(family, kind, *rest)
+socket.socketpair = socketpair
+class Library(ctypes.CDLL):
+    def __getattr__(self, name):
+        if name in ("prctl", "syscall"):
+            raise AttributeError(name)
+        return super().__getattr__(name)
+ctypes.CDLL = Library
+"""
+
+
+@pytest.fixture
+def elsewhere(tmp_path):
+    """A function that runs the command on such a system."""
+    folder = tmp_path / "system"
+    folder.mkdir()
+    (folder / "sitecustomize.py").write_text(WITHOUT)
+    (tmp_path / "work").mkdir()
+
+    def run(*arguments):
+        return subprocess.run(
+            [sys.executable, "-m", "minitouch_bench.cli.entry", *arguments],
+            cwd=tmp_path / "work",
+            env={**os.environ, "PYTHONPATH": str(folder)},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=280,
+        )
+
+    return run
+
+
+def test_there_is_no_sandbox_and_the_error_says_so(elsewhere):
+    done = elsewhere("evaluate", "random", "--tasks", "pushing", "--episodes", "1")
+    assert done.returncode == 3
+    assert "no sandbox can be had here: it needs Linux" in done.stderr
+    assert "--isolation process" in done.stderr
+
+
+def test_a_run_in_a_process_has_the_same_digest_and_is_unofficial(elsewhere, tmp_path):
+    episodes = ("evaluate", "random", "--tasks", "pushing", "--episodes", "2", "--workers", "2")
+    done = elsewhere(*episodes, "--isolation", "process", "--output", "run")
+    assert done.returncode == 0, done.stderr
+    here = [sys.executable, "-m", "minitouch_bench.cli.entry", *episodes, "--output", "here"]
+    subprocess.run(here, cwd=tmp_path, check=True, capture_output=True)
+    found = json.loads((tmp_path / "work" / "run" / "run.json").read_text())
+    expected = json.loads((tmp_path / "here" / "run.json").read_text())
+    assert found["digest"] == expected["digest"]
+    assert found["header"]["official"] is False
+    assert found["header"]["isolation"] == "process"
+    assert "isolation: process" in found["header"]["unofficial_because"]
+
+
+@pytest.mark.parametrize("module", ["api", "workflows.train", "verification.doctor"])
+def test_everything_is_imported(module):
+    # torch here is a build for Linux, and loads its libraries by the system's name.
+    done = subprocess.run(
+        [sys.executable, "-c", f"import torch\n{WITHOUT}\nimport minitouch_bench.{module}"],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,147 @@
+"""What a stranger installs: one wheel, built from the sdist, in an empty environment."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
+
+ROOT = Path(__file__).parents[1]
+HELD = (
+    "shapes/minitouch-1000/manifest.json",
+    "shapes/minitouch-1000/shapes.bin",
+    "minitouch_bench/rendering/pictures/pushing.png",
+    "minitouch_bench/verification/golden.json",
+)
+"""Paths in the sdist; the wheel has the shapes inside the package."""
+
+NOT_INSTALLED = ("matplotlib", "pytest", "ray", "onnx", "mypy", "tensorboardX")
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Wheel and sdist: those in the folder that MINITOUCH_DIST names, or built now."""
+    if given := os.environ.get("MINITOUCH_DIST"):
+        folder = Path(given).absolute()
+    else:
+        folder = tmp_path_factory.mktemp("dist")
+        command = [sys.executable, "-m", "build", "--outdir", str(folder), str(ROOT)]
+        subprocess.run(command, check=True, capture_output=True)
+    (wheel,), (sdist,) = folder.glob("*.whl"), folder.glob("*.tar.gz")
+    return wheel, sdist
+
+
+def fresh_environment(folder):
+    """Return variables under which nothing of this clone and of this user is found."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    for name in ("home", "tmp", "cache"):
+        (folder / name).mkdir(parents=True)
+    return {
+        **kept,
+        "HOME": str(folder / "home"),
+        "TMPDIR": str(folder / "tmp"),
+        "MINITOUCH_CACHE": str(folder / "cache"),
+    }
+
+
+@pytest.fixture(scope="module", params=["pip", "uv"])
+def installed(request, built, tmp_path_factory):
+    """The folder of an environment into which nothing but the wheel was installed."""
+    folder = tmp_path_factory.mktemp(request.param) / "venv"
+    wheel, constraints = str(built[0]), ["--constraint", str(ROOT / "constraints.txt")]
+    if request.param == "uv":
+        uv = shutil.which("uv")
+        if uv is None:
+            pytest.skip("uv is not installed")
+        subprocess.run([uv, "venv", "--quiet", "--python", sys.executable, folder], check=True)
+        install = [uv, "pip", "install", "--quiet", "--python", str(folder / "bin" / "python")]
+    else:
+        subprocess.run([sys.executable, "-m", "venv", folder], check=True)
+        install = [str(folder / "bin" / "python"), "-m", "pip", "install", "--quiet"]
+    subprocess.run([*install, *constraints, wheel], check=True)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def command(installed, tmp_path_factory):
+    """A function that runs the installed command in an empty directory."""
+    place = tmp_path_factory.mktemp("stranger")
+    environment = fresh_environment(tmp_path_factory.mktemp("user"))
+
+    def run(*arguments):
+        done = subprocess.run(
+            [installed / "bin" / "minitouch-bench", *arguments],
+            cwd=place,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        return done, place
+
+    return run
+
+
+def test_sdist_and_wheel_hold_shapes_and_pictures(built):
+    wheel, sdist = built
+    with zipfile.ZipFile(wheel) as archive:
+        in_wheel = set(archive.namelist())
+    with tarfile.open(sdist) as archive:
+        in_sdist = {name.partition("/")[2] for name in archive.getnames()}
+    for name in HELD:
+        assert name in in_sdist
+        inside = name if name.startswith("minitouch_bench/") else f"minitouch_bench/{name}"
+        assert inside in in_wheel
+    tops = {name.partition("/")[0] for name in in_wheel}
+    assert all(name.startswith("minitouch_bench") for name in tops), tops
+    assert not any(name.startswith("tests") for name in in_sdist)
+
+
+def test_only_what_evaluation_needs_is_installed(installed):
+    code = f"import importlib.util as u; print([n for n in {NOT_INSTALLED} if u.find_spec(n)])"
+    done = subprocess.run(
+        [installed / "bin" / "python", "-c", code], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_doctor_finds_no_fault(command):
+    done, _ = command("doctor")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("policy", ["scripted", "random"])
+def test_the_smoke_suite_has_the_digests_of_the_clone(command, policy, tmp_path):
+    smoke = ("evaluate", policy, "--suite", "smoke", "--workers", "auto", "--fresh")
+    done, place = command(*smoke, "--output", policy)
+    assert done.returncode == 0, done.stderr
+    here = [sys.executable, "-m", "minitouch_bench.cli.entry", *smoke, "--output", policy]
+    subprocess.run(here, check=True, cwd=tmp_path, capture_output=True)
+    documents = [json.loads((at / policy / "run.json").read_text()) for at in (place, tmp_path)]
+    assert documents[0]["digest"] == documents[1]["digest"]
+    assert documents[0]["episodes"] == documents[1]["episodes"]
+    with (
+        np.load(place / policy / "actions.npz") as theirs,
+        np.load(tmp_path / policy / "actions.npz") as ours,
+    ):
+        assert theirs.files == ours.files
+        assert all(theirs[name].tobytes() == ours[name].tobytes() for name in ours.files)
+    assert "data:image/png" in (place / policy / "report.html").read_text()
+
+
+def test_a_missing_extra_is_named(command):
+    done, _ = command("evaluate", "zero", "--suite", "smoke", "--tasks", "pushing", "--fresh",
+                      "--episodes", "1", "--output", "zero")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    done, _ = command("report", "zero", "--figures", "figures")
+    assert done.returncode == 3
+    assert "matplotlib" in done.stderr
+    assert "[figures]" in done.stderr

@@ -1,0 +1,94 @@
+import math
+from dataclasses import replace
+
+import pytest
+
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.records import EpisodeMetrics, Outcome
+from minitouch_bench.verification.checks import contradictions
+
+MAX_TICKS, RATE = PROTOCOL.control.max_ticks, PROTOCOL.physics.tick_rate
+LONGEST = PROTOCOL.task("pushing").max_steps
+
+FAILED = EpisodeMetrics(
+    task="pushing",
+    index=0,
+    seed=1,
+    shape="cube",
+    family="",
+    split="",
+    outcome=Outcome.LEFT_WORKSPACE,
+    steps=20,
+    episode_return=0.0,
+    touch_interaction=0,
+    touch_onsets=0,
+    touch_steps=0,
+    touch_variance=0.0,
+    object_movement=0.0,
+    first_touch_tick=None,
+    ticks=2000,
+    clipped_actions=0,
+    digest="0" * 64,
+)
+
+
+@pytest.mark.parametrize("steps", range(1, LONGEST + 1))
+def test_an_honest_episode_of_any_length_passes_at_both_ends(steps):
+    outcome = Outcome.STEP_LIMIT if steps == LONGEST else Outcome.LEFT_WORKSPACE
+    for ticks in (steps, steps * MAX_TICKS):
+        honest = replace(FAILED, outcome=outcome, steps=steps, ticks=ticks)
+        touching = replace(
+            honest,
+            touch_interaction=ticks,
+            touch_steps=steps,
+            touch_onsets=1,
+            first_touch_tick=ticks - 1,
+        )
+        assert not list(contradictions(honest))
+        assert not list(contradictions(touching))
+        assert METRICS["arm_time"].value(honest) * RATE == pytest.approx(ticks)
+    for ticks in (steps - 1, steps * MAX_TICKS + 1):
+        dishonest = replace(FAILED, outcome=outcome, steps=steps, ticks=ticks)
+        assert any("ticks" in what for what in contradictions(dishonest))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"outcome": Outcome.SUCCESS}, "episode_return is 0, not 25"),
+        ({"task": "playing"}, "nothing can leave"),
+        ({"task": "playing", "outcome": Outcome.SUCCESS}, "has no goal"),
+        ({"outcome": Outcome.STEP_LIMIT}, "ended at the step limit after 20"),
+        ({"steps": 0}, "steps is 0, not 1 to 200"),
+        ({"clipped_actions": 21}, "clipped_actions is 21, not 0 to 20"),
+        ({"touch_interaction": 2001}, "touch_interaction is 2001, not 0 to 2000"),
+        ({"touch_interaction": 5}, "touch_steps is 0, not 1 to 5"),
+        ({"touch_interaction": 5}, "first_touch_tick is None, not 0 to 1999"),
+        ({"first_touch_tick": 3}, "first_touch_tick is 3, not None"),
+        ({"touch_variance": -1.0}, "touch_variance is -1, not 0 or more"),
+        ({"object_movement": math.nan}, "object_movement is nan"),
+    ],
+)
+def test_what_no_episode_can_be_is_named(change, words):
+    assert any(words in what for what in contradictions(replace(FAILED, **change)))
+
+
+@pytest.mark.parametrize("metric", [one for one in METRICS.values() if one.measure is not None])
+def test_every_measured_metric_has_values_that_no_episode_can_have(metric):
+    impossible = replace(FAILED, **{metric.measured_field: -1})
+    assert f"{metric.measured_field} is -1" in "; ".join(contradictions(impossible))
+
+
+def test_the_return_of_a_dense_reward_is_between_its_steps_bounds(monkeypatch):
+    pushing = PROTOCOL.task("pushing")
+    dense = replace(pushing, step_rewards=(-0.5, 0.1))
+    tasks = tuple(dense if task is pushing else task for task in PROTOCOL.tasks)
+    protocol = replace(PROTOCOL, tasks=tasks)
+    assert protocol.digest() == PROTOCOL.digest()
+    monkeypatch.setattr("minitouch_bench.metrics.definitions.PROTOCOL", protocol)
+    won = replace(FAILED, outcome=Outcome.SUCCESS)
+    for possible in (replace(FAILED, episode_return=-10.0), replace(won, episode_return=27.0)):
+        assert not list(contradictions(possible))
+    for impossible in (replace(FAILED, episode_return=2.5), replace(won, episode_return=14.5)):
+        assert any("episode_return" in what for what in contradictions(impossible))

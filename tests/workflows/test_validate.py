@@ -1,0 +1,62 @@
+"""The whole check of a submission, with an engine that has its episodes already."""
+
+import contextlib
+import sys
+
+import numpy as np
+import pytest
+
+from minitouch_bench.leaderboard.proof import ProofLevel
+from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.runs.actions import parse_actions
+from minitouch_bench.runs.run import parse_run
+from minitouch_bench.workflows import validate
+from minitouch_bench.workflows.validate import ValidateOptions, validate_submission
+from tests.leaderboard.synthetic import make_submission, official_run
+from tests.reporting.synthetic import make_record
+
+
+class Played:
+    """Gives the official episodes as they are recorded, and fresh ones like them."""
+
+    def __init__(self):
+        self.records = {record.spec: record for record in official_run(kind="zero").records}
+        self.fresh = 0
+
+    def run(self, source, specs, attempts=None):
+        for spec in specs:
+            self.fresh += spec not in self.records
+            rng = np.random.default_rng(spec.seed)
+            yield self.records.get(spec) or make_record(rng, spec, 0.8)
+
+
+@pytest.fixture
+def engine(monkeypatch):
+    played = Played()
+    monkeypatch.setattr(validate, "open_engine", lambda *_: contextlib.nullcontext(played))
+    monkeypatch.setattr(validate, "prepare_rerun", lambda *_: None)
+    return played
+
+
+def count_calls(monkeypatch, function):
+    """Count the calls of a function, by whatever module of the package it is called."""
+    calls = []
+
+    def counted(*arguments, **options):
+        calls.append(arguments)
+        return function(*arguments, **options)
+
+    for name, module in list(sys.modules.items()):
+        if name.startswith("minitouch_bench") and vars(module).get(function.__name__) is function:
+            monkeypatch.setattr(module, function.__name__, counted)
+    return calls
+
+
+def test_a_run_is_read_once_unpacked_once_and_estimated_once(tmp_path, engine, monkeypatch):
+    submission = make_submission(tmp_path, "zero", kind="zero", level=ProofLevel.SELF_REPORTED)
+    counted = [count_calls(monkeypatch, step) for step in (parse_run, parse_actions, summarize)]
+    checked = validate_submission(submission, ValidateOptions(fresh_episodes=20))
+    assert checked.problems == ()
+    assert checked.level is ProofLevel.FRESH
+    assert engine.fresh == 20 * 4
+    assert [len(calls) for calls in counted] == [1, 1, 1]
