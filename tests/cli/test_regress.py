@@ -177,9 +177,9 @@ def test_a_policy_is_played_under_the_baseline_s_conditions(tmp_path):
     assert base.code == 0, base.err
     done = run("regress", "random", "--baseline", "base", "--output", "new", directory=tmp_path)
     assert done.code == 0, done.err
-    header = json.loads((tmp_path / "new" / "run.json").read_text())["header"]
-    assert header["conditions"]["without"] == ["vision"]
-    assert header["conditions"]["mass"] == [2.0, 2.0]
+    plan = json.loads((tmp_path / "new" / "run.json").read_text())["header"]["plan"]
+    assert plan["conditions"]["without"] == ["vision"]
+    assert plan["conditions"]["mass"] == [2.0, 2.0]
 
 
 def test_a_policy_that_is_not_there_is_refused(baseline):

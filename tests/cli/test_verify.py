@@ -35,15 +35,15 @@ def test_an_edited_run_is_named_with_exit_1(copy):
     assert result["passed"] is False
     assert result["reran"] == 0
     assert result["problems"][0] == {
-        "place": "pushing/0.outcome",
-        "what": "'step_limit' recorded, 'success' found",
-        "remedy": "",
+        "place": "pushing/0",
+        "what": "it ended at the step limit after 10 of 200 steps",
+        "remedy": "take the run as it was written",
         "is_other_protocol": False,
         "is_unchecked": False,
     }
     plain = run("verify", copy, directory=copy.parent)
     assert plain.code == 1
-    assert "pushing/0.outcome: 'step_limit' recorded, 'success' found" in plain.out
+    assert "pushing/0: it ended at the step limit after 10 of 200 steps" in plain.out
     assert "is not verified" in plain.out
 
 

@@ -8,8 +8,8 @@ from minitouch_bench.evaluation.filming import film, film_name
 @pytest.fixture
 def short(finished):
     """A pick-up and its first three actions."""
-    record = finished[0].records[4]
-    return record.spec, record.trace.actions[:3]
+    spec = finished[0].header.specs()[4]
+    return spec, finished[0].actions[spec.key][:3]
 
 
 def test_an_mp4_has_a_frame_for_the_reset_and_for_each_step(short, tmp_path):

@@ -181,7 +181,7 @@ DEEDS = {
     "start a thread": (Deed(_thread.start_new_thread, int, ()), "start new thread"),
     "allocate 10 GB": (Deed(bytearray, 10 * 10**9), "MemoryError"),
     "map 10 GB": (Deed(mmap.mmap, -1, 10 * 10**9), "Cannot allocate"),
-    "build 10 GB of network": (Deed(torch.nn.Linear, 10**5, 10**5), "allocate"),
+    "build 10 GB of network": (Deed(torch.nn.Linear, 10**5, 10**5), "Allocator"),
     "never end": (Deed(exec, "while True: pass"), "not loaded within 3 s"),
     "sleep": (Deed(time.sleep, 1000), "not loaded within 3 s"),
     "flood its output": (Deed(exec, "while True: print('x' * 1000)"), "not loaded within 3 s"),
