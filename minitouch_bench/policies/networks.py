@@ -1,5 +1,6 @@
 """The paper's networks: its visual encoder and the SAC actor on image and touch."""
 
+import math
 from collections.abc import Callable, Mapping
 from functools import reduce
 
@@ -34,6 +35,9 @@ HIDDEN_UNITS = 128
 TOUCH_SIZE = PROTOCOL.observation.touch_size
 """Length of the touch vector (supplement, 7.3)."""
 
+BRIGHTEST = 255.0
+"""The gray level that networks see as 1."""
+
 LOG_STD_BOUNDS = (-20.0, 2.0)
 """Clamp on the log standard deviation; the paper names none, these are SAC's own."""
 
@@ -47,9 +51,13 @@ class PictureConvolutions(nn.Sequential):
     """
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return maps of images (N, 1, H, W), which get no gradient in half precision."""
+        """Return maps of images (N, 1, H, W), float32, or uint8 for gray levels seen as 0 to 1.
+
+        Images get no gradient in half precision.
+        """
+        brightest = BRIGHTEST if image.dtype == torch.uint8 else 1.0
         if not torch.is_autocast_enabled(image.device.type):
-            maps: Tensor = super().forward(image)  # type: ignore[no-untyped-call]
+            maps: Tensor = super().forward(image / brightest)  # type: ignore[no-untyped-call]
             return maps
         first, activation, second, *others = self
         assert isinstance(first, nn.Conv2d)
@@ -61,7 +69,7 @@ class PictureConvolutions(nn.Sequential):
             for y in (0, size)
             for x in (0, size)
         ]
-        weight = _blocks(torch.cat(kernels), size).permute(0, 3, 1, 2)
+        weight = _blocks(torch.cat(kernels) / brightest, size).permute(0, 3, 1, 2)
         maps = functional.conv2d(_pixel_blocks(image), weight, first.bias.repeat(4), stride=2)
         weight = _blocks(second.weight, 2).permute(0, 3, 1, 2)
         maps = functional.conv2d(activation(maps), weight, second.bias)
@@ -72,10 +80,12 @@ class PictureConvolutions(nn.Sequential):
 
 def _pixel_blocks(image: Tensor) -> Tensor:
     """Return images (N, 1, H, W) as bfloat16 (N, 16, H / 4, W / 4), channels last."""
-    fours = image.bfloat16().view(torch.int64)  # moves four pixels at a time
+    if image.dtype != torch.uint8:
+        image = image.bfloat16()
+    fours = image.view(torch.int32 if image.dtype == torch.uint8 else torch.int64)
     count, _, height, width = fours.shape
     moved = fours.reshape(count, height // 4, 4, width).transpose(2, 3).contiguous()
-    return moved.view(torch.bfloat16).permute(0, 3, 1, 2)
+    return moved.view(image.dtype).bfloat16().permute(0, 3, 1, 2)
 
 
 class TileConvolution(nn.Conv2d):
@@ -105,7 +115,7 @@ class VisualEncoder(nn.Module):
 
     The paper's feature maps: 84 -> 20 -> 9 (printed as 8) -> 4 -> 2 pixels. LeakyReLU after
     each layer.
-    ``width`` scales the numbers of channels; 1 is the table's.
+    ``width`` scales the numbers of channels, up to a multiple of 8; 1 is the table's.
     """
 
     def __init__(self, width: float = 1.0) -> None:
@@ -115,7 +125,7 @@ class VisualEncoder(nn.Module):
         for outputs, kernel, stride in zip(
             ENCODER_CHANNELS, ENCODER_KERNELS, ENCODER_STRIDES, strict=True
         ):
-            wide = max(1, int(width * outputs))
+            wide = min(outputs, 8 * math.ceil(width * outputs / 8))
             convolution = TileConvolution if kernel == stride else nn.Conv2d
             layers += [convolution(channels, wide, kernel, stride), nn.LeakyReLU()]
             channels = wide
@@ -126,9 +136,7 @@ class VisualEncoder(nn.Module):
 
     def forward(self, image: Tensor) -> Tensor:
         """Return features float32 (N, 256) of images uint8 (N, C, H, W)."""
-        half = torch.is_autocast_enabled(image.device.type)  # which holds 0 to 255 exactly
-        pixels = image.to(torch.bfloat16 if half else torch.float32, copy=True).div_(255.0)
-        maps = self.convolutions(pixels)
+        maps = self.convolutions(image)
         features: Tensor = self.projection(maps.flatten(1))
         return features
 

@@ -28,6 +28,7 @@ from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptio
 from minitouch_bench.policies.policy import Observation, action_size
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.policies.wire import (
+    MAX_TEXT,
     Frame,
     StartOrder,
     StopOrder,
@@ -83,6 +84,7 @@ class PolicyProcess:
         self._deterministic = deterministic
         self._host: HostConnection | None = None
         self._channel: EpisodeChannel | None = None
+        self._target = ""
         self._size = 0
         self._end_grace_s = 0.0
         self._left_s = 0.0
@@ -113,11 +115,12 @@ class PolicyProcess:
         )  # fmt: skip
         deadline = time.monotonic() + self._limits.load_timeout_s
         self._end_episode()
+        self._target = part.target
         self._size = action_size(task)
         self._left_s = self._limits.episode_timeout_s
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
         self._start(order, deadline)
-        self._load(deadline, part.target)
+        self._load(deadline)
         late = f"reset did not return within {self._limits.load_timeout_s:g} s"
         self._ask(Frame.RESET, b"", Frame.READY, deadline, late)
 
@@ -194,14 +197,14 @@ class PolicyProcess:
         self._stop(0.0)
         raise InfrastructureError(f"the policy's process could not enter its sandbox: {text}")
 
-    def _load(self, deadline: float, target: str) -> None:
+    def _load(self, deadline: float) -> None:
         late = f"it was not loaded within {self._limits.load_timeout_s:g} s"
         try:
             self._ask(Frame.LOAD, b"", Frame.LOADED, deadline, late)
         except PolicyKilledError:
             raise
         except PolicyFaultError as fault:
-            raise PolicyLoadError(f"{target} cannot be loaded: {fault}") from fault
+            raise PolicyLoadError(f"{self._target} cannot be loaded: {fault}") from fault
 
     def _ask(
         self, request: Frame, question: bytes, wanted: Frame, deadline: float, late: str
@@ -227,7 +230,7 @@ class PolicyProcess:
         return payload
 
     def _refuse_answer(self, request: Frame, kind: Frame, payload: bytes) -> NoReturn:
-        text = plain_line(payload.decode(errors="replace"))
+        text = plain_line(payload.decode(errors="replace"), MAX_TEXT + len(self._target))
         if kind is Frame.REFUSED and request is Frame.LOAD:
             self._stop(0.0)
             raise PolicyLoadError(text)

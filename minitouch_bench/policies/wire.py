@@ -95,12 +95,12 @@ class WireError(Exception):
     """Bytes that are not of this protocol."""
 
 
-def plain_line(text: str) -> str:
-    """Return a policy's text as one printable line of at most 200 characters."""
-    text = ANSI_SEQUENCE.sub("", text[: 16 * MAX_TEXT])
+def plain_line(text: str, longest: int = MAX_TEXT) -> str:
+    """Return a policy's text as one printable line of at most ``longest`` characters."""
+    text = ANSI_SEQUENCE.sub("", text[: 16 * longest])
     kept = (" " if unicodedata.category(c)[0] in "CZ" else c for c in text)
     line = " ".join("".join(kept).split())
-    return line if len(line) <= MAX_TEXT else line[: MAX_TEXT - 1] + "…"
+    return line if len(line) <= longest else line[: longest - 1] + "…"
 
 
 def describe(error: BaseException) -> str:

@@ -24,18 +24,25 @@ def test_encoder_has_the_feature_maps_of_table_3():
 
 
 @pytest.mark.parametrize("width", [1.0, 0.25])
-def test_arranged_convolutions_have_the_sums_and_gradients_of_plain_ones(width):
+def test_arranged_convolutions_round_no_worse_than_plain_ones(width):
     torch.manual_seed(0)
     arranged = VisualEncoder(width).convolutions
     plain = torch.nn.Sequential(*map(as_plain, arranged))
-    image = torch.rand(8, 1, 84, 84)
-    with torch.autocast("cpu", torch.bfloat16):
-        ours, theirs = arranged(image.bfloat16()), plain(image)
-    weighting = torch.randn(ours.shape)
-    ours = [ours, *torch.autograd.grad((ours * weighting).sum(), [*arranged.parameters()])]
-    theirs = [theirs, *torch.autograd.grad((theirs * weighting).sum(), [*plain.parameters()])]
-    for mine, other in zip(ours, theirs, strict=True):
-        assert (mine - other).float().norm() < 0.02 * other.float().norm()
+    images = torch.randint(0, 256, (32, 1, 84, 84), dtype=torch.uint8)
+    exact = maps_and_gradients(plain, images / 255, half=False)
+    ours = maps_and_gradients(arranged, images, half=True)
+    theirs = maps_and_gradients(plain, images / 255, half=True)
+    for mine, other, right in zip(ours, theirs, exact, strict=True):
+        assert (mine - right).norm() < 1.2 * (other - right).norm()
+        assert (mine - right).norm() < 0.2 * right.norm()
+
+
+def maps_and_gradients(convolutions, image, *, half):
+    """Return the maps, and the gradient of their weighted sum for each parameter, float32."""
+    with torch.autocast("cpu", torch.bfloat16, enabled=half):
+        maps = convolutions(image).float()
+    weights = torch.randn(maps.shape, generator=torch.Generator().manual_seed(1))
+    return maps, *torch.autograd.grad((maps * weights).sum(), [*convolutions.parameters()])
 
 
 def as_plain(layer):
