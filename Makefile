@@ -8,7 +8,12 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 DEV    := $(VENV)/.dev
 SITE   := $(VENV)/.site
-PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
+  --constraint constraints.txt
+
+# Modules are compiled when they are first imported, and kept: otherwise each process compiles
+# scipy and pandas again, which takes it seconds.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: evaluate test test-wheel prove regress leaderboard check format bench schemas reference facts pictures \
   submission-tools clean
@@ -80,7 +85,7 @@ $(READY): pyproject.toml constraints.txt
 	@"$(PYTHON)" -c "$(SUPPORTED)" || { echo "MiniTouch-bench needs CPython 3.11, 3.12 or 3.13," \
 	  "not '$(PYTHON)'. Try: make PYTHON=/path/to/python3.13" >&2; exit 1; }
 	"$(PYTHON)" -m venv $(VENV)
-	$(PIP) --no-compile --editable .
+	$(PIP) --editable .
 	@touch $(READY)
 
 # Every extra, and what tests and checks need.

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
@@ -113,7 +113,7 @@ def mean_p_values(strata: Sequence[Sequence[Floats]]) -> Floats:
         freedom = np.where(spread > 0, variance**2 / spread, 1.0)
     upper = np.triu_indices(number, 1)
     p_values = np.ones((number, number))
-    p_values[upper] = 2.0 * special.stdtr(freedom[upper], -np.abs(t[upper]))
+    p_values[upper] = 2.0 * scipy.special.stdtr(freedom[upper], -np.abs(t[upper]))
     return np.minimum(p_values, p_values.T)
 
 

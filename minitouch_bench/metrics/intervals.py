@@ -13,8 +13,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from minitouch_bench.records import Estimate
 
@@ -48,7 +48,7 @@ def wilson(successes: int, n: int) -> Estimate:
     """
     if not 0 <= successes <= n or n == 0:
         raise ValueError(f"{successes} successes of {n} episodes is no share")
-    low, high = stats.binomtest(successes, n).proportion_ci(method="wilson")
+    low, high = scipy.stats.binomtest(successes, n).proportion_ci(method="wilson")
     return Estimate(successes / n, float(low), float(high), n, WILSON)
 
 
@@ -94,7 +94,7 @@ def bootstrap_mean(
     if _is_constant(sample):
         constant = float(sample[0])
         return Estimate(constant, constant, constant, sample.size, BOOTSTRAP)
-    resampled = stats.bootstrap((sample,), np.mean, **_options(sample.size, rng, resamples))
+    resampled = scipy.stats.bootstrap((sample,), np.mean, **_options(sample.size, rng, resamples))
     return _around(float(sample.mean()), resampled, sample.size)
 
 
@@ -120,7 +120,7 @@ def bootstrap_difference(
     if all(map(_is_constant, samples)):
         constant = float(samples[0][0] - samples[1][0])
         return Estimate(constant, constant, constant, count, BOOTSTRAP)
-    resampled = stats.bootstrap(samples, _mean_difference, **_options(count, rng, resamples))
+    resampled = scipy.stats.bootstrap(samples, _mean_difference, **_options(count, rng, resamples))
     return _around(float(samples[0].mean() - samples[1].mean()), resampled, count)
 
 

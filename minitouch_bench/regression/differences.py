@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from minitouch_bench.metrics.intervals import DRAWS_PER_BLOCK, NORMAL_QUANTILE, RESAMPLES, wilson
 from minitouch_bench.records import Estimate
@@ -68,7 +68,9 @@ def mcnemar_p(lost: ArrayLike, won: ArrayLike) -> NDArray[np.float64]:
     Source: Q. McNemar, "Note on the sampling error of the difference between correlated
     proportions or percentages", Psychometrika 12 (1947), with exact binomial tails.
     """
-    tails: NDArray[np.float64] = stats.binom.cdf(np.minimum(lost, won), np.add(lost, won), 0.5)
+    tails: NDArray[np.float64] = scipy.stats.binom.cdf(
+        np.minimum(lost, won), np.add(lost, won), 0.5
+    )
     return np.minimum(1.0, 2.0 * tails)
 
 

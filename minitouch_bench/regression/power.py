@@ -7,16 +7,17 @@ import math
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
 from minitouch_bench.regression.differences import Discordance, last_true, score_statistic
 
 POWER = 0.8
-POWER_QUANTILE = float(stats.norm.ppf(POWER))
+POWER_QUANTILE = NormalDist().inv_cdf(POWER)
 
 EXACT_UP_TO = 2000
 """Episodes up to which the power of a test of shares is summed exactly."""
@@ -141,8 +142,8 @@ def mcnemar_power(n: int, lost: float, won: float, alpha: float, beyond: float =
     pairs = np.arange(n + 1)
     above = np.floor((pairs + beyond * n) / 2.0) + 1.0
     fewest = np.maximum(critical_counts(pairs, alpha), above)
-    chances = stats.binom.sf(fewest - 1.0, pairs, max(lost, won) / differing)
-    return float(stats.binom.pmf(pairs, n, min(1.0, differing)) @ chances)
+    chances = scipy.stats.binom.sf(fewest - 1.0, pairs, max(lost, won) / differing)
+    return float(scipy.stats.binom.pmf(pairs, n, min(1.0, differing)) @ chances)
 
 
 def critical_counts(pairs: NDArray[np.int64], alpha: float) -> NDArray[np.float64]:
@@ -150,8 +151,10 @@ def critical_counts(pairs: NDArray[np.int64], alpha: float) -> NDArray[np.float6
 
     It is ``pairs`` + 1 where no count does.
     """
-    at = stats.binom.ppf(alpha / 2.0, pairs, 0.5)
-    counts: NDArray[np.float64] = pairs + 1 - at - (2.0 * stats.binom.cdf(at, pairs, 0.5) <= alpha)
+    at = scipy.stats.binom.ppf(alpha / 2.0, pairs, 0.5)
+    counts: NDArray[np.float64] = (
+        pairs + 1 - at - (2.0 * scipy.stats.binom.cdf(at, pairs, 0.5) <= alpha)
+    )
     return counts
 
 
@@ -159,14 +162,19 @@ def exclusion_power(n: int, lost: float, won: float, margin: float) -> float:
     """Return the chance that Tango's 95 % interval excludes a loss of ``margin``."""
     losses, gains = _likely_counts(n, lost)[:, None], _likely_counts(n, won)
     rest = min(1.0, won / (1.0 - lost)) if lost < 1.0 else 0.0
-    chances = stats.binom.pmf(losses, n, lost) * stats.binom.pmf(gains, n - losses, rest)
+    chances = scipy.stats.binom.pmf(losses, n, lost) * scipy.stats.binom.pmf(
+        gains, n - losses, rest
+    )
     statistic = score_statistic(losses, gains, n, -margin)
     return float(chances[statistic > NORMAL_QUANTILE].sum())
 
 
 def _likely_counts(n: int, share: float) -> NDArray[np.float64]:
     """Return the counts of n draws, but for NEGLIGIBLE ones at either end."""
-    low, high = stats.binom.ppf(NEGLIGIBLE, n, share), stats.binom.isf(NEGLIGIBLE, n, share)
+    low, high = (
+        scipy.stats.binom.ppf(NEGLIGIBLE, n, share),
+        scipy.stats.binom.isf(NEGLIGIBLE, n, share),
+    )
     return np.arange(max(low, 0.0), high + 1.0)
 
 
@@ -203,7 +211,7 @@ def _overhead(quantile: float) -> float:
 
 
 def _two_sided(alpha: float) -> float:
-    return float(stats.norm.ppf(1.0 - alpha / 2.0))
+    return float(scipy.stats.norm.ppf(1.0 - alpha / 2.0))
 
 
 def _as_count(episodes: float) -> int | None:

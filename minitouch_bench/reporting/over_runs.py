@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import INTERVAL_ENDS, RESAMPLES, stream
@@ -85,8 +85,8 @@ def resample_scores(by_task: Sequence[Sequence[Estimate]], rng: np.random.Genera
 
 def interquartile_mean(scores: Scores) -> Estimate:
     """Estimate the mean of the middle half of the scores."""
-    value = float(stats.trim_mean(scores.values, TRIMMED))
-    means = [stats.trim_mean(resampled, TRIMMED, axis=1) for resampled in scores.resampled]
+    value = float(scipy.stats.trim_mean(scores.values, TRIMMED))
+    means = [scipy.stats.trim_mean(resampled, TRIMMED, axis=1) for resampled in scores.resampled]
     ends = np.array([np.quantile(sample, INTERVAL_ENDS) for sample in means])
     low, high = min(value, float(ends[:, 0].min())), max(value, float(ends[:, 1].max()))
     return Estimate(value, low, high, scores.values.size, f"bootstrap over {scores.over}")

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-from scipy.stats import trim_mean
+import scipy
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import bootstrap_mean
@@ -99,7 +99,7 @@ def _lines(curves: pd.DataFrame, column: str, turn: int) -> Iterator[Line]:
     lines = band_lines(turn, steps, *([getattr(mean, end) for mean in means] for end in ENDS))
     yield next(lines)
     if number >= SEEDS_FOR_TRIMMED:
-        trimmed = [float(trim_mean(values, TRIMMED)) for values in by_step.values()]
+        trimmed = [float(scipy.stats.trim_mean(values, TRIMMED)) for values in by_step.values()]
         yield Line(tuple(zip(steps.tolist(), trimmed, strict=True)), series_tone(turn), 0.8)
     if number >= 2:
         yield from lines

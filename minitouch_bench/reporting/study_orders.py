@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.metric import DOWN
@@ -95,9 +95,9 @@ def judge_orders(values: pd.DataFrame) -> pd.DataFrame:
 def _p_over_seeds(better: Sequence[float], worse: Sequence[float]) -> tuple[float, float]:
     if min(len(better), len(worse)) < 2:
         return float("nan"), float("nan")
-    every_order = stats.PermutationMethod(MOST_ORDERS, rng=np.random.default_rng(0))
+    every_order = scipy.stats.PermutationMethod(MOST_ORDERS, rng=np.random.default_rng(0))
     greater, less = (
-        stats.mannwhitneyu(better, worse, alternative=side, method=every_order).pvalue
+        scipy.stats.mannwhitneyu(better, worse, alternative=side, method=every_order).pvalue
         for side in ("greater", "less")
     )
     return float(greater), float(less)
@@ -110,7 +110,7 @@ def _p_on_episodes(better: pd.Series, worse: pd.Series) -> tuple[float, float]:
     if first.equals(second):
         return 1.0, 1.0
     greater, less = (
-        stats.permutation_test(
+        scipy.stats.permutation_test(
             (first.to_numpy(), second.to_numpy()), _mean_difference, permutation_type="samples",
             vectorized=True, alternative=side, n_resamples=EPISODE_ORDERS,
             rng=np.random.default_rng(0),

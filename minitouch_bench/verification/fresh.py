@@ -9,7 +9,7 @@ import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from scipy import stats
+import scipy
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.records import EpisodeMetrics, Role
@@ -58,9 +58,9 @@ def compare_fresh(
     before, after = metric.values(official), metric.values(fresh)
     if {*before, *after} <= {0.0, 1.0}:
         table = [[sum(values), len(values) - sum(values)] for values in (before, after)]
-        p = stats.fisher_exact(table, alternative="greater").pvalue
+        p = scipy.stats.fisher_exact(table, alternative="greater").pvalue
     else:
-        p = stats.mannwhitneyu(before, after, alternative="greater").pvalue
+        p = scipy.stats.mannwhitneyu(before, after, alternative="greater").pvalue
     means = (sum(before) / len(before), sum(after) / len(after))
     return FreshResult(role, task, metric.name, *means, len(after), float(p))
 
