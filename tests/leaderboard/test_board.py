@@ -37,10 +37,15 @@ from minitouch_bench.metrics.definitions import ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds, quadrature
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.rendering.tables import estimate_cell
+from minitouch_bench.reporting.report import build_report
+from minitouch_bench.reporting.tables import TABLE4_METRICS
+from minitouch_bench.reporting.writers import to_markdown
 from minitouch_bench.runs.run import read_run, run_json
 from tests.leaderboard.synthetic import make_submission
 
 BOTH = ("table4", "novel-shapes")
+STORED = Path(__file__).parents[2] / "submissions"
+STORED_RUNS = sorted(file.parent for file in STORED.glob("*/seed-*/*/run.json"))
 
 
 @pytest.fixture(scope="module")
@@ -120,6 +125,17 @@ def test_every_interval_on_the_pages_is_that_of_the_board(built, rows):
             for metric, figure in row.figures[task].items():
                 cell = estimate_cell(metric, figure)
                 assert f"{cell.text} <small>{cell.small}</small>" in page
+                assert f"{cell.text} {cell.small}" in shown
+
+
+@pytest.mark.parametrize("place", STORED_RUNS, ids=lambda place: "/".join(place.parts[-3:]))
+def test_every_interval_of_a_report_is_that_of_its_run_json(place):
+    run = read_run(place)
+    shown = to_markdown(build_report([run])).replace("\\", "")
+    for result in run.summary.tasks:
+        for metric in TABLE4_METRICS:
+            if metric in result.estimates:
+                cell = estimate_cell(metric, result.estimates[metric])
                 assert f"{cell.text} {cell.small}" in shown
 
 

@@ -65,10 +65,10 @@ def test_the_report_has_the_figures_of_the_runs(finished):
     estimates = pd.read_csv(finished / "estimates.csv")
     document = json.loads((finished / "playing-hac-60-0" / "table4" / "run.json").read_text())
     (summary,) = document["summary"]["tasks"]
-    own = estimates[estimates["method"] == "hac"]
-    for metric, found in summary["estimates"].items():
-        (value,) = own.loc[own["metric"] == metric, "value"]
-        assert value == found["value"]
+    shown = estimates[estimates["method"] == "hac"].set_index("metric")
+    for metric, estimate in summary["estimates"].items():
+        for part in ("value", "low", "high"):
+            assert shown.loc[metric, part] == estimate[part]
     curves = pd.read_csv(finished / "curves.csv")
     assert sorted(curves.loc[curves["task"] == "playing", "step"].unique()) == [20, 40, 60]
     report = (finished / "report.md").read_text()
