@@ -1,6 +1,6 @@
 """A training's checkpoint: what a killed training goes on from, bit for bit.
 
-``replay.bin`` grows by the pictures since the checkpoint before; ``checkpoint.pt`` holds
+``replay.bin`` grows by the images since the checkpoint before; ``checkpoint.pt`` holds
 everything else and how long ``replay.bin`` was, so that what a later kill left behind it is
 cut off.
 """
@@ -41,7 +41,7 @@ class CheckpointFiles:
 
     def __init__(self, directory: Path) -> None:
         self._file = directory / CHECKPOINT_FILE
-        self._pictures = directory / PICTURES_FILE
+        self._images = directory / PICTURES_FILE
         self._rows = self._length = 0
 
     def exists(self) -> bool:
@@ -54,20 +54,20 @@ class CheckpointFiles:
         Raises:
             RunDirectoryError: there is no room, or no permission.
         """
-        fresh = replay.pictures_since(max(self._rows, replay.rows - len(replay)))
-        with os_errors_as(RunDirectoryError, self._pictures, "written"):
+        fresh = replay.images_since(max(self._rows, replay.rows - len(replay)))
+        with os_errors_as(RunDirectoryError, self._images, "written"):
             self._append(fresh)
         self._rows, self._length = replay.rows, self._length + len(fresh)
         content = io.BytesIO()
-        torch.save({**state, "replay": replay.state(), "pictures": self._length}, content)
+        torch.save({**state, "replay": replay.state(), "images": self._length}, content)
         write_file(self._file, content.getvalue())
 
-    def _append(self, pictures: bytes) -> None:
-        """Write pictures behind those of the checkpoint before."""
-        with os.fdopen(open_plain(self._pictures, os.O_RDWR | os.O_CREAT), "r+b") as file:
+    def _append(self, images: bytes) -> None:
+        """Write images behind those of the checkpoint before."""
+        with os.fdopen(open_plain(self._images, os.O_RDWR | os.O_CREAT), "r+b") as file:
             file.seek(self._length)
             file.truncate()
-            file.write(pictures)
+            file.write(images)
             file.flush()
             os.fsync(file.fileno())
 
@@ -84,20 +84,20 @@ class CheckpointFiles:
                 _refuse_archive(file)
                 file.seek(0)
                 state: dict[str, Any] = torch.load(file, map_location="cpu", weights_only=True)
-            self._length = state.pop("pictures")
+            self._length = state.pop("images")
             kept = state.pop("replay")
             if kept["rows"] and tuple(kept["image_shape"]) != IMAGE_SHAPE:
-                raise ValueError("its pictures have another shape")
-            replay.load(kept, self._read_pictures)
+                raise ValueError("its images have another shape")
+            replay.load(kept, self._read_images)
         self._rows = replay.rows
         return state
 
-    def _read_pictures(self, held: int) -> bytes:
-        """Return the last bytes of the pictures that the checkpoint counts."""
-        with os.fdopen(open_plain(self._pictures, os.O_RDONLY), "rb") as file:
+    def _read_images(self, held: int) -> bytes:
+        """Return the last bytes of the images that the checkpoint counts."""
+        with os.fdopen(open_plain(self._images, os.O_RDONLY), "rb") as file:
             size = os.fstat(file.fileno()).st_size
             if not held <= self._length <= size:
-                raise EOFError(f"{self._pictures.name} is too short")
+                raise EOFError(f"{self._images.name} is too short")
             file.seek(self._length - held)
             return file.read(held)
 
@@ -124,34 +124,34 @@ def _refuse_archive(file: BinaryIO) -> None:
     if os.fstat(file.fileno()).st_size > LARGEST_CHECKPOINT:
         raise ValueError(f"it is larger than {LARGEST_CHECKPOINT // GIB} GiB")
     with zipfile.ZipFile(file) as archive:
-        if any(one.compress_type != zipfile.ZIP_STORED for one in archive.infolist()):
+        if any(part.compress_type != zipfile.ZIP_STORED for part in archive.infolist()):
             raise ValueError("it is packed")
         if (damaged := archive.testzip()) is not None:
             raise ValueError(f"its part {damaged} is damaged")
 
 
-def refuse_other_form(found: object, wanted: object, place: str = "") -> None:
+def refuse_other_form(state: object, sound: object, where: str = "") -> None:
     """Refuse a state whose keys, types and shapes are not those of a sound one.
 
     What a sound one has no entries for yet, such as an optimizer's state, may hold any tensors of
     their own memory.
 
     Raises:
-        ValueError: the text names the place.
+        ValueError: the text names the part.
     """
-    if isinstance(wanted, Tensor) and isinstance(found, Tensor):
-        same = found.dtype == wanted.dtype and found.shape == wanted.shape
-        if not same or found.nbytes > found.untyped_storage().nbytes():
-            raise ValueError(f"{place} has another form")
-    elif type(found) is not type(wanted):
-        raise ValueError(f"{place} is of another type")
-    elif isinstance(found, dict) and isinstance(wanted, dict):
-        if wanted and found.keys() != wanted.keys():
-            raise ValueError(f"{place} has other keys")
-        for key, value in found.items():
-            refuse_other_form(value, wanted.get(key, value), f"{place} {key}".strip())
-    elif isinstance(found, list | tuple) and isinstance(wanted, list | tuple):
-        if len(found) != len(wanted):
-            raise ValueError(f"{place} has another length")
-        for index, value in enumerate(found):
-            refuse_other_form(value, wanted[index], f"{place} {index}".strip())
+    if isinstance(sound, Tensor) and isinstance(state, Tensor):
+        same = state.dtype == sound.dtype and state.shape == sound.shape
+        if not same or state.nbytes > state.untyped_storage().nbytes():
+            raise ValueError(f"{where} has another form")
+    elif type(state) is not type(sound):
+        raise ValueError(f"{where} is of another type")
+    elif isinstance(state, dict) and isinstance(sound, dict):
+        if sound and state.keys() != sound.keys():
+            raise ValueError(f"{where} has other keys")
+        for key, value in state.items():
+            refuse_other_form(value, sound.get(key, value), f"{where} {key}".strip())
+    elif isinstance(state, list | tuple) and isinstance(sound, list | tuple):
+        if len(state) != len(sound):
+            raise ValueError(f"{where} has another length")
+        for index, value in enumerate(state):
+            refuse_other_form(value, sound[index], f"{where} {index}".strip())

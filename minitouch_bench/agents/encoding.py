@@ -1,4 +1,4 @@
-"""Pictures to features, in half precision where the processor computes in it."""
+"""Images to features, in half precision where the processor computes in it."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def arrange(module: nn.Module, device: torch.device) -> None:
 
 
 def encode(encoder: nn.Module, image: Tensor, *, bfloat16: bool) -> Tensor:
-    """Return the features of pictures, float32 (N, F)."""
+    """Return the features of images, float32 (N, F)."""
     with torch.autocast(image.device.type, torch.bfloat16, enabled=bfloat16):
         features: Tensor = encoder(image)
     return features.float()

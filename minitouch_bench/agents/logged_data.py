@@ -19,7 +19,7 @@ from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE
 METADATA_FILE, DATA_FILE = "metadata.json", "main_data.hdf5"
 
 LONGEST_EPISODE = 20_000
-"""The most control steps of a recorded episode: 135 MiB of pictures."""
+"""The most control steps of a recorded episode: 135 MiB of images."""
 LARGEST_CHUNK = 256 * MIB
 """The most bytes that are unpacked at once."""
 

@@ -78,15 +78,17 @@ class Tally:
         Raises:
             ValueError: they are not such sums.
         """
-        own = vars(self)
+        sums = vars(self)
         losses = state.get("losses")
-        if state.keys() != own.keys() or not isinstance(losses, dict):
+        if state.keys() != sums.keys() or not isinstance(losses, dict):
             raise ValueError("its sums have other names")
         numbers = [value for name, value in state.items() if name != "losses"]
-        are_scalars = all(isinstance(one, Tensor) and one.numel() == 1 for one in losses.values())
-        if not all(type(one) in (int, float) for one in numbers) or not are_scalars:
+        are_scalars = all(
+            isinstance(loss, Tensor) and loss.numel() == 1 for loss in losses.values()
+        )
+        if not all(type(number) in (int, float) for number in numbers) or not are_scalars:
             raise ValueError("its sums are not numbers")
-        own.update(state)
+        sums.update(state)
 
     def add_step(self, reward: float, *, success: bool, touched: bool, ended: bool) -> None:
         """Count a control step."""

@@ -1,4 +1,4 @@
-"""Replay memory: each picture once, rewards left to whoever samples."""
+"""Replay memory: each image once, rewards left to whoever samples."""
 
 import math
 import zlib
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 COMPRESSION_LEVEL = 6
-"""Of zlib: a picture takes 60 to 90 microseconds in, 20 out, and 300 to 800 of 7,056 bytes."""
+"""Of zlib: an image takes 60 to 90 microseconds in, 20 out, and 300 to 800 of 7,056 bytes."""
 
 PLAIN_ROWS = 65_536
-"""How many of the newest pictures are kept unpacked, too: 0.46 GB, taken as they come."""
+"""How many of the newest images are kept unpacked, too: 0.46 GB, taken as they come."""
 
 ZLIB_ROOM = 64
-"""Bytes that a picture may grow by where zlib cannot make it smaller."""
+"""Bytes that an image may grow by where zlib cannot make it smaller."""
 
 SUCCESS_STEPS = 50
 """How many of the last steps before a success count as leading to it."""
@@ -49,7 +49,7 @@ class Batch:
 
 
 class Replay:
-    """What happened, row by row: a picture, its touch, and the action that followed.
+    """What happened, row by row: an image, its touch, and the action that followed.
 
     An episode of T control steps fills T + 1 rows; the last one has no action. Rows are
     numbered from the first ever added; the oldest leave when ``capacity`` is reached.
@@ -76,11 +76,11 @@ class Replay:
 
     @property
     def nbytes(self) -> int:
-        """Return the memory in use, in bytes, without unpacked pictures and Python's list."""
+        """Return the memory in use, in bytes, without unpacked images and Python's list."""
         arrays = [getattr(self, name) for name in _COLUMNS]
         overhead = b"".__sizeof__() + np.dtype(np.intp).itemsize
-        pictures = sum(len(image) + overhead for image in self._images)
-        return pictures + sum(int(array.nbytes) for array in arrays)
+        images = sum(len(image) + overhead for image in self._images)
+        return images + sum(int(array.nbytes) for array in arrays)
 
     def begin_episode(self, image: NDArray[np.uint8], touch: NDArray[np.float32]) -> None:
         """Add the observation of a reset."""
@@ -168,7 +168,7 @@ class Replay:
             ended |= alive & self._ended[at]
             rows += alive
         now, then = starts % self.capacity, rows % self.capacity
-        both = torch.from_numpy(self._pictures(np.concatenate((starts, rows)))).to(device)
+        both = torch.from_numpy(self._unpacked(np.concatenate((starts, rows)))).to(device)
         return Batch(
             image=both[:size],
             touch=_tensor(self._touch[now], device),
@@ -183,10 +183,10 @@ class Replay:
     def _draw(self, rng: np.random.Generator, size: int) -> NDArray[np.int64]:
         """Draw rows that an action followed; the newest row has none yet."""
         oldest = self.rows - len(self)
-        found = rng.integers(oldest, self.rows - 1, size)
-        while (bad := self._last[found % self.capacity]).any():
-            found[bad] = rng.integers(oldest, self.rows - 1, int(bad.sum()))
-        return found
+        rows = rng.integers(oldest, self.rows - 1, size)
+        while (bad := self._last[rows % self.capacity]).any():
+            rows[bad] = rng.integers(oldest, self.rows - 1, int(bad.sum()))
+        return rows
 
     def _draw_before_success(self, rng: np.random.Generator, size: int) -> NDArray[np.int64] | None:
         oldest = self.rows - len(self)
@@ -197,16 +197,16 @@ class Replay:
         ranges = np.array(self._successes)[rng.integers(len(self._successes), size=size)]
         return rng.integers(ranges[:, 0], ranges[:, 1])
 
-    def _pictures(self, rows: NDArray[np.int64]) -> NDArray[np.uint8]:
-        pictures = self._plain[rows % len(self._plain)]
+    def _unpacked(self, rows: NDArray[np.int64]) -> NDArray[np.uint8]:
+        images = self._plain[rows % len(self._plain)]
         for index in np.flatnonzero(rows < self.rows - len(self._plain)):
             content = self._images[rows[index] % self.capacity]
             plain = zlib.decompress(content) if self._compress else content
-            pictures[index] = np.frombuffer(plain, np.uint8).reshape(self._image_shape)
-        return pictures
+            images[index] = np.frombuffer(plain, np.uint8).reshape(self._image_shape)
+        return images
 
     def state(self) -> dict[str, Any]:
-        """Return everything but the pictures."""
+        """Return everything but the images."""
         size = len(self)
         return {
             "rows": self.rows,
@@ -217,12 +217,12 @@ class Replay:
             **{name: torch.from_numpy(getattr(self, name)[:size]) for name in _COLUMNS},
         }
 
-    def pictures_since(self, row: int) -> bytes:
-        """Return the pictures from a row on, one after the other, as they are kept."""
-        return b"".join(self._images[one % self.capacity] for one in range(row, self.rows))
+    def images_since(self, row: int) -> bytes:
+        """Return the images from a row on, one after the other, as they are kept."""
+        return b"".join(self._images[index % self.capacity] for index in range(row, self.rows))
 
-    def load(self, state: dict[str, Any], read_pictures: Callable[[int], bytes]) -> None:
-        """Take over what ``state`` returned; ``read_pictures`` gives the pictures' last bytes.
+    def load(self, state: dict[str, Any], read_images: Callable[[int], bytes]) -> None:
+        """Take over what ``state`` returned; ``read_images`` gives the images' last bytes.
 
         Raises:
             ValueError, LookupError, TypeError, zlib.error: no memory of this size says so.
@@ -232,38 +232,38 @@ class Replay:
         if not (type(rows) is type(start) is int and 0 <= start <= rows):
             raise ValueError("its episode is not in the memory")
         for name in _COLUMNS:
-            wanted, found = getattr(self, name), state[name].numpy()
-            same = found.dtype == wanted.dtype and found.shape == (size, *wanted.shape[1:])
-            if not (same and found.flags.c_contiguous and np.isfinite(found).all()):
+            sound, column = getattr(self, name), state[name].numpy()
+            same = column.dtype == sound.dtype and column.shape == (size, *sound.shape[1:])
+            if not (same and column.flags.c_contiguous and np.isfinite(column).all()):
                 raise ValueError(f"its {name[1:]} has another form")
-            setattr(self, name, found.copy())
+            setattr(self, name, column.copy())
         if rows > 1 and self._last.all():
             raise ValueError("no row has an action")
         successes = [(first, last) for first, last in state["successes"]]
         if len(successes) > rows or not all(0 <= a < b <= rows for a, b in successes):
             raise ValueError("its successes are not in the memory")
         if lengths.shape != (size,) or lengths.dtype != torch.int32 or not lengths.is_contiguous():
-            raise ValueError("its pictures are not as many as its rows")
+            raise ValueError("its images are not as many as its rows")
         shape = tuple(state["image_shape"])
         largest = math.prod(shape) + ZLIB_ROOM
         if size and not 0 < int(lengths.min()) <= int(lengths.max()) <= largest:
-            raise ValueError("a picture in it has another size")
+            raise ValueError("an image in it has another size")
         self.rows, self._episode_start = rows, start
         self._image_shape, self._successes = shape, deque(successes)
-        self._take_pictures(lengths.tolist(), read_pictures(int(lengths.sum())))
+        self._take_images(lengths.tolist(), read_images(int(lengths.sum())))
 
-    def _take_pictures(self, lengths: list[int], pictures: bytes) -> None:
+    def _take_images(self, lengths: list[int], images: bytes) -> None:
         size, end, wanted = len(self), 0, math.prod(self._image_shape)
         self._images = [b""] * size
         for row in range(self.rows - size, self.rows):
-            content = pictures[end : end + lengths[row % self.capacity]]
+            content = images[end : end + lengths[row % self.capacity]]
             plain = content
-            if self._compress:  # no more than a picture is unpacked
+            if self._compress:  # no more than an image is unpacked
                 unpacking = zlib.decompressobj()
                 plain = unpacking.decompress(content, wanted + 1)
                 plain = plain if unpacking.eof else b""
             if len(plain) != wanted:
-                raise ValueError("a picture in it is damaged")
+                raise ValueError("an image in it is damaged")
             self._images[row % self.capacity] = content
             self._keep_plain(row, np.frombuffer(plain, np.uint8).reshape(self._image_shape))
             end += len(content)

@@ -1,7 +1,7 @@
-"""Soft actor-critic (Haarnoja et al. 2018) on picture and touch, with one shared encoder.
+"""Soft actor-critic (Haarnoja et al. 2018) on image and touch, with one shared encoder.
 
 The critics' loss trains the encoder; the actor reads its features and leaves it alone (Yarats
-et al. 2021). Pictures can be shifted at random before each use (DrQ, Kostrikov et al. 2021).
+et al. 2021). Images can be shifted at random before each use (DrQ, Kostrikov et al. 2021).
 """
 
 import copy
@@ -178,7 +178,7 @@ class Sac(nn.Module):
 
 
 def shift_at_random(image: Tensor, pixels: int, generator: torch.Generator) -> Tensor:
-    """Return each picture (N, 1, H, W) shifted by up to ``pixels``, its edge repeated."""
+    """Return each image (N, 1, H, W) shifted by up to ``pixels``, its edge repeated."""
     if pixels == 0:
         return image
     count, _, height, width = image.shape

@@ -42,7 +42,7 @@ LOG_STD_BOUNDS = (-20.0, 2.0)
 """Clamp on the log standard deviation; the paper names none, these are SAC's own."""
 
 
-class PictureConvolutions(nn.Sequential):
+class ImageConvolutions(nn.Sequential):
     """Convolutions of an image, of which the second has stride 2; in half precision arranged anew.
 
     The second one then sees 2 x 2 maps as channels of one, and the first one makes them at once:
@@ -129,7 +129,7 @@ class VisualEncoder(nn.Module):
             convolution = TileConvolution if kernel == stride else nn.Conv2d
             layers += [convolution(channels, wide, kernel, stride), nn.LeakyReLU()]
             channels = wide
-        self.convolutions = PictureConvolutions(*layers)
+        self.convolutions = ImageConvolutions(*layers)
         self.projection = nn.Sequential(
             nn.Linear(channels * ENCODER_GRID**2, FEATURES), nn.LeakyReLU()
         )

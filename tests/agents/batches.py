@@ -8,17 +8,17 @@ from minitouch_bench.agents.replay import Batch
 def random_batch(size=8, action_size=4, seed=0):
     generator = torch.Generator().manual_seed(seed)
 
-    def pictures():
+    def images():
         return torch.randint(0, 256, (size, 1, 84, 84), generator=generator, dtype=torch.uint8)
 
     def numbers(*shape):
         return torch.randn(*shape, generator=generator)
 
     return Batch(
-        image=pictures(),
+        image=images(),
         touch=numbers(size, 11),
         action=numbers(size, action_size).tanh(),
-        next_image=pictures(),
+        next_image=images(),
         next_touch=numbers(size, 11),
         task_reward=numbers(size),
         discount=torch.full((size,), 0.99),

@@ -89,8 +89,8 @@ def test_every_form_of_haptic_curiosity(haptics, standardize, from_previous):
 def test_a_rare_touch_outweighs_forces_that_are_always_random(standardize, rare_first):
     curiosity = make("hac", replace(CONFIG, standardize=standardize))
     pressed = torch.arange(8) < 4
-    picture = (255 * pressed.byte())[:, None, None, None].expand(8, 1, 84, 84).contiguous()
-    batch = replace(random_batch(), next_image=picture)
+    image = (255 * pressed.byte())[:, None, None, None].expand(8, 1, 84, 84).contiguous()
+    batch = replace(random_batch(), next_image=image)
 
     def felt(seed):
         signs = torch.randn(8, 11, generator=torch.Generator().manual_seed(seed)).sign()

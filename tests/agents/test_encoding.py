@@ -1,4 +1,4 @@
-"""Pictures to features: where half precision is used."""
+"""Images to features: where half precision is used."""
 
 import pytest
 import torch

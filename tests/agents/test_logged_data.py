@@ -121,7 +121,7 @@ SPOILED = {
     "an empty episode": put("actions", np.zeros((0, 4), "f4")),
     "infos that are an array": put("infos", np.zeros(8)),
     "a success too many": put("infos/is_success", np.zeros(20)),
-    "pictures of float": put("observations/image", np.zeros((8, 1, 84, 84), "f4")),
+    "images of float": put("observations/image", np.zeros((8, 1, 84, 84), "f4")),
     "26 GB": declare("observations/image", (3_700_000, 1, 84, 84), "u1", chunks=(1, 1, 84, 84)),
     "26 GB of every array": declare("actions", (10**9, 4), "f4", chunks=(1, 4)),
     "a chunk of gigabytes": declare(

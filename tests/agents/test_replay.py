@@ -7,7 +7,7 @@ from minitouch_bench.agents.replay import Replay
 CPU = torch.device("cpu")
 
 
-def picture(number):
+def image(number):
     return np.full((1, 84, 84), number % 256, np.uint8)
 
 
@@ -18,13 +18,13 @@ def touch(number):
 def fill(replay, episodes):
     """Add episodes of a length each; row i shows i, its action is i, its reward i at the end."""
     for length, reward, ended in episodes:
-        replay.begin_episode(picture(replay.rows), touch(replay.rows))
+        replay.begin_episode(image(replay.rows), touch(replay.rows))
         for step in range(1, length + 1):
             last = step == length
             row = replay.rows
             replay.add(
                 np.full(4, row - 1, np.float32), reward if last else 0.0,
-                picture(row), touch(row), success=reward > 0 and last, ended=ended and last,
+                image(row), touch(row), success=reward > 0 and last, ended=ended and last,
             )  # fmt: skip
 
 
@@ -84,8 +84,8 @@ def test_the_oldest_rows_leave():
 def test_a_copy_from_state_and_pictures_samples_the_same(capacity):
     replay, other = (Replay(capacity, 11, 4, compress=True) for _ in range(2))
     fill(replay, [(9, 25.0, True)] * 5)
-    pictures = replay.pictures_since(replay.rows - len(replay))
-    other.load(replay.state(), lambda held: pictures[len(pictures) - held :])
+    images = replay.images_since(replay.rows - len(replay))
+    other.load(replay.state(), lambda held: images[len(images) - held :])
     fill(replay, [(3, 0.0, False)])
     fill(other, [(3, 0.0, False)])
     first, second = (sample(one, share=0.3, n_step=2) for one in (replay, other))

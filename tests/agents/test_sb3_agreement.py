@@ -19,7 +19,7 @@ NOTHING = np.zeros((1, 1, 1), np.uint8)
 CONFIG = SacConfig(shift=0, target_rate=0.005, bfloat16=False)
 
 
-class NoPicture(torch.nn.Module):
+class NoImage(torch.nn.Module):
     def forward(self, image):
         return image.flatten(1)[:, :0].float()
 
@@ -40,7 +40,7 @@ def mean_return(act, seed):
 def train_ours(seed):
     torch.manual_seed(seed)
     environment = gymnasium.make("Pendulum-v1")
-    sac = Sac(CONFIG, action_size=1, touch_size=3, encoder=NoPicture(), features=0)
+    sac = Sac(CONFIG, action_size=1, touch_size=3, encoder=NoImage(), features=0)
     sac.begin_phase(PhaseConfig(STEPS, learning_rate=RATE, initial_temperature=1.0))
     noise, rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
     replay = Replay(STEPS * 2, 3, 1, compress=False)
@@ -70,7 +70,7 @@ def train_ours(seed):
     def act(observation):
         with torch.no_grad():
             image, state = tensors(observation)
-            return 2.0 * sac.actor(NoPicture()(image), state)[0].numpy()
+            return 2.0 * sac.actor(NoImage()(image), state)[0].numpy()
 
     return mean_return(act, seed)
 

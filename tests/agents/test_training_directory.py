@@ -189,7 +189,7 @@ CHANGES = {
     "an episode of the wrong length": put("replay", "episode_start", -(10**6)),
     "no row with an action": lambda state: state["replay"]["_last"].fill_(True),
     "successes of another kind": put("replay", "successes", [(5, 3)]),
-    "pictures of another shape": put("replay", "image_shape", (1, 10**6, 10**6)),
+    "images of another shape": put("replay", "image_shape", (1, 10**6, 10**6)),
     "weights of another shape": lambda state: state["learner"]["sac"].update(
         {name: torch.zeros(2) for name in list(state["learner"]["sac"])[:1]}
     ),
@@ -242,7 +242,7 @@ def test_pictures_that_unpack_to_more_are_refused(prepared):
     content = (prepared / "replay.bin").read_bytes()
     (prepared / "replay.bin").write_bytes(bomb + content[first:])
     state["replay"]["lengths"][0] = len(bomb)
-    state["pictures"] += len(bomb) - first
+    state["images"] += len(bomb) - first
     torch.save(state, prepared / "checkpoint.pt")
     with pytest.raises(RunDirectoryError, match="checkpoint"):
         resume(prepared)

@@ -91,7 +91,7 @@ class Predictor(Curiosity):
 
     def begin(self) -> None:
         """Make the optimizer."""
-        trained = [one for one in self.parameters() if one.requires_grad]
+        trained = [weights for weights in self.parameters() if weights.requires_grad]
         self.optimizer = torch.optim.Adam(trained, self.config.learning_rate, fused=True)
 
     @abstractmethod
@@ -116,7 +116,7 @@ class Predictor(Curiosity):
         self.optimizer.load_state_dict(state["curiosity_optimizer"])
 
     def encode(self, encoder: nn.Module, image: Tensor) -> Tensor:
-        """Return features of pictures, float32 (N, F)."""
+        """Return features of images, float32 (N, F)."""
         return encode(encoder, image, bfloat16=self.config.bfloat16)
 
 

@@ -1,4 +1,4 @@
-"""Haptics-based curiosity: the touch that a picture does not let expect (the paper's method)."""
+"""Haptics-based curiosity: touch that an image does not predict (the paper's method)."""
 
 import torch
 from torch import Tensor
@@ -17,21 +17,21 @@ MOST_SURPRISE = 25.0
 
 
 class HapticCuriosity(Predictor):
-    """Predict the finger forces of the reached state from its picture.
+    """Predict the finger forces of the reached state from its image.
 
-    r = mean_k (f_k(x') - h'_k)^2, where x' is the picture and h' the forces of the reached
+    r = mean_k (f_k(x') - h'_k)^2, where x' is the image and h' the forces of the reached
     state, both from the same moment (supplement, Figure 8: the agent "anticipates the
     force/torque sensation" of what it sees).
 
     Decisions, where the paper is silent:
 
-    - Forces alone are predicted: position and opening are seen in every picture.
+    - Forces alone are predicted: position and opening are seen in every image.
     - ``haptics``: ``forces`` in units of ``force_scale``, or ``contact``, tanh |f| of each
       finger, which a hard press does not change any more.
     - ``standardize``: the spread s_k of each force is predicted too, by the likelihood of a
       normal distribution (Kendall and Gal 2017), and r = mean_k min((f_k - h'_k)^2 / s_k^2, 25):
       forces that are always random, as when the door is pressed, do not outweigh rare ones.
-    - ``from_previous``: the prediction sees the picture before the action, and the action.
+    - ``from_previous``: the prediction sees the image before the action, and the action.
     """
 
     def __init__(self, config: CuriosityConfig, action_size: int) -> None:

@@ -6,7 +6,7 @@ from torch import Tensor, nn
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.curiosity.curiosity import Errors, Predictor
 from minitouch_bench.agents.replay import Batch
-from minitouch_bench.policies.networks import TOUCH_SIZE, PictureConvolutions
+from minitouch_bench.policies.networks import TOUCH_SIZE, ImageConvolutions
 from minitouch_bench.policies.policy import IMAGE_SHAPE
 
 OUTPUTS = 512
@@ -18,7 +18,7 @@ WHITENED_LIMIT = 5.0
 class RandomDistillation(Predictor):
     """Predict what a fixed random network says of the reached state.
 
-    r = mean_k (f(o')_k - t(o')_k)^2, t random and fixed, o' the whitened picture (Burda et
+    r = mean_k (f(o')_k - t(o')_k)^2, t random and fixed, o' the whitened image (Burda et
     al. 2019). Convolutions of 32, 64 and 64 channels as theirs, times ``width``; the predictor
     is two layers deeper. It does not depend on actions.
     """
@@ -37,10 +37,10 @@ class RandomDistillation(Predictor):
             nn.Linear(OUTPUTS, OUTPUTS), nn.ReLU(),
             nn.Linear(OUTPUTS, OUTPUTS),
         )  # fmt: skip
-        self.pictures: Tensor
+        self.images_seen: Tensor
         self.pixel_mean: Tensor
         self.pixel_square: Tensor
-        self.register_buffer("pictures", torch.zeros(()))
+        self.register_buffer("images_seen", torch.zeros(()))
         self.register_buffer("pixel_mean", torch.zeros(IMAGE_SHAPE))
         self.register_buffer("pixel_square", torch.zeros(IMAGE_SHAPE))
 
@@ -63,8 +63,8 @@ class RandomDistillation(Predictor):
     @torch.no_grad()
     def _watch(self, images: Tensor) -> None:
         """Add a batch to the running mean and mean square of each pixel."""
-        self.pictures += len(images)
-        rate = len(images) / self.pictures
+        self.images_seen += len(images)
+        rate = len(images) / self.images_seen
         self.pixel_mean += rate * (images.mean(dim=0) - self.pixel_mean)
         self.pixel_square += rate * (images.square().mean(dim=0) - self.pixel_square)
 
@@ -75,7 +75,7 @@ class RandomDistillation(Predictor):
 
 
 class TouchDistillation(RandomDistillation):
-    """The same on picture and touch, concatenated before the last layers of both networks.
+    """The same on image and touch, concatenated before the last layers of both networks.
 
     Source: supplement, 7.5.
     """
@@ -83,9 +83,9 @@ class TouchDistillation(RandomDistillation):
     uses_touch = True
 
 
-def _convolutions(width: float) -> PictureConvolutions:
+def _convolutions(width: float) -> ImageConvolutions:
     first, second, third = (max(1, int(width * channels)) for channels in (32, 64, 64))
-    return PictureConvolutions(
+    return ImageConvolutions(
         nn.Conv2d(1, first, 8, 4), nn.LeakyReLU(),
         nn.Conv2d(first, second, 4, 2), nn.LeakyReLU(),
         nn.Conv2d(second, third, 3, 1), nn.LeakyReLU(),
