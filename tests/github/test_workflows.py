@@ -118,15 +118,32 @@ def test_the_report_follows_the_check_of_a_submission():
     assert report["workflows"] == [workflow("submission")[0]["name"]]
 
 
-def test_a_tag_must_be_the_version(monkeypatch, capsys):
+@pytest.fixture
+def released(monkeypatch, tmp_path):
+    """Return what ``check_version.py`` says of a tag, by default the version's, and an account."""
     check = load("check_version")
     text = (ROOT / "pyproject.toml").read_text()
     version = re.search(r'^version = "(.*)"$', text, re.MULTILINE)[1]
-    monkeypatch.setattr(check.sys, "argv", ["check_version.py", f"v{version}"])
-    assert check.main() == 0
-    monkeypatch.setattr(check.sys, "argv", ["check_version.py", "v99.0.0"])
-    assert check.main() == 1
+
+    def run(tag=f"v{version}", account="someone"):
+        placed = re.sub(r"(Repository = .*github.com/)[^/]+", rf"\g<1>{account}", text)
+        (tmp_path / "pyproject.toml").write_text(placed)
+        monkeypatch.setattr(check, "ROOT", tmp_path)
+        monkeypatch.setattr(check.sys, "argv", ["check_version.py", tag])
+        return check.main()
+
+    return run
+
+
+def test_a_tag_must_be_the_version(released, capsys):
+    assert released() == 0
+    assert released(tag="v99.0.0") == 1
     assert "the tag is v99.0.0" in capsys.readouterr().err
+
+
+def test_a_release_needs_the_account_that_publishes(released, capsys):
+    assert released(account="OWNER") == 1
+    assert "OWNER is not set" in capsys.readouterr().err
 
 
 def test_actionlint_finds_nothing():

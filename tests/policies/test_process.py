@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -126,6 +127,32 @@ def test_a_policy_cannot_say_for_its_loader_that_it_is_ready(bad, monkeypatch):
     with pytest.raises(PolicyExitError, match=words):  # noqa: PT012
         bad.reset(0, "pushing")
         bad.act(OBSERVATION)  # if its second packet came late
+
+
+@pytest.mark.parametrize(
+    ("attribute", "how"),
+    [
+        ("Misbehaving", "speak_at_length"),
+        ("Misbehaving", "answer_ahead"),
+        ("ready_at_once", "fine"),
+    ],
+)
+def test_a_stream_shows_an_answer_that_is_too_long_or_too_early(attribute, how, monkeypatch):
+    pair = socket.socketpair
+
+    def as_on_macos(family, kind):
+        if kind == socket.SOCK_SEQPACKET:
+            raise OSError("Protocol not supported")
+        return pair(family, kind)
+
+    monkeypatch.setattr(socket, "socketpair", as_on_macos)
+    options = IsolationOptions(Isolation.PROCESS, trust=True, limits=LIMITS)
+    policy = PolicyProcess(factory(attribute), options)
+    with policy, pytest.raises(PolicyExitError, match="broke the protocol"):  # noqa: PT012
+        policy.reset(SEEDS[how], "pushing")
+        policy.act(OBSERVATION)
+        time.sleep(0.1)  # its other packets are under way
+        policy.act(OBSERVATION)
 
 
 def test_a_policy_that_never_reads_hangs_nobody():
