@@ -80,11 +80,7 @@ def check_address(address: str) -> tuple[str, int]:
 
 
 def _prepare_environment(*, local: bool) -> None:
-    """Set what Ray reads when it is imported.
-
-    Nobody else on this machine may give orders to a Ray that is started here. Left alone, Ray
-    would keep one token for that in a file in the user's home.
-    """
+    """Set what Ray reads when it is imported; a Ray started here takes orders from nobody else."""
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
     if local and "ray" not in sys.modules and "RAY_AUTH_MODE" not in os.environ:

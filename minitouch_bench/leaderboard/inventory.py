@@ -38,10 +38,7 @@ VIDEO = re.compile(rf"videos/(?:exploration-)?(?:{'|'.join(TASK_NAMES)})-\d{{1,4
 
 
 def list_files(directory: Path, problems: Problems) -> dict[str, int]:
-    """Return every plain file by its path inside the directory, with its size in bytes.
-
-    Links and special files are problems; nothing is followed and nothing is opened.
-    """
+    """Return the size in bytes of every plain file by its path; nothing is followed or opened."""
     if not is_folder(directory):
         problems.add("", "it is a link, not a directory", "give the directory itself")
         return {}

@@ -88,9 +88,7 @@ def add_seed(
 
 
 def check_submission(submission: Submission) -> None:
-    """Refuse what ``validate`` would refuse, before any episode is run.
-
-    A submission without a training seed gets one to be checked with.
+    """Refuse what ``validate`` would refuse before any episode, with or without a training seed.
 
     Raises:
         UsageError: the first problem.

@@ -31,10 +31,7 @@ EPISODE_VARIANCE = "episode variance only (one training seed)"
 
 @dataclass(frozen=True)
 class Line:
-    """A line of a view; without ``cells`` yet, what it says before them.
-
-    ``row`` is None for the paper's and for a calibration not yet run.
-    """
+    """A line of a view; ``row`` is None for the paper's and for a calibration not yet run."""
 
     kind: str
     name: str
@@ -137,10 +134,7 @@ def _gap_cells(row: BoardRow | None) -> Iterator[Cell]:
 
 
 def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[Line, ...]:
-    """Return the lines with the ``wanted`` metrics of tasks, in the order of a ranking.
-
-    Methods of the paper come last; one without any value has no line.
-    """
+    """Return the lines with the ``wanted`` metrics by rank, then the paper's with a value."""
     lines = [
         replace(line, cells=tuple(_cell(line.row, *one) for one in wanted))
         for line in _heads(board, key)

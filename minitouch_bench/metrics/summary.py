@@ -22,7 +22,9 @@ from minitouch_bench.records import (
     TaskSummary,
 )
 
-HELD_OUT, TRAIN = "held-out", "train"
+HELD_OUT, TRAIN, DIFFERENCE = "held-out", "train", "held-out minus train"
+GAP_PARTS = {"held_out": HELD_OUT, "train": TRAIN, "difference": DIFFERENCE}
+"""The fields of a gap, and what each is called behind its metric's name."""
 
 MIN_EPISODES = 10
 """Episodes of each split below which a gap would be noise alone."""

@@ -276,10 +276,7 @@ class ProtocolSpec:
 
     @cache  # noqa: B019  a protocol is a value that lives as long as the program
     def task_digest(self, name: str, suite: str) -> str:
-        """Return the SHA-256 over all that an episode of one task in a suite depends on.
-
-        That is the shape set only where the objects are taken from it.
-        """
+        """Return the SHA-256 over all that an episode of a task in a suite depends on."""
         shared = {
             "protocol": self.name,
             "seeds": self.seeds,

@@ -37,10 +37,7 @@ LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """A run and what stands for it: a letter, or "baseline" and "candidate".
-
-    ``labels``: what a reader must know of it.
-    """
+    """A run, its ``labels``, and its title: a letter, or "baseline" and "candidate"."""
 
     title: str
     name: str
@@ -93,10 +90,7 @@ class RunPair:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All runs against the first.
-
-    ``alpha``: chance of a false difference, over all tasks and runs of one metric.
-    """
+    """All runs against the first; ``alpha``: chance of a false difference in a metric."""
 
     runs: tuple[ComparedRun, ...]
     pairs: tuple[RunPair, ...]

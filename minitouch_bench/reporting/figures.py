@@ -1,8 +1,9 @@
 """The figures of a report as data; a page and files draw the same ones."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
@@ -159,7 +160,12 @@ def _steps_plot(task: str, sections: Sequence[RunSection]) -> Plot:
             tone: np.array([e.steps for e in episodes if e.outcome is outcome], np.int64)
             for outcome, tone in OUTCOME_TONES.items()
         }
-    what = f"{task_title(task)}: distribution of episode steps by outcome"
+    return steps_plot(task, panels)
+
+
+def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]]) -> Plot:
+    """Draw the control steps of a task's episodes, a panel by title, with an array per tone."""
+    what = f"{task_title(task)}: distribution of episode steps by ending"
     return Plot(task_title(task), what, step_histograms(panels, PROTOCOL.task(task).max_steps))
 
 
@@ -170,6 +176,11 @@ def _touch_plot(task: str, sections: Sequence[RunSection]) -> Plot:
         (summary.touch_curve, summary.touch_curve_episodes) if summary else ((), ())
         for summary in summaries
     ]
+    return touch_plot(task, curves)
+
+
+def touch_plot(task: str, curves: Sequence[tuple[Sequence[float], Sequence[int]]]) -> Plot:
+    """Draw touch curves, each with the episodes that reached its steps."""
     what = f"{task_title(task)}: mean contact ticks at each control step"
     return Plot(task_title(task), what, (touch_chart(curves, PROTOCOL.task(task).max_steps),))
 

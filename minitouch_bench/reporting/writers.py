@@ -129,10 +129,7 @@ def report_card(report: Report, task: str) -> Card:
 def make_card(
     task: str, runs: Sequence[tuple[str, Mapping[str, Estimate]]], image: str, rank: str = ""
 ) -> Card:
-    """Compose a task's card of ``runs``: names, and estimates by metric.
-
-    What the paper's own method reached stands beside them, and is marked on their gauges.
-    """
+    """Compose a task's card of ``runs`` (names, estimates), with the paper's own method."""
     metric = ranking_metric(task)
     printed = paper_value(task, metric, PAPER_METHODS[0])
     paper = printed.text if printed and printed.is_our_unit else ""

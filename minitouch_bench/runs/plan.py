@@ -48,11 +48,7 @@ class Suite(SuiteSpec):
         return EpisodeSpec(Role.FINAL, task, index, episode_seed(*words), policy_seed(*words))
 
     def assign_object(self, spec: EpisodeSpec) -> EpisodeSpec:
-        """Return the episode with its object filled in.
-
-        That is the task's own cube or nothing (Opening); where the task draws from a shape set,
-        the seed chooses.
-        """
+        """Return the episode with its object: the task's own, or a shape that the seed draws."""
         if self.novel_shapes:
             return self._assign_novel_shape(spec)
         objects = PROTOCOL.task(spec.task).default_objects
@@ -63,10 +59,7 @@ class Suite(SuiteSpec):
         return _with_shape(spec, shapes[drawn])
 
     def _assign_novel_shape(self, spec: EpisodeSpec) -> EpisodeSpec:
-        """Take each held-out shape once (even indices), beside as many train shapes (odd ones).
-
-        The train shapes are drawn once, without replacement, from the protocol's name alone.
-        """
+        """Take each held-out shape once (even indices), and as many drawn train shapes."""
         shapes = canonical_shape_set()
         held_out, train = shapes.split("held-out"), shapes.split("train")
         turn = (spec.index // 2) % len(held_out)
@@ -158,10 +151,7 @@ class Plan:
         return (*words, *self.conditions.as_options(), *self.limits.as_options())
 
     def mistake(self) -> tuple[str, str]:
-        """Return the first field that no plan of this protocol can have, and why; or two "".
-
-        A stranger's header can hold any plan.
-        """
+        """Return the first field that no plan of this protocol can have, and why; or two ""."""
         if self.suite not in SUITES:
             return "suite", f"there is no suite '{self.suite}'"
         suite = SUITES[self.suite]

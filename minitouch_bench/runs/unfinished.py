@@ -52,10 +52,7 @@ class _StoredEpisode:
 
 
 class UnfinishedRun:
-    """What is kept of a run until it is finished, in a folder of its directory.
-
-    A run's directory must be locked while this is used.
-    """
+    """What is kept of a run until it is finished, in a folder of its locked directory."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory

@@ -26,10 +26,7 @@ from minitouch_bench.shapegen.soundness import UnsoundError, examine
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What a check found: ``problems`` one line each (none: the set holds), and the split's p.
-
-    ``p_value`` is None where the set is too damaged, or too small, to test.
-    """
+    """What a check found: ``problems``, a line each, and the split's p, None if untestable."""
 
     shapes: ShapeSet
     problems: tuple[str, ...]
@@ -39,9 +36,7 @@ class CheckReport:
 def check_set(
     folder: Path, workers: int = 1, quick: bool = False, progress: Progress = lambda *_: None
 ) -> CheckReport:
-    """Check hashes, numbers, split, families, soundness, near-duplicates and distribution.
-
-    ``quick`` leaves out the proofs in the simulator.
+    """Check a set; ``quick`` leaves out the proofs in the simulator.
 
     Raises:
         UsageError: the folder holds no readable shape set.

@@ -264,10 +264,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
 
 class HumanRenderer:
-    """A second world, only ever drawn, that mirrors the poses of the simulated one.
-
-    It is built in the same order, so that bodies have the same ids in both.
-    """
+    """A second world, only ever drawn: built in the same order, and posed as the simulated one."""
 
     def __init__(self, width: int, height: int) -> None:
         self._client = PhysicsClient()

@@ -63,10 +63,7 @@ class Problems:
 
     @contextmanager
     def caught(self, place: str, remedy: str = "") -> Iterator[None]:
-        """Keep what an error of the block says of files and policies, and go on behind it.
-
-        Other errors pass: they say that the check could not be made, not that it failed.
-        """
+        """Keep what the block's errors say of files and policies, and go on; other errors pass."""
         try:
             yield
         except UnreadableFileError as error:

@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from minitouch_bench.leaderboard.copies import find_copies
+from minitouch_bench.leaderboard.validation import find_copies
 
 
 def episodes(name, changed=0, number=400):
