@@ -120,12 +120,12 @@ def _init(ray: ModuleType, options: dict[str, Any]) -> None:
     try:
         ray.init(**options, log_to_driver=False, logging_level=logging.CRITICAL)
     except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
-        place = options["address"]
-        told = str(error.__cause__ or error).strip().partition("\n")[0]
-        if place == "local":
-            raise InfrastructureError(f"Ray cannot be started here: {told}") from error
+        address = options["address"]
+        reason = str(error.__cause__ or error).strip().partition("\n")[0]
+        if address == "local":
+            raise InfrastructureError(f"Ray cannot be started here: {reason}") from error
         raise InfrastructureError(
-            f"the Ray cluster at {place} cannot be joined: {told}.\n"
+            f"the Ray cluster at {address} cannot be joined: {reason}.\n"
             "This machine must be one of its nodes: ray start --address=HOST:PORT --num-cpus=0"
         ) from error
 

@@ -202,9 +202,9 @@ class RayPool:
     def _count_false_start(self, error: Exception) -> None:
         """Exclude a node that cannot read our code; give up after too many failed starts."""
         text = str(error)
-        place = NODE_IN_ERROR.search(text)
-        if place and getattr(error, "actor_init_failed", False):
-            address = place[1]
+        named = NODE_IN_ERROR.search(text)
+        if named and getattr(error, "actor_init_failed", False):
+            address = named[1]
             there = {n["NodeID"] for n in self._ray.nodes() if n["NodeManagerAddress"] == address}
             self._exclude(there, address, text.strip().splitlines()[-1])
             return

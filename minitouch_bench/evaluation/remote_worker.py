@@ -33,7 +33,7 @@ def pack(source: ActorSource, attempts: Path | None = None) -> WorkerPayload:
     Raises:
         CheckpointChangedError: one cannot be read, or is no longer what it was.
     """
-    files = {one.digest: read_again(one.target, one.digest) for one in _files_of(source)}
+    files = {file.digest: read_again(file.target, file.digest) for file in _files_of(source)}
     return WorkerPayload(source, files, attempts and attempts.resolve())
 
 

@@ -181,7 +181,7 @@ def _row(verdict: Verdict, repeated: Iterable[str]) -> BoardRow:
         fresh=proof.fresh if proof else None,
         same_episodes_as=tuple(sorted(repeated)),
         training_seeds=tuple(seed.seed for seed in about.seeds),
-        runs={place: run.digest for place, run in verdict.runs.items()},
+        runs={folder: run.digest for folder, run in verdict.runs.items()},
         ranks={},
         figures=score(verdict.runs_on(MAIN_SUITE)),
         novel_shapes=score_gaps(verdict.runs_on(NOVEL_SHAPES)),

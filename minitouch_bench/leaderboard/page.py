@@ -146,11 +146,11 @@ def _data(verdict: Verdict, path: str) -> Markup:
         "tones": [style.tone for style in ENDINGS.values()],
         "runs": [
             {
-                "title": place,
-                "command": f"minitouch-bench replay {path}/{place} EPISODE --film FILM",
+                "title": folder,
+                "command": f"minitouch-bench replay {path}/{folder} EPISODE --film FILM",
                 "groups": list(_groups(run)),
             }
-            for place, run in verdict.runs.items()
+            for folder, run in verdict.runs.items()
         ],
     }
     return htmlsafe_json_dumps(document, separators=(",", ":"), allow_nan=False)
@@ -158,7 +158,7 @@ def _data(verdict: Verdict, path: str) -> Markup:
 
 def _groups(run: Run) -> Iterator[dict[str, Any]]:
     """Yield the episodes of each role and task, a list per column."""
-    places = {ending: place for place, ending in enumerate(ENDINGS)}
+    numbers = {ending: number for number, ending in enumerate(ENDINGS)}
     for role, rows in run.by_role():
         for task in dict.fromkeys(row.task for row in rows):
             episodes = [row for row in rows if row.task == task]
@@ -166,7 +166,7 @@ def _groups(run: Run) -> Iterator[dict[str, Any]]:
             yield {
                 "key": task if role is Role.FINAL else f"exploration/{task}",
                 "index": [row.index for row in episodes],
-                "ending": [places[ending_of(row)] for row in episodes],
+                "ending": [numbers[ending_of(row)] for row in episodes],
                 "steps": [row.steps for row in episodes],
                 "touch": [row.touch_interaction for row in episodes],
                 "first": [_seconds(row) for row in episodes],
@@ -184,8 +184,8 @@ def _faults(verdict: Verdict) -> Mapping[str, Sequence[str]]:
     """Return each fault's text with its episodes, which a run names where there are several."""
     runs = verdict.runs
     return group_faults(
-        (f"{place} {key}" if len(runs) > 1 else key, text)
-        for place, run in runs.items()
+        (f"{folder} {key}" if len(runs) > 1 else key, text)
+        for folder, run in runs.items()
         for key, text in run.faults.items()
     )
 

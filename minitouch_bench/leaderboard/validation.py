@@ -75,7 +75,7 @@ class Verdict:
     def runs_on(self, suite: str) -> tuple[Run, ...]:
         """Return the run of each training seed; none where one of them lacks the suite."""
         places = [seed.runs.get(suite, "") for seed in self.submission.seeds]
-        return tuple(self.runs[place] for place in places) if all(places) else ()
+        return tuple(self.runs[folder] for folder in places) if all(places) else ()
 
     def episodes(self, suite: str, task: str) -> tuple[tuple[EpisodeMetrics, ...], ...]:
         """Return the final policy's episodes of a task, of each training seed, in order."""
@@ -87,8 +87,8 @@ class Verdict:
         """Return the paths of its videos inside the submission."""
         return tuple(
             video.relative_to(self.directory).as_posix()
-            for place in self.runs
-            for video in list_videos(self.directory / place)
+            for folder in self.runs
+            for video in list_videos(self.directory / folder)
         )
 
 
@@ -110,15 +110,15 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> Verdict:
     if submission is not None:
         check_files(submission, files, problems)
         for seed in submission.seeds:
-            for place in seed.runs.values():
-                if (run := _read_run(directory, place, files, problems)) is not None:
-                    runs[place] = run
+            for folder in seed.runs.values():
+                if (run := _read_run(directory, folder, files, problems)) is not None:
+                    runs[folder] = run
         proof = find_proof(directory, runs)
         recompute = not (trust_proofs and proof)
         for seed in submission.seeds:
-            for suite, place in seed.runs.items():
-                if place in runs:
-                    check_submitted(runs[place], suite, seed, place, problems, recompute=recompute)
+            for suite, folder in seed.runs.items():
+                if run := runs.get(folder):
+                    check_submitted(run, suite, seed, folder, problems, recompute=recompute)
             if not trust_proofs:
                 _check_checkpoints(directory, seed, files, problems)
         headers = [run.header for run in runs.values()]
@@ -139,9 +139,9 @@ def check_planned(
 
 
 def _read_submission(
-    directory: Path, found: Mapping[str, int], problems: Problems
+    directory: Path, files: Mapping[str, int], problems: Problems
 ) -> Submission | None:
-    if SUBMISSION_FILE not in found:
+    if SUBMISSION_FILE not in files:
         problems.add(
             SUBMISSION_FILE,
             "it is missing: this is no submission",
@@ -155,15 +155,15 @@ def _read_submission(
 
 
 def _read_run(
-    directory: Path, place: str, found: Mapping[str, int], problems: Problems
+    directory: Path, folder: str, files: Mapping[str, int], problems: Problems
 ) -> Run | None:
-    path = f"{place}/{RUN_FILE}"
-    if path not in found:
+    path = f"{folder}/{RUN_FILE}"
+    if path not in files:
         return None
     runs: list[Run] = []
     with problems.caught(path, AS_WRITTEN):
         content = read_plain(directory, path, RUN_LIMITS[RUN_FILE])
-        runs.append(parse_run(content, place, directory / place))
+        runs.append(parse_run(content, folder, directory / folder))
     return runs[0] if runs else None
 
 
@@ -218,19 +218,19 @@ def find_copies(runs: Mapping[Key, Run]) -> dict[tuple[Key, Key], int]:
 
 def check_copies(runs: Mapping[str, Run], problems: Problems) -> None:
     """Refuse each run that has, bit for bit, the episodes of an earlier one."""
-    for (first, place), count in find_copies(runs).items():
-        number = len(runs[place].episodes)
+    for (first, folder), count in find_copies(runs).items():
+        number = len(runs[folder].episodes)
         what = f"{count} of its {number} episodes are bit for bit those of {first}"
-        problems.add(place, what, "remove it")
+        problems.add(folder, what, "remove it")
 
 
 def _check_checkpoints(
-    directory: Path, seed: TrainingSeed, found: dict[str, int], problems: Problems
+    directory: Path, seed: TrainingSeed, files: dict[str, int], problems: Problems
 ) -> None:
     """Check the names of a training seed's files, and the bytes of those that are there."""
     for file in seed.checkpoints:
         _check_file_name(file, problems)
-        if not file.path or file.path not in found:
+        if not file.path or file.path not in files:
             continue
         with problems.caught(file.path):
             content = read_plain(directory, file.path, MAX_CHECKPOINT)

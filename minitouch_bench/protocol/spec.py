@@ -304,10 +304,10 @@ class ProtocolSpec:
 
 
 def _named(name: str, kind: str, known: Sequence[Named]) -> Named:
-    for one in known:
-        if one.name == name:
-            return one
-    names = ", ".join(one.name for one in known)
+    for value in known:
+        if value.name == name:
+            return value
+    names = ", ".join(value.name for value in known)
     raise UsageError(f"no {kind} '{name}'; the {kind}s are {names}")
 
 

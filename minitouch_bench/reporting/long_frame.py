@@ -69,8 +69,8 @@ def estimates_in(frame: pd.DataFrame) -> list[Estimate]:
 def join_seeds(frame: pd.DataFrame) -> pd.DataFrame:
     """Return a row per ``KEY`` with its estimate over training seeds, in order of appearance."""
     rows = []
-    for key, own in frame.groupby([*KEY], sort=False):
-        estimates, metric = estimates_in(own), str(key[-1])
+    for key, group in frame.groupby([*KEY], sort=False):
+        estimates, metric = estimates_in(group), str(key[-1])
         # The gap of two shapes' splits is no narrower than that over all their episodes.
         over_episodes = quadrature(estimates) if metric.endswith(GAP) else None
         estimate = over_seeds(estimates, str(key[-2]), metric, over_episodes=over_episodes)

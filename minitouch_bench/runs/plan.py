@@ -20,6 +20,13 @@ from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
 NAMED = 6
 """Chosen episodes that a label names; the rest are counted."""
 
+LIMITS_IN_WORDS = {
+    "act_timeout_s": "{:g} s per action",
+    "episode_timeout_s": "{:g} s per episode",
+    "load_timeout_s": "{:g} s to load",
+    "memory_mb": "{} MiB of memory",
+}
+
 
 class Suite(SuiteSpec):
     """A suite that can name its episodes."""
@@ -114,7 +121,7 @@ class Plan:
 
     def why_unofficial(self) -> tuple[str, ...]:
         """Return what differs from an official run of the suite, in words."""
-        suite, limits = find_suite(self.suite), self.limits
+        suite = find_suite(self.suite)
         reasons = [] if suite.rankable else [f"suite {suite.name}"]
         if self.chosen:
             more = f" and {len(self.chosen) - NAMED} more" if len(self.chosen) > NAMED else ""
@@ -125,14 +132,9 @@ class Plan:
             reasons.append(f"{self.episodes} of {suite.episodes_per_task} episodes per task")
         if self.seed != suite.seed:
             reasons.append(f"seed {self.seed}")
-        if limits.act_timeout_s != USUAL_LIMITS.act_timeout_s:
-            reasons.append(f"{limits.act_timeout_s:g} s per action")
-        if limits.episode_timeout_s != USUAL_LIMITS.episode_timeout_s:
-            reasons.append(f"{limits.episode_timeout_s:g} s per episode")
-        if limits.load_timeout_s != USUAL_LIMITS.load_timeout_s:
-            reasons.append(f"{limits.load_timeout_s:g} s to load")
-        if limits.memory_mb != USUAL_LIMITS.memory_mb:
-            reasons.append(f"{limits.memory_mb} MiB of memory")
+        for name, words in LIMITS_IN_WORDS.items():
+            if (limit := getattr(self.limits, name)) != getattr(USUAL_LIMITS, name):
+                reasons.append(words.format(limit))
         return (*reasons, *self.conditions.in_words())
 
     def as_options(self) -> tuple[str, ...]:

@@ -104,13 +104,13 @@ def make_shape(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
         except UnsoundError as error:
             refused[error.reason.name] += 1
             continue
-        own = {
+        identity = {
             "name": f"shape-{index:04d}",
             "family": family,
             "attempt": attempt,
             "refused": dict(sorted(refused.items())),
         }
-        return {**own, **entry_of(body, measures, density)}, encode(body)
+        return {**identity, **entry_of(body, measures, density)}, encode(body)
     raise InfrastructureError(
         f"shape {index} ({family}): no sound shape in {config.attempts} draws"
     )

@@ -236,8 +236,8 @@ class GripRig:
         client = self._client
         client.reset_world()
         client.add_box(SLAB_HALF_EXTENTS, SLAB_CENTER, INVISIBLE, mass=0.0, friction=SLAB_FRICTION)
-        place = (0.0, 0.0, height)
-        return client.load_urdf(self._urdf, place, quaternion, inertia_from_file=True)
+        position = (0.0, 0.0, height)
+        return client.load_urdf(self._urdf, position, quaternion, inertia_from_file=True)
 
 
 @contextmanager

@@ -61,4 +61,4 @@ def compare_fresh(
 
 def significant_drops(results: Sequence[FreshResult]) -> tuple[FreshResult, ...]:
     """Return the results that an honest policy would hardly give."""
-    return tuple(one for one in results if one.p < SIGNIFICANCE / len(results))
+    return tuple(result for result in results if result.p < SIGNIFICANCE / len(results))
