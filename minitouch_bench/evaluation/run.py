@@ -149,7 +149,6 @@ def play_missing(
 
 
 def _refuse_hopeless(records: Iterable[EpisodeRecord]) -> None:
-    """Give a run up whose episodes so far are all policy faults."""
     faults = [record.fault for record in records if record.outcome is Outcome.POLICY_FAULT]
     if len(faults) == HOPELESS_AFTER:
         raise HopelessRunError(

@@ -172,7 +172,6 @@ def make_board(verdicts: Sequence[Verdict]) -> Board:
 
 
 def _row(verdict: Verdict, repeated: Iterable[str]) -> BoardRow:
-    """Return the row of a submission, before it is ranked."""
     about, proof = verdict.submission, verdict.proof
     return BoardRow(
         **{field.name: getattr(about, field.name) for field in fields(About)},

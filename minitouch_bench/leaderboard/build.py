@@ -166,7 +166,6 @@ def _copy_videos(verdict: Verdict, pages: Path) -> None:
 
 
 def _remove_others(pages: Path, names: Collection[str]) -> None:
-    """Remove the pages and videos of submissions that are no longer there."""
     if not pages.is_dir():
         return
     for path in pages.iterdir():

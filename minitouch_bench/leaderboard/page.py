@@ -85,12 +85,10 @@ def video_address(name: str, path: str) -> str:
 
 
 def _rank_text(rank: Rank) -> str:
-    """Write a rank with the range that holds the true one."""
     return f"rank {rank.best} to {rank.worst}" if rank.worst > rank.best else f"rank {rank.best}"
 
 
 def _legend(row: BoardRow) -> Iterator[LegendItem]:
-    """Name the endings that occur."""
     there = {ending for counts in row.endings.values() for ending in counts}
     for ending, style in ENDINGS.items():
         if ending in there:

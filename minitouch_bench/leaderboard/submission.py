@@ -206,7 +206,6 @@ def submission_schema() -> dict[str, Any]:
 
 
 def _texts(submission: Submission) -> Iterator[tuple[str, str]]:
-    """Walk through what is wrong with the texts, by key."""
     if not submission.method:
         yield "method", "it is empty"
     for key, check in TEXT_RULES.items():
@@ -221,7 +220,6 @@ def _texts(submission: Submission) -> Iterator[tuple[str, str]]:
 
 
 def _seeds(submission: Submission) -> Iterator[tuple[str, str]]:
-    """Walk through what is wrong with the training seeds."""
     if not submission.seeds:
         yield "seeds", "there is no training seed; add a [[seeds]] table"
     numbers = [seed.seed for seed in submission.seeds]

@@ -160,11 +160,11 @@ def _read_run(
     path = f"{folder}/{RUN_FILE}"
     if path not in files:
         return None
-    runs: list[Run] = []
+    run = None
     with problems.caught(path, AS_WRITTEN):
         content = read_plain(directory, path, RUN_LIMITS[RUN_FILE])
-        runs.append(parse_run(content, folder, directory / folder))
-    return runs[0] if runs else None
+        run = parse_run(content, folder, directory / folder)
+    return run
 
 
 def _check_about(

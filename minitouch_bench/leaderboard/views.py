@@ -166,7 +166,6 @@ def _heads(board: Board, key: str = OVERALL) -> Iterator[Line]:
 
 
 def _label(task: str) -> str:
-    """Name what a task is ranked by, inside a sentence."""
     return METRICS[RANKED_BY[task]].label.lower()
 
 

@@ -125,7 +125,6 @@ def bootstrap_difference(
 
 
 def _as_sample(values: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values as float64 (N,)."""
     sample = np.asarray(values, dtype=np.float64)
     if sample.ndim != 1 or sample.size == 0:
         raise ValueError("the bootstrap needs a one-dimensional, non-empty sample")

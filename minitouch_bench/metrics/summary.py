@@ -174,7 +174,6 @@ def _gap(
     train: Sequence[EpisodeMetrics],
     root: Root,
 ) -> Gap:
-    """Estimate a metric on each split, and the difference."""
     first = metric.estimate(held_out, stream(root, task, metric.name, HELD_OUT))
     second = metric.estimate(train, stream(root, task, metric.name, TRAIN))
     assert first is not None  # such a metric has a value in every episode

@@ -226,7 +226,6 @@ def _confine(episode: Episode, channel: int) -> bool:
 
 
 def _serve(episode: Episode, channel: int) -> None:
-    """Answer each request, packet by packet, until they end."""
     policy, order, size = None, episode.order, action_size(episode.order.task)
     while True:
         try:

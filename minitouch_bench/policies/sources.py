@@ -206,7 +206,6 @@ def directory_digest(files: Iterable[tuple[str, str]]) -> str:
 
 
 def _parse_submission(path: Path, role: Role) -> PolicySource:
-    """Find the checkpoints of a submission's first training seed."""
     folders = path.glob(f"{CHECKPOINTS}/seed-*/{role}")
     folder = min(folders, key=lambda path: (len(path.parent.name), path.parent.name), default=None)
     if folder is None:

@@ -168,7 +168,6 @@ def _bits_of(episode: EpisodeMetrics) -> tuple[object, ...]:
 
 
 def _by_key(run: Run, left_out: Sequence[str]) -> dict[str, tuple[Role, EpisodeMetrics]]:
-    """Return a run's episodes by key, without the tasks that are left out."""
     by_key: dict[str, tuple[Role, EpisodeMetrics]] = {}
     for role, episodes in run.by_role():
         for episode in episodes:

@@ -187,7 +187,6 @@ def draw_gauge(gauge: Gauge) -> Markup:
 
 
 def _grid(frame: Frame) -> Iterator[str]:
-    """Draw rules, axes, numbers, and the label of the y axis."""
     chart = frame.chart
     for tick in chart.y.ticks:
         at = frame.y(tick.at)
@@ -252,5 +251,4 @@ def _text(x: float, y: float, text: str, kind: str, *, is_upright: bool = False)
 
 
 def _n(value: float) -> str:
-    """Write a coordinate short."""
     return f"{value:.1f}".removesuffix(".0")

@@ -128,7 +128,6 @@ def _pair(task: str) -> tuple[str, str]:
 
 
 def _run_legend(sections: Sequence[RunSection]) -> tuple[LegendItem, ...]:
-    """Name the runs by their colors, where there are several."""
     return run_legend([section.name for section in sections]) if len(sections) > 1 else ()
 
 
@@ -152,7 +151,6 @@ def _estimate_plot(task: str, sections: Sequence[RunSection]) -> Plot:
 
 
 def _steps_plot(task: str, sections: Sequence[RunSection]) -> Plot:
-    """Draw what share of the episodes took how many control steps, by how they ended."""
     panels = {}
     for name, section in zip(_names(sections), sections, strict=True):
         episodes = [episode for episode in section.run.episodes if episode.task == task]
@@ -170,7 +168,6 @@ def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]])
 
 
 def _touch_plot(task: str, sections: Sequence[RunSection]) -> Plot:
-    """Draw the mean contact ticks at each control step, the runs overlaid."""
     summaries = [task_summary(section.run, task) for section in sections]
     curves = [
         (summary.touch_curve, summary.touch_curve_episodes) if summary else ((), ())

@@ -140,7 +140,6 @@ def _safe_text(text: str) -> str:
 
 
 def _splits(result: Generalization) -> Iterator[tuple[str, str, str, Estimate]]:
-    """Walk through a task's estimates with their family, metric and split."""
     for metric, gap in result.gaps.items():
         for part, split in GAP_PARTS.items():
             yield "", metric, split, getattr(gap, part)
@@ -151,7 +150,6 @@ def _splits(result: Generalization) -> Iterator[tuple[str, str, str, Estimate]]:
 
 
 def _run_rows(runs: Sequence[Run], task: str, metric: str) -> Iterator[Row]:
-    """Walk through the runs' rows of one metric."""
     for name, run in zip(run_names(runs), runs, strict=True):
         estimate = find_estimate(run, task, metric)
         if estimate is not None:
@@ -159,7 +157,6 @@ def _run_rows(runs: Sequence[Run], task: str, metric: str) -> Iterator[Row]:
 
 
 def _paper_rows(task: str, metric: str) -> Iterator[Row]:
-    """Walk through the paper's rows of one metric."""
     for method in PAPER_METHODS:
         printed = paper_value(task, metric, method)
         if printed is not None:
@@ -168,6 +165,5 @@ def _paper_rows(task: str, metric: str) -> Iterator[Row]:
 
 
 def _source(run: Run) -> str:
-    """Say that a row is a run's, with the run's labels."""
     labels = "; ".join(run_labels(run))
     return f"run ({labels})" if labels else "run"

@@ -104,7 +104,6 @@ def fault_lines(section: RunSection) -> list[str]:
 
 
 def _checked(names: Sequence[str], count: int) -> tuple[str, ...]:
-    """Return the names as they may be printed."""
     plain = tuple(printable(name) for name in names)
     if len(plain) != count:
         raise UsageError(f"{len(plain)} names for {count} runs; give one per run")

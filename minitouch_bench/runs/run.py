@@ -295,8 +295,6 @@ def run_json(run: Run) -> bytes:
 
 @dataclass(frozen=True)
 class _Mark:
-    """What every version of the document begins with."""
-
     format: str
     version: int
 

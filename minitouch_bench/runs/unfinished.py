@@ -190,7 +190,6 @@ def check_same(asked: RunHeader, there: RunHeader, directory: Path) -> None:
 
 
 def _flat(header: RunHeader) -> dict[str, object]:
-    """Return the fields of a header, of its plan and of the plan's limits."""
     values: dict[str, object] = {}
     for record in (header, header.plan, header.plan.limits):
         values |= {field.name: getattr(record, field.name) for field in fields(record)}

@@ -79,7 +79,6 @@ def _pack_problems(shapes: ShapeSet) -> Iterator[str]:
 
 
 def _manifest_problems(shapes: ShapeSet) -> Iterator[str]:
-    """Yield what is wrong between shapes: names, copies, split and families."""
     listed = shapes.shapes
     if len(listed) != shapes.document["count"]:
         yield f"{len(listed)} shapes are listed, the count says {shapes.document['count']}"
@@ -104,7 +103,6 @@ def _manifest_problems(shapes: ShapeSet) -> Iterator[str]:
 
 
 def _number_problems(shape: Shape, body: Body) -> Iterator[str]:
-    """Yield where the manifest's numbers are not the record's."""
     if not np.isfinite([body.mass, *body.inertia, *shape.extents]).all():
         yield f"{shape.name}: a mass, moment or extent is not a finite number"
         return

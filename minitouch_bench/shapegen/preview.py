@@ -71,7 +71,6 @@ def _picture(client: PhysicsClient, shape: Shape) -> Image.Image:
 
 
 def _sheet(shapes: Sequence[Shape], pictures: dict[str, Image.Image], title: str) -> Image.Image:
-    """Return a contact sheet with a title above and a number under each picture."""
     rows = -(-len(shapes) // COLUMNS)
     sheet = Image.new("RGB", (COLUMNS * TILE, 24 + rows * (TILE + 12)), "white")
     draw = ImageDraw.Draw(sheet)
@@ -85,7 +84,6 @@ def _sheet(shapes: Sequence[Shape], pictures: dict[str, Image.Image], title: str
 
 
 def _page(shapes: ShapeSet, pictures: dict[str, Image.Image]) -> str:
-    """Return one self-contained page: filters above, a picture and its numbers for each shape."""
     template = Template(TEMPLATE.read_text("utf-8"), autoescape=True)
     encoded = {
         name: base64.b64encode(_png(picture.quantize(48))).decode()

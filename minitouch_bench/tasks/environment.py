@@ -193,7 +193,6 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         )
 
     def _build(self, model: ObjectModel | None) -> None:
-        """Draw where everything stands, and build that world."""
         client, task = self.client, self.task
         task.draw(self.np_random, model)
         client.reset_world()

@@ -131,7 +131,6 @@ def _packages() -> str:
 
 
 def _extras() -> dict[str, list[str]]:
-    """Return what each extra for users brings, as the installed package declares it."""
     extras: dict[str, list[str]] = {}
     for line in requires("minitouch-bench") or ():
         package, _, extra = line.partition(" extra == ")
