@@ -160,11 +160,11 @@ def _read_run(
     path = f"{folder}/{RUN_FILE}"
     if path not in files:
         return None
-    run = None
+    runs: list[Run] = []
     with problems.caught(path, AS_WRITTEN):
         content = read_plain(directory, path, RUN_LIMITS[RUN_FILE])
-        run = parse_run(content, folder, directory / folder)
-    return run
+        runs.append(parse_run(content, folder, directory / folder))
+    return runs[0] if runs else None
 
 
 def _check_about(

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from minitouch_bench.errors import InfrastructureError, MiniTouchError
 from minitouch_bench.evaluation.actors import RecordedActor, Recording
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
+from minitouch_bench.optional import extras
 from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.isolation import landlock
 from minitouch_bench.policies.policy import zero_observation
@@ -125,24 +126,18 @@ def _packages() -> str:
     listed = ", ".join(
         f"{name} {number}" for name, number in {**versions, **installed_builds()}.items()
     )
-    absent = [extra for extra, packages in _extras().items() if not all(map(_installed, packages))]
+    absent = [
+        extra
+        for extra, needed in extras().items()
+        if extra != "dev" and not all(map(_is_installed, needed))
+    ]
     hint = f"; without the extras {', '.join(absent)}" if absent else "; every extra"
     return listed + hint
 
 
-def _extras() -> dict[str, list[str]]:
-    extras: dict[str, list[str]] = {}
-    for line in requires("minitouch-bench") or ():
-        package, _, extra = line.partition(" extra == ")
-        name = re.split(r"[^A-Za-z0-9._-]", package, maxsplit=1)[0]
-        if extra and name != "minitouch-bench" and extra.strip("\"'") != "dev":
-            extras.setdefault(extra.strip("\"'"), []).append(name)
-    return extras
-
-
-def _installed(package: str) -> bool:
+def _is_installed(requirement: str) -> bool:
     try:
-        return bool(version(package))
+        return bool(version(re.split(r"[^A-Za-z0-9._-]", requirement, maxsplit=1)[0]))
     except PackageNotFoundError:
         return False
 
