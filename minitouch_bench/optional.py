@@ -18,22 +18,26 @@ def require(module: str, extra: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        wanted = " ".join(f"'{package}'" for package in _packages_of(extra))
+        needed = extras().get(extra, [f"minitouch-bench[{extra}]"])
+        wanted = " ".join(f"'{requirement}'" for requirement in needed)
         raise MissingExtraError(
             f"this needs the package '{error.name}': pip install {wanted} "
             f"(the extra minitouch-bench[{extra}])"
         ) from error
 
 
-def _packages_of(extra: str) -> list[str]:
-    """Return the packages of an extra; their names work wherever this package came from."""
+def extras() -> dict[str, list[str]]:
+    """Return the requirements of each extra; they work wherever this package came from."""
     try:
         lines = requires("minitouch-bench") or ()
     except PackageNotFoundError:  # a checkout that is not installed
         lines = ()
-    parts = [line.partition(";") for line in lines]
-    names = [name.strip() for name, _, marker in parts if marker.strip() == f'extra == "{extra}"']
-    return names or [f"minitouch-bench[{extra}]"]
+    requirements: dict[str, list[str]] = {}
+    for line in lines:
+        requirement, _, extra = line.partition("; extra == ")
+        if extra:
+            requirements.setdefault(extra.strip('"'), []).append(requirement)
+    return requirements
 
 
 def look_up(target: str) -> Any:

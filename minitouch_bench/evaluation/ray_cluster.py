@@ -80,11 +80,7 @@ def check_address(address: str) -> tuple[str, int]:
 
 
 def _prepare_environment(*, local: bool) -> None:
-    """Set what Ray reads when it is imported.
-
-    Nobody else on this machine may give orders to a Ray that is started here. Left alone, Ray
-    would keep one token for that in a file in the user's home.
-    """
+    """Set what Ray reads when it is imported; a Ray started here takes orders from nobody else."""
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
     if local and "ray" not in sys.modules and "RAY_AUTH_MODE" not in os.environ:
@@ -124,12 +120,12 @@ def _init(ray: ModuleType, options: dict[str, Any]) -> None:
     try:
         ray.init(**options, log_to_driver=False, logging_level=logging.CRITICAL)
     except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
-        place = options["address"]
-        told = str(error.__cause__ or error).strip().partition("\n")[0]
-        if place == "local":
-            raise InfrastructureError(f"Ray cannot be started here: {told}") from error
+        address = options["address"]
+        reason = str(error.__cause__ or error).strip().partition("\n")[0]
+        if address == "local":
+            raise InfrastructureError(f"Ray cannot be started here: {reason}") from error
         raise InfrastructureError(
-            f"the Ray cluster at {place} cannot be joined: {told}.\n"
+            f"the Ray cluster at {address} cannot be joined: {reason}.\n"
             "This machine must be one of its nodes: ray start --address=HOST:PORT --num-cpus=0"
         ) from error
 

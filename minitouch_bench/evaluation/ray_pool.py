@@ -71,10 +71,7 @@ class _Worker:
 
 
 class RayPool:
-    """As many workers as the cluster has CPUs for, nodes that join included.
-
-    Nodes that cannot give the same numbers are excluded: no worker is placed there again.
-    """
+    """As many workers as the cluster has CPUs for, on nodes that can give the same numbers."""
 
     def __init__(
         self,
@@ -203,14 +200,11 @@ class RayPool:
             )
 
     def _count_false_start(self, error: Exception) -> None:
-        """Bar a node that cannot even read our code, or give up where no worker starts.
-
-        A worker whose node is lost meanwhile counts as well, so more are allowed than attempts.
-        """
+        """Exclude a node that cannot read our code; give up after too many failed starts."""
         text = str(error)
-        place = NODE_IN_ERROR.search(text)
-        if place and getattr(error, "actor_init_failed", False):
-            address = place[1]
+        named = NODE_IN_ERROR.search(text)
+        if named and getattr(error, "actor_init_failed", False):
+            address = named[1]
             there = {n["NodeID"] for n in self._ray.nodes() if n["NodeManagerAddress"] == address}
             self._exclude(there, address, text.strip().splitlines()[-1])
             return

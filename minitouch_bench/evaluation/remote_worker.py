@@ -20,10 +20,7 @@ STEM = "policy"
 
 @dataclass(frozen=True)
 class WorkerPayload:
-    """A source of actors as it is where the run began, and its checkpoints' bytes by SHA-256.
-
-    ``attempts`` is the run's folder of attempts, for machines that have it too.
-    """
+    """A source of actors, its checkpoints' bytes by SHA-256, and the run's folder of attempts."""
 
     source: ActorSource
     files: Mapping[str, bytes]
@@ -36,14 +33,12 @@ def pack(source: ActorSource, attempts: Path | None = None) -> WorkerPayload:
     Raises:
         CheckpointChangedError: one cannot be read, or is no longer what it was.
     """
-    files = {one.digest: read_again(one.target, one.digest) for one in _files_of(source)}
+    files = {file.digest: read_again(file.target, file.digest) for file in _files_of(source)}
     return WorkerPayload(source, files, attempts and attempts.resolve())
 
 
 def unpack(payload: WorkerPayload) -> tuple[ActorSource, dict[str, str]]:
     """Return the source with its checkpoints in this machine's cache, and their old names.
-
-    The bytes in the cache are compared with the payload's. The names are by the new ones.
 
     Raises:
         InfrastructureError: the cache cannot be written.
@@ -142,10 +137,7 @@ class EpisodeWorker:
     _old_names: dict[str, str]
 
     def prepare(self, asked: Machine, fetch: Callable[[], WorkerPayload]) -> str:
-        """Unpack the policies; return why this machine cannot run the episodes, "" if it can.
-
-        The payload is fetched where versions agree: another one could not even read it.
-        """
+        """Unpack the policies where versions agree; say why this machine cannot run them, or ""."""
         if problem := this_machine().refusal(asked):
             return problem
         try:

@@ -103,10 +103,7 @@ class GivenActions:
 
 
 class EpisodeRunner:
-    """Runs episodes one after the other in this process, keeping environments and policies.
-
-    ``attempts`` is the folder of the actions that earlier attempts gave, which must be repeated.
-    """
+    """Runs episodes one after the other; ``attempts``: the folder of actions to be repeated."""
 
     def __init__(self, source: ActorSource, attempts: Path | None = None) -> None:
         self._source = source

@@ -59,9 +59,7 @@ class RunUnderWay:
 def open_run(
     request: RunRequest, directory: Path, *, resume: bool, fresh: bool
 ) -> RunUnderWay | Run:
-    """Open a run's directory, which must be locked: begin there, or read what is done.
-
-    Returns the run itself where it is finished and is to be resumed.
+    """Begin a run in a locked directory, or read what is done; a finished run is returned itself.
 
     Raises:
         UsageError: both ``resume`` and ``fresh``.
@@ -151,7 +149,6 @@ def play_missing(
 
 
 def _refuse_hopeless(records: Iterable[EpisodeRecord]) -> None:
-    """Give a run up whose episodes so far are all policy faults."""
     faults = [record.fault for record in records if record.outcome is Outcome.POLICY_FAULT]
     if len(faults) == HOPELESS_AFTER:
         raise HopelessRunError(

@@ -9,14 +9,13 @@ from itertools import chain
 from typing import Annotated, Any, Literal
 
 from minitouch_bench.documents import schema_of
-from minitouch_bench.leaderboard.copies import find_copies
-from minitouch_bench.leaderboard.entries import Ending, Entry, count_endings
+from minitouch_bench.leaderboard.endings import Ending, count_endings
 from minitouch_bench.leaderboard.facts import Fact, Place, facts_of
 from minitouch_bench.leaderboard.proof import RANKED_LEVELS, FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank, rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY, score, score_gaps
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, About
-from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.leaderboard.validation import Verdict, find_copies
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.policies.formats import BUILT_IN
@@ -146,16 +145,17 @@ def board_schema() -> dict[str, Any]:
     return with_task_names(schema_of(Board, "The MiniTouch leaderboard"))
 
 
-def make_board(entries: Iterable[Entry], failed: Iterable[Verdict] = ()) -> Board:
-    """Rank the submissions of one protocol, and list those that did not pass."""
-    by_name = {entry.about.name: entry for entry in sorted(entries, key=lambda e: e.about.name)}
-    repeated = _same_episodes(by_name.values())
-    rows = {name: _row(entry, repeated.get(name, ())) for name, entry in by_name.items()}
+def make_board(verdicts: Sequence[Verdict]) -> Board:
+    """Rank the submissions of one protocol that passed, and list those that did not."""
+    passed = {verdict.submission.name: verdict for verdict in verdicts if verdict.passed}
+    by_name = dict(sorted(passed.items()))
+    failed = [verdict for verdict in verdicts if not verdict.passed]
+    repeated = _same_episodes(by_name)
+    rows = {name: _row(verdict, repeated.get(name, ())) for name, verdict in by_name.items()}
     ranked = [name for name, row in rows.items() if row.is_ranked]
     for name, ranks in zip(ranked, rank([_values(by_name[n]) for n in ranked]), strict=True):
         rows[name] = replace(rows[name], ranks=ranks)
     submitted = in_order([row for row in rows.values() if not row.is_calibration], OVERALL)
-    verdicts = list(failed)
     return Board(
         format="minitouch-leaderboard",
         version=3,
@@ -166,37 +166,36 @@ def make_board(entries: Iterable[Entry], failed: Iterable[Verdict] = ()) -> Boar
         calibration=tuple(rows[name] for name in CALIBRATION if name in rows),
         missing_calibration=tuple(name for name in CALIBRATION if name not in rows),
         paper=tuple(map(_published, PAPER_METHODS)),
-        other_protocol=tuple(_left_out(v) for v in verdicts if v.is_other_protocol),
-        refused=tuple(_left_out(v) for v in verdicts if not v.is_other_protocol),
+        other_protocol=tuple(_left_out(v) for v in failed if v.is_other_protocol),
+        refused=tuple(_left_out(v) for v in failed if not v.is_other_protocol),
     )
 
 
-def _row(entry: Entry, repeated: Iterable[str]) -> BoardRow:
-    """Return the row of a submission, before it is ranked."""
-    about, runs = entry.about, entry.verdict.runs
+def _row(verdict: Verdict, repeated: Iterable[str]) -> BoardRow:
+    about, proof = verdict.submission, verdict.proof
     return BoardRow(
         **{field.name: getattr(about, field.name) for field in fields(About)},
-        proof=entry.level,
-        rerun_episodes=entry.proof.rerun_episodes if entry.proof else 0,
-        fresh=entry.proof.fresh if entry.proof else None,
+        proof=verdict.level,
+        rerun_episodes=proof.rerun_episodes if proof else 0,
+        fresh=proof.fresh if proof else None,
         same_episodes_as=tuple(sorted(repeated)),
         training_seeds=tuple(seed.seed for seed in about.seeds),
-        runs={place: run.digest for place, run in runs.items()},
+        runs={folder: run.digest for folder, run in verdict.runs.items()},
         ranks={},
-        figures=score(entry.runs(MAIN_SUITE)),
-        novel_shapes=score_gaps(entry.runs(NOVEL_SHAPES)),
+        figures=score(verdict.runs_on(MAIN_SUITE)),
+        novel_shapes=score_gaps(verdict.runs_on(NOVEL_SHAPES)),
         endings={
-            task: count_endings(chain(*entry.episodes(MAIN_SUITE, task))) for task in BOARD_TASKS
+            task: count_endings(chain(*verdict.episodes(MAIN_SUITE, task))) for task in BOARD_TASKS
         },
     )
 
 
-def _values(entry: Entry) -> dict[str, list[list[float]]]:
+def _values(verdict: Verdict) -> dict[str, list[list[float]]]:
     """Return what ranks each task: of each training seed, the value of every episode."""
     return {
         task: [
             METRICS[RANKED_BY[task]].values(episodes)
-            for episodes in entry.episodes(MAIN_SUITE, task)
+            for episodes in verdict.episodes(MAIN_SUITE, task)
         ]
         for task in BOARD_TASKS
     }
@@ -212,12 +211,12 @@ def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
     return sorted(rows, key=order)
 
 
-def _same_episodes(entries: Iterable[Entry]) -> dict[str, set[str]]:
+def _same_episodes(verdicts: Mapping[str, Verdict]) -> dict[str, set[str]]:
     """Return by name the others with a main run of the same episodes."""
     runs = {
-        (entry.about.name, seed): run
-        for entry in entries
-        for seed, run in enumerate(entry.runs(MAIN_SUITE))
+        (name, seed): run
+        for name, verdict in verdicts.items()
+        for seed, run in enumerate(verdict.runs_on(MAIN_SUITE))
     }
     others: dict[str, set[str]] = {}
     for (name, _), (other, _) in find_copies(runs):

@@ -4,11 +4,12 @@
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import astuple
 from typing import Any
 
 from minitouch_bench.leaderboard.board import CEILING, FACTS, FLOORS, Board, BoardRow, LeftOut
 from minitouch_bench.leaderboard.facts import Place
-from minitouch_bench.leaderboard.scores import GAP_PARTS, RANKED_BY
+from minitouch_bench.leaderboard.scores import RANKED_BY
 from minitouch_bench.leaderboard.views import (
     CALIBRATION,
     EPISODE_VARIANCE,
@@ -17,8 +18,8 @@ from minitouch_bench.leaderboard.views import (
     UNRANKED,
     View,
 )
+from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
-from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.markdown import escape, table_lines
 from minitouch_bench.rendering.tables import ABSENT, Cell, Column, Row, Table
 from minitouch_bench.reporting.frames import Row as CsvRow
@@ -128,12 +129,8 @@ def _figures(row: BoardRow) -> Iterator[CsvRow]:
         for metric, estimate in figures.items():
             rank = row.ranks.get(task) if metric == RANKED_BY[task] else None
             ranks = (rank.best, rank.worst) if rank else (None, None)
-            yield MAIN_SUITE, task, metric, *_interval(estimate), *ranks
+            yield MAIN_SUITE, task, metric, *astuple(estimate), *ranks
     for task, gap in row.novel_shapes.items():
         for part, title in GAP_PARTS.items():
             metric = f"{RANKED_BY[task]}, {title}"
-            yield NOVEL_SHAPES, task, metric, *_interval(getattr(gap, part)), None, None
-
-
-def _interval(estimate: Estimate) -> CsvRow:
-    return estimate.value, estimate.low, estimate.high, estimate.count, estimate.method
+            yield NOVEL_SHAPES, task, metric, *astuple(getattr(gap, part)), None, None

@@ -1,64 +1,65 @@
-"""From a directory of submissions to the files of a board."""
+"""From a directory of submissions to the files of the leaderboard and its static site.
 
-from collections.abc import Callable
+The site is an index and a page per submission, each complete in itself.
+"""
+
+import math
+import shutil
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 from minitouch_bench.documents import write_json
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.files import write_file
-from minitouch_bench.leaderboard.board import Board, make_board
-from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
-from minitouch_bench.leaderboard.entries import Entry
-from minitouch_bench.leaderboard.proof import find_proof, level_of, proof_path, read_proof
-from minitouch_bench.leaderboard.site import write_site
+from minitouch_bench.files import os_errors_as, read_file, write_file
+from minitouch_bench.leaderboard.board import FACTS, Board, BoardRow, make_board
+from minitouch_bench.leaderboard.board_files import board_csv, board_markdown, notes
+from minitouch_bench.leaderboard.facts import Place, amount
+from minitouch_bench.leaderboard.inventory import MAX_VIDEO
+from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, submission_page, video_address
+from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel, proof_path, read_proof
+from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
+from minitouch_bench.leaderboard.submission import BOARD_TASKS, MODALITIES
 from minitouch_bench.leaderboard.validation import Verdict, validate
-from minitouch_bench.leaderboard.views import views
+from minitouch_bench.leaderboard.views import View, views
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
+from minitouch_bench.rendering.charts import Axis, Chart, Dot, Line, Mark, Plot, Tick, share_axis
 from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.rendering.pages import PICTURES, render_page
+
+WIDE, NARROW = 1124, 340
+"""Widths of the plot of all submissions, on a desk and on a phone."""
+
+PAGES = "submission"
+"""Directory of the submissions' pages in the site."""
 
 
 def build_board(
     submissions: Path, output: Path, log: Callable[[str], None] = lambda _: None
 ) -> Board:
-    """Check every submission, rank those of this protocol, and write the board.
+    """Check every submission, rank those of this protocol, and write the leaderboard.
 
     One that does not pass is left out with its reasons and does not stop the others. One whose
-    proof cannot be read is listed without it, and ``log`` takes why.
+    proof cannot be read is listed without it, and ``log`` takes why. What a proof is for was
+    computed again before it was made; without one it is computed here.
 
     Raises:
         UsageError: there is no such directory.
         RunDirectoryError: a file cannot be read or written.
     """
-    entries: list[Entry] = []
-    failed: list[Verdict] = []
+    verdicts = []
     for directory in find_submissions(submissions):
-        checked = read_entry(directory)
-        if isinstance(checked, Entry):
-            entries.append(checked)
-        else:
-            failed.append(checked)
+        verdicts.append(validate(directory, trust_proofs=True))
         try:
             read_proof(proof_path(directory.resolve()))
         except RunDirectoryError as error:
             log(f"{printable(directory.name)} is listed without a proof: {error}")
-    board = make_board(entries, failed)
+    board = make_board(verdicts)
     tables = views(board)
     write_file(output / "leaderboard.md", board_markdown(board, tables))
     write_file(output / "leaderboard.csv", board_csv(board))
     write_file(output / "leaderboard.json", write_json(board))
-    write_site(board, tables, entries, output)
+    _write_site(board, tables, [verdict for verdict in verdicts if verdict.passed], output)
     return board
-
-
-def read_entry(directory: Path) -> Entry | Verdict:
-    """Check a submission; return it with its proof if it passes, otherwise what is wrong.
-
-    What a proof is for was computed again before it was made. Without one it is computed here.
-    """
-    verdict = validate(directory, trust_proofs=True)
-    if not verdict.passed:
-        return verdict
-    proof = find_proof(directory, verdict.runs)
-    return Entry(verdict, proof, level_of(verdict.runs, proof))
 
 
 def find_submissions(directory: Path) -> list[Path]:
@@ -74,3 +75,101 @@ def find_submissions(directory: Path) -> list[Path]:
         for path in directory.iterdir()
         if not path.name.startswith(("_", ".")) and (path.is_dir() or path.is_symlink())
     )
+
+
+def _write_site(
+    board: Board, tables: Sequence[View], verdicts: Sequence[Verdict], output: Path
+) -> None:
+    """Write the index, the pages, and the pictures and videos they show; remove old pages."""
+    write_file(output / "index.html", index_html(board, tables))
+    pages = output / PAGES
+    rows = {row.name: row for row in board.rows}
+    for verdict in verdicts:
+        name = verdict.submission.name
+        page = submission_page(verdict, rows[name], len(board.ranked))
+        write_file(pages / f"{name}.html", page, durable=False)
+        _copy_videos(verdict, pages)
+    _remove_others(pages, rows.keys())
+    for task in BOARD_TASKS:
+        picture = PICTURES / f"{task}.png"
+        if picture.exists():  # a new task may have none yet
+            write_file(output / "pictures" / picture.name, picture.read_bytes())
+
+
+def index_html(board: Board, tables: Sequence[View]) -> str:
+    """Write the index."""
+    suite = PROTOCOL.suite(MAIN_SUITE)
+    return render_page(
+        TEMPLATES / "board.html.j2",
+        STYLES,
+        ("theme.js", "board.js"),
+        board=board,
+        views=tables,
+        columns={name: fact for name, fact in FACTS.items() if fact.place is Place.COLUMN},
+        beside={name: fact for name, fact in FACTS.items() if fact.place is Place.NAME},
+        levels=list(ProofLevel),
+        meanings=MEANINGS,
+        modalities=MODALITIES,
+        notes=notes(),
+        tasks=len(suite.tasks),
+        episodes=len(suite.tasks) * suite.episodes_per_task,
+        efficiency=efficiency_plot(board),
+        widths=(("wide", WIDE), ("narrow", NARROW)),
+    )
+
+
+def efficiency_plot(board: Board) -> Plot | None:
+    """Draw mean success against training steps, logarithmic; None where no row was trained."""
+    trained = [row for row in board.ranked if row.training_steps > 0]
+    if not trained:
+        return None
+    powers = [math.log10(row.training_steps) for row in trained]
+    first = math.floor(min(powers))
+    last = max(math.ceil(max(powers)), first + 1)
+    ticks = tuple(Tick(power, amount(10**power)) for power in range(first, last + 1))
+    axis = Axis("Control steps of the whole training", first, last, ticks)
+    marks = [
+        mark
+        for power, row in zip(powers, trained, strict=True)
+        for mark in _efficiency_marks(power, row)
+    ]
+    chart = Chart(axis, share_axis("Mean success"), tuple(marks), 270)
+    return Plot("", "Mean success against training steps", (chart,))
+
+
+def _efficiency_marks(power: float, row: BoardRow) -> tuple[Mark, Mark]:
+    mean = row.figures[OVERALL][MEAN_SUCCESS]
+    dot = Dot(
+        power,
+        mean.value,
+        "series-0",
+        size=10,
+        label=row.name,
+        link=f"{PAGES}/{row.name}.html",
+        title=f"{row.name}: {mean.value:.3f} after {amount(row.training_steps)} control steps",
+    )
+    return Line(((power, mean.low), (power, mean.high)), "series-0", 1.5, 0.45), dot
+
+
+def _copy_videos(verdict: Verdict, pages: Path) -> None:
+    """Copy a submission's videos beside its page, and remove those it no longer has."""
+    name, kept = verdict.submission.name, set()
+    for path in verdict.videos():
+        source, target = verdict.directory / path, pages / video_address(name, path)
+        kept.add(target)
+        with os_errors_as(RunDirectoryError, source, "copied"):
+            if not target.exists() or target.stat().st_mtime_ns < source.stat().st_mtime_ns:
+                write_file(target, read_file(source, MAX_VIDEO))
+    for other in (pages / name).glob("*"):
+        if other not in kept:
+            other.unlink()
+
+
+def _remove_others(pages: Path, names: Collection[str]) -> None:
+    if not pages.is_dir():
+        return
+    for path in pages.iterdir():
+        if path.is_dir() and path.name not in names:
+            shutil.rmtree(path, ignore_errors=True)
+        elif path.suffix == ".html" and path.stem not in names:
+            path.unlink()

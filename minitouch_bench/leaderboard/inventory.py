@@ -38,10 +38,7 @@ VIDEO = re.compile(rf"videos/(?:exploration-)?(?:{'|'.join(TASK_NAMES)})-\d{{1,4
 
 
 def list_files(directory: Path, problems: Problems) -> dict[str, int]:
-    """Return every plain file by its path inside the directory, with its size in bytes.
-
-    Links and special files are problems; nothing is followed and nothing is opened.
-    """
+    """Return the size in bytes of every plain file by its path; nothing is followed or opened."""
     if not is_folder(directory):
         problems.add("", "it is a link, not a directory", "give the directory itself")
         return {}
@@ -53,16 +50,16 @@ def list_files(directory: Path, problems: Problems) -> dict[str, int]:
 
 def _list_files(directory: Path, sizes: dict[str, int], problems: Problems) -> None:
     for entry in walk(directory):
-        place = entry.path[len(str(directory)) + 1 :]
+        path = entry.path[len(str(directory)) + 1 :]
         status = entry.stat(follow_symlinks=False)
         if stat.S_ISLNK(status.st_mode):
-            problems.add(place, "it is a symbolic link", "put the file itself there")
+            problems.add(path, "it is a symbolic link", "put the file itself there")
         elif stat.S_ISREG(status.st_mode):
-            sizes[place] = status.st_size
+            sizes[path] = status.st_size
         elif not stat.S_ISDIR(status.st_mode):
-            problems.add(place, "it is no plain file", "remove it")
-        elif place.count("/") >= MAX_DEPTH - 1:
-            problems.add(place, f"it is a directory more than {MAX_DEPTH} levels deep", "remove it")
+            problems.add(path, "it is no plain file", "remove it")
+        elif path.count("/") >= MAX_DEPTH - 1:
+            problems.add(path, f"it is a directory more than {MAX_DEPTH} levels deep", "remove it")
         if len(sizes) > MAX_FILES:
             problems.add("", f"it has more than {MAX_FILES} files", "remove some")
             break
@@ -81,19 +78,19 @@ def check_files(submission: Submission, sizes: dict[str, int], problems: Problem
     """Hold the files against those that a submission has; the rest is unknown."""
     limits = {SUBMISSION_FILE: MAX_SUBMISSION_FILE}
     for seed in submission.seeds:
-        for place in seed.runs.values():
+        for folder in seed.runs.values():
             for name, most in RUN_LIMITS.items():
-                limits[f"{place}/{name}"] = most
-                if f"{place}/{name}" not in sizes:
-                    problems.add(f"{place}/{name}", "it is missing", "pack the run again")
+                limits[f"{folder}/{name}"] = most
+                if f"{folder}/{name}" not in sizes:
+                    problems.add(f"{folder}/{name}", "it is missing", "pack the run again")
         for file in seed.checkpoints:
             if file.path:
                 limits[file.path] = MAX_CHECKPOINT
                 if file.path not in sizes:
                     problems.add(file.path, "it is missing", 'add it, or set its path to ""')
-    places = [place for seed in submission.seeds for place in seed.runs.values()]
+    folders = [folder for seed in submission.seeds for folder in seed.runs.values()]
     for path, size in sizes.items():
-        limit = limits.get(path, MAX_VIDEO if _is_video(path, places) else None)
+        limit = limits.get(path, MAX_VIDEO if _is_video(path, folders) else None)
         if limit is None:
             remedy = "remove it"
             if path.endswith(VIEWS):
@@ -103,19 +100,20 @@ def check_files(submission: Submission, sizes: dict[str, int], problems: Problem
             problems.add(path, f"it has {size} bytes; the limit is {limit}", "make it smaller")
 
 
-def _is_video(path: str, places: list[str]) -> bool:
+def _is_video(path: str, folders: list[str]) -> bool:
     return any(
-        path.startswith(f"{place}/") and VIDEO.fullmatch(path[len(place) + 1 :]) for place in places
+        path.startswith(f"{folder}/") and VIDEO.fullmatch(path[len(folder) + 1 :])
+        for folder in folders
     )
 
 
-def read_plain(directory: Path, place: str, limit: int) -> bytes:
+def read_plain(directory: Path, path: str, limit: int) -> bytes:
     """Return the bytes of a submission's file, with an error that does not repeat its name.
 
     Raises:
         UnreadableFileError: it cannot be read, or is larger than ``limit``.
     """
     try:
-        return read_file(directory / place, limit)
+        return read_file(directory / path, limit)
     except OSError as error:
         raise UnreadableFileError(f"it cannot be read: {error.strerror}") from error

@@ -88,9 +88,7 @@ def add_seed(
 
 
 def check_submission(submission: Submission) -> None:
-    """Refuse what ``validate`` would refuse, before any episode is run.
-
-    A submission without a training seed gets one to be checked with.
+    """Refuse what ``validate`` would refuse before any episode, with or without a training seed.
 
     Raises:
         UsageError: the first problem.
@@ -107,16 +105,16 @@ def _checked(content: bytes) -> Submission | None:
     return submission
 
 
-def copy_run(run: Path, place: Path) -> None:
+def copy_run(run: Path, target: Path) -> None:
     """Copy the facts of a finished run, and its videos.
 
     Raises:
         RunDirectoryError: a file cannot be read or written.
     """
     for name, limit in RUN_LIMITS.items():
-        _copy(run / name, place / name, limit)
+        _copy(run / name, target / name, limit)
     for video in list_videos(run):
-        _copy(video, place / VIDEOS / video.name, MAX_VIDEO)
+        _copy(video, target / VIDEOS / video.name, MAX_VIDEO)
 
 
 @dataclass(frozen=True)
@@ -173,10 +171,10 @@ class Parts:
                 yield role, ALL_TASKS, source
 
 
-def _copy(file: Path, place: Path, limit: int, *, follow: bool = False) -> None:
+def _copy(file: Path, target: Path, limit: int, *, follow: bool = False) -> None:
     """Copy a plain file; the user's own may be a link, one of a run may not."""
     with os_errors_as(RunDirectoryError, file, "copied"):
-        write_file(place, read_file(file, limit, follow=follow))
+        write_file(target, read_file(file, limit, follow=follow))
 
 
 def check_submittable(header: RunHeader, path: Path, main: PolicyIdentity) -> None:
@@ -219,17 +217,17 @@ def aside(directory: Path) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def swap(new: Path, place: Path, old: Path) -> None:
+def swap(new: Path, target: Path, old: Path) -> None:
     """Put a directory in the place of another one, which is kept until the new one is there."""
-    with os_errors_as(RunDirectoryError, place, "replaced"):
+    with os_errors_as(RunDirectoryError, target, "replaced"):
         old.parent.mkdir(parents=True, exist_ok=True)
-        if place.exists():
-            place.rename(old)
+        if target.exists():
+            target.rename(old)
         if new.exists():
-            place.parent.mkdir(parents=True, exist_ok=True)
+            target.parent.mkdir(parents=True, exist_ok=True)
             try:
-                new.rename(place)
+                new.rename(target)
             except OSError:
                 if old.exists():
-                    old.rename(place)
+                    old.rename(target)
                 raise

@@ -11,21 +11,23 @@ from markupsafe import Markup
 
 from minitouch_bench.files import VIDEOS
 from minitouch_bench.leaderboard.board import FACTS, TOUCH_METRICS, BoardRow
-from minitouch_bench.leaderboard.entries import ENDINGS, Entry, ending_of
+from minitouch_bench.leaderboard.endings import ENDINGS, ending_of
 from minitouch_bench.leaderboard.proof import MEANINGS as PROOF_MEANINGS
 from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
+from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, Role
-from minitouch_bench.rendering.charts import Figure, LegendItem, Plot, step_histograms, touch_chart
+from minitouch_bench.rendering.charts import Figure, LegendItem, Plot
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.pages import render_page
 from minitouch_bench.rendering.svg import draw_share_bar
 from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell, metric_head
+from minitouch_bench.reporting.figures import steps_plot, touch_plot
 from minitouch_bench.reporting.labels import group_faults, task_title
 from minitouch_bench.reporting.report import Video
 from minitouch_bench.reporting.tables import TABLE4_METRICS, gap_cells
@@ -36,9 +38,9 @@ TEMPLATES = Path(__file__).parent / "templates"
 STYLES = ("board.css",)
 
 
-def submission_page(entry: Entry, row: BoardRow, ranked: int) -> str:
+def submission_page(verdict: Verdict, row: BoardRow, ranked: int) -> str:
     """Write the page of a submission, whose row is among so many ``ranked`` ones."""
-    path = f"{entry.verdict.directory.resolve().parent.name}/{row.name}"
+    path = f"{verdict.directory.resolve().parent.name}/{row.name}"
     ranks = {key: _rank_text(rank) for key, rank in row.ranks.items()}
     return render_page(
         TEMPLATES / "submission.html.j2",
@@ -47,8 +49,8 @@ def submission_page(entry: Entry, row: BoardRow, ranked: int) -> str:
         protocol=PROTOCOL.name,
         row=row,
         facts=FACTS,
-        seeds=entry.about.seeds,
-        runs=entry.verdict.runs,
+        seeds=verdict.submission.seeds,
+        runs=verdict.runs,
         path=path,
         rank=f"{ranks[OVERALL]} of {ranked}" if ranks else "",
         level=list(ProofLevel).index(row.proof),
@@ -66,13 +68,13 @@ def submission_page(entry: Entry, row: BoardRow, ranked: int) -> str:
         bars=tuple((task_title(task), _ending_bar(row, task)) for task in BOARD_TASKS),
         values=_values(row),
         gaps=_gaps(row) if row.novel_shapes else None,
-        figures=submission_figures(entry),
-        data=_data(entry, path),
+        figures=submission_figures(verdict),
+        data=_data(verdict, path),
         videos=[
             Video(Path(video).stem.replace("-", " "), video_address(row.name, video))
-            for video in entry.videos()
+            for video in verdict.videos()
         ],
-        faults=_faults(entry),
+        faults=_faults(verdict),
     )
 
 
@@ -83,12 +85,10 @@ def video_address(name: str, path: str) -> str:
 
 
 def _rank_text(rank: Rank) -> str:
-    """Write a rank with the range that holds the true one."""
     return f"rank {rank.best} to {rank.worst}" if rank.worst > rank.best else f"rank {rank.best}"
 
 
 def _legend(row: BoardRow) -> Iterator[LegendItem]:
-    """Name the endings that occur."""
     there = {ending for counts in row.endings.values() for ending in counts}
     for ending, style in ENDINGS.items():
         if ending in there:
@@ -137,18 +137,18 @@ def _gaps(row: BoardRow) -> Table:
     )
 
 
-def _data(entry: Entry, path: str) -> Markup:
+def _data(verdict: Verdict, path: str) -> Markup:
     """Write the episodes as JSON that no reader of HTML takes for markup."""
     document = {
         "endings": [ending.value for ending in ENDINGS],
         "tones": [style.tone for style in ENDINGS.values()],
         "runs": [
             {
-                "title": place,
-                "command": f"minitouch-bench replay {path}/{place} EPISODE --film FILM",
+                "title": folder,
+                "command": f"minitouch-bench replay {path}/{folder} EPISODE --film FILM",
                 "groups": list(_groups(run)),
             }
-            for place, run in entry.verdict.runs.items()
+            for folder, run in verdict.runs.items()
         ],
     }
     return htmlsafe_json_dumps(document, separators=(",", ":"), allow_nan=False)
@@ -156,7 +156,7 @@ def _data(entry: Entry, path: str) -> Markup:
 
 def _groups(run: Run) -> Iterator[dict[str, Any]]:
     """Yield the episodes of each role and task, a list per column."""
-    places = {ending: place for place, ending in enumerate(ENDINGS)}
+    numbers = {ending: number for number, ending in enumerate(ENDINGS)}
     for role, rows in run.by_role():
         for task in dict.fromkeys(row.task for row in rows):
             episodes = [row for row in rows if row.task == task]
@@ -164,7 +164,7 @@ def _groups(run: Run) -> Iterator[dict[str, Any]]:
             yield {
                 "key": task if role is Role.FINAL else f"exploration/{task}",
                 "index": [row.index for row in episodes],
-                "ending": [places[ending_of(row)] for row in episodes],
+                "ending": [numbers[ending_of(row)] for row in episodes],
                 "steps": [row.steps for row in episodes],
                 "touch": [row.touch_interaction for row in episodes],
                 "first": [_seconds(row) for row in episodes],
@@ -178,53 +178,48 @@ def _seconds(episode: EpisodeMetrics) -> float | None:
     return None if tick is None else round(tick / PROTOCOL.physics.tick_rate, 3)
 
 
-def _faults(entry: Entry) -> Mapping[str, Sequence[str]]:
+def _faults(verdict: Verdict) -> Mapping[str, Sequence[str]]:
     """Return each fault's text with its episodes, which a run names where there are several."""
-    runs = entry.verdict.runs
+    runs = verdict.runs
     return group_faults(
-        (f"{place} {key}" if len(runs) > 1 else key, text)
-        for place, run in runs.items()
+        (f"{folder} {key}" if len(runs) > 1 else key, text)
+        for folder, run in runs.items()
         for key, text in run.faults.items()
     )
 
 
-def submission_figures(entry: Entry) -> tuple[Figure, ...]:
+def submission_figures(verdict: Verdict) -> tuple[Figure, ...]:
     """Return how long a submission's episodes last, and its touch over time."""
-    several = "; a line per training seed" if len(entry.about.seeds) > 1 else ""
+    several = "; a line per training seed" if len(verdict.submission.seeds) > 1 else ""
     return (
         Figure(
             "episode-steps",
             "How long episodes last",
             "Share of the episodes by number of control steps, and by how they ended.",
-            tuple(_steps_plot(entry, task) for task in BOARD_GOALS),
+            tuple(_steps_plot(verdict, task) for task in BOARD_GOALS),
         ),
         Figure(
             "touch-over-time",
             "Touch over time",
             "Mean ticks in contact at each control step, over the episodes that reached "
             f"it{several}.",
-            tuple(_touch_plot(entry, task) for task in BOARD_TASKS),
+            tuple(_touch_plot(verdict, task) for task in BOARD_TASKS),
         ),
     )
 
 
-def _steps_plot(entry: Entry, task: str) -> Plot:
+def _steps_plot(verdict: Verdict, task: str) -> Plot:
     panel: dict[str, list[int]] = {style.tone: [] for style in ENDINGS.values()}
-    for episode in chain(*entry.episodes(MAIN_SUITE, task)):
+    for episode in chain(*verdict.episodes(MAIN_SUITE, task)):
         panel[ENDINGS[ending_of(episode)].tone].append(episode.steps)
-    title = task_title(task)
-    what = f"{title}: episodes by control steps and ending"
-    steps = {tone: np.array(counts, np.int64) for tone, counts in panel.items()}
-    return Plot(title, what, step_histograms({"": steps}, PROTOCOL.task(task).max_steps))
+    return steps_plot(task, {"": {tone: np.array(steps) for tone, steps in panel.items()}})
 
 
-def _touch_plot(entry: Entry, task: str) -> Plot:
+def _touch_plot(verdict: Verdict, task: str) -> Plot:
     curves: list[tuple[Sequence[float], Sequence[int]]] = [
         (summary.touch_curve, ())
-        for run in entry.runs(MAIN_SUITE)
+        for run in verdict.runs_on(MAIN_SUITE)
         for summary in run.summary.tasks
         if summary.task == task
     ]
-    title = task_title(task)
-    what = f"{title}: mean contact ticks at each control step"
-    return Plot(title, what, (touch_chart(curves, PROTOCOL.task(task).max_steps),))
+    return touch_plot(task, curves)

@@ -98,8 +98,8 @@ def file_digests(runs: Mapping[str, Run]) -> dict[str, str]:
         UnreadableFileError: one of them cannot be read.
     """
     return {
-        f"{place}/{name}": digest
-        for place, run in runs.items()
+        f"{folder}/{name}": digest
+        for folder, run in runs.items()
         for name, digest in run.file_digests().items()
     }
 

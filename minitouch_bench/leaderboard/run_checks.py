@@ -18,7 +18,7 @@ MAX_NAMED = 50
 
 
 def check_submitted(
-    run: Run, suite: str, seed: TrainingSeed, place: str, problems: Problems, *, recompute: bool
+    run: Run, suite: str, seed: TrainingSeed, path: str, problems: Problems, *, recompute: bool
 ) -> None:
     """Check a run by itself, and against what the submission says of it.
 
@@ -28,53 +28,53 @@ def check_submitted(
     header = run.header
     if header.plan.suite != suite:
         what = f"it is a run of the suite '{header.plan.suite}', not {suite}"
-        problems.add(place, what, RUN_AGAIN)
+        problems.add(path, what, RUN_AGAIN)
         return
     if not header.official:
         reasons = "; ".join(header.unofficial_because)
-        problems.add(place, f"it is unofficial: {reasons}", f"evaluate the whole suite {suite}")
+        problems.add(path, f"it is unofficial: {reasons}", f"evaluate the whole suite {suite}")
         return
-    _check_texts(run, place, problems)
-    with problems.caught(place, AS_WRITTEN):
+    _check_texts(run, path, problems)
+    with problems.caught(path, AS_WRITTEN):
         for problem in check_run(run, recompute=recompute):
-            problems.add_below(place, problem)
+            problems.add_below(path, problem)
             if problem.is_other_protocol:
                 return
-    check_policies(header, seed, place, problems)
+    check_policies(header, seed, path, problems)
 
 
-def check_policies(header: RunHeader, seed: TrainingSeed, place: str, problems: Problems) -> None:
+def check_policies(header: RunHeader, seed: TrainingSeed, path: str, problems: Problems) -> None:
     """Check the policies that a run's header names: all that is known before its episodes."""
-    _check_policy(header.policy, seed.files(Role.FINAL), place, problems)
+    _check_policy(header.policy, seed.files(Role.FINAL), path, problems)
     if header.exploration is not None:
-        _check_policy(header.exploration, seed.files(Role.EXPLORATION), place, problems)
+        _check_policy(header.exploration, seed.files(Role.EXPLORATION), path, problems)
         if header.exploration.kind == "scripted" != header.policy.kind:
-            problems.add(place, "its exploration is the scripted policy's, which reads the state")
+            problems.add(path, "its exploration is the scripted policy's, which reads the state")
     for policy in (header.policy, header.exploration):
         if policy is not None:
-            _check_lengths((policy.name, policy.source), place, problems)
+            _check_lengths((policy.name, policy.source), path, problems)
     if header.isolation not in tuple(Isolation):
-        problems.add(place, f"'{header.isolation}' is no level of isolation", AS_WRITTEN)
+        problems.add(path, f"'{header.isolation}' is no level of isolation", AS_WRITTEN)
     elif header.isolation == Isolation.NONE and header.policy.kind != "scripted":
         problems.add(
-            place,
+            path,
             "the policy ran beside the simulator (isolation none), which it could read",
             "evaluate with --isolation sandbox",
         )
 
 
 def _check_policy(
-    policy: PolicyIdentity, files: Sequence[CheckpointFile], place: str, problems: Problems
+    policy: PolicyIdentity, files: Sequence[CheckpointFile], path: str, problems: Problems
 ) -> None:
     """Hold a policy against the checkpoint files that the submission names for it."""
     if policy.kind not in KINDS:
-        problems.add(place, f"'{policy.kind}' is no kind of policy", AS_WRITTEN)
+        problems.add(path, f"'{policy.kind}' is no kind of policy", AS_WRITTEN)
         return
     if policy.notes != NOTES.get(policy.kind, ()):
-        problems.add(place, f"a {policy.kind} policy lacks its label, or has another's", AS_WRITTEN)
+        problems.add(path, f"a {policy.kind} policy lacks its label, or has another's", AS_WRITTEN)
     if policy.digest != files_digest(policy.kind, files):
         problems.add(
-            place,
+            path,
             f"the policy '{policy.name}' is not the checkpoints of submission.toml: "
             "their SHA-256 differ",
             "name the files that were evaluated, with their SHA-256",
@@ -90,20 +90,20 @@ def files_digest(kind: str, files: Sequence[CheckpointFile]) -> str:
     return "several files" if files else ""
 
 
-def _check_texts(run: Run, place: str, problems: Problems) -> None:
+def _check_texts(run: Run, path: str, problems: Problems) -> None:
     """Refuse texts beyond any honest length; all are escaped wherever they are shown."""
     environment = run.environment
     texts = [environment.started, *run.faults.values()]
     for named in (environment.packages, environment.machine):
         texts += [*named.keys(), *named.values()]
         if len(named) > MAX_NAMED:
-            problems.add(place, f"its environment names {len(named)} things", AS_WRITTEN)
-    _check_lengths(texts, place, problems)
+            problems.add(path, f"its environment names {len(named)} things", AS_WRITTEN)
+    _check_lengths(texts, path, problems)
 
 
-def _check_lengths(texts: Sequence[str], place: str, problems: Problems) -> None:
+def _check_lengths(texts: Sequence[str], path: str, problems: Problems) -> None:
     longest = max(map(len, texts))
     if longest > MAX_TEXT:
         problems.add(
-            place, f"a text in it has {longest} characters; the limit is {MAX_TEXT}", AS_WRITTEN
+            path, f"a text in it has {longest} characters; the limit is {MAX_TEXT}", AS_WRITTEN
         )

@@ -9,6 +9,7 @@ from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds, pooled_share, quadrature
 from minitouch_bench.metrics.metric import ShownIn
+from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.records import Estimate, Gap
 from minitouch_bench.runs.run import Run
@@ -31,18 +32,12 @@ BOARD_METRICS = tuple(
 GAP_TASKS = PROTOCOL.suite(NOVEL_SHAPES).tasks
 """The tasks that are compared on held-out and on train shapes."""
 
-GAP_PARTS = {"held_out": "held-out", "train": "train", "difference": "held-out minus train"}
-"""The fields of a gap, and what each is called behind its metric's name."""
-
 Figures = dict[str, dict[str, Estimate]]
 """A submission's estimates by task or OVERALL, then by metric."""
 
 
 def score(runs: Sequence[Run]) -> Figures:
-    """Return every figure of the main suite, whose run each training seed has.
-
-    A figure that one of the seeds lacks has no entry.
-    """
+    """Return every figure of the main suite that each training seed has."""
     of_seeds = [{task.task: task.estimates for task in run.summary.tasks} for run in runs]
     figures: Figures = {OVERALL: {}}
     for task in BOARD_TASKS:

@@ -206,7 +206,6 @@ def submission_schema() -> dict[str, Any]:
 
 
 def _texts(submission: Submission) -> Iterator[tuple[str, str]]:
-    """Walk through what is wrong with the texts, by key."""
     if not submission.method:
         yield "method", "it is empty"
     for key, check in TEXT_RULES.items():
@@ -221,7 +220,6 @@ def _texts(submission: Submission) -> Iterator[tuple[str, str]]:
 
 
 def _seeds(submission: Submission) -> Iterator[tuple[str, str]]:
-    """Walk through what is wrong with the training seeds."""
     if not submission.seeds:
         yield "seeds", "there is no training seed; add a [[seeds]] table"
     numbers = [seed.seed for seed in submission.seeds]
@@ -248,13 +246,13 @@ def _runs(seed: TrainingSeed) -> Iterator[str]:
 
 def _in_place(seed: TrainingSeed) -> TrainingSeed:
     """Return a training seed with the only paths there are, whatever it says."""
-    places = {suite: run_place(seed.seed, suite) for suite in SUBMITTED_SUITES}
+    folders = {suite: run_place(seed.seed, suite) for suite in SUBMITTED_SUITES}
     files = (
         replace(file, path=file.path and checkpoint_place(seed.seed, file.role, file.file))
         for file in seed.checkpoints
         if not list(_file(seed, replace(file, path="")))
     )
-    runs = {suite: place for suite, place in places.items() if suite in seed.runs}
+    runs = {suite: folder for suite, folder in folders.items() if suite in seed.runs}
     return replace(seed, runs=runs, checkpoints=tuple(files))
 
 

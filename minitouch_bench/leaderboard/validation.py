@@ -1,12 +1,14 @@
 """A submission checked without trusting it: nothing of it is executed."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path, PurePosixPath
+from typing import TypeVar
 
-from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE
-from minitouch_bench.leaderboard.copies import find_copies
+from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE, list_videos
 from minitouch_bench.leaderboard.inventory import (
     MAX_CHECKPOINT,
     MAX_SUBMISSION_FILE,
@@ -15,7 +17,7 @@ from minitouch_bench.leaderboard.inventory import (
     list_files,
     read_plain,
 )
-from minitouch_bench.leaderboard.proof import find_proof
+from minitouch_bench.leaderboard.proof import Proof, ProofLevel, find_proof, level_of
 from minitouch_bench.leaderboard.run_checks import check_policies, check_submitted
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
@@ -26,6 +28,7 @@ from minitouch_bench.leaderboard.submission import (
 )
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
+from minitouch_bench.records import EpisodeMetrics
 from minitouch_bench.runs.run import Run, RunHeader, parse_run
 from minitouch_bench.verification.checks import AS_WRITTEN
 from minitouch_bench.verification.problems import Problem, Problems
@@ -35,18 +38,24 @@ RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
 }
 """What the calibration policies look at."""
 
+Key = TypeVar("Key", bound=Hashable)
+
+COPIED_SHARE = 0.5
+"""Share of equal episodes that makes a run a copy of another: two trainings have none."""
+
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a check found; ``runs`` by the place of their directory in the submission.
+    """What a check found; ``runs`` by the path of their directory in the submission.
 
-    ``submission`` is empty where it cannot be read.
+    ``submission`` is empty where it cannot be read. ``proof``: that of these runs, if there is one.
     """
 
     directory: Path
     submission: Submission
     runs: Mapping[str, Run]
     problems: tuple[Problem, ...]
+    proof: Proof | None = None
 
     @property
     def passed(self) -> bool:
@@ -57,6 +66,30 @@ class Verdict:
     def is_other_protocol(self) -> bool:
         """Whether nothing is wrong but that it was made under another protocol."""
         return bool(self.problems) and all(problem.is_other_protocol for problem in self.problems)
+
+    @property
+    def level(self) -> ProofLevel:
+        """How well the submission is proved."""
+        return level_of(self.runs, self.proof)
+
+    def runs_on(self, suite: str) -> tuple[Run, ...]:
+        """Return the run of each training seed; none where one of them lacks the suite."""
+        places = [seed.runs.get(suite, "") for seed in self.submission.seeds]
+        return tuple(self.runs[folder] for folder in places) if all(places) else ()
+
+    def episodes(self, suite: str, task: str) -> tuple[tuple[EpisodeMetrics, ...], ...]:
+        """Return the final policy's episodes of a task, of each training seed, in order."""
+        return tuple(
+            tuple(row for row in run.episodes if row.task == task) for run in self.runs_on(suite)
+        )
+
+    def videos(self) -> tuple[str, ...]:
+        """Return the paths of its videos inside the submission."""
+        return tuple(
+            video.relative_to(self.directory).as_posix()
+            for folder in self.runs
+            for video in list_videos(self.directory / folder)
+        )
 
 
 def validate(directory: Path, *, trust_proofs: bool = False) -> Verdict:
@@ -73,32 +106,31 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> Verdict:
     files = list_files(directory, problems)
     submission = _read_submission(directory, files, problems)
     runs: dict[str, Run] = {}
+    proof = None
     if submission is not None:
         check_files(submission, files, problems)
         for seed in submission.seeds:
-            for place in seed.runs.values():
-                if (run := _read_run(directory, place, files, problems)) is not None:
-                    runs[place] = run
-        recompute = not (trust_proofs and find_proof(directory, runs))
+            for folder in seed.runs.values():
+                if (run := _read_run(directory, folder, files, problems)) is not None:
+                    runs[folder] = run
+        proof = find_proof(directory, runs)
+        recompute = not (trust_proofs and proof)
         for seed in submission.seeds:
-            for suite, place in seed.runs.items():
-                if place in runs:
-                    check_submitted(runs[place], suite, seed, place, problems, recompute=recompute)
+            for suite, folder in seed.runs.items():
+                if run := runs.get(folder):
+                    check_submitted(run, suite, seed, folder, problems, recompute=recompute)
             if not trust_proofs:
                 _check_checkpoints(directory, seed, files, problems)
         headers = [run.header for run in runs.values()]
         _check_about(submission, headers, directory, problems)
         check_copies(runs, problems)
-    return Verdict(directory, submission or Submission(), runs, tuple(problems))
+    return Verdict(directory, submission or Submission(), runs, tuple(problems), proof)
 
 
 def check_planned(
     submission: Submission, seed: TrainingSeed, headers: Sequence[RunHeader], directory: Path
 ) -> tuple[Problem, ...]:
-    """Return what would be wrong with a submission whose ``seed`` has runs of these headers.
-
-    That is all that ``validate`` can say before their first episode.
-    """
+    """Return all that would be wrong before the first episode of runs with these headers."""
     problems = Problems()
     for header in headers:
         check_policies(header, seed, seed.runs[header.plan.suite], problems)
@@ -107,9 +139,9 @@ def check_planned(
 
 
 def _read_submission(
-    directory: Path, found: Mapping[str, int], problems: Problems
+    directory: Path, files: Mapping[str, int], problems: Problems
 ) -> Submission | None:
-    if SUBMISSION_FILE not in found:
+    if SUBMISSION_FILE not in files:
         problems.add(
             SUBMISSION_FILE,
             "it is missing: this is no submission",
@@ -123,15 +155,15 @@ def _read_submission(
 
 
 def _read_run(
-    directory: Path, place: str, found: Mapping[str, int], problems: Problems
+    directory: Path, folder: str, files: Mapping[str, int], problems: Problems
 ) -> Run | None:
-    path = f"{place}/{RUN_FILE}"
-    if path not in found:
+    path = f"{folder}/{RUN_FILE}"
+    if path not in files:
         return None
     runs: list[Run] = []
     with problems.caught(path, AS_WRITTEN):
         content = read_plain(directory, path, RUN_LIMITS[RUN_FILE])
-        runs.append(parse_run(content, place, directory / place))
+        runs.append(parse_run(content, folder, directory / folder))
     return runs[0] if runs else None
 
 
@@ -166,21 +198,39 @@ def _check_about(
             )
 
 
+def find_copies(runs: Mapping[Key, Run]) -> dict[tuple[Key, Key], int]:
+    """Return the pairs of runs, in their order, that share episodes, and how many they share.
+
+    They share at least COPIED_SHARE of the final policy's episodes of the smaller one, bit for
+    bit: a copy that acts a little otherwise in most of its episodes is not seen.
+    """
+    owners: dict[tuple[str, int, str], list[Key]] = {}
+    for key, run in runs.items():
+        for row in run.episodes:
+            owners.setdefault((row.task, row.index, row.digest), []).append(key)
+    shared = Counter(pair for keys in owners.values() for pair in combinations(keys, 2))
+    return {
+        (first, other): count
+        for (first, other), count in shared.items()
+        if count >= COPIED_SHARE * min(len(runs[first].episodes), len(runs[other].episodes))
+    }
+
+
 def check_copies(runs: Mapping[str, Run], problems: Problems) -> None:
     """Refuse each run that has, bit for bit, the episodes of an earlier one."""
-    for (first, place), count in find_copies(runs).items():
-        number = len(runs[place].episodes)
+    for (first, folder), count in find_copies(runs).items():
+        number = len(runs[folder].episodes)
         what = f"{count} of its {number} episodes are bit for bit those of {first}"
-        problems.add(place, what, "remove it")
+        problems.add(folder, what, "remove it")
 
 
 def _check_checkpoints(
-    directory: Path, seed: TrainingSeed, found: dict[str, int], problems: Problems
+    directory: Path, seed: TrainingSeed, files: dict[str, int], problems: Problems
 ) -> None:
     """Check the names of a training seed's files, and the bytes of those that are there."""
     for file in seed.checkpoints:
         _check_file_name(file, problems)
-        if not file.path or file.path not in found:
+        if not file.path or file.path not in files:
             continue
         with problems.caught(file.path):
             content = read_plain(directory, file.path, MAX_CHECKPOINT)

@@ -31,10 +31,7 @@ EPISODE_VARIANCE = "episode variance only (one training seed)"
 
 @dataclass(frozen=True)
 class Line:
-    """A line of a view; without ``cells`` yet, what it says before them.
-
-    ``row`` is None for the paper's and for a calibration not yet run.
-    """
+    """A line of a view; ``row`` is None for the paper's and for a calibration not yet run."""
 
     kind: str
     name: str
@@ -67,7 +64,7 @@ class View:
 
     def table(self) -> Table:
         """Return the view as a plain table, the kind of a row behind its name."""
-        rows = (Row((_rank_text(one.rank), _kind_text(one)), one.cells) for one in self.lines)
+        rows = (Row((_rank_text(line.rank), _kind_text(line)), line.cells) for line in self.lines)
         return Table(self.title, ("Rank", "Submission"), self.columns, tuple(rows))
 
 
@@ -137,16 +134,13 @@ def _gap_cells(row: BoardRow | None) -> Iterator[Cell]:
 
 
 def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[Line, ...]:
-    """Return the lines with the ``wanted`` metrics of tasks, in the order of a ranking.
-
-    Methods of the paper come last; one without any value has no line.
-    """
+    """Return the lines with the ``wanted`` metrics by rank, then the paper's with a value."""
     lines = [
-        replace(line, cells=tuple(_cell(line.row, *one) for one in wanted))
+        replace(line, cells=tuple(_cell(line.row, *names) for names in wanted))
         for line in _heads(board, key)
     ]
     for method in PAPER_METHODS:
-        cells = tuple(paper_cell(*one, method) for one in wanted)
+        cells = tuple(paper_cell(*names, method) for names in wanted)
         if any(cell.text != ABSENT for cell in cells):
             lines.append(Line(PAPER, method, CAVEAT, None, None, cells))
     return tuple(lines)
@@ -172,7 +166,6 @@ def _heads(board: Board, key: str = OVERALL) -> Iterator[Line]:
 
 
 def _label(task: str) -> str:
-    """Name what a task is ranked by, inside a sentence."""
     return METRICS[RANKED_BY[task]].label.lower()
 
 

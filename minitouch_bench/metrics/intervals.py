@@ -125,7 +125,6 @@ def bootstrap_difference(
 
 
 def _as_sample(values: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values as float64 (N,)."""
     sample = np.asarray(values, dtype=np.float64)
     if sample.ndim != 1 or sample.size == 0:
         raise ValueError("the bootstrap needs a one-dimensional, non-empty sample")
@@ -151,10 +150,7 @@ def _options(size: int, rng: np.random.Generator, resamples: int) -> dict[str, A
 
 
 def _around(value: float, resampled: Any, count: int) -> Estimate:
-    """Return an estimate whose interval holds its value, which few episodes do not ensure.
-
-    Values that differ by rounding alone can make an end NaN: the value is then that end.
-    """
+    """Return an estimate whose interval holds its value; an end that is NaN becomes the value."""
     low, high = map(float, resampled.confidence_interval)
     ends = float(np.fmin(low, value)), float(np.fmax(high, value))
     return Estimate(value, *ends, count, BOOTSTRAP)
@@ -206,9 +202,7 @@ def pooled_share(shares: Sequence[Estimate]) -> Estimate:
 
 
 def quadrature(parts: Sequence[Estimate], method: str = OVER_TASKS) -> Estimate:
-    """Estimate the mean of independent figures from the interval of each.
-
-    Of shares it keeps a width at 0 and at 100 % too.
+    """Estimate the mean of independent figures from their intervals, which may be those of shares.
 
     Source: G. Y. Zou and A. Donner, "Construction of confidence limits about effect measures:
     a general approach", Stat. Med. 27 (2008).

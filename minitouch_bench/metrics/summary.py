@@ -22,7 +22,9 @@ from minitouch_bench.records import (
     TaskSummary,
 )
 
-HELD_OUT, TRAIN = "held-out", "train"
+HELD_OUT, TRAIN, DIFFERENCE = "held-out", "train", "held-out minus train"
+GAP_PARTS = {"held_out": HELD_OUT, "train": TRAIN, "difference": DIFFERENCE}
+"""The fields of a gap, and what each is called behind its metric's name."""
 
 MIN_EPISODES = 10
 """Episodes of each split below which a gap would be noise alone."""
@@ -172,7 +174,6 @@ def _gap(
     train: Sequence[EpisodeMetrics],
     root: Root,
 ) -> Gap:
-    """Estimate a metric on each split, and the difference."""
     first = metric.estimate(held_out, stream(root, task, metric.name, HELD_OUT))
     second = metric.estimate(train, stream(root, task, metric.name, TRAIN))
     assert first is not None  # such a metric has a value in every episode

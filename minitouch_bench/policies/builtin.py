@@ -12,8 +12,6 @@ from minitouch_bench.policies.policy import Checkpoint, Observation, action_size
 
 
 class _Floor:
-    """Takes what every loader is given."""
-
     def __init__(self, checkpoint: Checkpoint) -> None:
         pass
 

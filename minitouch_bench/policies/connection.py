@@ -79,10 +79,7 @@ class OutputPipe:
 
 
 def wait_for(readable: Iterable[int], output: OutputPipe, deadline: float) -> bool:
-    """Wait until a descriptor is ready, taking up output meanwhile; return False at the deadline.
-
-    ``deadline`` is a time of ``time.monotonic``, in s.
-    """
+    """Wait for a descriptor until a ``time.monotonic`` deadline, taking output; False if late."""
     poll = select.poll()
     poll.register(output, select.POLLIN)
     for descriptor in readable:
@@ -111,10 +108,7 @@ def _packet_pair() -> tuple[socket.socket, socket.socket]:
 
 
 class EpisodeChannel:
-    """Packets to and from a child, one answer to each request, and the pipe that it prints to.
-
-    The child's process is watched as well as its end, which one it forked may keep open.
-    """
+    """Packets to and from a watched child, an answer to each request, and the pipe it prints to."""
 
     def __init__(self) -> None:
         self.output = OutputPipe()
@@ -195,10 +189,7 @@ class HostGoneError(Exception):
 
 
 class HostConnection:
-    """A running host process.
-
-    The kernel kills the host when the thread that made it ends: make it in a lasting thread.
-    """
+    """A running host; the kernel kills it when the thread that made it ends."""
 
     def __init__(self, isolation: Isolation) -> None:
         ours, theirs = _packet_pair()

@@ -11,10 +11,7 @@ from minitouch_bench.policies.policy import Checkpoint, Policy
 
 
 def make_policy(factory: Callable[..., Policy], deterministic: bool) -> Policy:
-    """Call a factory, or a policy's class, with no arguments.
-
-    One that has a parameter ``deterministic`` is told whether to act without sampling.
-    """
+    """Call a factory; its parameter ``deterministic``, if any, says not to sample."""
     try:
         asks = "deterministic" in inspect.signature(factory).parameters
     except ValueError:  # some built-in callables have no signature to look at

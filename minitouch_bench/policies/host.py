@@ -30,13 +30,18 @@ import msgspec
 import numpy as np
 import numpy.random  # loaded lazily otherwise, so again in every child
 
-from minitouch_bench.errors import MiniTouchError, PolicyLoadError, PolicyRaisedError
+from minitouch_bench.errors import (
+    InvalidActionError,
+    MiniTouchError,
+    PolicyLoadError,
+    PolicyRaisedError,
+)
 from minitouch_bench.policies.formats import FORMATS, check_permitted, find_loader, load_policy
 from minitouch_bench.policies.isolation.kernel import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.isolation.readable import NOTHING, factory_paths
 from minitouch_bench.policies.isolation.sandbox import Sandbox, prepare
-from minitouch_bench.policies.policy import Checkpoint, close_policy
+from minitouch_bench.policies.policy import Checkpoint, action_size, close_policy
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.policies.wire import (
     MAX_PAYLOAD,
@@ -51,6 +56,7 @@ from minitouch_bench.policies.wire import (
     write_frame,
 )
 from minitouch_bench.processes import die_with
+from minitouch_bench.tasks.action import fit_action
 
 CLOSE_ON_EXEC = getattr(socket, "MSG_CMSG_CLOEXEC", 0)
 """macOS does not have it; the children that the host forks do not start programs by themselves."""
@@ -117,10 +123,7 @@ class Host:
         return child
 
     def _end_child(self, grace_s: float) -> tuple[int, bool]:
-        """Give the child so long to exit by itself, then kill it with all it started.
-
-        It is reaped last: until then its id, and its group's, can name nobody else.
-        """
+        """Let the child exit, then kill it with all it started; reap it last, to keep its id."""
         if not self._child:
             return 0, False
         deadline = time.monotonic() + grace_s
@@ -223,8 +226,7 @@ def _confine(episode: Episode, channel: int) -> bool:
 
 
 def _serve(episode: Episode, channel: int) -> None:
-    """Answer each request, packet by packet, until they end."""
-    policy, order = None, episode.order
+    policy, order, size = None, episode.order, action_size(episode.order.task)
     while True:
         try:
             request, payload = read_frame(channel)
@@ -242,15 +244,18 @@ def _serve(episode: Episode, channel: int) -> None:
                 policy.reset(order.seed, order.task)
                 kind, answer = Frame.READY, b""
             else:
-                action = policy.act(unpack_observation(payload))
+                action = fit_action(policy.act(unpack_observation(payload)), size)
                 kind, answer = Frame.ACTION, pack_action(action)
         except SystemExit:
             raise
         except BaseException as error:
-            refused = request is Frame.LOAD and isinstance(error, MiniTouchError)
-            # A loader's own words need no type before them.
-            plain = refused or isinstance(error, PolicyRaisedError)
-            kind = Frame.REFUSED if refused else Frame.RAISED
+            kind = Frame.RAISED
+            if request is Frame.LOAD and isinstance(error, MiniTouchError):
+                kind = Frame.REFUSED
+            elif isinstance(error, InvalidActionError):
+                kind = Frame.INVALID
+            # Our own words need no type before them.
+            plain = kind is not Frame.RAISED or isinstance(error, PolicyRaisedError)
             answer = (str(error) if plain else describe(error)).encode(errors="replace")
         write_frame(channel, kind, answer[:MAX_PAYLOAD])
     close_policy(policy)

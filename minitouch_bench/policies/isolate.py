@@ -133,9 +133,7 @@ def try_policy(
     *,
     deterministic: bool = True,
 ) -> None:
-    """Load every checkpoint of a source once, so that a bad one is refused before any episode.
-
-    One action is asked for as well, but a fault in it is left to the episodes.
+    """Load every checkpoint of a source once and ask for an action, whose faults are passed over.
 
     Raises:
         PolicyLoadError: it cannot be loaded or reset.

@@ -28,10 +28,7 @@ UNSAID_IMAGE_SHAPE = (1, 84, 84)
 
 @dataclass(frozen=True)
 class NativeForm:
-    """What the metadata says: whose weights these are, and which pictures they were trained on.
-
-    Another size of picture can fit the same weights, which then see other maps.
-    """
+    """Whose weights these are, and the shape of the images that they were trained on."""
 
     architecture: str
     action_size: int

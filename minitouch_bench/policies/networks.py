@@ -89,10 +89,7 @@ def _pixel_blocks(image: Tensor) -> Tensor:
 
 
 class TileConvolution(nn.Conv2d):
-    """A convolution whose stride is its kernel's size; in half precision one matrix product.
-
-    The same sums, whose gradients take oneDNN a quarter of the time.
-    """
+    """A convolution with its kernel's size as stride; in half precision one matrix product."""
 
     def forward(self, maps: Tensor) -> Tensor:
         """Return maps (N, C', H / stride, W / stride) of maps (N, C, H, W)."""
@@ -171,10 +168,7 @@ class TouchActor(nn.Module):
         self.log_std = nn.Linear(HIDDEN_UNITS, action_size)
 
     def forward(self, image: Tensor, touch: Tensor) -> Tensor:
-        """Return the deterministic action tanh(mean), float32 (N, A) in (-1, 1).
-
-        ``image`` uint8 (N, 1, H, W), ``touch`` float32 (N, 11).
-        """
+        """Return tanh(mean), float32 (N, A); image uint8 (N, 1, H, W), touch float32 (N, 11)."""
         mean, _ = self.gaussian(image, touch)
         return torch.tanh(mean)
 

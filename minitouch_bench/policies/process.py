@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from minitouch_bench.errors import (
     CheckpointChangedError,
     InfrastructureError,
+    InvalidActionError,
     IsolationError,
     MiniTouchError,
     MissingExtraError,
@@ -141,10 +142,10 @@ class PolicyProcess:
         question = pack_observation(observation)
         payload = self._ask(Frame.ACT, question, Frame.ACTION, deadline, late)
         try:
-            raw = unpack_action(payload)
+            action = unpack_action(payload, self._size)
         except WireError as error:
             self._break_off(error)
-        return fit_action(raw, self._size)
+        return fit_action(action, self._size)
 
     def close(self) -> None:
         """End the child and the host."""
@@ -234,6 +235,8 @@ class PolicyProcess:
         if kind is Frame.REFUSED and request is Frame.LOAD:
             self._stop(0.0)
             raise PolicyLoadError(text)
+        if kind is Frame.INVALID and request is Frame.ACT:
+            raise InvalidActionError(text)
         if kind is Frame.RAISED:
             self._stop(0.0)
             raise PolicyRaisedError(text)

@@ -98,7 +98,6 @@ def _open_settings(content: bytes) -> dict[str, Any]:
 
 
 def _build(settings: dict[str, Any], weights: bytes) -> Any:
-    """Return the policy as the model's algorithm makes it, with its weights."""
     observed, acted = settings["observation_space"], settings["action_space"]
     _check_observation(observed)
     if getattr(acted, "shape", None) not in [(size,) for size in ACTION_SIZES]:

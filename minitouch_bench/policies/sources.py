@@ -91,9 +91,7 @@ def parse_source(
     role: Role = Role.FINAL,
     contact: bool = True,
 ) -> PolicySource:
-    """Find out what POLICY means; a directory must have a file for each of ``tasks``.
-
-    Without ``contact`` a file on the Hub is looked for in the library's cache alone.
+    """Find out what POLICY means, with a file for each of ``tasks``; ``contact`` the Hub, or not.
 
     Raises:
         PolicyLoadError: there is no such policy, or it needs ``trust``.
@@ -208,7 +206,6 @@ def directory_digest(files: Iterable[tuple[str, str]]) -> str:
 
 
 def _parse_submission(path: Path, role: Role) -> PolicySource:
-    """Find the checkpoints of a submission's first training seed."""
     folders = path.glob(f"{CHECKPOINTS}/seed-*/{role}")
     folder = min(folders, key=lambda path: (len(path.parent.name), path.parent.name), default=None)
     if folder is None:
@@ -303,9 +300,7 @@ def parse_hub_address(text: str) -> HubFile:
 
 
 def _fetch(asked: HubFile, *, contact: bool) -> tuple[Path, HubFile]:
-    """Return the file, in the library's cache, and its address with the commit.
-
-    Without ``contact`` it must be there already.
+    """Return the file in the library's cache, only there without ``contact``, and its address.
 
     Raises:
         PolicyLoadError: there is no such file, it is too large, or the Hub cannot be reached.

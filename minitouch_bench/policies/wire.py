@@ -1,13 +1,11 @@
-"""The bytes between the evaluation and a policy's process: packets, arrays, plain text.
+"""The bytes between the evaluation and a policy's process: packets, numbers, plain text.
 
 A packet of the kernel's (``SOCK_SEQPACKET``) is one byte of kind, and the payload. Nothing is
 pickled: an answer is read by the trusted side as numbers and text only.
 """
 
-import math
 import os
 import re
-import struct
 import unicodedata
 from enum import IntEnum
 from typing import Any
@@ -23,32 +21,17 @@ from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Observatio
 MAX_PAYLOAD = 64 * 1024
 """Longest payload either side accepts, in bytes."""
 
-MAX_ARRAY = 1024
-"""Largest array whose numbers are sent, in bytes; of a larger one only the shape is."""
-
 MAX_TEXT = 200
 """Characters kept of any text that comes from a policy."""
 
 IMAGE_BYTES = int(np.prod(IMAGE_SHAPE))
 OBSERVATION_BYTES = IMAGE_BYTES + 4 * TOUCH_SHAPE[0]
 
-ARRAY_HEADER = struct.Struct("<8sB")
-MAX_AXES = 8
-NO_NUMBERS = "|O"
-"""Type of an action that is not an array of plain numbers."""
-
-ACTION_TYPES = {np.dtype(code).str: np.dtype(code) for code in "?bhilqBHILQefdgFDG"}
-"""The types of number that an action may name, by name; numpy's own reading of a name is a
-parser, which no policy may feed."""
-
 ANSI_SEQUENCE = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|\][^\x07\x1b]*(\x07|\x1b\\)?|.)")
 
 
 class StartOrder(msgspec.Struct, frozen=True, tag=True):
-    """The order to a host to fork a child for one episode.
-
-    ``private`` is the run's directory, which a factory must not read.
-    """
+    """The order to fork a child for an episode; a factory must not read ``private``."""
 
     kind: str
     target: str
@@ -87,8 +70,9 @@ class Frame(IntEnum):
     READY = 8
     """To RESET; or RAISED."""
     ACTION = 9
-    """To ACT; or RAISED."""
+    """To ACT; or INVALID, where the policy gave no valid action, or RAISED."""
     RAISED = 10
+    INVALID = 11
 
 
 class WireError(Exception):
@@ -177,42 +161,17 @@ def unpack_observation(payload: bytes) -> dict[str, NDArray[Any]]:
     return {"image": image.copy(), "touch": touch.astype(np.float32)}
 
 
-def pack_action(raw: object) -> bytes:
-    """Return type, shape and numbers of whatever a policy gave as its action.
-
-    What is no array of plain numbers, or too large, goes without its numbers: the trusted
-    side refuses it by its type or shape.
-    """
-    try:
-        array = np.asarray(raw)
-    except Exception:  # a ragged list, or an object whose conversion raises
-        array = np.array(None)
-    if array.ndim > MAX_AXES:
-        array = array.reshape(-1)
-    plain = array.dtype.kind in "biufc" and array.nbytes <= MAX_ARRAY
-    type_name = array.dtype.str if array.dtype.kind in "biufc" else NO_NUMBERS
-    head = ARRAY_HEADER.pack(type_name.encode(), array.ndim)
-    shape = struct.pack(f"<{array.ndim}Q", *array.shape)
-    return head + shape + (array.tobytes() if plain else b"")
+def pack_action(action: NDArray[np.float32]) -> bytes:
+    """Return the numbers of ``fit_action`` as little-endian float32."""
+    return action.astype("<f4", copy=False).tobytes()
 
 
-def unpack_action(payload: bytes) -> NDArray[Any]:
-    """Return the array of ``pack_action``, all zero where its numbers were too many to send.
+def unpack_action(payload: bytes, size: int) -> NDArray[np.float32]:
+    """Return the action of ``pack_action``, float32 (size,).
 
     Raises:
-        WireError: the payload describes no array.
+        WireError: another number of bytes.
     """
-    try:
-        name, axes = ARRAY_HEADER.unpack_from(payload)
-        type_name = name.rstrip(b"\0").decode("ascii")
-        if type_name == NO_NUMBERS:
-            return np.array(None)
-        dtype = ACTION_TYPES[type_name]
-        shape = struct.unpack_from(f"<{min(axes, MAX_AXES)}Q", payload, ARRAY_HEADER.size)
-        body = payload[ARRAY_HEADER.size + 8 * len(shape) :]
-        size = math.prod(shape) * dtype.itemsize
-        if size > MAX_ARRAY and not body:
-            return np.broadcast_to(np.zeros((), dtype), shape)
-        return np.frombuffer(body, dtype).reshape(shape)
-    except Exception as error:  # whatever these bytes cause, they are the policy's
-        raise WireError("an action whose type, shape and numbers do not fit") from error
+    if len(payload) != 4 * size:
+        raise WireError(f"an action of {len(payload)} bytes, not {4 * size}")
+    return np.frombuffer(payload, "<f4").astype(np.float32)

@@ -36,10 +36,7 @@ def policy_seed(suite: str, task: str, index: int, run_seed: int) -> int:
 
 
 def senses_generator(episode: int) -> np.random.Generator:
-    """Return the generator of the noise on what is sensed in the episode with this seed.
-
-    It shares no stream with the scene, which draws from the episode's own seed.
-    """
+    """Return the generator of noise on an episode's senses, apart from that of its scene."""
     return np.random.default_rng([_number("senses"), episode])
 
 

@@ -276,10 +276,7 @@ class ProtocolSpec:
 
     @cache  # noqa: B019  a protocol is a value that lives as long as the program
     def task_digest(self, name: str, suite: str) -> str:
-        """Return the SHA-256 over all that an episode of one task in a suite depends on.
-
-        That is the shape set only where the objects are taken from it.
-        """
+        """Return the SHA-256 over all that an episode of a task in a suite depends on."""
         shared = {
             "protocol": self.name,
             "seeds": self.seeds,
@@ -307,10 +304,10 @@ class ProtocolSpec:
 
 
 def _named(name: str, kind: str, known: Sequence[Named]) -> Named:
-    for one in known:
-        if one.name == name:
-            return one
-    names = ", ".join(one.name for one in known)
+    for value in known:
+        if value.name == name:
+            return value
+    names = ", ".join(value.name for value in known)
     raise UsageError(f"no {kind} '{name}'; the {kind}s are {names}")
 
 

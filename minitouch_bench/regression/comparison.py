@@ -25,22 +25,12 @@ from minitouch_bench.runs.run import Run, RunHeader
 if TYPE_CHECKING:
     import pandas as pd
 
-FRAME_COLUMNS = (
-    "first", "second", "task", "metric", "unit", "first_value", "second_value", "difference",
-    "low", "high", "count", "p_value", "p_adjusted", "verdict", "episodes_to_resolve",
-    "detectable",
-)  # fmt: skip
-"""Of ``Comparison.to_frame``; ``first`` and ``second`` are the runs' letters."""
-
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """A run and what stands for it: a letter, or "baseline" and "candidate".
-
-    ``labels``: what a reader must know of it.
-    """
+    """A run, its ``labels``, and its title: a letter, or "baseline" and "candidate"."""
 
     title: str
     name: str
@@ -93,31 +83,30 @@ class RunPair:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All runs against the first.
-
-    ``alpha``: chance of a false difference, over all tasks and runs of one metric.
-    """
+    """All runs against the first; ``alpha``: chance of a false difference in a metric."""
 
     runs: tuple[ComparedRun, ...]
     pairs: tuple[RunPair, ...]
     alpha: float = ALPHA
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a row per pair of runs, metric and task, with what the tables show of it."""
+        """Return a row per pair of runs (their letters), metric and task, as the tables have it."""
         import pandas as pd  # noqa: PLC0415  takes half a second
 
-        rows = [
-            (
-                pair.first, pair.second, effect.task, effect.metric, effect.unit, effect.first,
-                effect.second, effect.difference.value, effect.difference.low,
-                effect.difference.high, effect.count, effect.p_value, compared.p_adjusted,
-                compared.verdict, compared.episodes_to_resolve, compared.detectable,
-            )
+        return pd.DataFrame(
+            {
+                "first": pair.first, "second": pair.second,
+                "task": effect.task, "metric": effect.metric, "unit": effect.unit,
+                "first_value": effect.first, "second_value": effect.second,
+                "difference": effect.difference.value,
+                "low": effect.difference.low, "high": effect.difference.high,
+                "count": effect.count, "p_value": effect.p_value,
+                **{name: value for name, value in vars(compared).items() if name != "effect"},
+            }
             for pair in self.pairs
             for compared in pair.metrics
             for effect in (compared.effect,)
-        ]  # fmt: skip
-        return pd.DataFrame(rows, columns=[*FRAME_COLUMNS])
+        )  # fmt: skip
 
     def __str__(self) -> str:
         from minitouch_bench.regression.writers import comparison_text  # noqa: PLC0415  needs this

@@ -226,10 +226,7 @@ def _bootstrap_t(
 def _pivots(
     centered: NDArray[np.float64], count: int, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Draw resamples; return their means over their standard errors, float64 (count,).
-
-    ``centered``: the sample without its mean. Equal values drawn have an infinite pivot.
-    """
+    """Return means over standard errors of resamples of a centered sample, float64 (count,)."""
     size = centered.size
     chosen = rng.integers(size, size=(count, size), dtype=np.uint32)
     samples = centered[chosen]

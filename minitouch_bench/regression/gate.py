@@ -232,10 +232,7 @@ def judge_endpoint(values: PairedValues, settings: GateSettings, root: Root) -> 
 
 
 def one_sided(effect: Effect) -> float:
-    """Return the p-value of an effect, that the second run is no worse.
-
-    Both tests are symmetric where the policies are equal, so that it is half the two-sided one.
-    """
+    """Return the p-value that the second run is no worse: half the two-sided one, by symmetry."""
     return effect.p_value / 2.0 if effect.worsening > 0.0 else 1.0
 
 
@@ -262,10 +259,7 @@ def measure_tasks(
 
 
 def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) -> int | None:
-    """Return the episodes per task that show the worsening, or exclude it.
-
-    None where no number does, or more than a run can have.
-    """
+    """Return the episodes per task that show the worsening, or exclude it; None for too many."""
     resolution = resolution_of(values)
     if effect.worsening > allowed:
         needed = resolution.episodes_to_detect(2.0 * level, beyond=allowed)  # a two-sided level

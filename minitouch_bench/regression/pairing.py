@@ -86,9 +86,7 @@ def episode_key(role: Role, episode: EpisodeMetrics) -> str:
 
 
 def pair_runs(first: Run, second: Run) -> tuple[EpisodePair, ...]:
-    """Pair the episodes of two runs, in the first one's order.
-
-    Tasks that were not played by the same rules (``RunHeader.rules_differ``) are left out.
+    """Pair the episodes of two runs, in the first one's order, where tasks have the same rules.
 
     Raises:
         UsageError: suite or seed differ, no task is left, or the episodes are not the same ones;
@@ -142,10 +140,7 @@ def refuse_other_episode(pair: EpisodePair) -> None:
 
 
 def are_identical(first: Run, second: Run, pairs: Sequence[EpisodePair]) -> bool:
-    """Tell whether every episode of two runs holds the same bits.
-
-    The digests say so; the rows are looked at too, for a digest can be copied.
-    """
+    """Tell whether every episode of two runs holds the same bits, by digests and by rows."""
     if first.digest != second.digest:
         return False
     return all(_bits_of(pair.first) == _bits_of(pair.second) for pair in pairs)
@@ -173,7 +168,6 @@ def _bits_of(episode: EpisodeMetrics) -> tuple[object, ...]:
 
 
 def _by_key(run: Run, left_out: Sequence[str]) -> dict[str, tuple[Role, EpisodeMetrics]]:
-    """Return a run's episodes by key, without the tasks that are left out."""
     by_key: dict[str, tuple[Role, EpisodeMetrics]] = {}
     for role, episodes in run.by_role():
         for episode in episodes:

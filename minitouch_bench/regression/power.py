@@ -44,10 +44,7 @@ class ShareResolution:
     discordance: Discordance
 
     def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> int | None:
-        """Return the episodes that show the difference, None for none or too many.
-
-        They show it by the exact McNemar test at level ``alpha``, and as larger than ``beyond``.
-        """
+        """Return the episodes that show a difference above ``beyond`` by McNemar's test."""
         lost, won = self._rates()
         if abs(lost - won) <= beyond:
             return None
@@ -147,14 +144,10 @@ def mcnemar_power(n: int, lost: float, won: float, alpha: float, beyond: float =
 
 
 def critical_counts(pairs: NDArray[np.int64], alpha: float) -> NDArray[np.float64]:
-    """Return the least count on one side of so many pairs that makes ``mcnemar_p`` <= alpha.
-
-    It is ``pairs`` + 1 where no count does.
-    """
+    """Return the least count of so many pairs with ``mcnemar_p`` <= alpha, or ``pairs`` + 1."""
     at = scipy.stats.binom.ppf(alpha / 2.0, pairs, 0.5)
-    counts: NDArray[np.float64] = (
-        pairs + 1 - at - (2.0 * scipy.stats.binom.cdf(at, pairs, 0.5) <= alpha)
-    )
+    exact = 2.0 * scipy.stats.binom.cdf(at, pairs, 0.5) <= alpha
+    counts: NDArray[np.float64] = pairs + 1 - at - exact
     return counts
 
 
@@ -179,10 +172,7 @@ def _likely_counts(n: int, share: float) -> NDArray[np.float64]:
 
 
 def _least(is_enough: Callable[[int], bool], guess: float) -> int | None:
-    """Return the least number of episodes that is enough; beyond EXACT_UP_TO the guess.
-
-    Power rises with the episodes in small teeth, so that a few less may do.
-    """
+    """Return nearly the least number of episodes that is enough; beyond EXACT_UP_TO the guess."""
     if guess > 1.2 * EXACT_UP_TO:
         return _as_count(guess)
     high = min(max(4, math.ceil(guess)), EXACT_UP_TO)

@@ -82,13 +82,11 @@ def task_tables(result: GateResult) -> tuple[Table, ...]:
 
 
 def _row(effect: Effect, *cells: str | None) -> Row:
-    """Return the row of a task: both values, their difference, and more cells."""
     values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
     return make_row(task_title(effect.task), *values, difference_text(effect), *cells)
 
 
 def _by_metric(columns: tuple[Column, ...], rows: Sequence[tuple[Effect, Row]]) -> Iterator[Table]:
-    """Yield one table per metric and direction, in the metrics' order."""
     heads = {effect_head(effect): effect.metric for effect, _ in rows}
     for head in sorted(heads, key=lambda head: COMPARED_METRICS.index(heads[head])):
         of_head = tuple(row for effect, row in rows if effect_head(effect) == head)

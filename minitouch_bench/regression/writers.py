@@ -93,7 +93,6 @@ def gate_json(result: GateResult) -> str:
 
 
 def _text(document: dict[str, Any]) -> str:
-    """Write a document as text; NaN and infinity are refused."""
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 

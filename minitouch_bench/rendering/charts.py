@@ -190,10 +190,7 @@ def estimate_marks(
 
 
 def step_marks(index: int, points: Sequence[tuple[float, Estimate]]) -> Iterator[Mark]:
-    """Yield a line through the estimates of the run at ``index``, each at its place on the x axis.
-
-    Their intervals are upright.
-    """
+    """Yield a line through the estimates of the run at ``index``, and their intervals, upright."""
     tone = series_tone(index)
     if len(points) > 1:
         yield Line(tuple((x, estimate.value) for x, estimate in points), tone)
@@ -222,10 +219,7 @@ Integers = NDArray[np.integer[Any]]
 
 
 def step_histograms(panels: Mapping[str, Mapping[str, Integers]], limit: int) -> tuple[Chart, ...]:
-    """Draw what share of the episodes took how many control steps, one chart per panel.
-
-    ``panels``: by title, the steps of episodes by tone, stacked in that order.
-    """
+    """Draw the share of episodes by control steps; ``panels``: by title, steps by stacked tone."""
     longest = max([limit, *(int(s.max()) for p in panels.values() for s in p.values() if s.size)])
     # One bar more than the limit: an episode of 200 steps gets its own, not that of 190-199.
     edges = np.arange(0, longest + 2 * BIN, BIN)
@@ -282,10 +276,7 @@ def _curve(index: int, curve: Sequence[float], reached: Sequence[int]) -> Iterat
 
 
 def short_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Shorten names to fit beside a chart; names that differ stay different.
-
-    A long name loses its end, or its middle where only the end tells it from another one.
-    """
+    """Shorten names to fit beside a chart, at the end or in the middle; they stay different."""
     for kept in (LONGEST_NAME - 1, LONGEST_NAME // 2 - 1, LONGEST_NAME // 4, 0):
         short = [_elided(name, kept, LONGEST_NAME) for name in names]
         if len(set(short)) == len(set(names)):

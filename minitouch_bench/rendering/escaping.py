@@ -17,7 +17,6 @@ def printable(text: str) -> str:
 
 
 def _character(character: str) -> str:
-    """Return one character as it may be printed."""
     if character.isspace():
         return " "
     if character in UNSEEN or unicodedata.category(character).startswith("C"):

@@ -148,7 +148,6 @@ def _write_pdf(page: Element, file: Path) -> None:
 
 
 def _put(canvas: Any, element: Element, transform: Any) -> None:
-    """Put a path, a circle or a text of a drawing on a page."""
     from matplotlib.patches import Circle, PathPatch  # noqa: PLC0415
     from matplotlib.path import Path as Outline  # noqa: PLC0415
 

@@ -24,11 +24,7 @@ PICTURES = Path(__file__).parent / "pictures"
 def render_page(
     template: Path, styles: tuple[str, ...] = (), scripts: tuple[str, ...] = (), **context: object
 ) -> str:
-    """Render a template that fills the page's frame.
-
-    ``styles`` and ``scripts`` name files beside the template, or the kit's own; they become
-    part of the page.
-    """
+    """Render a template; ``styles`` and ``scripts``, beside it or the kit's, become part of it."""
     environment = _environment(template.parent)
     frame = _frame(template.parent, (STYLE, *styles), scripts)
     return environment.get_template(template.name).render(**frame, **context)

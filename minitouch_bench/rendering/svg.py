@@ -42,10 +42,7 @@ TITLE, NUMBERS, LABEL, GAP = 18.0, 18.0, 18.0, 10.0
 
 @dataclass(frozen=True)
 class Frame:
-    """The area between a chart's axes; y grows downwards.
-
-    ``pad``: space between the frame and the ends of its axes. ``is_last``: it has the x axis.
-    """
+    """The area between a chart's axes, y downwards, ``pad`` wider than they are."""
 
     chart: Chart
     left: float
@@ -157,10 +154,7 @@ def draw_plot(plot: Plot, width: int = WIDTH, kind: str = "") -> Markup:
 
 
 def draw_share_bar(parts: Sequence[tuple[str, str, int]], description: str) -> Markup:
-    """Draw counts as parts of one bar that is as wide as its place; ``parts``: tone, name, count.
-
-    Lengths are in percent, so that the text keeps its size on every screen.
-    """
+    """Draw counts as parts of a bar, in percent of its place; ``parts``: tone, name, count."""
     total = max(1, sum(count for _, _, count in parts))
     drawn, x = [], 0.0
     for tone, name, count in parts:
@@ -193,7 +187,6 @@ def draw_gauge(gauge: Gauge) -> Markup:
 
 
 def _grid(frame: Frame) -> Iterator[str]:
-    """Draw rules, axes, numbers, and the label of the y axis."""
     chart = frame.chart
     for tick in chart.y.ticks:
         at = frame.y(tick.at)
@@ -258,5 +251,4 @@ def _text(x: float, y: float, text: str, kind: str, *, is_upright: bool = False)
 
 
 def _n(value: float) -> str:
-    """Write a coordinate short."""
     return f"{value:.1f}".removesuffix(".0")

@@ -126,10 +126,7 @@ def metric_head(metric: str, task: str | None = None) -> str:
 
 
 def estimate_cell(metric: str, estimate: Estimate | None, mark: float | None = None) -> Cell:
-    """Write an estimate with its interval, or the dash where there is none.
-
-    A share gets a gauge, with ``mark`` on it.
-    """
+    """Write an estimate with its interval, a share with a gauge and ``mark``; a dash for none."""
     if estimate is None:
         return Cell()
     low, high = format_value(metric, estimate.low), format_value(metric, estimate.high)

@@ -159,6 +159,5 @@ def curve_csv(curve: pd.DataFrame) -> str:
 
 
 def _tasks(curve: pd.DataFrame) -> list[str]:
-    """Return the curve's tasks in the order of every table."""
     present = {*curve["task"]}
     return [*(task for task in TASKS if task in present)]

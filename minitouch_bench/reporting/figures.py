@@ -1,8 +1,9 @@
 """The figures of a report as data; a page and files draw the same ones."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
@@ -127,7 +128,6 @@ def _pair(task: str) -> tuple[str, str]:
 
 
 def _run_legend(sections: Sequence[RunSection]) -> tuple[LegendItem, ...]:
-    """Name the runs by their colors, where there are several."""
     return run_legend([section.name for section in sections]) if len(sections) > 1 else ()
 
 
@@ -151,7 +151,6 @@ def _estimate_plot(task: str, sections: Sequence[RunSection]) -> Plot:
 
 
 def _steps_plot(task: str, sections: Sequence[RunSection]) -> Plot:
-    """Draw what share of the episodes took how many control steps, by how they ended."""
     panels = {}
     for name, section in zip(_names(sections), sections, strict=True):
         episodes = [episode for episode in section.run.episodes if episode.task == task]
@@ -159,17 +158,26 @@ def _steps_plot(task: str, sections: Sequence[RunSection]) -> Plot:
             tone: np.array([e.steps for e in episodes if e.outcome is outcome], np.int64)
             for outcome, tone in OUTCOME_TONES.items()
         }
-    what = f"{task_title(task)}: distribution of episode steps by outcome"
+    return steps_plot(task, panels)
+
+
+def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]]) -> Plot:
+    """Draw the control steps of a task's episodes, a panel by title, with an array per tone."""
+    what = f"{task_title(task)}: distribution of episode steps by ending"
     return Plot(task_title(task), what, step_histograms(panels, PROTOCOL.task(task).max_steps))
 
 
 def _touch_plot(task: str, sections: Sequence[RunSection]) -> Plot:
-    """Draw the mean contact ticks at each control step, the runs overlaid."""
     summaries = [task_summary(section.run, task) for section in sections]
     curves = [
         (summary.touch_curve, summary.touch_curve_episodes) if summary else ((), ())
         for summary in summaries
     ]
+    return touch_plot(task, curves)
+
+
+def touch_plot(task: str, curves: Sequence[tuple[Sequence[float], Sequence[int]]]) -> Plot:
+    """Draw touch curves, each with the episodes that reached its steps."""
     what = f"{task_title(task)}: mean contact ticks at each control step"
     return Plot(task_title(task), what, (touch_chart(curves, PROTOCOL.task(task).max_steps),))
 

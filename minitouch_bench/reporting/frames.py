@@ -7,11 +7,12 @@ the first frame is made, so that a command without one starts quickly.
 import csv
 import io
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import astuple
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.summary import HELD_OUT, TRAIN
+from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.records import EpisodeMetrics, Estimate, Generalization
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
@@ -33,7 +34,6 @@ _BESIDE = ("family", "split", "digest")
 ESTIMATE_COLUMNS = ("value", "low", "high", "count", "method", "source")
 TABLE4_COLUMNS = ("policy", "task", "metric", *ESTIMATE_COLUMNS)
 GENERALIZATION_COLUMNS = ("policy", "task", "family", "metric", "split", *ESTIMATE_COLUMNS)
-DIFFERENCE = "held-out minus train"
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 """First characters that make a spreadsheet run a cell."""
@@ -48,10 +48,7 @@ Row = tuple[Any, ...]
 
 
 def episodes_frame(episodes: Iterable[EpisodeMetrics]) -> "pd.DataFrame":
-    """Return one row per episode: EPISODE_COLUMNS, then the shape's family and split, the digest.
-
-    A time that does not exist is NaN.
-    """
+    """Return a row per episode: EPISODE_COLUMNS, family, split, digest; NaN for no time."""
     rows = [
         (*_episode_row(episode), *(getattr(episode, name) for name in _BESIDE))
         for episode in episodes
@@ -94,7 +91,7 @@ def generalization_frame(runs: Sequence[Run]) -> "pd.DataFrame":
         for result in run.summary.generalization:
             for family, metric, split, estimate in _splits(result):
                 head = (name, result.task, family, metric, split)
-                rows.append((*head, *_estimate_cells(estimate), _source(run)))
+                rows.append((*head, *astuple(estimate), _source(run)))
     return make_frame(GENERALIZATION_COLUMNS, rows)
 
 
@@ -143,27 +140,23 @@ def _safe_text(text: str) -> str:
 
 
 def _splits(result: Generalization) -> Iterator[tuple[str, str, str, Estimate]]:
-    """Walk through a task's estimates with their family, metric and split."""
     for metric, gap in result.gaps.items():
-        yield "", metric, HELD_OUT, gap.held_out
-        yield "", metric, TRAIN, gap.train
-        yield "", metric, DIFFERENCE, gap.difference
+        for part, split in GAP_PARTS.items():
+            yield "", metric, split, getattr(gap, part)
     for family, both in result.families.items():
-        for split, estimate in ((HELD_OUT, both.held_out), (TRAIN, both.train)):
+        for part, estimate in vars(both).items():
             if estimate is not None:
-                yield family, result.family_metric, split, estimate
+                yield family, result.family_metric, GAP_PARTS[part], estimate
 
 
 def _run_rows(runs: Sequence[Run], task: str, metric: str) -> Iterator[Row]:
-    """Walk through the runs' rows of one metric."""
     for name, run in zip(run_names(runs), runs, strict=True):
         estimate = find_estimate(run, task, metric)
         if estimate is not None:
-            yield name, task, metric, *_estimate_cells(estimate), _source(run)
+            yield name, task, metric, *astuple(estimate), _source(run)
 
 
 def _paper_rows(task: str, metric: str) -> Iterator[Row]:
-    """Walk through the paper's rows of one metric."""
     for method in PAPER_METHODS:
         printed = paper_value(task, metric, method)
         if printed is not None:
@@ -171,11 +164,6 @@ def _paper_rows(task: str, metric: str) -> Iterator[Row]:
             yield method, task, metric, float(printed.text), None, None, None, "", source
 
 
-def _estimate_cells(estimate: Estimate) -> Row:
-    return estimate.value, estimate.low, estimate.high, estimate.count, estimate.method
-
-
 def _source(run: Run) -> str:
-    """Say that a row is a run's, with the run's labels."""
     labels = "; ".join(run_labels(run))
     return f"run ({labels})" if labels else "run"

@@ -26,10 +26,7 @@ class RunOrigin:
 
 @dataclass(frozen=True)
 class RunSection:
-    """One run in a report: its name there, its labels, faults and command line.
-
-    ``faults``: what its policy did wrong, and in which episodes.
-    """
+    """One run in a report: name, labels, command line, and ``faults``: in which episodes each."""
 
     name: str
     labels: tuple[str, ...]
@@ -73,10 +70,7 @@ def describe_runs(
 
 
 def run_names(runs: Sequence[Run]) -> tuple[str, ...]:
-    """Name each run by its policy, and by the run where policies have one name.
-
-    Names that would still be equal are numbered.
-    """
+    """Name each run by its policy, then by the run, then by a number, until the names differ."""
     policies = Counter(run.header.policy.name for run in runs)
     names = []
     for run in runs:
@@ -110,7 +104,6 @@ def fault_lines(section: RunSection) -> list[str]:
 
 
 def _checked(names: Sequence[str], count: int) -> tuple[str, ...]:
-    """Return the names as they may be printed."""
     plain = tuple(printable(name) for name in names)
     if len(plain) != count:
         raise UsageError(f"{len(plain)} names for {count} runs; give one per run")

@@ -4,7 +4,7 @@ A row per run, task and metric; ``join_seeds`` makes of it a row per method, tas
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import pandas as pd
@@ -12,6 +12,7 @@ import pandas as pd
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import over_seeds, quadrature
 from minitouch_bench.metrics.metric import Metric
+from minitouch_bench.metrics.summary import DIFFERENCE, GAP_PARTS
 from minitouch_bench.records import Estimate
 from minitouch_bench.runs.run import Run
 
@@ -19,8 +20,8 @@ KEY = ("method", "steps", "suite", "task", "metric")
 ESTIMATE = ("value", "low", "high", "count", "interval")
 COLUMNS = ("method", "seed", *KEY[1:], *ESTIMATE)
 
-GAP, HELD_OUT, TRAIN = ", held-out minus train", ", held-out", ", train"
-"""What follows a metric's name where its value is not over all episodes."""
+GAP = f", {DIFFERENCE}"
+"""What follows a metric's name where its value is a difference of splits."""
 
 Row = tuple[Any, ...]
 
@@ -41,25 +42,18 @@ def frame_rows(label: RunLabel, run: Run) -> list[Row]:
         for part in run.summary.tasks
         for metric, estimate in part.estimates.items()
     ]
-    for part in run.summary.generalization:
-        for metric, gap in part.gaps.items():
-            for suffix, estimate in (
-                (GAP, gap.difference),
-                (HELD_OUT, gap.held_out),
-                (TRAIN, gap.train),
-            ):
-                named.append((part.task, metric + suffix, estimate))
-    return [frame_row(label, run.plan.suite, *one) for one in named]
+    named += [
+        (result.task, f"{metric}, {title}", getattr(gap, part))
+        for result in run.summary.generalization
+        for metric, gap in result.gaps.items()
+        for part, title in GAP_PARTS.items()
+    ]
+    return [frame_row(label, run.plan.suite, *row) for row in named]
 
 
 def frame_row(label: RunLabel, suite: str, task: str, metric: str, estimate: Estimate) -> Row:
     """Return a row of the frame."""
-    head = (label.method, label.seed, label.steps, suite, task, metric)
-    return (*head, *_cells(estimate))
-
-
-def _cells(estimate: Estimate) -> Row:
-    return estimate.value, estimate.low, estimate.high, estimate.count, estimate.method
+    return (*astuple(label), suite, task, metric, *astuple(estimate))
 
 
 def make_long_frame(rows: Iterable[Row]) -> pd.DataFrame:
@@ -75,13 +69,13 @@ def estimates_in(frame: pd.DataFrame) -> list[Estimate]:
 def join_seeds(frame: pd.DataFrame) -> pd.DataFrame:
     """Return a row per ``KEY`` with its estimate over training seeds, in order of appearance."""
     rows = []
-    for key, own in frame.groupby([*KEY], sort=False):
-        estimates, metric = estimates_in(own), str(key[-1])
+    for key, group in frame.groupby([*KEY], sort=False):
+        estimates, metric = estimates_in(group), str(key[-1])
         # The gap of two shapes' splits is no narrower than that over all their episodes.
         over_episodes = quadrature(estimates) if metric.endswith(GAP) else None
         estimate = over_seeds(estimates, str(key[-2]), metric, over_episodes=over_episodes)
         if estimate is not None:
-            rows.append((*key, *_cells(estimate)))
+            rows.append((*key, *astuple(estimate)))
     return pd.DataFrame(rows, columns=[*KEY, *ESTIMATE])
 
 

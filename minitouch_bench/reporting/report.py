@@ -144,7 +144,6 @@ def find_videos(files: Sequence[Path], directory: Path) -> tuple[Video, ...]:
 
 
 def _check_protocols(runs: Sequence[Run]) -> None:
-    """Refuse runs of which a task was not played by the same rules."""
     first = runs[0]
     for other in runs[1:]:
         if tasks := first.header.rules_differ(other.header):
@@ -155,6 +154,5 @@ def _check_protocols(runs: Sequence[Run]) -> None:
 
 
 def _protocol_of(run: Run) -> str:
-    """Name a run with its protocol."""
     header = run.header
     return f"'{run.name}' ({header.protocol}, {header.protocol_digest[:12]})"

@@ -123,7 +123,6 @@ def write_study(results: StudyResults) -> None:
 
 
 def _runs(results: StudyResults) -> list[tuple[StudyTraining, Run]]:
-    """Read the evaluations of each training, one per suite."""
     return [
         (training, read_run(file.parent))
         for training in results.done

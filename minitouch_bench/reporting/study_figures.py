@@ -9,6 +9,7 @@ import scipy
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import bootstrap_mean
+from minitouch_bench.metrics.summary import HELD_OUT, TRAIN
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.rendering.charts import (
     Axis,
@@ -28,7 +29,7 @@ from minitouch_bench.rendering.charts import (
 from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.reporting.curve import marks_over_steps
 from minitouch_bench.reporting.labels import task_title
-from minitouch_bench.reporting.long_frame import HELD_OUT, TRAIN, find_row, join_seeds, select
+from minitouch_bench.reporting.long_frame import find_row, join_seeds, select
 from minitouch_bench.reporting.over_runs import TRIMMED
 
 MOVEMENT: Final = "object_movement"
@@ -160,14 +161,14 @@ def novel_shapes(novel: pd.DataFrame, methods: Sequence[str]) -> Iterator[Figure
     plots = []
     for task, steps, part in study_parts(novel):
         metric = ranking_metric(task)
-        joined = join_seeds(part[part["metric"].isin([metric + TRAIN, metric + HELD_OUT])])
+        names = [f"{metric}, {split}" for split in (TRAIN, HELD_OUT)]
+        joined = join_seeds(part[part["metric"].isin(names)])
         marks: list[Mark] = []
         for turn, method in enumerate(methods):
-            for split, above in ((TRAIN, -0.15), (HELD_OUT, 0.15)):
-                estimate = find_row(joined, method=method, metric=metric + split)
+            for name, above in zip(names, (-0.15, 0.15), strict=True):
+                estimate = find_row(joined, method=method, metric=name)
                 if estimate is not None:
-                    is_train = split == TRAIN
-                    marks += estimate_marks(turn, turn + above, estimate, is_hollow=is_train)
+                    marks += estimate_marks(turn, turn + above, estimate, is_hollow=above < 0)
         chart = Chart(share_axis(METRICS[metric].label), name_axis(methods), tuple(marks), HEIGHT)
         plots.append(_plot(task, steps, "train and held-out shapes", chart))
     if plots:

@@ -105,7 +105,6 @@ def table4(sections: Sequence[RunSection]) -> Table:
 
 
 def _label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    """Return one note for each run that has labels."""
     return tuple(
         f"* {section.name}: {'; '.join(section.labels)}." for section in sections if section.labels
     )
@@ -155,7 +154,6 @@ def diagnostics(sections: Sequence[RunSection]) -> Table:
 
 
 def _diagnostic_cells(summary: TaskSummary) -> tuple[Cell, ...]:
-    """Write one row of the diagnostics."""
     cells = []
     for metric in DIAGNOSTIC_METRICS:
         cell = estimate_cell(metric, summary.estimates.get(metric))
@@ -269,7 +267,6 @@ def gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[Cell, ...]:
 
 
 def _family_cells(run: Run, task: str, family: str) -> tuple[Cell, ...]:
-    """Write a family's figure and number of episodes on each split."""
     result = find_generalization(run, task)
     if result is None:
         return (Cell(),) * 4
@@ -290,12 +287,10 @@ def _family_group(runs: Sequence[Run], task: str) -> str:
 
 
 def _tasks(runs: Sequence[Run]) -> tuple[str, ...]:
-    """Return the tasks that any run compares, in the order of every table."""
     return tuple(
         task for task in tasks_in_order(runs) if any(find_generalization(run, task) for run in runs)
     )
 
 
 def _in_order(groups: Iterable[Iterable[str]]) -> tuple[str, ...]:
-    """Return the names of all groups, each once, in the order they come."""
     return tuple(dict.fromkeys(name for group in groups for name in group))

@@ -53,7 +53,6 @@ def to_markdown(report: Report) -> str:
 
 
 def _headline(section: RunSection) -> list[str]:
-    """Say what a run is, and its labels."""
     header = section.run.header
     kind = "official" if header.official else "unofficial"
     lines = [
@@ -65,7 +64,6 @@ def _headline(section: RunSection) -> list[str]:
 
 
 def _facts(section: RunSection) -> list[str]:
-    """List what was run and on what, and the command that repeats it."""
     header, environment = section.run.header, section.run.environment
     packages = ", ".join(f"{name} {version}" for name, version in environment.packages.items())
     machine = ", ".join(f"{key}: {value}" for key, value in environment.machine.items())
@@ -129,10 +127,7 @@ def report_card(report: Report, task: str) -> Card:
 def make_card(
     task: str, runs: Sequence[tuple[str, Mapping[str, Estimate]]], image: str, rank: str = ""
 ) -> Card:
-    """Compose a task's card of ``runs``: names, and estimates by metric.
-
-    What the paper's own method reached stands beside them, and is marked on their gauges.
-    """
+    """Compose a task's card of ``runs`` (names, estimates), with the paper's own method."""
     metric = ranking_metric(task)
     printed = paper_value(task, metric, PAPER_METHODS[0])
     paper = printed.text if printed and printed.is_our_unit else ""
@@ -157,7 +152,6 @@ def make_card(
 
 
 def _with_unit(metric: str, estimates: Mapping[str, Estimate]) -> str:
-    """Write a value beside the verdict; a time with its unit."""
     estimate = estimates.get(metric)
     unit = " s" if estimate and METRICS[metric].unit == "s" else ""
     return estimate_cell(metric, estimate).text + unit

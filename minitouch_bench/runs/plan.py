@@ -20,6 +20,13 @@ from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
 NAMED = 6
 """Chosen episodes that a label names; the rest are counted."""
 
+LIMITS_IN_WORDS = {
+    "act_timeout_s": "{:g} s per action",
+    "episode_timeout_s": "{:g} s per episode",
+    "load_timeout_s": "{:g} s to load",
+    "memory_mb": "{} MiB of memory",
+}
+
 
 class Suite(SuiteSpec):
     """A suite that can name its episodes."""
@@ -48,11 +55,7 @@ class Suite(SuiteSpec):
         return EpisodeSpec(Role.FINAL, task, index, episode_seed(*words), policy_seed(*words))
 
     def assign_object(self, spec: EpisodeSpec) -> EpisodeSpec:
-        """Return the episode with its object filled in.
-
-        That is the task's own cube or nothing (Opening); where the task draws from a shape set,
-        the seed chooses.
-        """
+        """Return the episode with its object: the task's own, or a shape that the seed draws."""
         if self.novel_shapes:
             return self._assign_novel_shape(spec)
         objects = PROTOCOL.task(spec.task).default_objects
@@ -63,10 +66,7 @@ class Suite(SuiteSpec):
         return _with_shape(spec, shapes[drawn])
 
     def _assign_novel_shape(self, spec: EpisodeSpec) -> EpisodeSpec:
-        """Take each held-out shape once (even indices), beside as many train shapes (odd ones).
-
-        The train shapes are drawn once, without replacement, from the protocol's name alone.
-        """
+        """Take each held-out shape once (even indices), and as many drawn train shapes."""
         shapes = canonical_shape_set()
         held_out, train = shapes.split("held-out"), shapes.split("train")
         turn = (spec.index // 2) % len(held_out)
@@ -121,7 +121,7 @@ class Plan:
 
     def why_unofficial(self) -> tuple[str, ...]:
         """Return what differs from an official run of the suite, in words."""
-        suite, limits = find_suite(self.suite), self.limits
+        suite = find_suite(self.suite)
         reasons = [] if suite.rankable else [f"suite {suite.name}"]
         if self.chosen:
             more = f" and {len(self.chosen) - NAMED} more" if len(self.chosen) > NAMED else ""
@@ -132,14 +132,9 @@ class Plan:
             reasons.append(f"{self.episodes} of {suite.episodes_per_task} episodes per task")
         if self.seed != suite.seed:
             reasons.append(f"seed {self.seed}")
-        if limits.act_timeout_s != USUAL_LIMITS.act_timeout_s:
-            reasons.append(f"{limits.act_timeout_s:g} s per action")
-        if limits.episode_timeout_s != USUAL_LIMITS.episode_timeout_s:
-            reasons.append(f"{limits.episode_timeout_s:g} s per episode")
-        if limits.load_timeout_s != USUAL_LIMITS.load_timeout_s:
-            reasons.append(f"{limits.load_timeout_s:g} s to load")
-        if limits.memory_mb != USUAL_LIMITS.memory_mb:
-            reasons.append(f"{limits.memory_mb} MiB of memory")
+        for name, words in LIMITS_IN_WORDS.items():
+            if (limit := getattr(self.limits, name)) != getattr(USUAL_LIMITS, name):
+                reasons.append(words.format(limit))
         return (*reasons, *self.conditions.in_words())
 
     def as_options(self) -> tuple[str, ...]:
@@ -158,10 +153,7 @@ class Plan:
         return (*words, *self.conditions.as_options(), *self.limits.as_options())
 
     def mistake(self) -> tuple[str, str]:
-        """Return the first field that no plan of this protocol can have, and why; or two "".
-
-        A stranger's header can hold any plan.
-        """
+        """Return the first field that no plan of this protocol can have, and why; or two ""."""
         if self.suite not in SUITES:
             return "suite", f"there is no suite '{self.suite}'"
         suite = SUITES[self.suite]

@@ -102,13 +102,13 @@ def why_unofficial(
     plan: Plan, policy: PolicyIdentity, exploration: PolicyIdentity | None, isolation: str
 ) -> tuple[str, ...]:
     """Return what makes a run unofficial, in words."""
-    kinds = {one.kind for one in (policy, exploration) if one is not None}
-    found = plan.why_unofficial()
+    kinds = {identity.kind for identity in (policy, exploration) if identity is not None}
+    reasons = plan.why_unofficial()
     if IN_MEMORY in kinds:
-        return (*found, "policy in memory, beside the simulator")
+        return (*reasons, "policy in memory, beside the simulator")
     if isolation == "process" and "remote" not in kinds:
-        return (*found, "isolation: process")
-    return found
+        return (*reasons, "isolation: process")
+    return reasons
 
 
 @dataclass(frozen=True)
@@ -295,8 +295,6 @@ def run_json(run: Run) -> bytes:
 
 @dataclass(frozen=True)
 class _Mark:
-    """What every version of the document begins with."""
-
     format: str
     version: int
 

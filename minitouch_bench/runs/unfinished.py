@@ -52,10 +52,7 @@ class _StoredEpisode:
 
 
 class UnfinishedRun:
-    """What is kept of a run until it is finished, in a folder of its directory.
-
-    A run's directory must be locked while this is used.
-    """
+    """What is kept of a run until it is finished, in a folder of its locked directory."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
@@ -193,7 +190,6 @@ def check_same(asked: RunHeader, there: RunHeader, directory: Path) -> None:
 
 
 def _flat(header: RunHeader) -> dict[str, object]:
-    """Return the fields of a header, of its plan and of the plan's limits."""
     values: dict[str, object] = {}
     for record in (header, header.plan, header.plan.limits):
         values |= {field.name: getattr(record, field.name) for field in fields(record)}

@@ -104,23 +104,20 @@ def make_shape(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
         except UnsoundError as error:
             refused[error.reason.name] += 1
             continue
-        own = {
+        identity = {
             "name": f"shape-{index:04d}",
             "family": family,
             "attempt": attempt,
             "refused": dict(sorted(refused.items())),
         }
-        return {**own, **entry_of(body, measures, density)}, encode(body)
+        return {**identity, **entry_of(body, measures, density)}, encode(body)
     raise InfrastructureError(
         f"shape {index} ({family}): no sound shape in {config.attempts} draws"
     )
 
 
 def entry_of(body: Body, measures: Measures, density: float) -> dict[str, Any]:
-    """Return the manifest's entry of a body, without name, split and place in the pack.
-
-    SI units; measures are rounded, mass and poses are not, since simulations start from them.
-    """
+    """Return the manifest's entry of a body, SI units; mass and poses are not rounded."""
     x, y, z = body.visual.extents.tolist()
     return {
         "mass_kg": body.mass,
@@ -196,10 +193,7 @@ def weighed(mesh: Mesh, density: float, config: DecompositionConfig) -> Body:
 
 
 def convex_parts(mesh: Mesh, config: DecompositionConfig) -> tuple[Mesh, ...]:
-    """Cover a closed 2-manifold mesh with convex hulls.
-
-    A fault inside CoACD can end the process: call it in a worker.
-    """
+    """Cover a closed 2-manifold mesh with convex hulls; CoACD can end the process: use a worker."""
     coacd.set_log_level("error")
     fine = to_mesh(to_solid(mesh).refine_to_length(config.longest_edge))
     parts = coacd.run_coacd(

@@ -26,10 +26,7 @@ from minitouch_bench.shapegen.soundness import UnsoundError, examine
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What a check found: ``problems`` one line each (none: the set holds), and the split's p.
-
-    ``p_value`` is None where the set is too damaged, or too small, to test.
-    """
+    """What a check found: ``problems``, a line each, and the split's p, None if untestable."""
 
     shapes: ShapeSet
     problems: tuple[str, ...]
@@ -39,9 +36,7 @@ class CheckReport:
 def check_set(
     folder: Path, workers: int = 1, quick: bool = False, progress: Progress = lambda *_: None
 ) -> CheckReport:
-    """Check hashes, numbers, split, families, soundness, near-duplicates and distribution.
-
-    ``quick`` leaves out the proofs in the simulator.
+    """Check a set; ``quick`` leaves out the proofs in the simulator.
 
     Raises:
         UsageError: the folder holds no readable shape set.
@@ -84,7 +79,6 @@ def _pack_problems(shapes: ShapeSet) -> Iterator[str]:
 
 
 def _manifest_problems(shapes: ShapeSet) -> Iterator[str]:
-    """Yield what is wrong between shapes: names, copies, split and families."""
     listed = shapes.shapes
     if len(listed) != shapes.document["count"]:
         yield f"{len(listed)} shapes are listed, the count says {shapes.document['count']}"
@@ -109,7 +103,6 @@ def _manifest_problems(shapes: ShapeSet) -> Iterator[str]:
 
 
 def _number_problems(shape: Shape, body: Body) -> Iterator[str]:
-    """Yield where the manifest's numbers are not the record's."""
     if not np.isfinite([body.mass, *body.inertia, *shape.extents]).all():
         yield f"{shape.name}: a mass, moment or extent is not a finite number"
         return

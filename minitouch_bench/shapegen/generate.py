@@ -41,9 +41,7 @@ class GenerateResult:
 def generate(
     folder: Path, count: int, root: int, workers: int, progress: Progress = lambda *_: None
 ) -> GenerateResult:
-    """Make shapes 0 to ``count`` - 1 of seed ``root`` and write them as a set.
-
-    What an interrupted generation had made is kept and used.
+    """Make shapes 0 to ``count`` - 1 of seed ``root``, using those kept, and write them as a set.
 
     Raises:
         RunDirectoryError: another generator works in the folder, or it holds something else.

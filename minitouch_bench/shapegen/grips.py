@@ -77,10 +77,7 @@ _FINGER = """<link name="{name}">
 
 @dataclass(frozen=True)
 class Grasp:
-    """A place for the grasp target: offset from the center of mass in x, y and height, m.
-
-    ``width`` is what must pass between the open pads there, m, inf where nothing fits.
-    """
+    """A grasp target: offset in x, y and height; ``width`` between the pads, inf for none; m."""
 
     x: float
     y: float
@@ -215,10 +212,7 @@ class GripRig:
         return Rest(quaternion, position[2], float(np.arccos(min(1.0, cosine))), speed, spin, gap)
 
     def lift(self, pose: RestPose, angle: float, surface: Points) -> bool:
-        """Grip the body at a yaw with free-standing Panda fingers and raise it; true if it came.
-
-        ``surface``: dense points of the body in its own frame, (N, 3) m.
-        """
+        """Grip a body at a yaw and raise it; true if it came. ``surface``: points (N, 3), m."""
         turned = product(yaw(angle), pose.quaternion)
         grasp = plan_grasp(surface @ rotation_matrix(turned).T + [0.0, 0.0, pose.height])
         if not np.isfinite(grasp.width):
@@ -242,8 +236,8 @@ class GripRig:
         client = self._client
         client.reset_world()
         client.add_box(SLAB_HALF_EXTENTS, SLAB_CENTER, INVISIBLE, mass=0.0, friction=SLAB_FRICTION)
-        place = (0.0, 0.0, height)
-        return client.load_urdf(self._urdf, place, quaternion, inertia_from_file=True)
+        position = (0.0, 0.0, height)
+        return client.load_urdf(self._urdf, position, quaternion, inertia_from_file=True)
 
 
 @contextmanager

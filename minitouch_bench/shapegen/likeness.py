@@ -90,10 +90,7 @@ def near_duplicates(bodies: Sequence[Body]) -> tuple[Pair, ...]:
 
 
 def cell_fills(solid: Solid) -> Points:
-    """Return the volume of a solid in each cell of the grid, float64 (CELLS, CELLS, CELLS), m³.
-
-    Exact along z; in x and y it is averaged over ``RAYS``.
-    """
+    """Return a solid's volume (m³) per cell, float64 (CELLS,) * 3, by ``RAYS`` along z."""
     floors = CELL * (np.arange(CELLS) - CELLS / 2)
     low, high = np.array(solid.bounding_box()).reshape(2, 3)
     heights = np.zeros((CELLS, CELLS, CELLS))
@@ -165,10 +162,7 @@ def _permuted(
 def biased_split(
     values: Points, families: Sequence[str], bias: float, rng: np.random.Generator
 ) -> NDArray[np.bool_]:
-    """Return a split that holds out a fifth of each family, tilted towards large ``values``.
-
-    ``bias`` 0 is a fair draw, 1 holds out the largest.
-    """
+    """Return a held-out fifth of each family; ``bias`` 0 is fair, 1 takes large ``values``."""
     names = np.array(families)
     held = np.zeros(len(names), dtype=bool)
     for name in sorted(set(families)):

@@ -122,10 +122,10 @@ class ShapeSet:
         Raises:
             UsageError: there is no such split.
         """
-        found = tuple(shape for shape in self.shapes if shape.split == name)
-        if not found:
+        shapes = tuple(shape for shape in self.shapes if shape.split == name)
+        if not shapes:
             raise UsageError(f"shape set '{self.name}' has no split '{name}': train or held-out")
-        return found
+        return shapes
 
     def by_name(self, name: str) -> Shape:
         """Return one shape.
@@ -285,9 +285,9 @@ def _numbered_splits(seed: int, families: Sequence[str]) -> Iterator[str]:
     """Yield the split of every shape by its number: one in each five of a family is held out."""
     seen: Counter[str] = Counter()
     for family in families:
-        group, place = divmod(seen[family], GROUP)
+        group, turn = divmod(seen[family], GROUP)
         chosen = int(_hash(f"{seed}/{family}/{group}"), 16) % GROUP
-        yield HELD_OUT if place == chosen else TRAIN
+        yield HELD_OUT if turn == chosen else TRAIN
         seen[family] += 1
 
 

@@ -162,10 +162,7 @@ def _squared_distances(points: Points, corners: Points) -> Points:
 
 
 def first_hits(origins: Points, directions: Points, mesh: Mesh) -> tuple[Points, NDArray[np.int64]]:
-    """Cast rays at a mesh; return the distance (inf: none) and face of each first hit.
-
-    Hits closer than 1e-6 m are the ray's own face and do not count.
-    """
+    """Return distance (inf: none) and face of each ray's first hit, 1e-6 m or more away."""
     corners = mesh.triangles
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     cross = np.cross(directions[:, None], second[None])

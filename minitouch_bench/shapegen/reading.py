@@ -32,12 +32,12 @@ def find_objects(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise UsageError(f"{folder} is no folder")
-    found = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
+    files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
     claimed: set[Path] = set()
-    for path in found:
+    for path in files:
         if path.suffix.lower() == ".urdf":
             claimed.update(name.resolve() for name, _ in _urdf_meshes(path, strict=False))
-    objects = [path for path in found if path.resolve() not in claimed]
+    objects = [path for path in files if path.resolve() not in claimed]
     if not objects:
         raise UsageError(f"{folder} holds no object: looked for {', '.join(SUFFIXES)}")
     return objects
@@ -116,7 +116,7 @@ def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, tuple[floa
     links = root.findall("link")
     if strict and len(links) != 1:
         raise UnreadableError(f"a URDF of {len(links)} links, not one")
-    found: list[tuple[Path, tuple[float, ...]]] = []
+    meshes: list[tuple[Path, tuple[float, ...]]] = []
     for link in links:
         for mesh in link.findall("collision/geometry/mesh") or link.findall("visual/geometry/mesh"):
             name = mesh.get("filename", "").removeprefix("package://")
@@ -126,7 +126,7 @@ def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, tuple[floa
                 if strict:
                     raise UnreadableError("the URDF's scale is no three numbers") from error
                 continue
-            found.append((path.parent / name, scale if len(scale) == 3 else (1.0, 1.0, 1.0)))
-    if strict and any(file.suffix.lower() == ".urdf" for file, _ in found):
+            meshes.append((path.parent / name, scale if len(scale) == 3 else (1.0, 1.0, 1.0)))
+    if strict and any(file.suffix.lower() == ".urdf" for file, _ in meshes):
         raise UnreadableError("the URDF names a URDF as its mesh")
-    return found
+    return meshes

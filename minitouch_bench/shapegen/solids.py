@@ -45,10 +45,7 @@ def symmetric_difference(first: Solid, second: Solid) -> float:
 
 
 def simplified(mesh: Mesh, faces: int) -> Mesh:
-    """Return a mesh of about ``faces`` faces (quadric edge collapse); smaller ones as they are.
-
-    The result may be no manifold: the caller checks it.
-    """
+    """Return a mesh of about ``faces`` faces (quadric edge collapse), perhaps not a manifold."""
     if len(mesh.faces) <= faces:
         return mesh
     # fast_simplification stalls on coordinates in meters, so it works on a box of side 100.

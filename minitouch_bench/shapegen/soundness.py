@@ -219,9 +219,7 @@ def stable_poses(hull: Mesh, config: SoundnessConfig) -> tuple[RestPose, ...]:
 
 
 def laid_pose(hull: Mesh, poses: Sequence[RestPose], config: SoundnessConfig) -> int:
-    """Return which of a hull's poses the tasks lay it down in.
-
-    That is the first, so the likeliest, which is high enough and narrow enough at every yaw.
+    """Return the likeliest of a hull's poses that is high enough, and narrow enough at every yaw.
 
     Raises:
         UnsoundError: there is none.
@@ -292,10 +290,7 @@ def settled_poses(
 
 
 def with_shares(hull: Mesh, held: tuple[RestPose, ...]) -> tuple[RestPose, ...]:
-    """Return held poses, likeliest first, with shares of all drops that sum to 1.
-
-    Every face a drop can end on, however small, counts for the held pose nearest to it.
-    """
+    """Return held poses, likeliest first, each with the drops that end nearest to it."""
     downs = np.array([pose.rotation[2] for pose in held])
     shares = np.zeros(len(held))
     for pose in rest_poses(hull, 0.0):

@@ -100,10 +100,7 @@ def _pixels(image: Image) -> NDArray[np.uint8]:
 def seen_on_plane(
     camera: CameraSpec, height: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the x and y (m) at which each pixel's ray meets the plane z = ``height`` (m).
-
-    float64 (SIZE, SIZE) each. Elementwise arithmetic only, so that every processor agrees.
-    """
+    """Return the x and y (m) where each pixel's ray meets z = ``height``, float64 (SIZE, SIZE)."""
     yaw, pitch = math.radians(camera.yaw), math.radians(camera.pitch)
     forward = (-math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch))
     right = (math.cos(yaw), math.sin(yaw), 0.0)

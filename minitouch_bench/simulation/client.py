@@ -17,10 +17,7 @@ ANY_LINK = -2
 
 
 class _OneWorld:
-    """PyBullet's functions, bound to one world.
-
-    ``pybullet_utils.bullet_client`` does the same, but has PyBullet print a line to stdout.
-    """
+    """PyBullet's functions for one world; ``bullet_client`` has PyBullet print a line to stdout."""
 
     def __init__(self, world: int) -> None:
         self._world = world
@@ -30,11 +27,7 @@ class _OneWorld:
 
 
 class PhysicsClient:
-    """A private PyBullet world without a window.
-
-    Two clients never share state. Every call names this client's id, so several can live
-    in one process.
-    """
+    """A private PyBullet world without a window; several can live in one process."""
 
     def __init__(self) -> None:
         self._id: int = pybullet.connect(pybullet.DIRECT)
@@ -73,10 +66,7 @@ class PhysicsClient:
         fixed: bool = False,
         inertia_from_file: bool = False,
     ) -> int:
-        """Load a URDF and return the body's id.
-
-        Without ``inertia_from_file`` PyBullet derives inertia from the collision boxes.
-        """
+        """Load a URDF and return its id; PyBullet derives inertia without ``inertia_from_file``."""
         flags = pybullet.URDF_ENABLE_CACHED_GRAPHICS_SHAPES
         if inertia_from_file:
             flags |= pybullet.URDF_USE_INERTIA_FROM_FILE
@@ -146,10 +136,7 @@ class PhysicsClient:
         return float(self._bullet.getAABB(body, -1)[0][2])
 
     def scale_body(self, body: int, links: Iterable[int], mass: float, friction: float) -> None:
-        """Multiply the mass, with its moments of inertia, and the friction of a body's links.
-
-        Given a mass alone, Bullet puts the moments of a box in place of the file's.
-        """
+        """Multiply the mass, the file's moments of inertia and the friction of a body's links."""
         for link in links:
             known = self._bullet.getDynamicsInfo(body, link)
             self._bullet.changeDynamics(
@@ -219,10 +206,7 @@ class PhysicsClient:
         iterations: int,
         residual: float,
     ) -> tuple[float, ...]:
-        """Return joint positions that bring a link to a pose, starting from where they are.
-
-        ``damping``: one number for every joint that can move.
-        """
+        """Return joint positions for a link's pose; ``damping``: one per movable joint."""
         solution: tuple[float, ...] = self._bullet.calculateInverseKinematics(
             body,
             link,

@@ -193,7 +193,6 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         )
 
     def _build(self, model: ObjectModel | None) -> None:
-        """Draw where everything stands, and build that world."""
         client, task = self.client, self.task
         task.draw(self.np_random, model)
         client.reset_world()
@@ -264,10 +263,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
 
 class HumanRenderer:
-    """A second world, only ever drawn, that mirrors the poses of the simulated one.
-
-    It is built in the same order, so that bodies have the same ids in both.
-    """
+    """A second world, only ever drawn: built in the same order, and posed as the simulated one."""
 
     def __init__(self, width: int, height: int) -> None:
         self._client = PhysicsClient()

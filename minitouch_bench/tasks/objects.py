@@ -115,7 +115,7 @@ def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:
         return canonical.shapes if chosen == ALL else canonical.split(chosen)
     if not isinstance(chosen, Sequence) or not chosen:
         raise UsageError(f"no objects {chosen!r}; give a name, a list of shapes, or a shape set")
-    return tuple(one if isinstance(one, Shape) else canonical.by_name(one) for one in chosen)
+    return tuple(item if isinstance(item, Shape) else canonical.by_name(item) for item in chosen)
 
 
 def shape_model(shape: Shape) -> ObjectModel:

@@ -40,9 +40,9 @@ def object_pool(task: Task, objects: Objects | None) -> ObjectPool | None:
     Raises:
         UsageError: no such objects.
     """
-    own = task.own_object()
+    cube = task.own_object()
     chosen = task.spec.default_objects if objects is None else objects
-    if own is None or not isinstance(task.spec, TabletopSpec):
+    if cube is None or not isinstance(task.spec, TabletopSpec):
         if chosen:
             raise UsageError(f"{task.spec.name} has no object to choose")
         return None
@@ -52,7 +52,7 @@ def object_pool(task: Task, objects: Objects | None) -> ObjectPool | None:
 
     def load(name: str) -> ObjectModel:
         if name == CUBE:
-            return own
+            return cube
         shape = known.get(name) or (others or canonical_shape_set()).by_name(name)
         return shape_model(shape)
 

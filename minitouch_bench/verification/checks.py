@@ -20,7 +20,7 @@ from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Outcome, Role, 
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import SUITES
 from minitouch_bench.runs.run import NAMED, Run, RunHeader, run_json, why_unofficial
-from minitouch_bench.verification.problems import ROUNDING, Problem, compare_values
+from minitouch_bench.verification.problems import Problem, compare_values
 
 IDENTITY = ("seed", "shape", "family", "split")
 """What the suite fixes of an episode, beside its task and index."""
@@ -183,7 +183,7 @@ def _estimates(run: Run) -> Iterator[Problem]:
     expected = summarize(plan.tasks, run.episodes, run.exploration_episodes, plan.seed)
     curveless = (replace(task, touch_curve=(), touch_curve_episodes=()) for task in tasks)
     recorded = replace(run.summary, tasks=tuple(curveless))
-    differences = compare_values("summary", plain(recorded), plain(expected), ROUNDING)
+    differences = compare_values("summary", plain(recorded), plain(expected))
     # A few of them: one edited figure shows in several places.
     for difference in islice(differences, 2 * NAMED):
         yield replace(difference, remedy=AS_WRITTEN)

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from minitouch_bench.errors import InfrastructureError, MiniTouchError
 from minitouch_bench.evaluation.actors import RecordedActor, Recording
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
+from minitouch_bench.optional import extras
 from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.isolation import landlock
 from minitouch_bench.policies.policy import zero_observation
@@ -122,28 +123,21 @@ def _failed(name: str, error: MiniTouchError) -> Check:
 
 def _packages() -> str:
     versions = {name: version(name) for name in ("minitouch-bench", "torch", "numpy", "gymnasium")}
-    found = ", ".join(
+    listed = ", ".join(
         f"{name} {number}" for name, number in {**versions, **installed_builds()}.items()
     )
-    absent = [extra for extra, packages in _extras().items() if not all(map(_installed, packages))]
+    absent = [
+        extra
+        for extra, needed in extras().items()
+        if extra != "dev" and not all(map(_is_installed, needed))
+    ]
     hint = f"; without the extras {', '.join(absent)}" if absent else "; every extra"
-    return found + hint
+    return listed + hint
 
 
-def _extras() -> dict[str, list[str]]:
-    """Return what each extra for users brings, as the installed package declares it."""
-    found: dict[str, list[str]] = {}
-    for line in requires("minitouch-bench") or ():
-        package, _, extra = line.partition(" extra == ")
-        name = re.split(r"[^A-Za-z0-9._-]", package, maxsplit=1)[0]
-        if extra and name != "minitouch-bench" and extra.strip("\"'") != "dev":
-            found.setdefault(extra.strip("\"'"), []).append(name)
-    return found
-
-
-def _installed(package: str) -> bool:
+def _is_installed(requirement: str) -> bool:
     try:
-        return bool(version(package))
+        return bool(version(re.split(r"[^A-Za-z0-9._-]", requirement, maxsplit=1)[0]))
     except PackageNotFoundError:
         return False
 
@@ -194,8 +188,8 @@ def _simulation(workers: int) -> Iterator[Check]:
     elapsed = time.monotonic() - began
     yield _same("fresh process repeats", here, fresh, "in another process")
     shuffled = np.random.default_rng().permutation(len(specs))
-    found = _run(workers, recording, [specs[i] for i in shuffled])
-    yield _same("order and workers", here, found, f"with {workers} workers in another order")
+    bits = _run(workers, recording, [specs[i] for i in shuffled])
+    yield _same("order and workers", here, bits, f"with {workers} workers in another order")
     with tempfile.TemporaryDirectory() as folder:
         crashed = _run(
             1, CrashingOnce(actions=recording.actions, marker=Path(folder) / "died"), specs
@@ -218,8 +212,8 @@ def _run(workers: int, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Bit
     return {record.spec.key: record.trace.digest() for record in engine.run(source, specs)}
 
 
-def _same(name: str, here: Bits, found: Bits, how: str) -> Check:
-    other = sorted(key for key in here if here[key] != found.get(key))
+def _same(name: str, here: Bits, again: Bits, how: str) -> Check:
+    other = sorted(key for key in here if here[key] != again.get(key))
     if other:
         return Check(name, Verdict.FAIL, f"other bits {how}: {', '.join(other)}")
     return Check(name, Verdict.OK, f"{len(here)} episodes of {len(TASKS)} tasks, same bits {how}")

@@ -24,10 +24,7 @@ def new_draw() -> str:
 
 
 def fresh_seed(checkpoint: str, draw: str) -> int:
-    """Return the seed of a run's fresh episodes, 0 to 2^256 - 1, for ``evaluate --seed``.
-
-    SHA-256 over the checkpoint's own SHA-256, as in the run, and the draw.
-    """
+    """Return SHA-256 over checkpoint and draw: the seed of fresh episodes, 0 to 2^256 - 1."""
     return int.from_bytes(hashlib.sha256(f"{checkpoint} {draw}".encode()).digest(), "big")
 
 
@@ -50,10 +47,7 @@ class FreshResult:
 def compare_fresh(
     official: Sequence[EpisodeMetrics], fresh: Sequence[EpisodeMetrics], role: Role, task: str
 ) -> FreshResult:
-    """Compare one task's episodes, one-sided.
-
-    Shares by Fisher's exact test, anything else by Mann and Whitney's.
-    """
+    """Compare a task's episodes, one-sided, by Fisher's or Mann and Whitney's test."""
     metric = METRICS[ranking_metric(task)]
     before, after = metric.values(official), metric.values(fresh)
     if {*before, *after} <= {0.0, 1.0}:
@@ -67,4 +61,4 @@ def compare_fresh(
 
 def significant_drops(results: Sequence[FreshResult]) -> tuple[FreshResult, ...]:
     """Return the results that an honest policy would hardly give."""
-    return tuple(one for one in results if one.p < SIGNIFICANCE / len(results))
+    return tuple(result for result in results if result.p < SIGNIFICANCE / len(results))

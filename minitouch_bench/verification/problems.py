@@ -63,10 +63,7 @@ class Problems:
 
     @contextmanager
     def caught(self, place: str, remedy: str = "") -> Iterator[None]:
-        """Keep what an error of the block says of files and policies, and go on behind it.
-
-        Other errors pass: they say that the check could not be made, not that it failed.
-        """
+        """Keep what the block's errors say of files and policies, and go on; other errors pass."""
         try:
             yield
         except UnreadableFileError as error:
@@ -80,43 +77,33 @@ def _shown(text: str) -> str:
     return plain if len(plain) <= SHOWN_CHARACTERS else f"{plain[:SHOWN_CHARACTERS]}…"
 
 
-def compare_values(
-    place: str, recorded: Any, found: Any, tolerance: float = 0.0
-) -> Iterator[Problem]:
-    """Walk through two JSON values and yield each place where they differ.
-
-    Floating-point numbers may differ by ``tolerance``, relative; 0 compares bit for bit.
-    """
-    if isinstance(recorded, Mapping) and isinstance(found, Mapping):
-        for key in dict.fromkeys([*recorded, *found]):
-            inner = f"{place}.{key}" if place else str(key)
-            if key not in recorded or key not in found:
-                yield Problem(inner, "missing" if key in found else "should not be there")
+def compare_values(path: str, recorded: Any, computed: Any) -> Iterator[Problem]:
+    """Yield each place where two JSON values differ; estimates may differ by ROUNDING."""
+    if isinstance(recorded, Mapping) and isinstance(computed, Mapping):
+        for key in dict.fromkeys([*recorded, *computed]):
+            inner = f"{path}.{key}" if path else str(key)
+            if key not in recorded or key not in computed:
+                yield Problem(inner, "missing" if key in computed else "should not be there")
             else:
-                yield from compare_values(inner, recorded[key], found[key], tolerance)
-    elif _is_list(recorded) and _is_list(found):
-        if len(recorded) != len(found):
-            yield Problem(place, f"{len(recorded)} entries recorded, {len(found)} found")
+                yield from compare_values(inner, recorded[key], computed[key])
+    elif _is_list(recorded) and _is_list(computed):
+        if len(recorded) != len(computed):
+            yield Problem(path, f"{len(recorded)} entries recorded, {len(computed)} found")
         else:
-            for index, pair in enumerate(zip(recorded, found, strict=True)):
-                yield from compare_values(f"{place}[{index}]", *pair, tolerance)
-    elif not _equal(recorded, found, tolerance):
-        yield Problem(place, f"{_value(recorded)} recorded, {_value(found)} found")
+            for index, pair in enumerate(zip(recorded, computed, strict=True)):
+                yield from compare_values(f"{path}[{index}]", *pair)
+    elif not _equal(recorded, computed):
+        yield Problem(path, f"{_value(recorded)} recorded, {_value(computed)} found")
 
 
 def _is_list(value: Any) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 
-def _equal(recorded: Any, found: Any, tolerance: float) -> bool:
-    """Compare two plain values; 1 and 1.0 are the same JSON number, 1 and true are not."""
-    if isinstance(recorded, bool) or isinstance(found, bool):
-        return recorded is found
-    if isinstance(recorded, float) and isinstance(found, float) and math.isnan(found):
-        return math.isnan(recorded)
-    if tolerance and isinstance(recorded, float) and isinstance(found, float):
-        return math.isclose(recorded, found, rel_tol=tolerance, abs_tol=NEARLY_ZERO)
-    return bool(recorded == found)
+def _equal(recorded: Any, computed: Any) -> bool:
+    if isinstance(recorded, float) and isinstance(computed, float):
+        return math.isclose(recorded, computed, rel_tol=ROUNDING, abs_tol=NEARLY_ZERO)
+    return bool(recorded == computed)
 
 
 def _value(value: Any) -> str:

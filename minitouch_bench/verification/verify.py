@@ -20,10 +20,7 @@ from minitouch_bench.verification.problems import Problem
 
 @dataclass(frozen=True)
 class Verification:
-    """What a check of a run gave.
-
-    ``episodes`` were replayed, ``reran`` run with the policy, drawn with the seed ``draw``.
-    """
+    """A check's result; ``reran``: episodes run with the policy, drawn with the seed ``draw``."""
 
     episodes: int
     problems: tuple[Problem, ...]
@@ -57,9 +54,7 @@ def verify_run(
 def replay_run(
     run: Run, engine: Engine, on_record: Callable[[EpisodeRecord], None] = lambda _: None
 ) -> Verification:
-    """Replay every episode of a run that ``check_run`` passes: see ``verify_run``.
-
-    ``on_record`` takes each replayed episode.
+    """Replay a run that ``check_run`` passes (see ``verify_run``); ``on_record`` takes episodes.
 
     Raises:
         InfrastructureError: an episode could not be replayed.
@@ -103,10 +98,7 @@ def _with_claims(record: EpisodeRecord, row: EpisodeMetrics) -> EpisodeRecord:
 
 
 def draw_episodes(run: Run, count: int, rng: np.random.Generator) -> tuple[EpisodeSpec, ...]:
-    """Draw so many episodes of a run, or all it has, in the run's order.
-
-    Whoever made the run must not be able to foresee them: seed ``rng`` from the machine.
-    """
+    """Draw so many episodes of a run, in its order; nobody may foresee ``rng``."""
     specs = run.header.specs()
     size = min(count, len(specs))
     return tuple(specs[i] for i in sorted(rng.choice(len(specs), size, replace=False)))

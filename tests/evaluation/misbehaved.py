@@ -7,6 +7,23 @@ from pathlib import Path
 import numpy as np
 
 
+def deaths_left() -> int:
+    return int(Path(os.environ["DEATHS"]).read_text())
+
+
+def die(left: int) -> None:
+    Path(os.environ["DEATHS"]).write_text(str(left - 1))
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def kill_worker(left: int) -> None:
+    Path(os.environ["DEATHS"]).write_text(str(left - 1))
+    host = os.getppid()
+    worker = int(Path(f"/proc/{host}/stat").read_text().rpartition(")")[2].split()[1])
+    os.kill(worker, signal.SIGKILL)
+    signal.pause()
+
+
 class Still:
     def reset(self, seed, task):
         self.task = task
@@ -58,14 +75,9 @@ class KillsItsWorkerOnce(Still):
     """Kills the worker process, which is the parent of its host; how often, a file says."""
 
     def act(self, observation):
-        file = Path(os.environ["DEATHS"])
-        left = int(file.read_text())
+        left = deaths_left()
         if left:
-            file.write_text(str(left - 1))
-            host = os.getppid()
-            worker = int(Path(f"/proc/{host}/stat").read_text().rpartition(")")[2].split()[1])
-            os.kill(worker, signal.SIGKILL)
-            signal.pause()
+            kill_worker(left)
         return super().act(observation)
 
 
@@ -76,11 +88,9 @@ class IsKilled(Still):
 
     def act(self, observation):
         self.steps += 1
-        file = Path(os.environ["DEATHS"])
-        left = int(file.read_text())
+        left = deaths_left()
         if left and self.steps == 3:
-            file.write_text(str(left - 1))
-            os.kill(os.getpid(), signal.SIGKILL)
+            die(left)
         return super().act(observation)
 
 
@@ -88,7 +98,7 @@ class TriesItsLuck(IsKilled):
     """Acts otherwise after each death: what it would gain is another chance."""
 
     def act(self, observation):
-        return super().act(observation) + np.float32(int(Path(os.environ["DEATHS"]).read_text()))
+        return super().act(observation) + np.float32(deaths_left())
 
 
 class KillsItsWorker(Still):
@@ -98,14 +108,9 @@ class KillsItsWorker(Still):
 
     def act(self, observation):
         self.steps += 1
-        file = Path(os.environ["DEATHS"])
-        left = int(file.read_text())
+        left = deaths_left()
         if left and self.steps == 3:
-            file.write_text(str(left - 1))
-            host = os.getppid()
-            worker = int(Path(f"/proc/{host}/stat").read_text().rpartition(")")[2].split()[1])
-            os.kill(worker, signal.SIGKILL)
-            signal.pause()
+            kill_worker(left)
         return super().act(observation) + np.float32(0 if left else 0.1)
 
 
@@ -113,10 +118,8 @@ class ForgetsInBetween(IsKilled):
     """Gives three actions and is killed, gives none and is killed, and then acts otherwise."""
 
     def act(self, observation):
-        file = Path(os.environ["DEATHS"])
-        left = int(file.read_text())
+        left = deaths_left()
         self.steps += 1
         if left == 1 or (left == 2 and self.steps == 3):
-            file.write_text(str(left - 1))
-            os.kill(os.getpid(), signal.SIGKILL)
+            die(left)
         return np.full(5, left / 10, np.float32)

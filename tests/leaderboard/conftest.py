@@ -1,9 +1,21 @@
 import shutil
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
 
+from minitouch_bench.metrics.summary import summarize
 from tests.leaderboard.synthetic import make_submission
+
+
+@pytest.fixture(scope="package", autouse=True)
+def summarize_once():
+    """Estimate the same episodes once in all: most of these tests spoil something else."""
+    with pytest.MonkeyPatch.context() as patch:
+        remembered = lru_cache(maxsize=16)(summarize)
+        for module in ("runs.run", "verification.checks"):
+            patch.setattr(f"minitouch_bench.{module}.summarize", remembered)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -14,8 +14,8 @@ import pytest
 from minitouch_bench.documents import plain
 from minitouch_bench.leaderboard.board import CALIBRATION, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
-from minitouch_bench.leaderboard.build import build_board, find_submissions, read_entry
-from minitouch_bench.leaderboard.entries import Ending
+from minitouch_bench.leaderboard.build import build_board, find_submissions, index_html
+from minitouch_bench.leaderboard.endings import Ending
 from minitouch_bench.leaderboard.proof import (
     MAX_PROOF,
     ProofLevel,
@@ -25,16 +25,15 @@ from minitouch_bench.leaderboard.proof import (
 )
 from minitouch_bench.leaderboard.scores import (
     BOARD_METRICS,
-    GAP_PARTS,
     MEAN_SUCCESS,
     OVERALL,
     score_gaps,
 )
-from minitouch_bench.leaderboard.site import index_html
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.leaderboard.views import views
 from minitouch_bench.metrics.definitions import ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds, quadrature
+from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.rendering.tables import estimate_cell
 from minitouch_bench.reporting.report import build_report
@@ -67,13 +66,13 @@ def built(submissions, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def entries(submissions):
-    return [read_entry(path) for path in find_submissions(submissions)]
+def verdicts(submissions):
+    return [validate(path, trust_proofs=True) for path in find_submissions(submissions)]
 
 
 @pytest.fixture(scope="module")
-def board(entries):
-    return make_board(entries)
+def board(verdicts):
+    return make_board(verdicts)
 
 
 @pytest.fixture(scope="module")
@@ -200,11 +199,11 @@ def test_calibrations_have_no_rank(board, rows):
     assert board.missing_calibration == CALIBRATION[1:]
 
 
-def test_every_episode_has_one_ending(entries, rows):
+def test_every_episode_has_one_ending(verdicts, rows):
     counts = rows["hac"].endings
     assert all(sum(own.values()) == 100 for own in counts.values())
     assert counts["pushing"][Ending.FAULT] == 4
-    (hac,) = [entry for entry in entries if entry.about.name == "hac"]
+    (hac,) = [verdict for verdict in verdicts if verdict.submission.name == "hac"]
     won = sum(episode.success for episode in hac.episodes("table4", "pushing")[0])
     assert counts["pushing"][Ending.SUCCEEDED] == won
     assert sum(rows["seeds"].endings["opening"].values()) == 300
@@ -217,8 +216,8 @@ def test_the_same_episodes_under_another_name_are_told(submissions, tmp_path):
     copied = make_submission(root, "copied", 0.5)
     shutil.rmtree(copied / "seed-0")
     shutil.copytree(root / "near" / "seed-0", copied / "seed-0")
-    places = [root / "near", copied]
-    same = {row.name: row.same_episodes_as for row in make_board(map(read_entry, places)).unranked}
+    board = make_board([validate(root / "near", trust_proofs=True), validate(copied)])
+    same = {row.name: row.same_episodes_as for row in board.unranked}
     assert same == {"near": ("copied",), "copied": ("near",)}
 
 
@@ -230,7 +229,7 @@ def test_a_copy_without_a_rank_is_told_and_filtered_on_the_site(submissions, tmp
     copied = make_submission(root, "copied", 0.5, level=ProofLevel.SELF_REPORTED)
     shutil.rmtree(copied / "seed-0")
     shutil.copytree(root / "near" / "seed-0", copied / "seed-0")
-    board = make_board([read_entry(root / "near"), read_entry(copied)])
+    board = make_board([validate(root / "near", trust_proofs=True), validate(copied)])
     (overall, *_) = index_html(board, views(board)).split("</section>")
     _, ranked, unranked, _ = overall.split("<tbody")
     for part, name, other in ((ranked, "near", "copied"), (unranked, "copied", "near")):
@@ -290,8 +289,8 @@ def with_method(row, method):
     return replace(row, method=method)
 
 
-def test_the_board_does_not_depend_on_the_order_of_submissions(entries, board):
-    assert board_csv(make_board(reversed(entries))) == board_csv(board)
+def test_the_board_does_not_depend_on_the_order_of_submissions(verdicts, board):
+    assert board_csv(make_board(verdicts[::-1])) == board_csv(board)
 
 
 def write_debris(path):

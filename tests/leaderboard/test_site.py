@@ -4,7 +4,6 @@ import json
 import re
 import time
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
@@ -25,6 +24,7 @@ from minitouch_bench.verification.fresh import FreshResult
 from tests.leaderboard.browser import CHROMIUM, Browser
 from tests.leaderboard.synthetic import ABOUT, make_submission
 from tests.leaderboard.test_validation import as_written
+from tests.reporting.html_page import Page
 
 needs_browser = pytest.mark.skipif(
     CHROMIUM is None, reason="needs a browser: apt-get install chromium"
@@ -254,29 +254,6 @@ def wait_for(browser: Browser, condition: str) -> None:
 
 
 # As text
-
-
-class Page(HTMLParser):
-    VOID = frozenset({"meta", "link", "img", "br", "input"})
-
-    def __init__(self, content: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.ids: list[str] = []
-        self.attributes: list[tuple[str, dict[str, str | None]]] = []
-        self.feed(content)
-
-    def handle_starttag(self, tag, attrs):
-        self.attributes.append((tag, dict(attrs)))
-        self.ids += [value for name, value in attrs if name == "id"]
-        if tag not in self.VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.attributes.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag, tag
 
 
 @pytest.mark.parametrize("page", ["index.html", "submission/hac.html", "submission/random.html"])

@@ -96,8 +96,7 @@ ACTS = {
     "say_nothing": lambda: say_only(b""),
     "speak_at_length": lambda: say_only(bytes((Frame.ACTION,)) * (MAX_PAYLOAD + 2)),
     "speak_without_end": speak_without_end,
-    "cut_short": lambda: say_only(pack_frame(Frame.ACTION, pack_action(np.ones(4)))[:-1]),
-    "name_no_type": lambda: say_only(pack_frame(Frame.ACTION, b",\0\0\0\0\0\0\0\0")),
+    "cut_short": lambda: say_only(pack_frame(Frame.ACTION, bytes(15))),
     "claim_refusal": lambda: say_only(pack_frame(Frame.REFUSED, b"refused")),
     "claim_no_sandbox": lambda: say_only(pack_frame(Frame.UNCONFINED, b"no sandbox")),
     "answer_ahead": answer_ahead,
@@ -151,14 +150,14 @@ def ready_at_once():
     return Misbehaving()
 
 
-class NamesNoType:
-    """Sends an action whose type only a parser of Python would read, at the first look."""
+class CutsShort:
+    """Sends a part of an action at the first look."""
 
     def reset(self, seed, task):
         pass
 
     def act(self, observation):
-        ACTS["name_no_type"]()
+        ACTS["cut_short"]()
 
 
 def told_factory(deterministic):

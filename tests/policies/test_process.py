@@ -89,9 +89,8 @@ def gone(pid):
         ("speak_nonsense", PolicyExitError, "broke the protocol: a packet of kind 255"),
         ("say_nothing", PolicyExitError, "closed its connection$"),
         ("speak_at_length", PolicyExitError, "a packet of more than 65536 bytes"),
-        ("speak_without_end", PolicyExitError, "an action whose type"),
-        ("cut_short", PolicyExitError, "an action whose type"),
-        ("name_no_type", PolicyExitError, "broke the protocol: an action whose type"),
+        ("speak_without_end", PolicyExitError, "broke the protocol: an action of 65535 bytes"),
+        ("cut_short", PolicyExitError, "an action of 15 bytes, not 16"),
         ("claim_refusal", PolicyExitError, "REFUSED is not an answer to ACT"),
         ("claim_no_sandbox", PolicyExitError, "UNCONFINED is not an answer to ACT"),
         ("nan", InvalidActionError, "NaN"),
@@ -323,7 +322,7 @@ def test_a_policy_that_fails_at_probing_may_still_be_loadable():
 
 
 def test_nothing_a_policy_sends_at_the_first_look_is_our_failure():
-    try_policy(factory("NamesNoType"), ["pushing"], IsolationOptions(Isolation.PROCESS, trust=True))
+    try_policy(factory("CutsShort"), ["pushing"], IsolationOptions(Isolation.PROCESS, trust=True))
 
 
 def test_the_scripted_policy_has_no_process():

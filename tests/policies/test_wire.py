@@ -37,65 +37,13 @@ def test_observation_of_another_form_is_refused(observation):
         unpack_observation(b"123")
 
 
-@pytest.mark.parametrize(
-    "raw",
-    [
-        np.array([1.5, np.nan, np.inf, -0.0], np.float32),
-        np.zeros((1, 5)),
-        np.arange(4),
-        np.zeros((0,), np.float32),
-        np.float16(3.0),
-        np.array([True]),
-    ],
-)
-def test_numbers_survive_bit_by_bit(raw):
-    back = unpack_action(pack_action(raw))
-    assert back.dtype == raw.dtype
-    assert back.shape == raw.shape
-    assert back.tobytes() == raw.tobytes()
-
-
-def test_large_arrays_travel_without_their_numbers():
-    payload = pack_action(np.ones((1000, 1000)))
-    assert len(payload) < 100
-    assert unpack_action(payload).shape == (1000, 1000)
-
-
-@pytest.mark.parametrize("raw", [None, "text", {"a": 1}, [[1.0], [1.0, 2.0]], object()])
-def test_what_is_no_array_becomes_an_object(raw):
-    assert unpack_action(pack_action(raw)).dtype == object
-
-
-@pytest.mark.parametrize(
-    "payload",
-    [
-        b"",
-        b"<f4",
-        b"<f4\0\0\0\0\0\1" + b"\4" + b"\0" * 7,
-        b"nonsense\1" + b"\4" + b"\0" * 23,
-        b"<f8\0\0\0\0\0\2" + b"\xff" * 16 + b"12345678",
-        b"<f8\0\0\0\0\0\2" + b"\xff" * 16,
-        b"<f8\0\0\0\0\0\2" + b"\xff" * 8 + b"\0" * 8,
-        b",\0\0\0\0\0\0\0\0",
-        b"<M8[s]\0\0\0",
-    ],
-)
-def test_hostile_actions_are_refused(payload):
-    with pytest.raises(WireError):
-        unpack_action(payload)
-
-
-def test_random_bytes_are_an_action_or_refused_and_nothing_else():
-    generator = np.random.default_rng(0)
-    real = pack_action(np.ones(4, np.float32))
-    for _ in range(2000):
-        payload = bytearray(real)
-        for at in generator.integers(0, len(real), generator.integers(1, 8)):
-            payload[at] = generator.integers(0, 256)
-        try:
-            assert isinstance(unpack_action(bytes(payload)), np.ndarray)
-        except WireError:
-            continue
+def test_an_action_survives_and_one_of_another_length_is_refused():
+    action = np.array([1.0, -0.5, 1e-8, -0.0], np.float32)
+    payload = pack_action(action)
+    assert unpack_action(payload, 4).tobytes() == action.tobytes()
+    for other in (b"", payload[:-1], payload + b"\0", payload * 1000):
+        with pytest.raises(WireError, match=f"an action of {len(other)} bytes, not 16"):
+            unpack_action(other, 4)
 
 
 @pytest.mark.parametrize("kind", [0, 99, 255])

@@ -1,12 +1,9 @@
-import io
 import json
-import re
 from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import UsageError
@@ -14,7 +11,7 @@ from minitouch_bench.regression.gate import Decision, judge_runs
 from minitouch_bench.regression.settings import GateSettings, Tolerance
 from minitouch_bench.regression.tables import result_line
 from minitouch_bench.regression.writers import gate_json, gate_junit, gate_markdown, show_result
-from tests.regression.pairs import flags, make_saved, values, with_header
+from tests.regression.pairs import flags, make_saved, outside_code, shown, values, with_header
 from tests.reporting.conftest import HOSTILE
 
 N = 100
@@ -208,9 +205,7 @@ def test_other_conditions_are_refused():
 )
 def test_it_ends_in_the_answer_and_the_command_to_type_next(other, line, command):
     result = judged(other, GateSettings(tolerance=Tolerance(0.02)))
-    console = Console(width=120, record=True, file=io.StringIO())
-    show_result(result, console)
-    answer, following = console.export_text().strip().splitlines()[-2:]
+    answer, following = shown(show_result, result).strip().splitlines()[-2:]
     assert answer.startswith(line)
     assert following.startswith("next: minitouch-bench ")
     assert command in following or "replay" in following
@@ -269,17 +264,10 @@ def test_the_summary_begins_with_the_answer():
 
 
 def test_the_screen_shows_every_metric_in_its_width():
-    console = Console(width=120, record=True, file=io.StringIO())
-    show_result(judged(candidate(70)), console)
-    text = console.export_text()
+    text = shown(show_result, judged(candidate(70)))
     for wanted in ("What decides: Success ↑", "Success ↑ (share of episodes)", "Mean"):
         assert wanted in text
     assert max(map(len, text.splitlines()[:-2])) <= 120  # the last two stay whole, to be copied
-
-
-def outside_code(page):
-    """The page without its code spans, in which GitHub shows everything as it is."""
-    return re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", page)
 
 
 def test_hostile_names_are_harmless_everywhere():
@@ -287,8 +275,7 @@ def test_hostile_names_are_harmless_everywhere():
     result = judge_runs(BASELINE, hostile, (HOSTILE, HOSTILE), STANDARD)
     page = gate_markdown(result)
     assert "<script>" not in outside_code(page)
-    console = Console(width=120, record=True, file=io.StringIO())
-    show_result(result, console)
-    for text in (page, gate_junit(result), console.export_text(), result.next_command):
+    screen = shown(show_result, result)
+    for text in (page, gate_junit(result), screen, result.next_command):
         assert "\x1b" not in text
     ElementTree.fromstring(gate_junit(result))

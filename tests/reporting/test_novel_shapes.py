@@ -15,7 +15,7 @@ from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.charts import Dot
 from minitouch_bench.rendering.tables import ABSENT
 from minitouch_bench.reporting.figures import split_figures
-from minitouch_bench.reporting.frames import DIFFERENCE, csv_text, generalization_frame
+from minitouch_bench.reporting.frames import csv_text, generalization_frame
 from minitouch_bench.reporting.labels import describe_runs
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.tables import novel_shapes, table4, verdict
@@ -99,7 +99,7 @@ def test_a_run_of_one_split_has_no_file_and_no_section(tmp_path, hac):
 def test_csv_is_long_and_signed(novel):
     rows = list(csv.DictReader(io.StringIO(csv_text(generalization_frame([novel])))))
     own = [r for r in rows if (r["task"], r["family"], r["metric"]) == ("pushing", "", "success")]
-    assert [row["split"] for row in own] == ["held-out", "train", DIFFERENCE]
+    assert [row["split"] for row in own] == ["held-out", "train", "held-out minus train"]
     gap = next(r for r in novel.summary.generalization if r.task == "pushing").gaps["success"]
     assert float(own[2]["low"]) == gap.difference.low < 0
     assert own[2]["method"] == "newcombe"

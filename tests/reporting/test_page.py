@@ -2,7 +2,6 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
@@ -10,26 +9,10 @@ import pytest
 from minitouch_bench.reporting.report import Video, build_report
 from minitouch_bench.reporting.views import write_report
 from minitouch_bench.reporting.writers import to_html
+from tests.reporting.html_page import Page
 from tests.reporting.synthetic import make_run, save
 
 CHROMIUM = shutil.which("chromium")
-VOID = {"meta", "link", "img", "br", "wbr", "input"}
-
-
-class Page(HTMLParser):
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.attributes: list[tuple[str, dict[str, str | None]]] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.attributes.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag, tag
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +23,8 @@ def page(hac, scripted) -> str:
 def test_tags_are_closed_and_ids_are_unique(page):
     parsed = Page(page)
     assert parsed.open == []
-    ids = [attributes["id"] for tag, attributes in parsed.attributes if "id" in attributes]
     # Equal drawings share a marker of equal content; everything else has a name of its own.
-    own = [name for name in ids if not re.fullmatch(r"[mpC_\d][\da-f_]+", name)]
+    own = [name for name in parsed.ids if not re.fullmatch(r"[mpC_\d][\da-f_]+", name)]
     assert len(own) == len(set(own))
 
 

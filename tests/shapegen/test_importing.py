@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.shapegen import importing
 from minitouch_bench.shapegen.exporting import export
 from minitouch_bench.shapegen.importing import ImportConfig, import_objects, import_one
 from minitouch_bench.shapegen.manifest import load_shape_set
@@ -61,11 +62,16 @@ def test_fit_gives_a_size_the_hand_can_grip(tmp_path: Path) -> None:
     assert refusal(tmp_path / "big.stl", ImportConfig(fit=True)) == ""
 
 
-def test_every_file_s_name_becomes_a_plain_name_of_its_own(tmp_path: Path) -> None:
+def test_every_file_s_name_becomes_a_plain_name_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     files = ("mug.obj", "mug.stl", "mug (1).obj", "müg.obj", "_mug.stl", "a/b.obj", "a-b.obj")
     (tmp_path / "a").mkdir()
     for file in files:
         block().export(str(tmp_path / file))
+    once = import_one((str(tmp_path / files[0]), ImportConfig()))  # all hold the same block
+    answers = enumerate([once] * len(files))
+    monkeypatch.setattr(importing, "run_in_workers", lambda *_, **__: answers)
     folder = tmp_path.parent / "named"
     result = import_objects(tmp_path, folder, ImportConfig())
     assert result.accepted == len(files)

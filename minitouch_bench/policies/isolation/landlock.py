@@ -93,7 +93,6 @@ def restrict_self(ruleset: int, abi: int) -> None:
 
 
 def _allow(ruleset: int, path: str, rights: int) -> None:
-    """Add a rule for a path, if there is one."""
     with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
         parent = os.open(path, os.O_PATH | os.O_CLOEXEC)
         try:

@@ -39,9 +39,7 @@ class Sandbox:
     threads: bool
 
     def enter(self, kept: tuple[int, ...]) -> None:
-        """Confine this process, which must have one thread, for good.
-
-        ``kept`` are the descriptors that stay open beside the standard streams.
+        """Confine this single-threaded process for good; the descriptors ``kept`` stay open.
 
         Raises:
             OSError: the kernel refused a part of it; the process must end then.
@@ -59,9 +57,7 @@ class Sandbox:
 def prepare(
     allowed: kernel.ProcessLimits, paths: FactoryPaths = NOTHING, *, threads: bool = False
 ) -> Sandbox:
-    """Return a sandbox in which a factory's own paths may be read beside what Python needs.
-
-    The calling process becomes one that the kernel ends first where memory runs out.
+    """Return a sandbox, and let the kernel end this process first where memory runs out.
 
     Raises:
         IsolationError: this machine cannot have one, or it does not hold.

@@ -38,10 +38,7 @@ class Controller(ABC):
         finger: float = 0.0,
         yaw: float = 0.0,
     ) -> NDArray[np.float32]:
-        """Return the action that leads straight to ``goal`` (m), as far as one step reaches.
-
-        ``finger`` is the gripper's number. Where the gripper can turn, it turns to ``yaw`` (rad).
-        """
+        """Return the action towards ``goal`` (m), the ``finger`` number and a ``yaw`` (rad)."""
         offset = (np.asarray(goal) - self.hand) / PROTOCOL.control.reach
         offset /= max(1.0, float(np.abs(offset).max()))
         action = [*offset, finger]

@@ -60,19 +60,19 @@ class PushingController(Controller):
 
     def act(self) -> NDArray[np.float32]:
         """Return the next action, float32 (4,)."""
-        hand, place = self.hand, self.object_state[:2]
-        if self._pushes and self._over(hand[:2] - place):
+        hand, middle = self.hand, self.object_state[:2]
+        if self._pushes and self._over(hand[:2] - middle):
             self._ahead, self._pushes = np.zeros(2), 0
         if not self._heavy or not self._ahead.any():
-            self._ahead = self._direction(place)
-        start = np.clip(place - BEHIND_M * self._ahead, WORKSPACE.low[:2], WORKSPACE.high[:2])
+            self._ahead = self._direction(middle)
+        start = np.clip(middle - BEHIND_M * self._ahead, WORKSPACE.low[:2], WORKSPACE.high[:2])
         behind = np.abs(hand[:2] - start).max() < NEAR_M and hand[2] < LOW_M + NEAR_M
         stuck = math.dist(hand, self._last) < STUCK_M
         self._last = hand
         if self._pushes or behind:
             self._pushes += 1
-            return self._push(hand, place)
-        return self._go(hand, start, place, stuck)
+            return self._push(hand, middle)
+        return self._go(hand, start, middle, stuck)
 
     def _over(self, from_object: Vector) -> bool:
         """Tell whether the push is over: done, missed or without effect."""
@@ -84,33 +84,33 @@ class PushingController(Controller):
             or (self._heavy and self._pushes > PUSH_STEPS)
         )
 
-    def _push(self, hand: Vector, place: Vector) -> NDArray[np.float32]:
+    def _push(self, hand: Vector, middle: Vector) -> NDArray[np.float32]:
         across = _across(self._ahead)
         goal = hand[:2] + self._ahead * (REACH_M if self._heavy else SLIDE_M)
-        goal += across * float((place - hand[:2]) @ across)
+        goal += across * float((middle - hand[:2]) @ across)
         top = self._task.model.highest_point(self.client, self._task.target_body)
         return self.toward((*goal, min(top, HIGH_M) if self._heavy else LOW_M), finger=-1.0)
 
-    def _go(self, hand: Vector, start: Vector, place: Vector, stuck: bool) -> NDArray[np.float32]:
+    def _go(self, hand: Vector, start: Vector, middle: Vector, stuck: bool) -> NDArray[np.float32]:
         """Go to where the push begins, over the object where it is in the way."""
         there = np.abs(start - hand[:2]).max() < NEAR_M
-        if not stuck and (there or _clear(hand[:2], start, place)):
+        if not stuck and (there or _clear(hand[:2], start, middle)):
             return self.toward((*start, LOW_M), finger=-1.0)
         above = hand[2] > HIGH_M - STUCK_M
         return self.toward((*(start if above else hand[:2]), HIGH_M), finger=-1.0)
 
-    def _direction(self, place: Vector) -> Vector:
+    def _direction(self, middle: Vector) -> Vector:
         """Return the direction, a unit vector, in which to push next.
 
         A shape straight to its target; the cube along x or y, the longer way first unless
         there is too little room behind it, and before that a way for which there soon might be.
         """
-        remaining = np.array(self._task.target) - place
+        remaining = np.array(self._task.target) - middle
         if not self._heavy:
             return remaining / float(np.hypot(*remaining))
 
         def gain(ahead: Vector) -> float:
-            way, room = float(remaining @ ahead), _room(place, ahead)
+            way, room = float(remaining @ ahead), _room(middle, ahead)
             if room < LEAST_BEHIND_M:
                 return -1.0
             return way + (1.0 if room < SCARCE_M and way > CUBE_SIDE_M / 2 else 0.0)
@@ -123,14 +123,14 @@ def _across(ahead: Vector) -> Vector:
     return np.array((-ahead[1], ahead[0]))
 
 
-def _room(place: Vector, ahead: Vector) -> float:
-    """Return how far behind ``place`` (m) the workspace ends; ``ahead`` is along x or y."""
+def _room(middle: Vector, ahead: Vector) -> float:
+    """Return how far behind ``middle`` (m) the workspace ends; ``ahead`` is along x or y."""
     edge = np.where(ahead > 0.0, WORKSPACE.low[:2], WORKSPACE.high[:2])
-    return float((place - edge) @ ahead)
+    return float((middle - edge) @ ahead)
 
 
-def _clear(hand: Vector, start: Vector, place: Vector) -> bool:
+def _clear(hand: Vector, start: Vector, middle: Vector) -> bool:
     """Tell whether the straight way to the start passes beside the object."""
     way = start - hand
-    part = np.clip((place - hand) @ way / max(float(way @ way), 1e-9), 0.0, 1.0)
-    return bool(np.abs(hand + part * way - place).max() > CLEAR_M)
+    part = np.clip((middle - hand) @ way / max(float(way @ way), 1e-9), 0.0, 1.0)
+    return bool(np.abs(hand + part * way - middle).max() > CLEAR_M)

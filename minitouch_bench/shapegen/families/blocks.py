@@ -12,9 +12,9 @@ def carved(rng: np.random.Generator) -> Solid:
     solid = _primitive(rng, half)
     for _ in range(int(rng.integers(0, 3))):
         small = half * rng.uniform(0.45, 0.8, size=3)
-        place = rng.uniform(-0.75, 0.75, size=3) * half
+        center = rng.uniform(-0.75, 0.75, size=3) * half
         turn = rng.uniform(-50.0, 50.0, size=3).tolist()
-        solid += _primitive(rng, small).rotate(turn).translate(place.tolist())
+        solid += _primitive(rng, small).rotate(turn).translate(center.tolist())
     for _ in range(int(rng.integers(0, 4))):
         solid = _cut(rng, solid, half)
     return solid

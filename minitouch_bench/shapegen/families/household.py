@@ -136,13 +136,13 @@ def _dumb_bell(rng: np.random.Generator) -> Solid:
     length, thickness = float(rng.uniform(1.7, 2.4)), float(rng.uniform(0.22, 0.4))
     solid = capsule(np.zeros(3), np.array([length, 0.0, 0.0]), thickness)
     sides = int(rng.choice([4, 6, 8, 32]))
-    for place in (0.0, length):
+    for end_x in (0.0, length):
         radius, width = float(rng.uniform(0.5, 0.8)), float(rng.uniform(0.35, 0.7))
         if rng.random() < 0.4:
             end = Solid.sphere(radius * 0.9, 28)
         else:
             end = Solid.cylinder(width, radius, -1.0, sides, True).rotate([0.0, 90.0, 0.0])
-        solid += end.translate([place, 0.0, 0.0])
+        solid += end.translate([end_x, 0.0, 0.0])
     return solid
 
 

@@ -32,14 +32,14 @@ def _pierced(
     """Return the solid with one hole that leaves a wall all round, where it finds a place."""
     for _ in range(12):
         radius = float(rng.uniform(0.14, 0.34))
-        place = rng.uniform(-0.65, 0.65, size=2)
+        center = rng.uniform(-0.65, 0.65, size=2)
         sides = int(rng.choice([4, 6, 24]))
-        guard = manifold3d.CrossSection.circle(radius + 0.17, 24).translate(place.tolist())
+        guard = manifold3d.CrossSection.circle(radius + 0.17, 24).translate(center.tolist())
         if (guard - region).area() < 1e-6:
             drill = Solid.cylinder(4.0, radius, -1.0, sides, True)
             depth = height * float(rng.choice([-1.0, rng.uniform(0.3, 0.6)]))
             lift = 0.0 if depth < 0 else 2.0 + depth
-            return solid - drill.translate([*place.tolist(), lift])
+            return solid - drill.translate([*center.tolist(), lift])
     return solid
 
 

@@ -1,4 +1,4 @@
-"""A checked submission that may stand on the board, and how its episodes ended."""
+"""How episodes ended: the one ending of each, and its color."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -6,48 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
 
-from minitouch_bench.files import list_videos
-from minitouch_bench.leaderboard.proof import Proof, ProofLevel
-from minitouch_bench.leaderboard.submission import Submission
-from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import EpisodeMetrics, Outcome
-from minitouch_bench.runs.run import Run
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A submission that passed, with its proof."""
-
-    verdict: Verdict
-    proof: Proof | None
-    level: ProofLevel
-
-    @property
-    def about(self) -> Submission:
-        """What its ``submission.toml`` says."""
-        return self.verdict.submission
-
-    def runs(self, suite: str) -> tuple[Run, ...]:
-        """Return the run of each training seed; none where one of them lacks the suite."""
-        runs = self.verdict.runs
-        places = [seed.runs.get(suite, "") for seed in self.about.seeds]
-        return tuple(runs[place] for place in places) if all(places) else ()
-
-    def episodes(self, suite: str, task: str) -> tuple[tuple[EpisodeMetrics, ...], ...]:
-        """Return the final policy's episodes of a task, of each training seed, in order."""
-        return tuple(
-            tuple(row for row in run.episodes if row.task == task) for run in self.runs(suite)
-        )
-
-    def videos(self) -> tuple[str, ...]:
-        """Return the paths of its videos inside the submission."""
-        directory = self.verdict.directory
-        return tuple(
-            video.relative_to(directory).as_posix()
-            for place in self.verdict.runs
-            for video in list_videos(directory / place)
-        )
 
 
 class Ending(StrEnum):
