@@ -69,6 +69,7 @@ def start(kind: str, name: str, variables: dict[str, str]) -> "subprocess.Popen[
         [sys.executable, "-c", DRIVER, kind, name],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
         text=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
     )
