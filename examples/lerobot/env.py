@@ -13,6 +13,9 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, Vecto
 
 SUITE = "minitouch"
 
+VIDEO_SIZE = 240
+"""Width and height of what ``render`` returns, in pixels: it takes 10 times as long as a step."""
+
 
 class Task(NamedTuple):
     """A task: Gymnasium's id, the length of an action, and the instruction in words."""
@@ -81,7 +84,12 @@ def _vector(makers: list[partial[gymnasium.Env[Any, Any]]], use_async: bool) -> 
 
 def _make_one(name: str, size: int) -> gymnasium.Env[Any, Any]:
     task = TASKS[name]
-    environment = gymnasium.make(f"minitouch_bench:{task.gym_id}", render_mode="rgb_array")
+    environment = gymnasium.make(
+        f"minitouch_bench:{task.gym_id}",
+        render_mode="rgb_array",
+        width=VIDEO_SIZE,
+        height=VIDEO_SIZE,
+    )
     return LeRobotForm(environment, name, task.instruction, size)
 
 

@@ -85,7 +85,7 @@ def test_a_task_has_the_form_that_lerobot_reads(made, task_id):
     assert reward.tolist() == [0.0, 0.0]
     assert not (terminated | truncated).any()
     assert info["is_success"].shape == (2,)
-    assert [frame.shape for frame in vector.call("render")] == [(480, 480, 3)] * 2
+    assert [frame.shape for frame in vector.call("render")] == [(240, 240, 3)] * 2
 
 
 def test_a_success_is_in_the_final_info_and_the_next_episode_has_begun(hub):
