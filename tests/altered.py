@@ -1,4 +1,4 @@
-"""What tests alter: the files of a run, and a copy of the package which a Python imports."""
+"""What tests alter: JSON documents, actions, and a copy of the package which a Python imports."""
 
 import json
 import os
@@ -7,25 +7,25 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import minitouch_bench
 from minitouch_bench.documents import write_json
-from minitouch_bench.files import ACTIONS_FILE, RUN_FILE
+from minitouch_bench.files import ACTIONS_FILE
 
 PACKAGE = Path(minitouch_bench.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 
-def edit_document(run: Path, change: Callable[[dict], object]) -> None:
-    """Change ``run.json`` alone: the other files stay what they were."""
-    document = json.loads((run / RUN_FILE).read_text())
+def edit_document(file: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    document = json.loads(file.read_text())
     change(document)
-    (run / RUN_FILE).write_bytes(write_json(document))
+    file.write_bytes(write_json(document))
 
 
-def edit_actions(run: Path, change: Callable[[dict], object]) -> None:
+def edit_actions(run: Path, change: Callable[[dict[str, Any]], object]) -> None:
     with np.load(run / ACTIONS_FILE) as archive:
         actions = dict(archive)
     change(actions)

@@ -310,7 +310,7 @@ def test_hostile_texts_of_a_run_are_only_text(tmp_path):
         document["faults"]["pushing/0"] = hostile
         document["header"]["policy"]["name"] = hostile
 
-    edit_document(directory / "seed-0/table4", change)
+    edit_document(directory / "seed-0/table4/run.json", change)
     built = build_board(tmp_path / "submissions", tmp_path / "board")
     assert built.refused == ()
     page = (tmp_path / "board" / "submission" / "hac.html").read_text()
