@@ -85,12 +85,13 @@ class IsKilled(Still):
     """Is killed at its third step, so many times as a file says."""
 
     steps = 0
+    end = staticmethod(die)
 
     def act(self, observation):
         self.steps += 1
         left = deaths_left()
         if left and self.steps == 3:
-            die(left)
+            self.end(left)
         return super().act(observation)
 
 
@@ -101,17 +102,13 @@ class TriesItsLuck(IsKilled):
         return super().act(observation) + np.float32(deaths_left())
 
 
-class KillsItsWorker(Still):
+class KillsItsWorker(IsKilled):
     """Kills the worker at its third step, so many times as a file says, and then acts otherwise."""
 
-    steps = 0
+    end = staticmethod(kill_worker)
 
     def act(self, observation):
-        self.steps += 1
-        left = deaths_left()
-        if left and self.steps == 3:
-            kill_worker(left)
-        return super().act(observation) + np.float32(0 if left else 0.1)
+        return super().act(observation) + np.float32(0 if deaths_left() else 0.1)
 
 
 class ForgetsInBetween(IsKilled):

@@ -35,6 +35,7 @@ from minitouch_bench.workflows.validate import (
     validate_submission,
     within,
 )
+from tests.altered import edit_actions
 from tests.evaluation.runs import request, run
 
 PLACE = "seed-0/table4"
@@ -67,14 +68,6 @@ def prover(verdict):
     return Prover(verdict, LocalEngine(1), np.random.default_rng(3))
 
 
-def change_actions(verdict, change):
-    file = verdict.directory / PLACE / "actions.npz"
-    with np.load(file) as archive:
-        actions = dict(archive.items())
-    change(actions)
-    np.savez_compressed(file, **actions)
-
-
 def test_an_honest_run_replays(prover):
     done = []
     dataclasses.replace(prover, on_record=done.append).replay()
@@ -86,7 +79,7 @@ def test_swapped_actions_do_not_give_the_figures(verdict, prover):
     def swap(actions):
         actions["opening/0"], actions["opening/1"] = actions["opening/1"], actions["opening/0"]
 
-    change_actions(verdict, swap)
+    edit_actions(verdict.directory / PLACE, swap)
     prover.replay()
     found = [str(problem) for problem in prover.problems]
     assert any("opening/0" in line and "do not give these figures" in line for line in found)
@@ -96,7 +89,7 @@ def test_one_changed_bit_of_an_action_is_found(verdict, prover):
     def nudge(actions):
         actions["opening/1"][3, 0] = np.nextafter(actions["opening/1"][3, 0], np.float32(0))
 
-    change_actions(verdict, nudge)
+    edit_actions(verdict.directory / PLACE, nudge)
     prover.replay()
     assert any("opening/1" in str(problem) for problem in prover.problems)
 

@@ -21,9 +21,9 @@ from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.records import Role
 from minitouch_bench.reporting.paper import PAPER_METHODS
 from minitouch_bench.verification.fresh import FreshResult
+from tests.altered import edit_document
 from tests.leaderboard.browser import CHROMIUM, Browser
 from tests.leaderboard.synthetic import ABOUT, make_submission
-from tests.leaderboard.test_validation import as_written
 from tests.reporting.html_page import Page
 
 needs_browser = pytest.mark.skipif(
@@ -305,11 +305,12 @@ def test_a_page_tells_all_of_a_submission(board):
 def test_hostile_texts_of_a_run_are_only_text(tmp_path):
     hostile = "</script><script>alert(1)</script>\u202e=cmd()"
     directory = make_submission(tmp_path / "submissions", "hac", faults=1)
-    run = directory / "seed-0/table4"
-    document = json.loads((run / "run.json").read_text())
-    document["faults"]["pushing/0"] = hostile
-    document["header"]["policy"]["name"] = hostile
-    (run / "run.json").write_bytes(as_written(document))
+
+    def change(document):
+        document["faults"]["pushing/0"] = hostile
+        document["header"]["policy"]["name"] = hostile
+
+    edit_document(directory / "seed-0/table4/run.json", change)
     built = build_board(tmp_path / "submissions", tmp_path / "board")
     assert built.refused == ()
     page = (tmp_path / "board" / "submission" / "hac.html").read_text()

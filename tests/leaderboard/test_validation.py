@@ -1,7 +1,6 @@
 """What a submission may hold, and every attack on it that is known, each refused by name."""
 
 import io
-import json
 import os
 import pickle
 import shutil
@@ -9,12 +8,12 @@ import zipfile
 from dataclasses import replace
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.runs.run import parse_run, run_digest
+from tests.altered import edit_actions, edit_document
 from tests.leaderboard.synthetic import make_submission, official_run, write_official
 
 RUN = "seed-0/table4"
@@ -31,16 +30,11 @@ def refused(directory: Path, *words: str) -> list[str]:
 def edit_run(directory: Path, change, run=RUN, *, seal=False) -> None:
     """Change the document of a run; with ``seal`` its digest is made to agree again."""
     file = directory / run / "run.json"
-    document = json.loads(file.read_text())
-    change(document)
+    edit_document(file, change)
     if seal:
-        saved = parse_run(as_written(document), "x")
-        document["digest"] = run_digest(saved.header, saved.episodes, saved.exploration_episodes)
-    file.write_bytes(as_written(document))
-
-
-def as_written(document: dict) -> bytes:
-    return msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
+        saved = parse_run(file.read_bytes(), "x")
+        digest = run_digest(saved.header, saved.episodes, saved.exploration_episodes)
+        edit_document(file, lambda document: document.update(digest=digest))
 
 
 def edit_toml(directory: Path, old: str, new: str) -> None:
@@ -48,14 +42,6 @@ def edit_toml(directory: Path, old: str, new: str) -> None:
     text = file.read_text()
     assert old in text
     file.write_text(text.replace(old, new, 1))
-
-
-def edit_actions(directory: Path, change) -> None:
-    file = directory / RUN / "actions.npz"
-    with np.load(file) as archive:
-        actions = dict(archive.items())
-    change(actions)
-    np.savez_compressed(file, **actions)
 
 
 # What is sound
@@ -166,12 +152,12 @@ def test_figures_that_contradict_each_other(submission):
 
 
 def test_missing_actions(submission):
-    edit_actions(submission, lambda actions: actions.pop("pushing/17"))
+    edit_actions(submission / RUN, lambda actions: actions.pop("pushing/17"))
     refused(submission, "actions.npz", "pushing/17", "missing")
 
 
 def test_actions_of_another_length(submission):
-    edit_actions(submission, lambda a: a.update({"pushing/3": a["pushing/3"][:-1]}))
+    edit_actions(submission / RUN, lambda a: a.update({"pushing/3": a["pushing/3"][:-1]}))
     refused(submission, "actions.npz", "pushing/3", "steps")
 
 
@@ -180,12 +166,12 @@ def test_actions_beyond_their_range(submission, value):
     def change(actions):
         actions["opening/0"][0] = value
 
-    edit_actions(submission, change)
+    edit_actions(submission / RUN, change)
     refused(submission, "actions.npz", "opening/0", "beyond -1 to 1")
 
 
 def test_actions_of_episodes_that_do_not_exist(submission):
-    edit_actions(submission, lambda a: a.update({"pushing/100": a["pushing/1"]}))
+    edit_actions(submission / RUN, lambda a: a.update({"pushing/100": a["pushing/1"]}))
     refused(submission, "actions.npz", "pushing/100")
 
 
@@ -278,18 +264,12 @@ def test_a_server_that_hides_what_it_is(tmp_path):
     refused(directory, "remote policy lacks its label")
 
 
-def test_a_training_seed_submitted_twice(tmp_path):
+@pytest.mark.parametrize("exploration", [False, True])
+def test_a_training_seed_submitted_twice(tmp_path, exploration):
+    """With its exploration the final episodes are the same bits, and the run's digest is not."""
     directory = make_submission(tmp_path, seeds=(0, 1), include=False)
     shutil.rmtree(directory / "seed-1")
-    shutil.copytree(directory / "seed-0", directory / "seed-1")
-    refused(directory, "seed-1/table4", "400 of its 400 episodes are bit for bit those of seed-0")
-
-
-def test_a_training_seed_submitted_twice_once_with_its_exploration(tmp_path):
-    """The final episodes are the same bits, and the run's digest is not."""
-    directory = make_submission(tmp_path, seeds=(0, 1), include=False)
-    shutil.rmtree(directory / "seed-1")
-    write_official(official_run(seed=0, exploration=True), directory / "seed-1/table4")
+    write_official(official_run(seed=0, exploration=exploration), directory / "seed-1/table4")
     refused(directory, "seed-1/table4", "400 of its 400 episodes are bit for bit those of seed-0")
 
 

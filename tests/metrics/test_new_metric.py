@@ -5,20 +5,13 @@ A fact on the board is one field with its type, nothing else.
 
 import csv
 import json
-import os
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import jsonschema
 import pytest
 
-import minitouch_bench
-
-PACKAGE = Path(minitouch_bench.__file__).parent
-ROOT = Path(__file__).parents[2]
+from tests.altered import copy_package, edit, python
 
 ENTRY = """    Metric(
         name="peak_finger_force",
@@ -68,30 +61,16 @@ write_report([run], root / "run")
 """
 
 
-def insert(file: Path, before: str, text: str) -> None:
-    content = file.read_text()
-    assert content.count(before) == 1
-    file.write_text(content.replace(before, text))
-
-
 @pytest.fixture(scope="module")
 def built(tmp_path_factory) -> Path:
     """The files that a package with one metric more writes of a run and of a board."""
     root = tmp_path_factory.mktemp("metric")
-    copy = root / "copy" / "minitouch_bench"
-    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("tests", "shapes"):
-        (copy.parent / name).symlink_to(ROOT / name)
-    insert(copy / "metrics" / "definitions.py", ")\n# fmt: on\n", ENTRY)
-    insert(copy / "leaderboard" / "submission.py", NOTES, f"{FACT}{NOTES}")
+    copy = copy_package(root)
+    edit(copy / "metrics" / "definitions.py", (")\n# fmt: on\n", ENTRY))
+    edit(copy / "leaderboard" / "submission.py", (NOTES, f"{FACT}{NOTES}"))
     field = "    clipped_actions: Count\n"
-    insert(copy / "records.py", field, f"    peak_finger_force: float\n{field}")
-    subprocess.run(
-        [sys.executable, "-c", SCRIPT, root],
-        cwd=copy.parent,
-        env={**os.environ, "PYTHONPATH": str(copy.parent)},
-        check=True,
-    )
+    edit(copy / "records.py", (field, f"    peak_finger_force: float\n{field}"))
+    python(copy, copy.parent, "-c", SCRIPT, str(root))
     return root
 
 

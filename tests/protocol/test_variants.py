@@ -1,18 +1,10 @@
 """Proof by doing: images in color and longer episodes are set in the protocol alone."""
 
 import json
-import os
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 
-import minitouch_bench
 from minitouch_bench.policies.limits import PolicyLimits
 from minitouch_bench.protocol.minitouch import PROTOCOL
-
-PACKAGE = Path(minitouch_bench.__file__).parent
-ROOT = Path(__file__).parents[2]
+from tests.altered import copy_package, edit, python
 
 CHANGES = {
     "minitouch.py": ("grey_weights=(2989, 5870, 1140),", "grey_weights=(),"),
@@ -38,29 +30,13 @@ save_native(TouchActor(4), Path("policy.safetensors"))
 
 
 def test_a_variant_is_a_change_of_the_protocol_alone(tmp_path):
-    package = tmp_path / "copy" / "minitouch_bench"
-    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
-    (package.parent / "shapes").symlink_to(ROOT / "shapes")
-    for name, (before, after) in CHANGES.items():
-        file = package / "protocol" / name
-        content = file.read_text()
-        assert content.count(before) == 1
-        file.write_text(content.replace(before, after))
-
-    def python(*arguments):
-        done = subprocess.run(
-            [sys.executable, *arguments],
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(package.parent)},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-
-    python("-c", MAKE_POLICY)
+    package = copy_package(tmp_path)
+    for name, change in CHANGES.items():
+        edit(package / "protocol" / name, change)
+    python(package, tmp_path, "-c", MAKE_POLICY)
     settings = ["--tasks", "playing", "--episodes", "1", "--workers", "1", "--output", "run"]
-    python("-m", "minitouch_bench.cli.entry", "evaluate", "policy.safetensors", *settings)
+    command = ["-m", "minitouch_bench.cli.entry", "evaluate", "policy.safetensors"]
+    python(package, tmp_path, *command, *settings)
     (episode,) = json.loads((tmp_path / "run" / "run.json").read_text())["episodes"]
     assert (episode["outcome"], episode["steps"]) == ("step_limit", 300)
 

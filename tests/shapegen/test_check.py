@@ -1,5 +1,3 @@
-import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +9,7 @@ from minitouch_bench.cli.shapes import app
 from minitouch_bench.shapegen.check import check_set
 from minitouch_bench.shapegen.manifest import load_shape_set, splits_of
 from minitouch_bench.shapegen.record import body_files, digest
-
-Change = Callable[[dict[str, Any]], None]
-
-
-def changed(folder: Path, change: Change) -> None:
-    """Change the manifest of a set."""
-    path = folder / "manifest.json"
-    document = json.loads(path.read_text())
-    change(document)
-    path.write_text(json.dumps(document))
+from tests.altered import edit_document
 
 
 def with_record(folder: Path, position: int, record: bytes, rehash: bool = True) -> None:
@@ -36,7 +25,7 @@ def with_record(folder: Path, position: int, record: bytes, rehash: bool = True)
             document["shapes"][position]["sha256"] = digest(record)
             document["pack_sha256"] = digest(bytes(pack))
 
-        changed(folder, rehashed)
+        edit_document(folder / "manifest.json", rehashed)
 
 
 def test_a_whole_set_holds(small_set: Path) -> None:
@@ -46,7 +35,7 @@ def test_a_whole_set_holds(small_set: Path) -> None:
 
 
 def test_soundness_is_proven_again(tiny_set: Path) -> None:
-    changed(tiny_set, lambda document: document["shapes"][1].update(misfit=0.5))
+    edit_document(tiny_set / "manifest.json", lambda d: d["shapes"][1].update(misfit=0.5))
     (problem,) = check_set(tiny_set).problems
     assert problem.startswith("shape-0001: misfit measures")
 
@@ -71,7 +60,7 @@ def test_a_swapped_split_is_found_and_named(small_set: Path) -> None:
         document["shapes"][train]["split"] = "held-out"
         document["shapes"][held]["split"] = "train"
 
-    changed(small_set, swap)
+    edit_document(small_set / "manifest.json", swap)
     problems = check_set(small_set, quick=True).problems
     assert f"{shapes.shapes[train].name} is marked held-out, the rule says train" in problems
     assert f"{shapes.shapes[held].name} is marked train, the rule says held-out" in problems
@@ -82,7 +71,7 @@ def test_a_copied_shape_is_found_and_named(small_set: Path) -> None:
     def copy(document: dict[str, Any]) -> None:
         document["shapes"][7] = {**document["shapes"][2], "name": "shape-0007"}
 
-    changed(small_set, copy)
+    edit_document(small_set / "manifest.json", copy)
     problems = check_set(small_set, quick=True).problems
     assert "shape-0007 is a copy of shape-0002" in problems
 
@@ -105,7 +94,7 @@ def test_a_copy_with_one_changed_bit_is_a_near_duplicate(small_set: Path) -> Non
         for shape, split in zip(document["shapes"], rule, strict=True):
             shape["split"] = split
 
-    changed(small_set, append)
+    edit_document(small_set / "manifest.json", append)
     set_files_hash(small_set, "shape-9999")
     problems = check_set(small_set, quick=True).problems
     assert any(f"shape-9999 is a near-duplicate of {copy}" in text for text in problems), problems
@@ -126,7 +115,7 @@ def set_files_hash(folder: Path, name: str) -> None:
                 entry["files_sha256"] = body_files(body).sha256
                 entry["extents_m"] = body.visual.extents.tolist()
 
-    changed(folder, hashed)
+    edit_document(folder / "manifest.json", hashed)
 
 
 def test_a_number_that_is_not_finite_is_found_and_named(small_set: Path) -> None:
@@ -148,7 +137,7 @@ def test_the_command_exits_1_with_the_reasons(small_set: Path) -> None:
     fine = runner.invoke(app, ["check", str(small_set), "--quick"])
     assert fine.exit_code == 0
     assert "16 shapes hold" in fine.stdout
-    changed(small_set, lambda document: document["shapes"][0].update(mass_kg=9.0))
+    edit_document(small_set / "manifest.json", lambda d: d["shapes"][0].update(mass_kg=9.0))
     broken = runner.invoke(app, ["check", str(small_set), "--quick"])
     assert broken.exit_code == 1
     assert "shape-0000: the manifest says 9.0 kg" in broken.stdout

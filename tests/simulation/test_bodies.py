@@ -24,11 +24,9 @@ CABINET = CabinetSpec()
 
 
 @pytest.fixture
-def client():
-    made = PhysicsClient()
-    add_table(made)
-    yield made
-    made.close()
+def client(client):
+    add_table(client)
+    return client
 
 
 @pytest.fixture

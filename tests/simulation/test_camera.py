@@ -1,20 +1,11 @@
 import numpy as np
-import pytest
 
 from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.simulation.bodies import add_table
 from minitouch_bench.simulation.bullet import View
 from minitouch_bench.simulation.camera import GrayCamera
-from minitouch_bench.simulation.client import PhysicsClient
 
 ABOVE = CameraSpec((0.5, 0.0, 0.0), yaw=0.0, pitch=-89.0, near=0.05, distance=0.7)
-
-
-@pytest.fixture
-def client():
-    made = PhysicsClient()
-    yield made
-    made.close()
 
 
 def scene(client):

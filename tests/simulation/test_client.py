@@ -10,13 +10,6 @@ from minitouch_bench.simulation.client import PhysicsClient, View
 RED = (1.0, 0.0, 0.0, 1.0)
 
 
-@pytest.fixture
-def client():
-    made = PhysicsClient()
-    yield made
-    made.close()
-
-
 def drop(client):
     """Let a tilted cube fall onto the table; return where it comes to lie."""
     client.reset_world()

@@ -5,27 +5,14 @@ fifth task, reports it, packs it as a submission and ranks it on the board.
 """
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-import minitouch_bench
+from tests.altered import copy_package, edit, python
 
-PACKAGE = Path(minitouch_bench.__file__).parent
-ROOT = Path(__file__).parents[2]
 PEG = Path(__file__).parent / "peg"
-
-
-def edit(file: Path, *replacements: tuple[str, str]) -> None:
-    content = file.read_text()
-    for before, after in replacements:
-        assert content.count(before) == 1, before
-        content = content.replace(before, after)
-    file.write_text(content)
 
 
 def add_the_task(package: Path) -> None:
@@ -73,27 +60,14 @@ Image.fromarray(environment.render()).save(sys.argv[1])
 def command(tmp_path_factory):
     """The command line of a package with five tasks, in a directory of its own."""
     root = tmp_path_factory.mktemp("task")
-    package = root / "copy" / "minitouch_bench"
-    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
-    (package.parent / "shapes").symlink_to(ROOT / "shapes")
+    package = copy_package(root)
     add_the_task(package)
 
-    def python(*arguments: str) -> str:
-        done = subprocess.run(
-            [sys.executable, *arguments],
-            cwd=root,
-            env={**os.environ, "PYTHONPATH": str(package.parent)},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
     def run(*arguments: str) -> str:
-        return python("-m", "minitouch_bench.cli.entry", *arguments)
+        return python(package, root, "-m", "minitouch_bench.cli.entry", *arguments)
 
-    python("-c", TAKE_PICTURE, str(package / "rendering" / "pictures" / "peg.png"))
+    picture = package / "rendering" / "pictures" / "peg.png"
+    python(package, root, "-c", TAKE_PICTURE, str(picture))
     run.root = root
     return run
 

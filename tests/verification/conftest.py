@@ -1,14 +1,10 @@
-import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
-import msgspec
-import numpy as np
 import pytest
 
 from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, write_file
+from minitouch_bench.files import RUN_FILE, write_file
 from minitouch_bench.reporting.views import write_report, write_tables
 from minitouch_bench.runs.run import run_json
 from tests.evaluation.runs import request, run
@@ -40,19 +36,3 @@ class Here:
         runner = EpisodeRunner(source)
         yield from map(runner.run, specs)
         runner.close()
-
-
-def edit_document(directory: Path, change: Callable[[dict], object]) -> None:
-    """Change ``run.json`` alone: the other files stay what they were."""
-    file = directory / "run.json"
-    document = json.loads(file.read_text())
-    change(document)
-    file.write_bytes(msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n")
-
-
-def edit_actions(directory: Path, change: Callable[[dict], object]) -> None:
-    file = directory / ACTIONS_FILE
-    with np.load(file) as archive:
-        actions = dict(archive)
-    change(actions)
-    np.savez_compressed(file, **actions)

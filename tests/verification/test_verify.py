@@ -8,7 +8,8 @@ from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.files import UNFINISHED
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.verification.verify import verify_run
-from tests.verification.conftest import Here, edit_actions, edit_document
+from tests.altered import edit_actions, edit_document
+from tests.verification.conftest import Here
 
 
 def places(directory):
@@ -53,7 +54,8 @@ FIRST_EPISODE = {
 @pytest.mark.parametrize("name", FIRST_EPISODE)
 def test_no_figure_of_an_episode_can_be_edited(copy, name):
     edit_document(
-        copy, lambda document: document["episodes"][0].update({name: FIRST_EPISODE[name]})
+        copy / "run.json",
+        lambda d: d["episodes"][0].update({name: FIRST_EPISODE[name]}),
     )
     assert {"pushing/0", "digest", f"summary.tasks[0].estimates.{name}.value"} & {*places(copy)}
 
@@ -63,7 +65,7 @@ def test_the_last_bit_counts(copy):
         row = document["episodes"][1]
         row["object_movement"] = float(np.nextafter(row["object_movement"], 1))
 
-    edit_document(copy, nudge)
+    edit_document(copy / "run.json", nudge)
     assert places(copy) == ["pushing/1"]
 
 
@@ -109,7 +111,7 @@ def first_task(document):
     ],
 )
 def test_nothing_else_of_the_document_can_be_edited(copy, change, place):
-    edit_document(copy, change)
+    edit_document(copy / "run.json", change)
     assert place in places(copy)
 
 
