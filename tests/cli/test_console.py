@@ -5,7 +5,7 @@ import io
 import numpy as np
 from rich.console import Console
 
-from minitouch_bench.cli.console import EpisodeProgress
+from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.records import EpisodeSpec, Role
 from tests.reporting.synthetic import make_record
 
