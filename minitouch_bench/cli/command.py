@@ -37,7 +37,7 @@ def as_command(
     options, shown = _options(workflow, defaults), _options(show, defaults)
     shared = options.keys() & inspect.signature(show).parameters
     parameters = inspect.signature(workflow).parameters
-    several = [name for name, one in parameters.items() if one.kind is one.VAR_POSITIONAL]
+    several = [name for name, each in parameters.items() if each.kind is each.VAR_POSITIONAL]
 
     def run(**given: Any) -> None:
         for_show = {name: given.pop(name) for name in shown}
@@ -61,13 +61,13 @@ def _options(
     function: Callable[..., Any], defaults: dict[str, object]
 ) -> dict[str, inspect.Parameter]:
     """Return the parameters that are given on the command line, as Typer reads them."""
-    options, told = {}, parameter_help(function)
+    options, helps = {}, parameter_help(function)
     for name, parameter in inspect.signature(function).parameters.items():
         option = option_of(parameter)
         if option is None:
             continue
         option = copy(option)
-        option.help = option.help or told.get(name, "")
+        option.help = option.help or helps.get(name, "")
         kind = get_args(parameter.annotation)[0]
         kind = list[Path] if parameter.kind is parameter.VAR_POSITIONAL else kind
         default = defaults.get(name, parameter.default)
@@ -88,7 +88,7 @@ def option_of(parameter: inspect.Parameter) -> ArgumentInfo | OptionInfo | None:
     if get_origin(parameter.annotation) is not Annotated:
         return None
     details = get_args(parameter.annotation)[1:]
-    return next((one for one in details if isinstance(one, ArgumentInfo | OptionInfo)), None)
+    return next((each for each in details if isinstance(each, ArgumentInfo | OptionInfo)), None)
 
 
 def parameter_help(function: Callable[..., Any]) -> dict[str, str]:
@@ -134,4 +134,5 @@ class Group(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands, each with its summary."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, one.help or "") for name, one in self.commands.items()])
+            commands = self.commands.items()
+            formatter.write_dl([(name, command.help or "") for name, command in commands])

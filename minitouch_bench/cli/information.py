@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import typer
 
 from minitouch_bench.cli.console import data_console, notes
+from minitouch_bench.cli.output import CHECK_FAILED
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.workflows import options
 
 if TYPE_CHECKING:
     from minitouch_bench.verification.doctor import Check
 
-CHECK_FAILED = 1
 SIGNS = {"ok": "[green]ok[/]", "note": "[cyan]note[/]", "fail": "[red]FAIL[/]"}
 """What is printed by verdict."""
 

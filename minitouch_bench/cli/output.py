@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minitouch_bench.cli.console import data_console, note
-from minitouch_bench.errors import IncompleteCheckError, InfrastructureError, PolicyFaultError
+from minitouch_bench.errors import (
+    IncompleteCheckError,
+    InfrastructureError,
+    PolicyFaultError,
+    RunDirectoryError,
+)
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.workflows import options
 
@@ -27,8 +32,7 @@ if TYPE_CHECKING:
     from minitouch_bench.workflows.submitting import Packed
 
 CHECK_FAILED = 1
-UNREADABLE = 6
-"""A file cannot be read here: the check could not be made."""
+"""Exit code of a check that was made; one that cannot be made has that of its error."""
 
 SHOWN = 10
 """Differences that are listed; the others are counted."""
@@ -259,8 +263,9 @@ def show_validations(results: "tuple[Validation, ...]") -> None:
     if any(not problem.is_unchecked for result in results for problem in result.problems):
         raise typer.Exit(CHECK_FAILED)
     if valid < len(results):
-        is_incomplete = any(isinstance(one.error, IncompleteCheckError) for one in results)
-        raise typer.Exit(IncompleteCheckError.exit_code if is_incomplete else UNREADABLE)
+        is_incomplete = any(isinstance(result.error, IncompleteCheckError) for result in results)
+        unchecked = IncompleteCheckError if is_incomplete else RunDirectoryError
+        raise typer.Exit(unchecked.exit_code)
 
 
 def print_problems(name: str, problems: Iterable[object]) -> None:

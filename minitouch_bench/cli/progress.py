@@ -29,7 +29,6 @@ from minitouch_bench.workflows import (
     StudyProgress,
     TrainingProgress,
     ValidationProgress,
-    ignore,
 )
 
 if TYPE_CHECKING:
@@ -165,6 +164,9 @@ def training_progress() -> Iterator[TrainingProgress]:
     lines = _Lines(notes)
     with _interrupts() as interrupts, _step_bar("{task.fields[figures]}", 2) as bar:
 
+        def begin(steps: int) -> None:
+            bar.add_task("training", total=steps, figures="")
+
         def show(row: "ProgressRow") -> None:
             measured = {
                 "curiosity": row.intrinsic_reward,
@@ -179,12 +181,7 @@ def training_progress() -> Iterator[TrainingProgress]:
             bar.update(task.id, completed=row.step, description=row.phase, figures=figures)
             lines.show(f"{row.phase}: {row.step:,} of {task.total:,} control steps  {figures}")
 
-        yield TrainingProgress(
-            note=note,
-            begin=lambda steps: ignore(bar.add_task("training", total=steps, figures="")),
-            row=show,
-            should_stop=lambda: bool(interrupts),
-        )
+        yield TrainingProgress(note, begin, show, should_stop=lambda: bool(interrupts))
 
 
 @contextmanager

@@ -78,16 +78,16 @@ def report(
     directory = usual if output is None else Path(output)
     videos = list_videos(paths[0]) if single else []
     origins = tuple(find_origin(*pair) for pair in zip(paths, opened, strict=True))
-    called = None if names is None else options.words(names)
     across = AcrossRuns(origins, curve, trained)
-    built = write_report(opened, directory, videos, called, across)
+    labels = None if names is None else options.words(names)
+    built = write_report(opened, directory, videos, labels, across)
     if single:
         write_tables(opened[0], directory)
-    file = directory / CURVE_FILE if curve else None
-    if file is not None:
-        write_file(file, built.over_runs.curve_csv)
-    drawn = [] if figures is None else _write_figures(built, Path(figures))
-    return WrittenReport(built, directory, tuple(drawn), file)
+    numbers = directory / CURVE_FILE if curve else None
+    if numbers is not None:
+        write_file(numbers, built.over_runs.curve_csv)
+    files = () if figures is None else tuple(_write_figures(built, Path(figures)))
+    return WrittenReport(built, directory, files, numbers)
 
 
 def find_origin(path: Path, run: "SavedRun") -> "RunOrigin":

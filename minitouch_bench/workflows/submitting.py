@@ -61,12 +61,12 @@ class Packed:
 class Packer:
     """Fills the runs and the checkpoints of one training seed into a submission.
 
-    ``directory`` holds all submissions; ``about`` is what this one says of itself. ``seed`` names
-    the training run that the policy comes from. With ``include`` the checkpoint is copied, so that
-    others can run it again. ``resume`` and ``fresh``: what happens to a run that is there already.
+    ``submissions`` is the directory of all submissions; ``about`` describes this one. ``seed``
+    names the training run of the policy. With ``include`` the checkpoint is copied, so that others
+    can run it again. ``resume`` continues a run in the submission, ``fresh`` replaces it.
     """
 
-    directory: Path
+    submissions: Path
     about: Submission
     seed: int = 0
     include: bool = True
@@ -75,9 +75,9 @@ class Packer:
     callbacks: Callbacks = SILENT
 
     @property
-    def place(self) -> Path:
+    def directory(self) -> Path:
         """The submission's directory."""
-        return self.directory / self.about.name
+        return self.submissions / self.about.name
 
     def check_apart(self, sources: Iterable[StrPath | None]) -> None:
         """Refuse a source in the submission, which is replaced, and a submission in a source.
@@ -85,13 +85,13 @@ class Packer:
         Raises:
             UsageError: naming the first one.
         """
-        there = self.place.resolve()
+        there = self.directory.resolve()
         for source in sources:
             path = Path(source or "").resolve()
             is_apart = not (path.is_relative_to(there) or there.is_relative_to(path))
             if source and path.exists() and not is_apart:
                 raise UsageError(
-                    f"{source} and the submission {self.place} lie one in the other: "
+                    f"{source} and the submission {self.directory} lie one in the other: "
                     "copy the source elsewhere, or choose another --directory"
                 )
 
@@ -143,7 +143,7 @@ class Packer:
 
     def pack(self, parts: Parts) -> Packed:
         """Copy the parts aside and check them; only if they pass, replace those that were there."""
-        with aside(self.directory) as folder:
+        with aside(self.submissions) as folder:
             copy = folder / "new" / self.about.name
             entry = self._entry(parts, copy, include=self.include)
             for suite, run in parts.runs.items():
@@ -153,12 +153,12 @@ class Packer:
             add_seed(copy, None, self.about, entry)
             verdict = validate(copy)
             if problems := verdict.problems or self._copies(verdict.runs, entry):
-                return Packed(self.place, problems)
+                return Packed(self.directory, problems)
             with interrupts_held():
                 for place in (*entry.runs.values(), f"{CHECKPOINTS}/seed-{entry.seed}"):
-                    swap(copy / place, self.place / place, folder / "old" / place)
-                add_seed(self.place, begun_submission(self.place), self.about, entry)
-        return Packed(self.place, validate(self.place).problems)
+                    swap(copy / place, self.directory / place, folder / "old" / place)
+                add_seed(self.directory, begun_submission(self.directory), self.about, entry)
+        return Packed(self.directory, validate(self.directory).problems)
 
     def _entry(self, parts: Parts, directory: Path, *, include: bool) -> TrainingSeed:
         """Return what ``submission.toml`` says of the seed; ``include`` copies checkpoints."""
@@ -168,9 +168,9 @@ class Packer:
 
     def _copies(self, runs: Mapping[str, Run], entry: TrainingSeed) -> tuple[Problem, ...]:
         """Return a problem for each run that is another training seed's."""
-        begun, problems = begun_submission(self.place), Problems()
+        begun, problems = begun_submission(self.directory), Problems()
         others = {
-            place: read_run(self.place / place)
+            place: read_run(self.directory / place)
             for other in (begun.seeds if begun else ())
             if other.seed != entry.seed
             for place in other.runs.values()
@@ -181,9 +181,9 @@ class Packer:
     def _check_plan(self, parts: Parts, headers: Sequence[RunHeader]) -> None:
         """Refuse before the first episode what would be refused after the last one."""
         self._check_replaced(parts)
-        entry = self._entry(parts, self.place, include=False)
-        whole = with_seed(begun_submission(self.place), self.about, entry)
-        for problem in check_planned(whole, entry, headers, self.place):
+        entry = self._entry(parts, self.directory, include=False)
+        whole = with_seed(begun_submission(self.directory), self.about, entry)
+        for problem in check_planned(whole, entry, headers, self.directory):
             raise UsageError(str(problem))
 
     def _check_replaced(self, parts: Parts) -> None:
@@ -197,7 +197,7 @@ class Packer:
                 raise RunDirectoryError(
                     f"{directory} holds {foreign[0]!a}, which is no file of a run: move it away"
                 )
-        old = self.place / CHECKPOINTS / f"seed-{self.seed}"
+        old = self.directory / CHECKPOINTS / f"seed-{self.seed}"
         # What is included is copied before anything is replaced.
         elsewhere = parts.digests_there(None if self.include else old)
         for path in sorted(path for path in old.rglob("*") if not is_folder(path)):
@@ -210,7 +210,7 @@ class Packer:
                 )
 
     def _run_directory(self, suite: str) -> Path:
-        return self.place / run_place(self.seed, suite)
+        return self.directory / run_place(self.seed, suite)
 
     def _run_suite(self, request: RunRequest, engine: Engine) -> None:
         """Run one suite alone in its directory, or keep the finished run that is there."""

@@ -50,8 +50,7 @@ def validate(
     from minitouch_bench.workflows import proving
 
     if 0 < fresh_seeds < MIN_FRESH_EPISODES:
-        few = f"fewer than {MIN_FRESH_EPISODES} fresh episodes per task give no level"
-        callbacks.note(few)
+        callbacks.note(f"fewer than {MIN_FRESH_EPISODES} fresh episodes per task give no level")
     prove = partial(
         proving.prove,
         rerun=rerun,
@@ -65,9 +64,9 @@ def validate(
     results = []
     for directory in map(Path, directories):
         try:
-            found = proving.validate_submission(directory, prove if plays else None)
+            result = proving.validate_submission(directory, prove if plays else None)
         except (IncompleteCheckError, RunDirectoryError) as error:
-            found = proving.Validation((), error=error)
-        results.append(replace(found, name=directory.name or str(directory)))
+            result = proving.Validation((), error=error)
+        results.append(replace(result, name=directory.name or str(directory)))
         callbacks.verdict(results[-1])
     return tuple(results)
