@@ -6,11 +6,11 @@ from typing import Any
 import gymnasium
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.regression.comparison import Comparison, compare_runs
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.tasks.objects import Objects
 from minitouch_bench.workflows.evaluate import evaluate
 from minitouch_bench.workflows.options import StrPath
+from minitouch_bench.workflows.report import compare
 from minitouch_bench.workflows.results import Run, TaskResult
 from minitouch_bench.workflows.train import train
 
@@ -37,16 +37,3 @@ def load_run(path: StrPath) -> Run:
         RunDirectoryError: the directory is not a run, or is damaged.
     """
     return Run(read_run(Path(path)))
-
-
-def compare(first: Run | StrPath, second: Run | StrPath, *others: Run | StrPath) -> Comparison:
-    """Compare runs of the same episodes, each with the first; runs or their directories.
-
-    Raises:
-        UsageError: the runs have other episodes or another protocol.
-        RunDirectoryError: a directory is not a run, or is damaged.
-    """
-    compared = [run if isinstance(run, Run) else load_run(run) for run in (first, second, *others)]
-    return compare_runs(
-        [run.facts for run in compared], [str(run.directory or run.facts.name) for run in compared]
-    )

@@ -3,11 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final, Literal, get_args
-
-import numpy as np
+from typing import TYPE_CHECKING, Final, Literal, get_args
 
 from minitouch_bench.errors import UsageError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 Sense = Literal["touch", "forces", "vision"]
 Range = tuple[float, float]
@@ -59,7 +60,7 @@ class Conditions:
         """Whether a policy is given other observations than the environment's."""
         return bool(self.without or self.noise or self.force_noise)
 
-    def draw(self, rng: np.random.Generator) -> World:
+    def draw(self, rng: "np.random.Generator") -> World:
         """Draw one episode's world."""
         ranges = (self.mass, self.friction, self.camera)
         return World(*(float(rng.uniform(*each)) for each in ranges))

@@ -114,7 +114,7 @@ def take_table(
         document = msgspec.convert(whole, kind)
         fault = next(_unknown_keys(table, plain(document), ""), "")
     except msgspec.ValidationError as error:
-        fault = fault_in_words(error, "").lstrip(".")
+        fault = fault_in_words(error, "").lstrip(".: ")
     except UsageError as error:
         fault = str(error)
     if fault:

@@ -4,11 +4,13 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from enum import StrEnum
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 Count = Annotated[int, Meta(ge=0)]
 Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
@@ -67,14 +69,14 @@ class EpisodeTrace:
     ``first_touch_tick`` is the tick of the first contact, -1 if there was none.
     """
 
-    actions: NDArray[np.float32]
-    clipped: NDArray[np.bool_]
-    rewards: NDArray[np.float32]
-    ticks: NDArray[np.int16]
-    contact_ticks: NDArray[np.int16]
-    onsets: NDArray[np.int16]
-    touch: NDArray[np.float32]
-    object_state: NDArray[np.float64]
+    actions: "NDArray[np.float32]"
+    clipped: "NDArray[np.bool_]"
+    rewards: "NDArray[np.float32]"
+    ticks: "NDArray[np.int16]"
+    contact_ticks: "NDArray[np.int16]"
+    onsets: "NDArray[np.int16]"
+    touch: "NDArray[np.float32]"
+    object_state: "NDArray[np.float64]"
     first_touch_tick: int = -1
 
     def digest(self) -> str:
@@ -84,6 +86,8 @@ class EpisodeTrace:
         whoever replays the applied actions must find the same digest.
         """
         sha = hashlib.sha256()
+        import numpy as np  # noqa: PLC0415 - numpy takes longer to import than all of --help
+
         for field in fields(self):
             if field.name == "clipped":
                 continue

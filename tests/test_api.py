@@ -190,8 +190,11 @@ def test_a_run_with_a_directory_is_loaded_and_compared(tmp_path, counted):
     loaded = mt.load_run(tmp_path / "run")
     assert loaded.facts == run.facts
     assert loaded["opening"].success.value == 1.0
-    comparison = mt.compare(run, str(tmp_path / "run"))
+    comparison = mt.compare(run, str(tmp_path / "run"), output=tmp_path / "page")
     assert comparison.pairs[0].identical
+    assert {path.name for path in (tmp_path / "page").iterdir()} == {
+        "comparison.json", "comparison.md",
+    }  # fmt: skip
     with pytest.raises(UsageError, match="not of the same episodes"):
         mt.compare(run, counted[0])
     with pytest.raises(RunDirectoryError, match="resume"):

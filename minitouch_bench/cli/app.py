@@ -2,77 +2,79 @@
 
 import sys
 from collections.abc import Callable
-from importlib.metadata import version
 from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli.command import as_command
-from minitouch_bench.cli.compare import compare
-from minitouch_bench.cli.console import notes
-from minitouch_bench.cli.doctor import doctor
-from minitouch_bench.cli.evaluate import show_evaluation
+from minitouch_bench.cli import output, progress
+from minitouch_bench.cli.command import Command, Group, as_command
+from minitouch_bench.cli.console import note
+from minitouch_bench.cli.information import doctor, tasks
 from minitouch_bench.cli.leaderboard import app as leaderboard
-from minitouch_bench.cli.record import show_dataset
-from minitouch_bench.cli.regress import regress
-from minitouch_bench.cli.replay import show_replay
-from minitouch_bench.cli.report import report
 from minitouch_bench.cli.shapes import app as shapes
-from minitouch_bench.cli.study import study
-from minitouch_bench.cli.submit import submit
-from minitouch_bench.cli.tasks import tasks
-from minitouch_bench.cli.train import show_directory, training_progress
-from minitouch_bench.cli.verify import show_verification
-from minitouch_bench.errors import MiniTouchError
+from minitouch_bench.errors import InterruptedRunError, MiniTouchError
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.workflows.evaluate import evaluate
+from minitouch_bench.workflows.evaluate import AUTO_OUTPUT, evaluate
 from minitouch_bench.workflows.record import record
+from minitouch_bench.workflows.regress import regress
 from minitouch_bench.workflows.replay import replay
-from minitouch_bench.workflows.train import train
+from minitouch_bench.workflows.report import compare, report
+from minitouch_bench.workflows.submit import submit
+from minitouch_bench.workflows.train import study, train
 from minitouch_bench.workflows.verify import verify
 
-INTERRUPTED = 130
-"""What typer returns after a Ctrl-C that no command has told the user about."""
-
 COMMANDS: dict[Callable[..., None], str] = {
-    as_command(evaluate, show_evaluation): "minitouch-bench evaluate my_policy.onnx --suite smoke",
-    report: "minitouch-bench report reports/a reports/b --output reports/both",
-    compare: "minitouch-bench compare reports/a reports/b",
-    regress: "minitouch-bench regress new.onnx --baseline reports/old",
-    as_command(verify, show_verification): "minitouch-bench verify reports/a --rerun 20",
-    as_command(replay, show_replay): "minitouch-bench replay reports/a pushing/3",
-    as_command(
-        train, show_directory, training_progress
-    ): "minitouch-bench train opening --method hac --seed 1",
-    study: "minitouch-bench study my-study.toml",
-    as_command(
-        record, show_dataset
-    ): "minitouch-bench record scripted pushing --output data/pushing",
-    submit: "minitouch-bench submit my_policy.onnx --name my-policy",
-    tasks: "minitouch-bench tasks --json",
-    doctor: "minitouch-bench doctor",
+    as_command(evaluate, output.show_evaluation, output=AUTO_OUTPUT): (
+        "evaluate my_policy.onnx --suite smoke"
+    ),
+    as_command(report, output.show_written_report): (
+        "report reports/a reports/b --output reports/both"
+    ),
+    as_command(compare, output.show_comparison): "compare reports/a reports/b",
+    as_command(regress, output.show_gate): "regress new.onnx --baseline reports/old",
+    as_command(verify, output.show_verification): "verify reports/a --rerun 20",
+    as_command(replay, output.show_replay): "replay reports/a pushing/3",
+    as_command(train, output.show_directory, progress.training_progress): (
+        "train opening --method hac --seed 1"
+    ),
+    as_command(study, output.show_study, progress.study_progress): "study my-study.toml",
+    as_command(record, output.show_dataset): "record scripted pushing --output data/pushing",
+    as_command(submit, output.show_packed): "submit my_policy.onnx --name my-policy",
+    tasks: "tasks --json",
+    as_command(doctor): "doctor",
 }
 """Every command with an example of its use, in the order of the help."""
 
 PROGRAM = "minitouch-bench"
 
-app = typer.Typer(name=PROGRAM, no_args_is_help=True, pretty_exceptions_enable=False)
+app = typer.Typer(
+    name=PROGRAM,
+    cls=Group,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
 for command, example in COMMANDS.items():
-    app.command(epilog=f"Example: {example}")(command)
+    app.command(cls=Command, epilog=f"Example: {PROGRAM} {example}")(command)
 app.add_typer(leaderboard, name="leaderboard")
 app.add_typer(shapes, name="shapes")
 
 
 def _print_version(asked: bool) -> None:
     if asked:
-        print(f"minitouch-bench {version('minitouch-bench')}")
+        from importlib.metadata import version
+
+        print(f"{PROGRAM} {version(PROGRAM)}")
         raise typer.Exit
 
 
 @app.callback()
 def minitouch_bench(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print it.")
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
     ] = False,
 ) -> None:
     """Evaluate touch-driven manipulation policies on the MiniTouch benchmark."""
@@ -93,11 +95,12 @@ def main() -> None:
             command = context.command_path if context else PROGRAM
             _complain(f"{error.format_message()}\nSee {command} --help")
         sys.exit(error.exit_code)
-    if code == INTERRUPTED:
+    # What Typer returns after a Ctrl-C that no command has told the user about.
+    if code == InterruptedRunError.exit_code:
         _complain("interrupted")
     sys.exit(code)
 
 
 def _complain(text: str) -> None:
     lines = "\n".join(map(printable, text.splitlines()))  # it may quote a stranger's name
-    notes.print(f"minitouch-bench: {lines}", style="red", markup=False)
+    note(f"{PROGRAM}: {lines}", style="red")

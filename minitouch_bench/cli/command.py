@@ -1,80 +1,138 @@
 """Workflow functions as commands: a function's annotated parameters are the options."""
 
 import inspect
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+import re
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from copy import copy
+from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
+from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 from typer.models import ArgumentInfo, OptionInfo
 
-from minitouch_bench.cli.console import EpisodeProgress, notes
-from minitouch_bench.workflows import Callbacks
-from minitouch_bench.workflows.options import OnCommandLine
+from minitouch_bench.cli.progress import episode_progress
+from minitouch_bench.workflows import ignore
+from minitouch_bench.workflows.options import COMMAND_TYPES
 
 CALLBACKS = "callbacks"
 
-
-@contextmanager
-def episode_progress() -> Iterator[Callbacks]:
-    """Show a workflow's episodes while they are played."""
-    with EpisodeProgress(notes) as progress:
-        yield progress.callbacks
+METAVARS = {int: "N", float: "X", str: "TEXT", Path: "PATH"}
+"""What stands for a value in the help, by its type on the command line."""
 
 
 def as_command(
     workflow: Callable[..., Any],
-    show: Callable[..., None],
+    show: Callable[..., None] = ignore,
     progress: Callable[[], AbstractContextManager[object]] = episode_progress,
+    **defaults: object,
 ) -> Callable[..., None]:
     """Return a function that Typer makes a command of.
 
-    Its parameters are those of ``workflow`` and then those of ``show`` that say how they are given
-    on the command line. ``show`` prints the result, which is its first argument, and raises
-    ``typer.Exit`` where the command fails. It can ask for parameters of ``workflow`` by their name.
-    ``progress`` gives the callbacks of ``workflow``, if it has some.
+    Its parameters are the options of ``workflow`` and then those of ``show``, which prints the
+    result, its first argument, and raises ``typer.Exit`` where the command fails. ``show`` can also
+    ask for parameters of ``workflow`` by their name. ``progress`` gives the callbacks of
+    ``workflow``, if it has some. ``defaults`` replace those of Python.
     """
-    options = list(_options(workflow))
-    shown = list(_options(show))
-    shared = {option.name for option in options} & {*inspect.signature(show).parameters}
-    has_callbacks = CALLBACKS in inspect.signature(workflow).parameters
+    options, shown = _options(workflow, defaults), _options(show, defaults)
+    shared = options.keys() & inspect.signature(show).parameters
+    parameters = inspect.signature(workflow).parameters
+    several = [name for name, each in parameters.items() if each.kind is each.VAR_POSITIONAL]
 
     def run(**given: Any) -> None:
-        for_show = {option.name: given.pop(option.name) for option in shown}
+        for_show = {name: given.pop(name) for name in shown}
         for_show |= {name: given[name] for name in shared}
-        if has_callbacks:
-            with progress() as callbacks:
-                result = workflow(**given, **{CALLBACKS: callbacks})
-        else:
-            result = workflow(**given)
+        values = [value for name in several for value in given.pop(name)]
+        with ExitStack() as stack:
+            if CALLBACKS in parameters:
+                given[CALLBACKS] = stack.enter_context(progress())
+            result = workflow(*values, **given)
         show(result, **for_show)
 
-    parameters = [*options, *shown]
-    run.__name__, run.__doc__ = workflow.__name__, _for_people(workflow)
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    run.__annotations__ = {option.name: option.annotation for option in parameters}
+    every = [*options.values(), *shown.values()]
+    run.__name__ = workflow.__name__
+    run.__doc__ = (inspect.getdoc(workflow) or "").partition("\n\n")[0]
+    run.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
+    run.__annotations__ = {option.name: option.annotation for option in every}
     return run
 
 
-def _options(function: Callable[..., Any]) -> Iterator[inspect.Parameter]:
-    """Yield the parameters that are given on the command line, as Typer reads them."""
-    for parameter in inspect.signature(function).parameters.values():
-        if get_origin(parameter.annotation) is not Annotated:
+def _options(
+    function: Callable[..., Any], defaults: dict[str, object]
+) -> dict[str, inspect.Parameter]:
+    """Return the parameters that are given on the command line, as Typer reads them."""
+    options, helps = {}, parameter_help(function)
+    for name, parameter in inspect.signature(function).parameters.items():
+        option = option_of(parameter)
+        if option is None:
             continue
-        for detail in get_args(parameter.annotation)[1:]:
-            annotation, default = parameter.annotation, parameter.default
-            if isinstance(detail, OnCommandLine):
-                annotation = Annotated[detail.kind, detail.option]
-                default = default if detail.default is ... else detail.default
-            elif not isinstance(detail, ArgumentInfo | OptionInfo):
-                continue
-            yield inspect.Parameter(
-                parameter.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                annotation=annotation,
-                default=default,
-            )
+        option = copy(option)
+        option.help = option.help or helps.get(name, "")
+        kind = get_args(parameter.annotation)[0]
+        kind = list[Path] if parameter.kind is parameter.VAR_POSITIONAL else kind
+        default = defaults.get(name, parameter.default)
+        if default is False and option.default is ... and not option.param_decls:
+            # A switch, with no --no-NAME beside it.
+            option.param_decls = (f"--{name.replace('_', '-')}",)
+        options[name] = inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            annotation=Annotated[COMMAND_TYPES.get(kind, kind), option],
+            default=default,
+        )
+    return options
 
 
-def _for_people(workflow: Callable[..., Any]) -> str:
-    """Return the first paragraph of a docstring, which is the help of a command."""
-    return (inspect.getdoc(workflow) or "").partition("\n\n")[0]
+def option_of(parameter: inspect.Parameter) -> ArgumentInfo | OptionInfo | None:
+    """Return how a parameter is given on the command line, None where it is not."""
+    if get_origin(parameter.annotation) is not Annotated:
+        return None
+    details = get_args(parameter.annotation)[1:]
+    return next((each for each in details if isinstance(each, ArgumentInfo | OptionInfo)), None)
+
+
+def parameter_help(function: Callable[..., Any]) -> dict[str, str]:
+    """Return what the section ``Args`` of a docstring says of each parameter."""
+    section = (inspect.getdoc(function) or "").partition("\nArgs:\n")[2].partition("\n\n")[0]
+    entries = re.findall(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", section, re.MULTILINE)
+    return {name: " ".join(text.split()) for name, text in entries}
+
+
+class Command(TyperCommand):
+    """A command whose help is plain text, with the groups of its options.
+
+    Typer's help with boxes and colors imports a Markdown parser and a syntax highlighter, which
+    takes as long as everything else together.
+    """
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        for parameter in self.params:
+            if isinstance(parameter, TyperOption):
+                kind = parameter.type_descriptor.annotation
+                parameter.metavar = parameter.metavar or METAVARS.get(kind)
+            elif isinstance(parameter, TyperArgument):
+                parameter.metavar = parameter.metavar or str(parameter.name).upper()
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the arguments, and the options group by group."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            name, meaning = parameter.get_help_record(ctx) or ("", "")
+            group = getattr(parameter, "rich_help_panel", None) or "Options"
+            if isinstance(parameter, TyperArgument):
+                name, group = parameter.display_name_raw, "Arguments"
+            groups.setdefault(group, []).append((name, meaning))
+        for title, records in groups.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
+
+
+class Group(TyperGroup):
+    """A group whose help has a whole sentence about each command."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands, each with its summary."""
+        with formatter.section("Commands"):
+            commands = self.commands.items()
+            formatter.write_dl([(name, command.help or "") for name, command in commands])

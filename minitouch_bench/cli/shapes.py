@@ -1,102 +1,87 @@
-"""``minitouch-bench shapes``: make, prove, look at, exchange sets of shapes."""
+"""``minitouch-bench shapes``: make, check, view and exchange sets of shapes."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-app = typer.Typer(help="Make, prove, view and exchange sets of shapes.", no_args_is_help=True)
+from minitouch_bench.cli.command import Command, Group
+from minitouch_bench.cli.console import note
+from minitouch_bench.cli.progress import count_progress
+
+app = typer.Typer(
+    cls=Group,
+    help="Make, check, view and exchange sets of shapes.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a shape set.", show_default=False)]
 Output = Annotated[Path, typer.Option("--output", help="Folder to write.")]
-Workers = Annotated[int, typer.Option(min=1, help="Processes; the result never depends on it.")]
+Workers = Annotated[
+    int, typer.Option(min=1, help="Worker processes; the result does not depend on them.")
+]
 
 
-@contextmanager
-def progress_bar(label: str) -> Iterator[Callable[[int, int], None]]:
-    """Yield a function that takes (done, total); its first call shows a bar on stderr."""
-    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    bar = Progress(*columns, console=Console(stderr=True))
-    task = bar.add_task(label, total=None)
-    is_shown = False
-
-    def show(done: int, total: int) -> None:
-        nonlocal is_shown
-        if not is_shown:
-            bar.start()
-            is_shown = True
-        bar.update(task, completed=done, total=total)
-
-    try:
-        yield show
-    finally:
-        if is_shown:
-            bar.stop()
-
-
-@app.command()
+@app.command(cls=Command)
 def generate(
     output: Output,
     count: Annotated[int, typer.Option(min=1, help="Number of shapes.")] = 1000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the set.")] = 0,
     workers: Workers = 1,
 ) -> None:
-    """Make a set; run again after an interruption, it goes on where it stopped."""
+    """Make a set; after an interruption the same command continues it."""
     from minitouch_bench.shapegen import generate as workflow
 
-    with progress_bar("shapes") as progress:
+    with count_progress("shapes") as progress:
         result = workflow.generate(output, count, seed, workers, progress)
-    typer.echo(f"{result.count} shapes in {result.folder}, digest {result.digest}")
+    print(f"{result.count} shapes in {result.folder}, digest {result.digest}")
     for reason, number in sorted(result.refused.items()):
-        typer.echo(f"  refused on the way: {reason} {number}")
+        print(f"  refused on the way: {reason} {number}")
 
 
-@app.command()
+@app.command(cls=Command)
 def check(
     folder: Folder,
     workers: Workers = 1,
-    quick: Annotated[bool, typer.Option(help="Leave out the proofs in the simulator.")] = False,
+    quick: Annotated[bool, typer.Option(help="Leave out the checks in the simulator.")] = False,
 ) -> None:
-    """Prove a set against its manifest; exit 1 with the reasons if it does not hold."""
+    """Check a set against its manifest; exit 1 with every difference."""
     from minitouch_bench.shapegen.check import check_set
 
-    with progress_bar("proofs") as progress:
+    with count_progress("proofs") as progress:
         report = check_set(folder, workers, quick, progress)
     for problem in report.problems:
-        typer.echo(problem)
+        print(problem)
     if report.problems:
-        typer.echo(f"{folder}: {len(report.problems)} problems", err=True)
+        note(f"{folder}: {len(report.problems)} problems")
         raise typer.Exit(1)
     chance = "" if report.p_value is None else f", split p = {report.p_value:.3f}"
-    typer.echo(f"{len(report.shapes.shapes)} shapes hold, digest {report.shapes.digest}{chance}")
+    print(f"{len(report.shapes.shapes)} shapes hold, digest {report.shapes.digest}{chance}")
 
 
-@app.command("stats")
+@app.command("stats", cls=Command)
 def show_stats(folder: Folder) -> None:
     """Print the distribution of a set and the test of its split."""
     from minitouch_bench.shapegen.manifest import load_shape_set
     from minitouch_bench.shapegen.stats import stats_text
 
-    typer.echo(stats_text(load_shape_set(folder)))
+    print(stats_text(load_shape_set(folder)))
 
 
-@app.command()
+@app.command(cls=Command)
 def preview(folder: Folder, output: Output) -> None:
-    """Draw contact sheets by family and split, and a page to browse the set offline."""
+    """Write contact sheets by family and split, and a page to browse the set offline."""
     from minitouch_bench.shapegen import preview as workflow
     from minitouch_bench.shapegen.manifest import load_shape_set
 
-    with progress_bar("pictures") as progress:
+    with count_progress("pictures") as progress:
         written = workflow.preview(load_shape_set(folder), output, progress)
     for path in written:
-        typer.echo(path)
+        print(path)
 
 
-@app.command("import")
+@app.command("import", cls=Command)
 def import_objects(  # noqa: PLR0917 - each parameter is an option of the command
     source: Annotated[Path, typer.Argument(help="Folder of OBJ, STL, GLB or URDF objects.")],
     output: Output,
@@ -110,37 +95,35 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
     from minitouch_bench.shapegen.soundness import Reason
 
     config = importing.ImportConfig(scale, fit, density)
-    with progress_bar("objects") as progress:
+    with count_progress("objects") as progress:
         result = importing.import_objects(source, output, config, workers, progress)
     for name, reason in result.refused.items():
-        typer.echo(f"{name}: {reason}")
-    typer.echo(f"{result.accepted} accepted, {len(result.refused)} refused")
+        print(f"{name}: {reason}")
+    print(f"{result.accepted} accepted, {len(result.refused)} refused")
     for reason, number in sorted(result.reasons().items()):
-        typer.echo(f"  {number:5d} {reason}")
+        print(f"  {number:5d} {reason}")
     sizes = (Reason.SIZE.value, Reason.TOO_WIDE.value, Reason.TOO_FLAT.value)
     if not fit and any(reason.startswith(sizes) for reason in result.refused.values()):
-        typer.echo(
-            "--fit gives each object a size the hand can grip; --scale sets the unit", err=True
-        )
+        note("--fit gives each object a size the hand can grip; --scale sets the unit")
     if result.accepted:
-        typer.echo(f"set in {result.folder}, digest {result.digest}")
+        print(f"set in {result.folder}, digest {result.digest}")
     if result.refused or not result.accepted:
         raise typer.Exit(1)
 
 
-@app.command()
+@app.command(cls=Command)
 def export(
     folder: Folder,
     output: Output,
     form: Annotated[str, typer.Option("--format", help="urdf, obj, glb or mjcf.")] = "urdf",
-    split: Annotated[str | None, typer.Option(help="train or held-out; both if absent.")] = None,
+    split: Annotated[str | None, typer.Option(help="train or held-out; by default both.")] = None,
 ) -> None:
     """Write the shapes as files for other programs."""
     from minitouch_bench.shapegen import exporting
     from minitouch_bench.shapegen.manifest import load_shape_set
 
     count = exporting.export(load_shape_set(folder), output, form, split)
-    typer.echo(f"{count} files in {output}")
+    print(f"{count} files in {output}")
 
 
 if __name__ == "__main__":

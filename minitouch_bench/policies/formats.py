@@ -2,15 +2,16 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError
 from minitouch_bench.optional import look_up, require
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.policies.policy import Checkpoint, Policy
-from minitouch_bench.policies.wire import describe
 
-Loader = Callable[[Checkpoint], Policy]
+if TYPE_CHECKING:
+    from minitouch_bench.policies.policy import Checkpoint, Policy
+
+Loader = Callable[["Checkpoint"], "Policy"]
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def find_loader(kind: str) -> Loader:
     return loader  # type: ignore[no-any-return]
 
 
-def load_policy(kind: str, checkpoint: Checkpoint) -> Policy:
+def load_policy(kind: str, checkpoint: "Checkpoint") -> "Policy":
     """Build the policy of a checkpoint.
 
     Raises:
@@ -122,6 +123,8 @@ def load_policy(kind: str, checkpoint: Checkpoint) -> Policy:
     except MiniTouchError:
         raise
     except Exception as error:  # whatever a foreign reader raises means: not loadable
+        from minitouch_bench.policies.wire import describe  # noqa: PLC0415  it imports numpy
+
         raise PolicyLoadError(
             f"{checkpoint.target} is not a readable {kind} policy: {describe(error)}"
         ) from error

@@ -4,10 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from minitouch_bench.records import EpisodeRecord
-
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from minitouch_bench.agents.progress import ProgressRow
+    from minitouch_bench.records import EpisodeRecord
+    from minitouch_bench.reporting.study import StudyResults
+    from minitouch_bench.workflows.proving import Validation
+    from minitouch_bench.workflows.studying import StudyConfig
 
 
 def ignore(*_: object) -> None:
@@ -24,7 +28,7 @@ class Callbacks:
 
     note: Callable[[str], None] = ignore
     phase: Callable[[str, int], None] = ignore
-    episode: Callable[[EpisodeRecord], None] = ignore
+    episode: Callable[["EpisodeRecord"], None] = ignore
 
 
 SILENT = Callbacks()
@@ -45,3 +49,28 @@ class TrainingProgress:
 
 
 UNSEEN = TrainingProgress()
+
+
+@dataclass(frozen=True)
+class StudyProgress:
+    """Functions that a study calls while it runs; each does nothing by default.
+
+    ``begin`` takes the grid and the study's directory; ``state`` takes which trainings are done,
+    failed and left, whenever that changes.
+    """
+
+    begin: Callable[["StudyConfig", "Path"], None] = ignore
+    state: Callable[["StudyResults"], None] = ignore
+
+
+UNSEEN_STUDY = StudyProgress()
+
+
+@dataclass(frozen=True)
+class ValidationProgress(Callbacks):
+    """``verdict`` takes what was found in each submission, as soon as it is checked."""
+
+    verdict: Callable[["Validation"], None] = ignore
+
+
+UNSEEN_VALIDATION = ValidationProgress()

@@ -11,7 +11,7 @@ from minitouch_bench.files import MAX_EPISODES, REPORTS, SETTINGS_FILE, lock_dir
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 from minitouch_bench.workflows import SILENT, Callbacks, options
-from minitouch_bench.workflows.options import OnCommandLine, StrPath, episodes_option, output_option
+from minitouch_bench.workflows.options import StrPath, Words, episodes_option, output_option
 
 if TYPE_CHECKING:
     from minitouch_bench.workflows.results import Run
@@ -29,67 +29,32 @@ def evaluate(
         str, episodes_option(help=f"{', '.join(s.name for s in PROTOCOL.suites)}.")
     ] = PROTOCOL.suites[0].name,
     *,
-    name: Annotated[
-        str | None, episodes_option(metavar="TEXT", help="What reports call the policy.")
-    ] = None,
-    tasks: Annotated[
-        str | Sequence[str] | None,
-        options.words_option(metavar="A,B", help="Only these tasks of the suite: unofficial."),
-    ] = None,
+    name: Annotated[str | None, episodes_option(metavar="TEXT")] = None,
+    tasks: Annotated[Words | None, episodes_option(metavar="A,B")] = None,
     exploration: options.Exploration = None,
-    episodes: Annotated[
-        int | None,
-        episodes_option(
-            min=1, max=MAX_EPISODES, help="Episodes per task; another number is unofficial."
-        ),
-    ] = None,
-    episodes_from: Annotated[
-        Sequence[str],
-        OnCommandLine(
-            list[str] | None,
-            episodes_option(
-                metavar="TASK/N,N",
-                help="Only these episodes, as in pushing/3,17: may be given again; unofficial.",
-            ),
-            None,
-        ),
-    ] = (),
-    seed: Annotated[
-        int | None,
-        episodes_option(min=0, help="In place of the suite's own: an unofficial run."),
-    ] = None,
+    episodes: Annotated[int | None, episodes_option(min=1, max=MAX_EPISODES)] = None,
+    episodes_from: Annotated[Sequence[str], episodes_option(metavar="TASK/N,N")] = (),
+    seed: Annotated[int | None, episodes_option(min=0)] = None,
     without: Annotated[
-        str | Sequence[str] | None,
-        options.words_option(
+        Words | None,
+        episodes_option(
             metavar="A,B",
-            help=f"Senses that stay as at the reset: {', '.join(SENSES)}. Unofficial.",
+            help=f"Senses that stay as at the reset: {', '.join(SENSES)}; unofficial.",
         ),
     ] = None,
     perturb: Annotated[
-        str | Sequence[str] | None,
-        options.words_option(
+        Words | None,
+        episodes_option(
             metavar="A=X,B=X:Y",
-            help=f"{', '.join(CHANGES)}: see docs/how-to/robustness.md. Unofficial.",
+            help=f"{', '.join(CHANGES)}: see docs/how-to/robustness.md; unofficial.",
         ),
     ] = None,
-    output: Annotated[
-        StrPath | None,
-        OnCommandLine(
-            Path,
-            output_option(metavar="DIR", help="The run's directory; auto: reports/POLICY-SUITE."),
-            AUTO_OUTPUT,
-        ),
-    ] = None,
-    video: Annotated[int, output_option(min=0, help="Film the first N episodes of each task.")] = 0,
-    log: Annotated[
-        str | None,
-        output_option(
-            metavar="wandb|tensorboard", help="Send the estimates and the episodes to a tracker."
-        ),
-    ] = None,
+    output: Annotated[StrPath | None, output_option(metavar="DIR")] = None,
+    video: Annotated[int, output_option(min=0)] = 0,
+    log: Annotated[str | None, output_option(metavar="wandb|tensorboard")] = None,
     resume: options.Resume = False,
     fresh: options.Fresh = False,
-    workers: options.Workers = None,
+    workers: options.Workers = options.AUTO,
     engine: options.EngineName = "local",
     address: options.Address = None,
     isolation: options.IsolationLevel = Isolation.SANDBOX,
@@ -103,8 +68,19 @@ def evaluate(
     In Python ``policy`` and ``exploration`` can also be an object: anything with
     ``act(observation)``, and ``reset(seed, task)`` if it uses episodes; a Stable-Baselines3 model;
     a torch module on (image, touch). An object runs beside the simulator, and its run is
-    unofficial. Lists are texts with commas on the command line. Without ``output`` a run in Python
-    is kept in memory only, and an interrupted one is lost.
+    unofficial. A list is a text with commas on the command line. Without ``output`` a run in
+    Python is kept in memory only, and an interrupted one is lost.
+
+    Args:
+        name: Name of the policy in reports.
+        tasks: Only these tasks of the suite; unofficial.
+        episodes: Episodes per task; another number than the suite's is unofficial.
+        episodes_from: Only these episodes, as in pushing/3,17; repeat it for several tasks;
+            unofficial.
+        seed: Seed in place of the suite's; unofficial.
+        output: Directory of the run; auto: reports/POLICY-SUITE.
+        video: Record videos of the first N episodes of each task.
+        log: Send the estimates and the episodes to a tracker.
 
     Raises:
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.

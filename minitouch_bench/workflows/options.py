@@ -1,8 +1,12 @@
-"""The parameters that several workflows share: in Python, and as options of a command."""
+"""The parameters that several workflows share: in Python, and as options of a command.
+
+A workflow is a function whose annotated parameters are the options of its command: ``typer.Option``
+or ``typer.Argument`` says how a parameter is given, and the section ``Args`` of the docstring is
+its help. What several workflows share is described here.
+"""
 
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -10,42 +14,45 @@ from typing import Annotated, Any
 
 import typer
 
-from minitouch_bench.documents import read_toml
+from minitouch_bench.documents import read_toml, take_table
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.engine import ENGINES, STUDY_ENGINES, EngineOptions
+from minitouch_bench.evaluation.engine import ENGINES, EngineOptions
 from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.policies.limits import PolicyLimits
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
 
 StrPath = str | PathLike[str]
+Words = str | Sequence[str]
+"""A list, or a text with commas."""
+Numbers = str | Sequence[int]
+
+COMMAND_TYPES: Mapping[Any, Any] = {
+    StrPath: Path,
+    StrPath | None: Path | None,
+    Sequence[StrPath]: list[Path],
+    Sequence[str]: list[str],
+    Words: str,
+    Words | None: str | None,
+    Numbers | None: str | None,
+    float | str | None: str | None,
+    int | str | None: str,
+    object: str,
+    object | None: str | None,
+}
+"""How the command line reads a parameter that can be more in Python."""
+
 MAX_WORKERS = 1024
 MAX_ACT_TIMEOUT_S = 86400.0
 AUTO = "auto"
-
-
-@dataclass(frozen=True)
-class OnCommandLine:
-    """How a parameter is given on the command line where that differs from Python.
-
-    ``kind``: its type there. ``option``: Typer's argument or option. ``default``: in place of
-    Python's.
-    """
-
-    kind: Any
-    option: Any
-    default: Any = ...
-
-
-def words_option(**settings: Any) -> OnCommandLine:
-    """Describe a list that is one text with commas on the command line."""
-    return OnCommandLine(str | None, episodes_option(**settings), None)
-
+SETTING: Any = bool | int | float | str | tuple[str | int, ...]
+"""What an option can be in a file."""
 
 episodes_option = partial(typer.Option, rich_help_panel="Episodes")
 output_option = partial(typer.Option, rich_help_panel="Output")
 engine_option = partial(typer.Option, rich_help_panel="Engine")
 isolation_option = partial(typer.Option, rich_help_panel="Isolation")
+timeout_option = partial(isolation_option, metavar="S", min=0.01, max=MAX_ACT_TIMEOUT_S)
 """Options of a group in a command's help."""
 
 POLICIES = (
@@ -53,117 +60,72 @@ POLICIES = (
     "file per task, package.module:attribute, http://..., or hf://USER/REPO/FILE@REVISION"
 )
 
-Policy = Annotated[object, OnCommandLine(str, typer.Argument(metavar="POLICY", help=POLICIES))]
-Exploration = Annotated[
-    object | None,
-    OnCommandLine(
-        str | None, episodes_option(help="The policy as of the end of the exploration phase.")
-    ),
+Policy = Annotated[object, typer.Argument(metavar="POLICY", help=POLICIES)]
+EXPLORATION = episodes_option(help="The policy at the end of the exploration phase.")
+Exploration = Annotated[object | None, EXPLORATION]
+RunDirectory = Annotated[
+    StrPath, typer.Argument(metavar="RUN", help="Directory of a finished run.")
 ]
 Workers = Annotated[
     int | str | None,
-    OnCommandLine(
-        str, engine_option(metavar="N|auto", help="Worker processes; auto: one per core."), "auto"
+    engine_option(metavar="N|auto", help="Worker processes; auto: one per core."),
+]
+EngineName = Annotated[
+    str,
+    engine_option(
+        metavar="|".join(ENGINES),
+        help="; ".join(f"{name}: {engine.about}" for name, engine in ENGINES.items()) + ".",
     ),
 ]
-WorkersText = Annotated[
-    str, engine_option(metavar="N|auto", help="Worker processes; auto: one per core.")
-]
-ExplorationText = Annotated[
-    str | None, episodes_option(help="The policy as of the end of the exploration phase.")
-]
-IsolationText = Annotated[
-    Isolation, isolation_option(help="See docs/explanation/isolation.md; none needs --trust.")
-]
-
-
-def _engine_names(names: Iterable[str]) -> Any:
-    about = "; ".join(f"{name}: {ENGINES[name].about}" for name in names)
-    return engine_option(metavar="|".join(names), help=f"{about}.")
-
-
-EngineName = Annotated[str, _engine_names(ENGINES)]
-StudyEngine = Annotated[str, _engine_names(STUDY_ENGINES)]
 Address = Annotated[
     str | None,
     engine_option(
         metavar="HOST:PORT",
-        help="; ".join(f"{n}: {one.address}" for n, one in ENGINES.items() if one.address) + ".",
+        help="; ".join(f"{name}: {e.address}" for name, e in ENGINES.items() if e.address) + ".",
     ),
 ]
 IsolationLevel = Annotated[
     str,
-    OnCommandLine(
-        Isolation,
-        isolation_option(help="See docs/explanation/isolation.md; none needs --trust."),
-        Isolation.SANDBOX,
-    ),
-]
-Trust = Annotated[
-    bool, isolation_option("--trust", help="Run a policy's own Python code on this machine.")
-]
-ActTimeout = Annotated[
-    float,
     isolation_option(
-        min=0.01, max=MAX_ACT_TIMEOUT_S, help="Seconds a policy may take for one action."
+        metavar="|".join(Isolation),
+        help="See docs/explanation/isolation.md; none needs --trust.",
     ),
 ]
+Trust = Annotated[bool, isolation_option(help="Run a policy's own Python code on this machine.")]
+ActTimeout = Annotated[float, timeout_option(help="Seconds a policy may take for one action.")]
 EpisodeTimeout = Annotated[
     float,
-    isolation_option(
-        min=0.01,
-        max=MAX_ACT_TIMEOUT_S,
-        help="Seconds a policy may take in an episode; another number is unofficial.",
-    ),
+    timeout_option(help="Seconds a policy may take in an episode; another number is unofficial."),
 ]
-Resume = Annotated[bool, output_option("--resume", help="Continue the run there.")]
-Fresh = Annotated[bool, output_option("--fresh", help="Replace the run there.")]
+Resume = Annotated[bool, output_option(help="Continue the run in the directory.")]
+Fresh = Annotated[bool, output_option(help="Replace the run in the directory.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
 def _take_config(context: typer.Context, path: Path | None) -> None:
-    """Take the options that are not on the command line from a file."""
-    if path is None or context.resilient_parsing:
-        return
-    parameters = {_long_name(one): one for one in context.command.params}
-    given = _read_config(path, parameters.keys() - {"config", "help"})
-    context.default_map = {
-        str(parameters[name].name): value
-        if not isinstance(value, list) or parameters[name].multiple
-        else ",".join(value)
-        for name, value in given.items()
-    }
+    """Take the options that are not on the command line from a file.
 
-
-def _read_config(path: Path, names: Iterable[str]) -> dict[str, str | bool | list[str]]:
-    """Return the options in a file by name; ``names`` are those that it may have.
-
-    A hyphen in a name is an underscore. Numbers come back as the text that a user would type.
+    A hyphen in a name can be an underscore.
 
     Raises:
         UsageError: it is not readable, or an option does not exist or has no such value.
     """
-    table = read_toml(path)
-    known = {*names} - {"trust"}
-    found: dict[str, str | bool | list[str]] = {}
-    for key, value in table.items():
+    if path is None or context.resilient_parsing:
+        return
+    parameters = {_long_name(parameter): parameter for parameter in context.command.params}
+    known = sorted(parameters.keys() - {"config", "help", "trust"})
+    context.default_map = {}
+    for key, value in read_toml(path).items():
         name = key.replace("-", "_")
         if name == "trust":
             raise UsageError(f"{path}: trust is given on the command line alone: add --trust")
         if name not in known:
-            listed = ", ".join(sorted(known))
-            raise UsageError(f"{path} has no use for '{key}'; its names are {listed}")
-        found[name] = _as_typed(path, key, value)
-    return found
-
-
-def _as_typed(path: Path, key: str, value: object) -> str | bool | list[str]:
-    if isinstance(value, bool):
-        return value
-    if isinstance(value, list) and all(isinstance(one, str | int) for one in value):
-        return [str(one) for one in value]
-    if isinstance(value, str | int | float):
-        return str(value)
-    raise UsageError(f"{path}: '{key}' is no text, number, true or false, or list of them")
+            raise UsageError(f"{path} has no use for '{key}'; its names are {', '.join(known)}")
+        setting = take_table(value, SETTING, f"{path}: '{key}'")
+        if not isinstance(setting, bool):
+            texts = list(map(str, setting if isinstance(setting, tuple) else (setting,)))
+            setting = texts if parameters[name].multiple else ",".join(texts)
+        context.default_map[str(parameters[name].name)] = setting
 
 
 def _long_name(parameter: Any) -> str:
@@ -181,11 +143,6 @@ Config = Annotated[
         help="Options from a TOML file; those on the command line win.",
     ),
 ]
-RunDirectory = Annotated[
-    StrPath,
-    OnCommandLine(Path, typer.Argument(metavar="RUN", help="Directory of a finished run.")),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
 def engine_options(engine: str, workers: int | str | None, address: str | None) -> EngineOptions:
@@ -219,19 +176,19 @@ def isolation_options(
     return IsolationOptions(Isolation(isolation), trust, limits)
 
 
-def words(given: str | Sequence[str] | None) -> tuple[str, ...]:
+def words(given: Iterable[object] | None) -> tuple[str, ...]:
     """Return the words of a list, or of a text with commas, in order."""
     listed = given.split(",") if isinstance(given, str) else given or ()
-    return tuple(word.strip() for word in listed if word.strip())
+    return tuple(word for one in listed if (word := str(one).strip()))
 
 
-def whole_numbers(option: str, text: str) -> tuple[int, ...]:
-    """Return the whole numbers of a list.
+def whole_numbers(option: str, given: Numbers | None) -> tuple[int, ...]:
+    """Return the whole numbers of a list, or of a text with commas.
 
     Raises:
-        UsageError: one of its words is no such number.
+        UsageError: one of its words is not a whole number.
     """
-    numbers = words(text)
+    numbers = words(given)
     for word in numbers:
         if not re.fullmatch("[0-9]{1,15}", word):
             raise UsageError(f"{option} is a list of whole numbers, not '{word}'")

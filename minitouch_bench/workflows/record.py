@@ -8,7 +8,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from minitouch_bench.errors import RunDirectoryError
@@ -18,7 +17,7 @@ from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.records import EpisodeRecord, Outcome
 from minitouch_bench.workflows import SILENT, Callbacks, options
-from minitouch_bench.workflows.options import OnCommandLine, StrPath
+from minitouch_bench.workflows.options import StrPath
 
 if TYPE_CHECKING:
     from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -39,19 +38,21 @@ def record(
     policy: options.Policy,
     task: Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))],
     *,
-    output: Annotated[
-        StrPath,
-        OnCommandLine(Path, typer.Option(metavar="DIR", help="The dataset's new directory.")),
-    ],
-    episodes: Annotated[int, typer.Option(min=1, help="How many to record.")] = 100,
-    seed: Annotated[int, typer.Option(min=0, help="Other seeds give other episodes.")] = 0,
+    output: Annotated[StrPath, typer.Option(metavar="DIR")],
+    episodes: Annotated[int, typer.Option(min=1)] = 100,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
     isolation: options.IsolationLevel = Isolation.SANDBOX,
     trust: options.Trust = False,
     callbacks: Callbacks = SILENT,
 ) -> RecordedDataset:
     """Record a policy's episodes in Minari's format, for train --from-log and other libraries.
 
-    An episode with a fault ends as truncated. The directory appears when the dataset is whole.
+    An episode with a fault ends as truncated. The directory appears when the dataset is complete.
+
+    Args:
+        output: Directory of the dataset; it must not exist.
+        episodes: Number of episodes to record.
+        seed: Seed of the episodes.
 
     Raises:
         UsageError: no such task.
@@ -120,6 +121,8 @@ def _new_directory(directory: Path) -> Iterator[Path]:
 
 def _episode(environment: "MiniTouchEnv", played: EpisodeRecord) -> Any:
     """Return an episode with its pictures: its actions done again give the same bits."""
+    import numpy as np
+
     buffers = require("minari.data_collector.episode_buffer", "data")
     spec, trace = played.spec, played.trace
     options = {"object": spec.shape} if spec.shape else None

@@ -1,65 +1,72 @@
-"""Hold a candidate to its baseline; a policy is played no longer than the answer needs."""
+"""Compare a candidate with its baseline, and exit 1 if it is worse: the command ``regress``."""
 
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.evaluation.actors import prepare_policies
-from minitouch_bench.evaluation.engine import LOCAL, Engine, EngineOptions, open_engine
-from minitouch_bench.evaluation.rollout import ActorSource
-from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, open_run
-from minitouch_bench.files import REPORTS, append_text, lock_directory, write_file
-from minitouch_bench.metrics.summary import measure
-from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
-from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Outcome, PolicyIdentity, Role
-from minitouch_bench.regression.comparison import ComparedRun
-from minitouch_bench.regression.gate import (
-    EpisodesUsed,
-    GateResult,
-    endpoint_values,
-    judge_runs,
-    refuse_other_rules,
-)
-from minitouch_bench.regression.pairing import EpisodePair, episode_key
-from minitouch_bench.regression.sequential import SequentialGate, play_order
-from minitouch_bench.regression.settings import STANDARD, GateSettings
-from minitouch_bench.regression.writers import gate_junit, gate_markdown
-from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.labels import tasks_in_order
-from minitouch_bench.runs.run import Run, read_run, run_digest
-from minitouch_bench.workflows import SILENT, Callbacks
-from minitouch_bench.workflows.playing import play, run_name, write_views
+import typer
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.files import append_text, write_file
+from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
+from minitouch_bench.workflows import SILENT, Callbacks, options
+from minitouch_bench.workflows.options import StrPath
+
+if TYPE_CHECKING:
+    from minitouch_bench.regression.gate import GateResult
+
+CONFIG_FILE = "minitouch-bench.toml"
+"""Read if it lies in the working directory."""
+
+GITHUB_SUMMARY = "GITHUB_STEP_SUMMARY"
+"""The variable in which a GitHub workflow names the file of a step's summary."""
 
 
-@dataclass(frozen=True)
-class RegressOptions:
-    """What to hold to which baseline: either a ``policy``, or a finished run as ``candidate``.
+def regress(
+    policy: Annotated[object | None, typer.Argument(metavar="POLICY")] = None,
+    *,
+    baseline: Annotated[StrPath, typer.Option()],
+    candidate: Annotated[StrPath | None, typer.Option()] = None,
+    config: Annotated[StrPath | None, typer.Option()] = None,
+    metric: Annotated[str | None, typer.Option()] = None,
+    tolerance: Annotated[float | str | None, typer.Option()] = None,
+    alpha: Annotated[float | None, typer.Option()] = None,
+    strict: Annotated[bool, typer.Option()] = False,
+    lenient: Annotated[bool, typer.Option()] = False,
+    workers: options.Workers = options.AUTO,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
+    output: Annotated[StrPath | None, typer.Option()] = None,
+    resume: options.Resume = False,
+    fresh: options.Fresh = False,
+    isolation: options.IsolationLevel = Isolation.SANDBOX,
+    trust: options.Trust = False,
+    act_timeout: options.ActTimeout = ACT_TIMEOUT_S,
+    episode_timeout: options.EpisodeTimeout = EPISODE_TIMEOUT_S,
+    junit: Annotated[StrPath | None, typer.Option()] = None,
+    summary: Annotated[
+        StrPath | None, typer.Option(envvar=GITHUB_SUMMARY, show_envvar=False)
+    ] = None,
+    callbacks: Callbacks = SILENT,
+) -> "GateResult":
+    """Say whether a candidate is worse: regression (exit 1), no regression, not enough episodes.
 
-    ``engine`` and all to ``fresh`` are of the policy. ``junit`` gets JUnit XML, and
-    Markdown is added to ``summary``.
-    """
+    A policy plays the baseline's episodes until the answer is certain, or all of them; its run is
+    kept in its directory.
 
-    baseline: Path
-    policy: object | None = None
-    candidate: Path | None = None
-    settings: GateSettings = STANDARD
-    engine: EngineOptions = LOCAL
-    isolation: IsolationOptions = SANDBOXED
-    output: Path | None = None
-    resume: bool = False
-    fresh: bool = False
-    junit: Path | None = None
-    summary: Path | None = None
-
-
-def regress(options: RegressOptions, callbacks: Callbacks = SILENT) -> GateResult:
-    """Judge a candidate beside its baseline, and write the files asked for.
-
-    A policy plays the baseline's episodes until the answer is certain, or all of them; its run
-    is kept in its directory.
+    Args:
+        policy: Play this policy on the baseline's episodes, until the answer is certain.
+        baseline: Directory of the run to compare with.
+        candidate: Directory of a finished run, in place of POLICY.
+        config: TOML file with metric, tolerance and level; by default minitouch-bench.toml.
+        metric: What decides: the mean of this metric over its tasks; by default success.
+        tolerance: How much worse the metric may get, such as 0.05 or 10%; by default 0.05.
+        alpha: Chance of a false regression; by default 0.05.
+        strict: Always fail where there are not enough episodes.
+        lenient: Never fail where there are not enough episodes.
+        output: Directory of POLICY's run; by default reports/POLICY-SUITE-regress.
+        junit: Write JUnit XML to this file.
+        summary: Append Markdown to this file; by default to $GITHUB_STEP_SUMMARY, if set.
 
     Raises:
         UsageError: an option has no meaning, or the runs are not of the same episodes.
@@ -67,162 +74,39 @@ def regress(options: RegressOptions, callbacks: Callbacks = SILENT) -> GateResul
         RunDirectoryError: a directory is in use, holds another run, or none.
         InfrastructureError, InterruptedRunError: the run is incomplete and can be resumed.
     """
-    baseline = _read_unedited(options.baseline)
-    if options.candidate is not None:
-        paths = (str(options.baseline), str(options.candidate))
-        candidate = _read_unedited(options.candidate)
-        result = judge_runs(baseline, candidate, paths, options.settings)
-    elif options.policy is not None:
-        result = _play_gate(baseline, options.policy, options, callbacks)
-    else:
-        raise UsageError("there is nothing to judge: give a policy or a candidate's run")
-    if options.junit is not None:
-        write_file(options.junit, gate_junit(result))
-    if options.summary is not None:
-        append_text(options.summary, gate_markdown(result))
-    return result
+    if (policy is None) == (candidate is None):
+        raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
+    if candidate is not None and (output is not None or resume or fresh or trust):
+        raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
+    from minitouch_bench.regression.gate import judge_runs
+    from minitouch_bench.regression.settings import STANDARD, GateFlags, read_settings, with_flags
+    from minitouch_bench.regression.writers import gate_junit, gate_markdown
+    from minitouch_bench.workflows.gating import play_gate, read_unedited
 
-
-def _read_unedited(directory: Path) -> Run:
-    """Read a run whose digest is that of its episodes.
-
-    Raises:
-        RunDirectoryError: it is not a run, or was edited.
-    """
-    run = read_run(directory)
-    if run.is_edited():
-        raise RunDirectoryError(
-            f"{directory} was edited: its digest is not that of its episodes; make the run again"
-        )
-    return run
-
-
-class _EnoughError(Exception):
-    """The answer is certain; the other episodes need not be played."""
-
-
-class _InOrder:
-    """An engine that starts the episodes in another order."""
-
-    def __init__(self, engine: Engine, order: Sequence[str]) -> None:
-        self.workers = engine.workers
-        self._engine = engine
-        self._turns = {key: turn for turn, key in enumerate(order)}
-
-    def run(
-        self, source: ActorSource, specs: Sequence[EpisodeSpec], attempts: Path | None = None
-    ) -> Iterator[EpisodeRecord]:
-        """Yield what the engine yields; closing this closes that."""
-        ordered = sorted(specs, key=lambda spec: self._turns[spec.key])
-        yield from self._engine.run(source, ordered, attempts)
-
-
-def _play_gate(
-    baseline: Run, policy: object, options: RegressOptions, callbacks: Callbacks
-) -> GateResult:
-    """Play the baseline's episodes until the answer is certain, or all."""
-    opening = open_engine(options.engine, callbacks.note)
-    whole, baseline = baseline, _deciding_part(baseline, options.settings)
-    request = _request_like(baseline, policy, options.isolation, callbacks)
-    if left_out := [task for task in whole.plan.tasks if task not in request.plan.tasks]:
-        callbacks.note(f"{', '.join(left_out)} of the baseline decide nothing and are not played")
-    if whole.exploration_episodes:
-        callbacks.note("the baseline's exploration episodes are left out: POLICY has none")
-    path = str(options.baseline)
-    directory = options.output or REPORTS / f"{run_name(request)}-regress"
-    root = (baseline.plan.seed,)
-    order = play_order(baseline.episodes, root)
-    gate = SequentialGate(order, options.settings, root)
-    clock = time.monotonic()
-    with opening as engine, lock_directory(directory):
-        opened = open_run(request, directory, resume=options.resume, fresh=options.fresh)
-        turns = [episode_key(Role.FINAL, episode) for episode in order]
-        run = _play(request, opened, _InOrder(engine, turns), gate, callbacks)
-        if run is not None:
-            write_views(run, directory)
-    if run is not None:
-        result = judge_runs(baseline, run, (path, str(directory)), options.settings)
-        used = EpisodesUsed(gate.planned, gate.planned, "no answer was certain before the end")
-        return replace(result, episodes_used=used)
-    header = request.header()
-    name, labels = printable(header.policy.name), _labels(header.policy, gate)
-    candidate = ComparedRun("candidate", name, str(directory), labels)
-    return gate.result(baseline, path, candidate, header, round(time.monotonic() - clock, 3))
-
-
-def _deciding_part(baseline: Run, settings: GateSettings) -> Run:
-    """Return the baseline with the episodes that decide: a policy plays no others.
-
-    Raises:
-        UsageError: none can.
-    """
-    pairs = [EpisodePair(Role.FINAL, one, one) for one in baseline.episodes]
-    tasks = endpoint_values(pairs, tasks_in_order((baseline,)), settings).tasks
-    episodes = tuple(one for one in baseline.episodes if one.task in tasks)
-    chosen = tuple(key for key in baseline.plan.chosen if key.partition("/")[0] in tasks)
-    header = replace(baseline.header, plan=replace(baseline.plan, tasks=tasks, chosen=chosen))
-    return replace(
-        baseline,
-        digest=run_digest(header, episodes),
-        header=header,
-        episodes=episodes,
-        exploration_episodes=(),
+    file = Path(config or CONFIG_FILE)
+    settings = with_flags(
+        read_settings(file) if config is not None or file.is_file() else STANDARD,
+        GateFlags(alpha, metric, tolerance, strict, lenient),
     )
-
-
-def _request_like(
-    baseline: Run, policy: object, isolation: IsolationOptions, callbacks: Callbacks
-) -> RunRequest:
-    """Return the request that plays a policy on the baseline's episodes.
-
-    Raises:
-        UsageError: the baseline has other rules, or not the episodes that its header says.
-        PolicyError: the policy cannot be used.
-    """
-    plan = replace(baseline.plan, limits=isolation.limits)
-    request = RunRequest(plan, prepare_policies(policy, plan, isolation, callbacks.note))
-    refuse_other_rules(baseline, request.header())
-    recorded = {episode_key(Role.FINAL, row): (row.seed, row.shape) for row in baseline.episodes}
-    planned = {spec.key: (spec.seed, spec.shape) for spec in plan.specs()}
-    if recorded != planned or len(baseline.episodes) != len(planned):
-        raise UsageError(
-            f"'{printable(baseline.name)}' does not hold the {len(planned)} episodes of its "
-            "suite, tasks and seed; make the baseline again"
+    before = read_unedited(Path(baseline))
+    if candidate is not None:
+        paths = (str(baseline), str(candidate))
+        result = judge_runs(before, read_unedited(Path(candidate)), paths, settings)
+    else:
+        result = play_gate(
+            before,
+            str(baseline),
+            policy,
+            settings,
+            engine=options.engine_options(engine, workers, address),
+            isolation=options.isolation_options(isolation, trust, act_timeout, episode_timeout),
+            output=None if output is None else Path(output),
+            resume=resume,
+            fresh=fresh,
+            callbacks=callbacks,
         )
-    return request
-
-
-def _play(
-    request: RunRequest,
-    opened: RunUnderWay | Run,
-    engine: Engine,
-    gate: SequentialGate,
-    callbacks: Callbacks,
-) -> Run | None:
-    """Play until the gate is certain; return the run if it is whole."""
-    if isinstance(opened, Run):
-        gate.add(opened.episodes)
-        return opened
-    gate.add(measure(record) for record in opened.records)
-    if gate.is_certain and len(opened.records) < gate.planned:
-        return None
-    seen = {record.spec for record in opened.records}
-
-    def take(record: EpisodeRecord) -> None:
-        callbacks.episode(record)
-        is_new = record.spec not in seen
-        if is_new and gate.add([measure(record)]) and gate.used < gate.planned:
-            raise _EnoughError
-
-    with suppress(_EnoughError):
-        return play(request, opened, engine, replace(callbacks, episode=take))
-    return None
-
-
-def _labels(policy: PolicyIdentity, gate: SequentialGate) -> tuple[str, ...]:
-    """Return what must be known of a policy whose run was stopped."""
-    faults = sum(pair.second.outcome is Outcome.POLICY_FAULT for pair in gate.pairs)
-    found = [printable(note) for note in policy.notes]
-    if faults:
-        found.append(f"{faults} policy {'fault' if faults == 1 else 'faults'}")
-    return tuple(found)
+    if junit is not None:
+        write_file(Path(junit), gate_junit(result))
+    if summary is not None:
+        append_text(Path(summary), gate_markdown(result))
+    return result

@@ -34,9 +34,12 @@ class ReplayedEpisode:
 
 def replay(
     run: options.RunDirectory,
-    episode: Annotated[str, typer.Argument(help="As pushing/17 or exploration/pushing/17.")],
+    episode: Annotated[str, typer.Argument()],
 ) -> ReplayedEpisode:
-    """Replay a recorded episode without its policy: film it, or print it step by step.
+    """Replay a recorded episode without its policy: record a video, or print it step by step.
+
+    Args:
+        episode: Its key, such as pushing/17 or exploration/pushing/17.
 
     Raises:
         UsageError: the run has no such episode, or cannot be replayed here.

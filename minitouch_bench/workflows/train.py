@@ -1,17 +1,28 @@
-"""Train a learner: the command ``train``, and ``minitouch_bench.train``."""
+"""Train a learner, or a grid of them: the commands ``train`` and ``study``."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minitouch_bench.agents import METHODS
 from minitouch_bench.errors import InterruptedRunError
 from minitouch_bench.protocol.minitouch import TASK_NAMES
-from minitouch_bench.workflows import UNSEEN, TrainingProgress
-from minitouch_bench.workflows.options import OnCommandLine, StrPath
+from minitouch_bench.workflows import (
+    UNSEEN,
+    UNSEEN_STUDY,
+    StudyProgress,
+    TrainingProgress,
+    options,
+)
+from minitouch_bench.workflows.options import StrPath
+
+if TYPE_CHECKING:
+    from minitouch_bench.reporting.study import StudyResults
+
+STUDIES = Path("reports") / "studies"
 
 
 def train(
@@ -20,51 +31,35 @@ def train(
         str | None, typer.Option(help=f"{', '.join(METHODS)}; by default hac.")
     ] = None,
     *,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Fixes every random draw; by default 0.")
-    ] = None,
-    exploration_steps: Annotated[
-        int | None, typer.Option(min=0, help="Control steps on the intrinsic reward alone.")
-    ] = None,
-    task_steps: Annotated[
-        int | None, typer.Option(min=0, help="Control steps on the task's reward after them.")
-    ] = None,
-    objects: Annotated[
-        str | None,
-        typer.Option(help="cube, or shapes to draw from: train, all. Default: the task's."),
-    ] = None,
-    from_log: Annotated[
-        StrPath | None,
-        OnCommandLine(
-            Path | None,
-            typer.Option(help="Explore this recorded dataset (Minari's), not the simulator."),
-        ),
-    ] = None,
-    preset: Annotated[
-        str, typer.Option(help="default (what learns best here) or paper (Tables 2 and 3).")
-    ] = "default",
-    config: Annotated[
-        StrPath | None,
-        OnCommandLine(
-            Path | None,
-            typer.Option(help="A TOML file of settings: see docs/reference/training-settings.md."),
-        ),
-    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0)] = None,
+    exploration_steps: Annotated[int | None, typer.Option(min=0)] = None,
+    task_steps: Annotated[int | None, typer.Option(min=0)] = None,
+    objects: Annotated[str | None, typer.Option()] = None,
+    from_log: Annotated[StrPath | None, typer.Option()] = None,
+    preset: Annotated[str, typer.Option()] = "default",
+    config: Annotated[StrPath | None, typer.Option()] = None,
     settings: Mapping[str, Any] = MappingProxyType({}),
-    output: Annotated[
-        StrPath | None,
-        OnCommandLine(
-            Path | None, typer.Option(help="By default reports/training/TASK-METHOD-SEED.")
-        ),
-    ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint.")] = False,
-    device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+    output: Annotated[StrPath | None, typer.Option()] = None,
+    resume: Annotated[bool, typer.Option()] = False,
+    device: Annotated[str, typer.Option()] = "auto",
     callbacks: TrainingProgress = UNSEEN,
 ) -> Path:
     """Train a learner in two phases: curiosity alone, then the task.
 
     Returns the training's directory, which ``evaluate`` takes as a policy. ``settings`` change the
     preset's, nested as in the TOML file: ``{"task_phase": {"steps": 80_000}}``.
+
+    Args:
+        seed: Seed of every random number; by default 0.
+        exploration_steps: Control steps on the intrinsic reward alone.
+        task_steps: Control steps on the task's reward after them.
+        objects: cube, or a set of shapes: train, all; by default the task's.
+        from_log: Explore this recorded dataset (Minari's format) in place of the simulator.
+        preset: default (what learns best here) or paper (Tables 2 and 3).
+        config: TOML file of settings: see docs/reference/training-settings.md.
+        output: Directory of the training; by default reports/training/TASK-METHOD-SEED.
+        resume: Continue from the checkpoint.
+        device: auto, cpu or cuda.
 
     Raises:
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
@@ -92,3 +87,37 @@ def train(
             "--resume continues"
         )
     return directory
+
+
+def study(
+    file: Annotated[StrPath, typer.Argument(metavar="FILE")],
+    *,
+    output: Annotated[StrPath | None, typer.Option()] = None,
+    workers: options.Workers = 1,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
+    callbacks: StudyProgress = UNSEEN_STUDY,
+) -> "StudyResults":
+    """Train and evaluate a grid of methods, tasks and seeds; the same command continues it.
+
+    A training that fails is named in the report and does not stop the others; the next start of
+    the study tries it again. On the command line such a study ends with exit code 5.
+
+    Args:
+        file: The grid: see docs/how-to/studies.md.
+        output: The study's directory; by default reports/studies/NAME, after the file.
+
+    Raises:
+        UsageError: the file is not readable, or names what does not exist.
+        MissingExtraError: Ray or, for the figures, matplotlib is not installed.
+        InfrastructureError: no cluster answers.
+        RunDirectoryError: the directory is in use, cannot be written, or was started with
+            other settings.
+    """
+    from minitouch_bench.workflows.studying import read_study, run_study
+
+    runs_it = options.engine_options(engine, workers, address)
+    config = read_study(Path(file))
+    directory = STUDIES / Path(file).stem if output is None else Path(output)
+    callbacks.begin(config, directory)
+    return run_study(config, directory, runs_it, callbacks.state)

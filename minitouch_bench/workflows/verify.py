@@ -25,27 +25,24 @@ rerun_option = partial(typer.Option, rich_help_panel="Running again")
 def verify(
     run: options.RunDirectory,
     *,
-    rerun: Annotated[
-        int, rerun_option(min=0, help="Also run N drawn episodes with the checkpoint.")
-    ] = 0,
-    policy: Annotated[
-        str | None, rerun_option(help="Where the checkpoint is now; by default where it was.")
-    ] = None,
-    exploration: Annotated[
-        str | None, rerun_option(help="Where the exploration checkpoint is now.")
-    ] = None,
-    draw: Annotated[
-        int | None,
-        rerun_option(min=0, help="Seed of the draw; by default one that nobody can foresee."),
-    ] = None,
-    workers: options.Workers = None,
+    rerun: Annotated[int, rerun_option(min=0)] = 0,
+    policy: Annotated[str | None, rerun_option()] = None,
+    exploration: Annotated[str | None, rerun_option()] = None,
+    draw: Annotated[int | None, rerun_option(min=0)] = None,
+    workers: options.Workers = options.AUTO,
     engine: options.EngineName = "local",
     address: options.Address = None,
     isolation: options.IsolationLevel = Isolation.SANDBOX,
     trust: options.Trust = False,
     callbacks: Callbacks = SILENT,
 ) -> "Verification":
-    """Replay a run's recorded actions and recompute every figure; exit 1 if any differs.
+    """Replay a run's recorded actions and recompute every estimate; exit 1 if any differs.
+
+    Args:
+        rerun: Also run N sampled episodes with the checkpoint.
+        policy: Where the checkpoint is now; by default where it was.
+        exploration: Where the exploration checkpoint is now.
+        draw: Seed of the sample; by default a random one that nobody can predict.
 
     Raises:
         UsageError: a checkpoint is not the run's.

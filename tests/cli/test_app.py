@@ -2,7 +2,9 @@ import shlex
 import subprocess
 
 import pytest
+from typer.main import get_command
 
+from minitouch_bench.cli.app import app
 from tests.cli.command import COMMAND, run
 
 USAGE = [
@@ -28,6 +30,31 @@ def test_without_arguments_there_is_help(tmp_path):
     assert done.code == 2
     assert "Usage" in done.out + done.err
     assert run("--help", directory=tmp_path).code == 0
+
+
+COMMANDS = [
+    (f"{name} {sub}".strip(), command)
+    for name, one in get_command(app).commands.items()
+    for sub, command in getattr(one, "commands", {"": one}).items()
+]
+
+
+@pytest.mark.parametrize(("name", "command"), COMMANDS, ids=[name for name, _ in COMMANDS])
+def test_every_option_has_a_help_and_is_spelled_once(name, command):
+    assert command.help
+    for option in command.params:
+        assert option.help, f"{name}: {option.name}"
+        assert len(option.opts) == 1, option.opts
+
+
+def test_a_help_has_the_options_in_groups(tmp_path):
+    done = run("evaluate", "--help", directory=tmp_path)
+    assert done.code == 0
+    titles = [line for line in done.out.splitlines() if line.endswith(":") and line[0] != " "]
+    assert titles == [
+        "Arguments:", "Episodes:", "Output:", "Engine:", "Isolation:", "Options:",
+    ]  # fmt: skip
+    assert "Only these tasks of the suite; unofficial." in done.out
 
 
 def test_a_shell_can_complete_it(tmp_path):

@@ -15,7 +15,7 @@ from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import HubFile, parse_hub_address, parse_source
-from minitouch_bench.workflows.submit import SubmitOptions, submit
+from minitouch_bench.workflows.submit import submit
 from tests.cli.command import run
 from tests.leaderboard.synthetic import official_run, write_official
 
@@ -103,7 +103,7 @@ def test_packing_a_run_takes_its_file_from_the_cache_alone(hub, tmp_path, monkey
     run_path = Path("reports/table4")
     write_official(replace(done, header=replace(done.header, policy=policy)), run_path)
     asked = list(hub.asked)
-    assert submit(SubmitOptions("mine", runs=(run_path,))).problems == ()
+    assert submit(name="mine", runs=(run_path,)).problems == ()
     assert hub.asked == asked
     assert bool(list(Path("submissions/mine").rglob("*.safetensors"))) is is_cached
 

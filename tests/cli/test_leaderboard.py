@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
-from minitouch_bench.cli import leaderboard
-from minitouch_bench.errors import IncompleteCheckError
+from minitouch_bench.cli.leaderboard import app, build
+from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError
 from minitouch_bench.leaderboard.board import LeftOut, make_board
 from minitouch_bench.verification.problems import Problem
-from minitouch_bench.workflows.validate import Validation
+from minitouch_bench.workflows.proving import Validation
 from tests.cli.command import run
 from tests.leaderboard.synthetic import make_submission
 
@@ -39,52 +40,63 @@ def test_valid_submissions_are_named_with_their_level(root):
 def test_a_strict_build_fails_where_a_submission_is_refused(tmp_path, monkeypatch, refused):
     board = replace(make_board([]), refused=refused)
     monkeypatch.setattr("minitouch_bench.leaderboard.build.build_board", lambda *_: board)
-    leaderboard.build(tmp_path, tmp_path, strict=False)
+    build(tmp_path, tmp_path, strict=False)
     expected = pytest.raises(typer.Exit) if refused else contextlib.nullcontext()
     with expected as end:
-        leaderboard.build(tmp_path, tmp_path, strict=True)
+        build(tmp_path, tmp_path, strict=True)
     assert not refused or end.value.exit_code == 1
 
 
+@pytest.fixture
+def validate(monkeypatch):
+    """Run the command where the check of each directory, by its name, has this result."""
+
+    def run_command(*arguments, **results):
+        def checked(directory, _):
+            result = results[directory.name]
+            if isinstance(result, Exception):
+                raise result
+            return result
+
+        name = "minitouch_bench.workflows.proving.validate_submission"
+        monkeypatch.setattr(name, checked)
+        return CliRunner().invoke(app, ["validate", *results, *arguments])
+
+    return run_command
+
+
 @pytest.mark.parametrize(("unchecked", "code"), [((True,), 6), ((True, False), 1)])
-def test_a_submission_that_cannot_be_read_is_not_called_invalid(
-    tmp_path, monkeypatch, unchecked, code
-):
+def test_a_submission_that_cannot_be_read_is_not_called_invalid(validate, unchecked, code):
     problems = tuple(Problem("run.json", "no", is_unchecked=one) for one in unchecked)
-    found = Validation(problems)
-    name = "minitouch_bench.workflows.validate.validate_submission"
-    monkeypatch.setattr(name, lambda *_: found)
-    with pytest.raises(typer.Exit) as end:
-        leaderboard.validate([tmp_path], False, 0, 0, None, "1")
-    assert end.value.exit_code == code
+    assert validate(hac=Validation(problems)).exit_code == code
 
 
-def test_a_missing_checkpoint_does_not_stop_the_others(tmp_path, monkeypatch, capsys):
-    def validated(directory, *_):
-        if directory.name == "without":
-            raise IncompleteCheckError("the final checkpoint of seed 0 is not in the submission")
-        return Validation((), "fresh-verified")
-
-    monkeypatch.setattr("minitouch_bench.workflows.validate.validate_submission", validated)
-    both = [tmp_path / "without", tmp_path / "with"]
-    with pytest.raises(typer.Exit) as end:
-        leaderboard.validate(both, True, 0, 0, None, "1")
-    assert end.value.exit_code == 5
-    assert capsys.readouterr().out.splitlines() == [
-        "without: the final checkpoint of seed 0 is not in the submission",
-        "with: valid, fresh-verified",
+def test_a_missing_checkpoint_does_not_stop_the_others(validate):
+    missing = IncompleteCheckError("the final checkpoint of seed 0 is not in the submission")
+    done = validate("--replay", first=missing, second=Validation((), "fresh-verified"))
+    assert done.exit_code == 5
+    assert done.stdout.splitlines() == [
+        "first: the final checkpoint of seed 0 is not in the submission",
+        "second: valid, fresh-verified",
     ]
+    assert done.stderr == "1 of 2 valid\n"
 
 
-def test_a_proof_that_is_withdrawn_is_told(tmp_path, monkeypatch, capsys):
-    found = Validation((Problem("run.json", "no"),), withdrawn="fresh-verified")
-    name = "minitouch_bench.workflows.validate.validate_submission"
-    monkeypatch.setattr(name, lambda *_: found)
-    with pytest.raises(typer.Exit):
-        leaderboard.validate([tmp_path / "hac"], False, 0, 0, None, "1")
-    assert capsys.readouterr().out.splitlines()[-1] == (
-        "hac: its proof (fresh-verified) is withdrawn"
-    )
+def test_a_file_that_cannot_be_read_does_not_stop_the_others(validate):
+    locked = RunDirectoryError("_proofs cannot be written: Permission denied")
+    done = validate("--replay", first=locked, second=Validation((), "fresh-verified"))
+    assert (done.exit_code, len(done.stdout.splitlines())) == (6, 2)
+
+
+def test_a_proof_that_is_withdrawn_is_told(validate):
+    done = validate(hac=Validation((Problem("run.json", "no"),), withdrawn="fresh-verified"))
+    assert done.exit_code == 1
+    assert done.stdout.splitlines()[-1] == "hac: its proof (fresh-verified) is withdrawn"
+
+
+def test_too_few_fresh_episodes_are_told_before_they_are_played(validate):
+    done = validate("--fresh-seeds", "19", hac=Validation((), "re-run-verified"))
+    assert done.stderr.splitlines()[0].startswith("fewer than 20 fresh episodes")
 
 
 def test_a_directory_that_is_not_there_is_named_once(tmp_path):

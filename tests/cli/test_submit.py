@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.workflows.submit import SubmitOptions, submit
+from minitouch_bench.workflows.submit import submit
 from tests.cli.command import finish, run, start
 from tests.leaderboard.synthetic import CHECKPOINT, official_run, write_official
 
 HOPELESS = ("submit", "hopeless:Policy", "--trust", "--name", "hopeless", "--workers", 2)
 """A policy that fails at every first step: the official episodes take seconds."""
 
-PACK = SubmitOptions("hac", runs=(Path("reports/hac-table4"),), fresh=True)
+PACK = {"name": "hac", "runs": (Path("reports/hac-table4"),), "fresh": True}
 FACTS = {"run.json", "actions.npz"}
 
 
@@ -81,7 +81,7 @@ def packed(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_official(official_run(), Path("reports/hac-table4"))
     Path("hac.safetensors").write_bytes(CHECKPOINT)
-    assert submit(PACK).problems == ()
+    assert submit(**PACK).problems == ()
     return tmp_path / "submissions" / "hac"
 
 
@@ -95,12 +95,12 @@ def test_no_source_and_submission_lie_one_in_the_other(packed):
     inside = packed / "seed-0" / "table4"
     checkpoint = packed / "checkpoints" / "seed-0" / "final" / "hac.safetensors"
     for other in (
-        replace(PACK, runs=(inside,)),
-        replace(PACK, runs=(), policy=str(checkpoint)),
-        replace(PACK, runs=(), policy=str(packed.parents[1])),
+        {"runs": (inside,)},
+        {"runs": (), "policy": str(checkpoint)},
+        {"runs": (), "policy": str(packed.parents[1])},
     ):
         with pytest.raises(UsageError, match="one in the other"):
-            submit(other)
+            submit(**{**PACK, **other})
     assert state(packed) == before
 
 
@@ -109,10 +109,10 @@ def test_the_only_copy_of_a_checkpoint_is_never_removed(packed):
     Path("hac.safetensors").unlink()
     for include in (True, False):
         with pytest.raises(RunDirectoryError, match="no other copy"):
-            submit(replace(PACK, include=include))
+            submit(**PACK, include_checkpoint=include)
     assert state(packed) == before
     Path("hac.safetensors").write_bytes(CHECKPOINT)
-    assert submit(replace(PACK, include=False)).problems == ()
+    assert submit(**PACK, include_checkpoint=False).problems == ()
     assert not list(packed.rglob("*.safetensors"))
 
 
@@ -125,32 +125,32 @@ def test_a_checkpoint_that_a_submission_alone_holds_stays(tmp_path, monkeypatch,
     checkpoint.write_bytes(CHECKPOINT)
     done = official_run()
     policy = replace(done.header.policy, source=str(checkpoint))
-    write_official(replace(done, header=replace(done.header, policy=policy)), PACK.runs[0])
+    write_official(replace(done, header=replace(done.header, policy=policy)), PACK["runs"][0])
     if include:
-        assert submit(PACK).problems == ()
+        assert submit(**PACK).problems == ()
     else:
         with pytest.raises(RunDirectoryError, match="no other copy"):
-            submit(replace(PACK, include=False))
+            submit(**PACK, include_checkpoint=False)
     assert checkpoint.read_bytes() == CHECKPOINT
 
 
 def test_a_file_of_the_user_in_a_submission_s_run_is_not_replaced(packed):
     (packed / "seed-0" / "table4" / "notes.txt").write_text("mine")
     with pytest.raises(RunDirectoryError, match=r"notes\.txt"):
-        submit(PACK)
+        submit(**PACK)
 
 
 def test_a_submission_that_would_be_refused_changes_nothing(packed):
     before = state(packed)
     Path("reports/hac-table4/actions.npz").write_bytes(b"damaged")
-    assert submit(PACK).problems
+    assert submit(**PACK).problems
     assert state(packed) == before
     assert os.listdir("submissions") == ["hac"]
 
 
 def test_one_training_is_not_two_seeds_and_the_first_stays_as_it_is(packed):
     before = state(packed)
-    (problem,) = submit(replace(PACK, training_seed=1)).problems
+    (problem,) = submit(**PACK, training_seed=1).problems
     assert "bit for bit those of seed-0/table4" in str(problem)
     assert state(packed) == before
 
@@ -189,7 +189,7 @@ def nothing_is_played(monkeypatch):
     def play(*_):
         raise AssertionError("an episode would be played")
 
-    monkeypatch.setattr("minitouch_bench.workflows.submit.play", play)
+    monkeypatch.setattr("minitouch_bench.workflows.submitting.play", play)
 
 
 @pytest.mark.usefixtures("nothing_is_played")
@@ -200,7 +200,7 @@ def test_a_checkpoint_s_name_is_checked_before_anything_is_run(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     save_native(TouchActor(action_size=4), Path("my policy.safetensors"))
     with pytest.raises(UsageError, match="no plain file name"):
-        submit(SubmitOptions("mine", policy="my policy.safetensors"))
+        submit("my policy.safetensors", name="mine")
     assert os.listdir(tmp_path) == ["my policy.safetensors"]
 
 
@@ -209,13 +209,13 @@ def test_every_suite_s_directory_is_checked_before_the_first_is_run(tmp_path, mo
     monkeypatch.chdir(tmp_path)
     place = Path("submissions/zero/seed-0")
     write_official(official_run("novel-shapes", kind="zero"), place / "novel-shapes")
-    both = SubmitOptions("zero", policy="zero", suites=("table4", "novel-shapes"))
+    both = {"policy": "zero", "suites": ("table4", "novel-shapes")}
     with pytest.raises(RunDirectoryError, match="novel-shapes holds a finished run"):
-        submit(both)
+        submit(**both)
     (place / "novel-shapes" / "run.json").unlink()
     (place / "novel-shapes" / "unfinished").mkdir()
     with pytest.raises(RunDirectoryError, match="novel-shapes holds a run already"):
-        submit(both)
+        submit(**both)
     assert os.listdir(place) == ["novel-shapes"]
 
 

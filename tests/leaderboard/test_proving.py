@@ -28,13 +28,7 @@ from minitouch_bench.runs.run import read_run, run_json
 from minitouch_bench.verification.fresh import FreshResult
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows import Callbacks, ignore
-from minitouch_bench.workflows.validate import (
-    Prover,
-    ValidateOptions,
-    prove,
-    validate_submission,
-    within,
-)
+from minitouch_bench.workflows.proving import Prover, prove, validate_submission, within
 from tests.altered import edit_actions
 from tests.evaluation.runs import request, run
 
@@ -124,7 +118,7 @@ def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, policy):
 def test_what_was_replayed_is_proved_where_the_checkpoint_is_missing(verdict):
     changed = with_policy(verdict, kind="native", digest="0" * 64)
     with pytest.raises(IncompleteCheckError, match="not in the submission"):
-        prove(changed, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
+        prove(changed, rerun=1, engine=EngineOptions(workers=1))
     assert find_proof(changed.directory, changed.runs).level is ProofLevel.REPLAYED
 
 
@@ -164,7 +158,7 @@ def test_a_proof_of_other_bytes_is_ignored(submission):
 def test_a_weaker_proof_does_not_replace_a_stronger_one(verdict, known):
     """The second time by a maintainer who only replays."""
     write_proof(make_proof(verdict.runs, known, rerun_episodes=5), proof_path(verdict.directory))
-    assert prove(verdict, ValidateOptions(replay=True, engine=EngineOptions(workers=1))) == ()
+    assert prove(verdict, engine=EngineOptions(workers=1)) == ()
     proof = find_proof(verdict.directory, verdict.runs)
     assert proof.level is known
     assert proof.rerun_episodes == (5 if known is ProofLevel.RERUN else 0)
@@ -199,7 +193,7 @@ def test_a_few_fresh_episodes_give_no_level(verdict, monkeypatch, count, level):
     fresh = fresh_proof(verdict, [PLACE], count).fresh
     monkeypatch.setattr(Prover, "run_fresh", lambda *_: fresh)
     engine = EngineOptions(workers=1)
-    assert prove(verdict, ValidateOptions(rerun=1, fresh_episodes=count, engine=engine)) == ()
+    assert prove(verdict, rerun=1, fresh_episodes=count, engine=engine) == ()
     proof = find_proof(verdict.directory, verdict.runs)
     assert (proof.level, proof.fresh) == (level, fresh if count == 20 else None)
 
@@ -215,8 +209,7 @@ UNREAD = Problem("seed-0/table4", "it cannot be read", is_unchecked=True)
 def test_a_failed_check_withdraws_an_older_proof(submission, monkeypatch, problems, is_withdrawn):
     level = ProofLevel.RERUN
     write_proof(make_proof(validate(submission).runs, level, 5), proof_path(submission))
-    monkeypatch.setattr("minitouch_bench.workflows.validate.prove", lambda *_: problems)
-    found = validate_submission(submission, ValidateOptions(replay=True))
+    found = validate_submission(submission, lambda _: problems)
     assert found.problems == problems
     assert found.withdrawn == (level if is_withdrawn else None)
     runs = validate(submission).runs
@@ -234,7 +227,7 @@ def test_a_check_that_could_not_be_made_leaves_the_proof(verdict, monkeypatch):
 
     monkeypatch.setattr(Prover, "run_again", gone)
     with pytest.raises(IncompleteCheckError):
-        prove(verdict, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
+        prove(verdict, rerun=1, engine=EngineOptions(workers=1))
     assert find_proof(verdict.directory, verdict.runs).level is ProofLevel.RERUN
 
 
@@ -244,16 +237,20 @@ def test_what_differs_counts_though_the_check_could_not_be_finished(verdict, mon
         raise IncompleteCheckError("the final checkpoint of seed 1 is not in the submission")
 
     monkeypatch.setattr(Prover, "run_again", differs_and_ends)
-    (problem,) = prove(verdict, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
+    (problem,) = prove(verdict, rerun=1, engine=EngineOptions(workers=1))
     assert problem.what == "it differs"
 
 
 def test_a_check_ends_when_its_time_is_up(verdict):
     """The older proof stays, and none is made."""
-    options = ValidateOptions(replay=True, engine=EngineOptions(workers=1), time_limit_s=1e-9)
     played = []
     with pytest.raises(IncompleteCheckError, match="not finished within 1e-09 s"):
-        prove(verdict, options, Callbacks(episode=played.append))
+        prove(
+            verdict,
+            engine=EngineOptions(workers=1),
+            time_limit_s=1e-9,
+            callbacks=Callbacks(episode=played.append),
+        )
     assert len(played) == 1
     assert find_proof(verdict.directory, verdict.runs) is None
 
@@ -264,7 +261,7 @@ def test_what_was_replayed_in_time_is_proved(verdict, monkeypatch):
 
     monkeypatch.setattr(Prover, "run_again", too_slow)
     with pytest.raises(IncompleteCheckError, match="--time-limit"):
-        prove(verdict, ValidateOptions(rerun=1, engine=EngineOptions(workers=1)))
+        prove(verdict, rerun=1, engine=EngineOptions(workers=1))
     assert find_proof(verdict.directory, verdict.runs).level is ProofLevel.REPLAYED
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from minitouch_bench.regression.settings import GateSettings, with_flags
+from minitouch_bench.regression.settings import GateFlags, GateSettings, with_flags
 
 ROOT = Path(__file__).parents[2]
 ACTION = ROOT / ".github/actions/regress/action.yml"
@@ -118,7 +118,7 @@ def test_the_example_uses_inputs_that_exist_and_tolerances_that_mean_something()
     used = re.findall(r"^          (\w+):", given, re.MULTILINE)
     assert used == ["install", "baseline", "policy", "tolerance"]
     (tolerance,) = re.findall(r'^          tolerance: "(.*)"$', given, re.MULTILINE)
-    with_flags(GateSettings(), tolerance=tolerance)
+    with_flags(GateSettings(), GateFlags(tolerance=tolerance))
 
 
 def test_both_name_the_package_as_its_project_file_does():

@@ -32,7 +32,7 @@ import typer
 from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE
 from minitouch_bench.agents.logged_data import DATA_FILE, fill_from_log
 from minitouch_bench.agents.replay import Replay
-from minitouch_bench.cli.report import report
+from minitouch_bench.cli.output import show_written_report
 from minitouch_bench.errors import MiniTouchError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.run import RunRequest, open_run
@@ -59,6 +59,7 @@ from minitouch_bench.runs.run import RunEnvironment, make_run, read_run, run_jso
 from minitouch_bench.runs.unfinished import UnfinishedRun
 from minitouch_bench.verification.verify import verify_run
 from minitouch_bench.workflows import TrainingProgress
+from minitouch_bench.workflows.report import report
 from minitouch_bench.workflows.training import TrainingRequest, run_training
 from tests.agents.logs import write_log
 from tests.agents.trainings import CONFIG
@@ -359,7 +360,7 @@ def readers_of_a_run(
     yield "verify", lambda: verify_run(read_run(directory), engine)
     yield "compare", lambda: compare_runs([read_run(sound), read_run(directory)], ["a", "b"])
     yield "pack", lambda: copy_run(directory, directory.parent / "packed")
-    yield "report", lambda: report([directory])
+    yield "report", lambda: show_written_report(report(directory), None, latex=False)
     yield "resume", resume
 
 

@@ -11,7 +11,7 @@ from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.workflows.replay import film_replay, replay
-from minitouch_bench.workflows.report import ReportOptions, report
+from minitouch_bench.workflows.report import report
 from tests.cli.command import run
 from tests.leaderboard.synthetic import make_submission
 
@@ -43,7 +43,7 @@ def shortest(directory):
 @pytest.mark.usefixtures("inside")
 @pytest.mark.parametrize("run_path", [RUN, RUN / "run.json"])
 def test_the_report_of_a_submission_s_run_is_written_elsewhere(run_path):
-    done = report(ReportOptions((run_path,)))
+    done = report(run_path)
     assert done.directory == Path("reports/hac/seed-0/table4")
     assert {path.name for path in done.directory.iterdir()} >= {"report.md", "report.html"}
 

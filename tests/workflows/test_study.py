@@ -11,8 +11,8 @@ import pytest
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import EngineOptions
-from minitouch_bench.workflows import study
-from minitouch_bench.workflows.study import StudyOptions, read_study, run_study
+from minitouch_bench.workflows import studying
+from minitouch_bench.workflows.studying import read_study, run_study
 from tests.cli.command import finish, run, start
 
 STUDY = """
@@ -36,7 +36,7 @@ def finished(tmp_path_factory):
     root = tmp_path_factory.mktemp("study")
     (root / "small.toml").write_text(STUDY)
     directory = root / "reports" / "studies" / "small"
-    found = run_study(StudyOptions(read_study(root / "small.toml"), directory))
+    found = run_study(read_study(root / "small.toml"), directory)
     assert (len(found.done), found.failed, found.left) == (2, {}, ())
     return directory
 
@@ -53,7 +53,7 @@ def test_every_training_is_evaluated_under_the_protocol(finished):
 def test_a_task_with_a_goal_is_evaluated_after_exploration_too(tmp_path):
     text = STUDY.replace('"playing"', '"opening"').replace('"hac", "rnd"', '"rnd"')
     (tmp_path / "s.toml").write_text(text)
-    found = run_study(StudyOptions(read_study(tmp_path / "s.toml"), tmp_path / "out"))
+    found = run_study(read_study(tmp_path / "s.toml"), tmp_path / "out")
     (training,) = found.done
     document = json.loads((tmp_path / "out" / training.name / "table4/run.json").read_text())
     assert len(document["exploration_episodes"]) == len(document["episodes"]) == 1
@@ -101,7 +101,7 @@ def test_what_is_missing_is_done_alone(finished):
         path.unlink()
     config = read_study(finished.parents[2] / "small.toml")
     states = []
-    run_study(StudyOptions(config, finished, on_state=states.append))
+    run_study(config, finished, on_state=states.append)
     assert [[one.name for one in state.left] for state in states] == [["playing-rnd-60-0"], []]
     assert json.loads((lost / "run.json").read_text())["episodes"] == episodes
 
@@ -111,12 +111,12 @@ def test_a_study_may_grow_but_not_change(finished, tmp_path):
     file = tmp_path / "s.toml"
     file.write_text(STUDY.replace("episodes = 1", "episodes = 2"))
     with pytest.raises(RunDirectoryError, match="started with episodes = 1, the file has 2"):
-        run_study(StudyOptions(read_study(file), finished))
+        run_study(read_study(file), finished)
     file.write_text(STUDY.replace('"hac", "rnd"', '"hac"'))
-    found = run_study(StudyOptions(read_study(file), finished))
+    found = run_study(read_study(file), finished)
     assert [one.name for one in found.done] == ["playing-hac-60-0"]
     file.write_text(STUDY)
-    found = run_study(StudyOptions(read_study(file), finished))
+    found = run_study(read_study(file), finished)
     assert len(found.done) == 2
 
 
@@ -126,7 +126,7 @@ def test_a_finished_training_of_other_settings_is_not_counted(finished, tmp_path
     config = tmp_path / "out" / "playing-rnd-60-0" / "config.toml"
     config.write_text(config.read_text().replace("discount = 0.95", "discount = 0.9"))
     (tmp_path / "s.toml").write_text(STUDY)
-    found = run_study(StudyOptions(read_study(tmp_path / "s.toml"), tmp_path / "out"))
+    found = run_study(read_study(tmp_path / "s.toml"), tmp_path / "out")
     assert [one.method for one in found.done] == ["hac"]
     assert ["other settings" in why for why in found.failed.values()] == [True]
 
@@ -134,9 +134,9 @@ def test_a_finished_training_of_other_settings_is_not_counted(finished, tmp_path
 def test_a_task_that_no_suite_has_is_trained_all_the_same(tmp_path, monkeypatch):
     (tmp_path / "s.toml").write_text(STUDY.replace("task_steps", "suites = []\ntask_steps"))
     started = []
-    monkeypatch.setattr(study, "_run", lambda job: started.append(str(job)) or "not now")
-    monkeypatch.setattr(study, "find_job_runner", lambda _: run_here)
-    run_study(StudyOptions(read_study(tmp_path / "s.toml"), tmp_path / "out"))
+    monkeypatch.setattr(studying, "_run", lambda job: started.append(str(job)) or "not now")
+    monkeypatch.setattr(studying, "find_job_runner", lambda _: run_here)
+    run_study(read_study(tmp_path / "s.toml"), tmp_path / "out")
     assert started == ["playing-hac-60-0", "playing-rnd-60-0"]
 
 
@@ -193,9 +193,9 @@ def test_a_ray_cluster_gives_the_same_study(finished, tmp_path):
 
 @pytest.mark.slow
 def test_a_training_whose_worker_is_killed_does_not_stop_the_others(tmp_path, monkeypatch):
-    monkeypatch.setattr(study, "_run", DyingWorker("hac"))
+    monkeypatch.setattr(studying, "_run", DyingWorker("hac"))
     (tmp_path / "s.toml").write_text(STUDY)
-    found = run_study(StudyOptions(read_study(tmp_path / "s.toml"), tmp_path / "out"))
+    found = run_study(read_study(tmp_path / "s.toml"), tmp_path / "out")
     assert [one.method for one in found.done] == ["rnd"]
     assert [why.split(":")[0] for why in found.failed.values()] == [
         "playing-hac-60-0 failed 3 times"
@@ -206,7 +206,7 @@ class DyingWorker:
     """Trains, except for a method whose worker dies each time."""
 
     def __init__(self, method):
-        self._method, self._train = method, study._run
+        self._method, self._train = method, studying._run
 
     def __call__(self, job):
         if job.training.method == self._method:
@@ -216,11 +216,9 @@ class DyingWorker:
 
 def test_there_are_two_engines(tmp_path):
     (tmp_path / "s.toml").write_text(STUDY)
-    options = StudyOptions(
-        read_study(tmp_path / "s.toml"), tmp_path / "out", EngineOptions("slurm")
-    )
+    config = read_study(tmp_path / "s.toml")
     with pytest.raises(UsageError, match="no engine 'slurm' here; there are local, ray"):
-        run_study(options)
+        run_study(config, tmp_path / "out", EngineOptions("slurm"))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import contextlib
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,8 +11,8 @@ from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.runs.actions import parse_actions
 from minitouch_bench.runs.run import parse_run
-from minitouch_bench.workflows import validate
-from minitouch_bench.workflows.validate import ValidateOptions, validate_submission
+from minitouch_bench.workflows import proving
+from minitouch_bench.workflows.proving import prove, validate_submission
 from tests.leaderboard.synthetic import make_submission, official_run
 from tests.reporting.synthetic import make_record
 
@@ -33,8 +34,8 @@ class Played:
 @pytest.fixture
 def engine(monkeypatch):
     played = Played()
-    monkeypatch.setattr(validate, "open_engine", lambda *_: contextlib.nullcontext(played))
-    monkeypatch.setattr(validate, "prepare_rerun", lambda *_: None)
+    monkeypatch.setattr(proving, "open_engine", lambda *_: contextlib.nullcontext(played))
+    monkeypatch.setattr(proving, "prepare_rerun", lambda *_: None)
     return played
 
 
@@ -55,7 +56,7 @@ def count_calls(monkeypatch, function):
 def test_a_run_is_read_once_unpacked_once_and_estimated_once(tmp_path, engine, monkeypatch):
     submission = make_submission(tmp_path, "zero", kind="zero", level=ProofLevel.SELF_REPORTED)
     counted = [count_calls(monkeypatch, step) for step in (parse_run, parse_actions, summarize)]
-    checked = validate_submission(submission, ValidateOptions(fresh_episodes=20))
+    checked = validate_submission(submission, partial(prove, fresh_episodes=20))
     assert checked.problems == ()
     assert checked.level is ProofLevel.FRESH
     assert engine.fresh == 20 * 4

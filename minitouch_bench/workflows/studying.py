@@ -1,6 +1,6 @@
 """A study: a grid of trainings, each evaluated under the protocol, as a queue that can be resumed.
 
-What is done is read off the files, so that a killed study goes on where it was.
+The files say what is done, so a killed study continues where it was.
 """
 
 from collections.abc import Callable, Mapping
@@ -9,8 +9,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from minitouch_bench.agents.config import (
     CONFIG_FILE,
     TrainingConfig,
@@ -18,10 +16,16 @@ from minitouch_bench.agents.config import (
     make_config,
     read_config,
 )
-from minitouch_bench.documents import fault_in_words, read_toml
+from minitouch_bench.documents import read_json, read_toml, take_table, write_json
 from minitouch_bench.errors import MiniTouchError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import EngineOptions, find_job_runner
-from minitouch_bench.files import RUN_FILE, lock_directory, write_file
+from minitouch_bench.files import (
+    RUN_FILE,
+    lock_directory,
+    os_errors_as,
+    read_file,
+    write_file,
+)
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Count
@@ -31,7 +35,6 @@ from minitouch_bench.workflows import ignore
 from minitouch_bench.workflows.evaluate import evaluate
 from minitouch_bench.workflows.training import TrainingRequest, run_training
 
-STUDIES = Path("reports") / "studies"
 FAILURE_FILE = "failure.txt"
 STUDY_FILE = "study.json"
 MAY_GROW = ("methods", "tasks", "seeds", "exploration_steps", "suites")
@@ -69,15 +72,14 @@ class StudyConfig:
         Raises:
             UsageError: one of them does not exist.
         """
-        own = {
+        settings = {
             "method": training.method,
             "seed": training.seed,
             "exploration": {"steps": training.exploration_steps},
             "task_phase": {"steps": self.task_steps if training.task in GOAL_TASKS else 0},
         }
         given = make_config(training.task, self.preset, settings=self.settings)
-        config: TrainingConfig = apply_settings(given, own)
-        return config
+        return apply_settings(given, settings)
 
 
 def read_study(path: Path) -> StudyConfig:
@@ -86,13 +88,7 @@ def read_study(path: Path) -> StudyConfig:
     Raises:
         UsageError: it is not readable, or names what does not exist.
     """
-    document = read_toml(path)
-    try:
-        study = msgspec.convert(document, StudyConfig)
-    except msgspec.ValidationError as error:
-        raise UsageError(fault_in_words(error, str(path))) from error
-    if unknown := sorted({*document} - {one.name for one in fields(StudyConfig)}):
-        raise UsageError(f"{path} has no use for '{unknown[0]}'")
+    study = take_table(read_toml(path), StudyConfig, str(path))
     for name in MAY_GROW:
         values = getattr(study, name)
         if len(set(values)) < len(values):
@@ -105,57 +101,43 @@ def read_study(path: Path) -> StudyConfig:
 
 
 ONE_AT_A_TIME = EngineOptions(workers=1)
+OnState = Callable[[StudyResults], None]
+"""Takes which trainings are done, failed and left."""
 
 
-@dataclass(frozen=True)
-class StudyOptions:
-    """Which study, where, and what runs it: so many trainings at a time here, or a Ray cluster.
-
-    ``on_state`` is told which trainings are done, failed and left, whenever that changes.
-    """
-
-    config: StudyConfig
-    directory: Path
-    engine: EngineOptions = ONE_AT_A_TIME
-    on_state: Callable[[StudyResults], None] = ignore
-
-
-def run_study(options: StudyOptions) -> StudyResults:
+def run_study(
+    config: StudyConfig,
+    directory: Path,
+    engine: EngineOptions = ONE_AT_A_TIME,
+    on_state: OnState = ignore,
+) -> StudyResults:
     """Train and evaluate what is left, and write the report after each training.
 
-    A training that fails is named in the report and does not stop the others; the next start
-    of the study tries it again.
+    ``engine``: how many trainings run at a time here, or a Ray cluster.
 
     Raises:
-        UsageError: no such engine, or an option has no meaning for it.
-        MissingExtraError: Ray or, for the figures, matplotlib is not installed.
-        InfrastructureError: no cluster answers.
-        RunDirectoryError: the directory is in use, cannot be written, or was started with
-            other settings.
+        MiniTouchError: see ``study``.
     """
-    directory = options.directory
-    run_jobs = find_job_runner(options.engine)
+    run_jobs = find_job_runner(engine)
     with lock_directory(directory):
-        _keep_settings(options.config, directory)
-        for training in options.config.trainings():
+        _keep_settings(config, directory)
+        for training in config.trainings():
             (_place(directory, training) / FAILURE_FILE).unlink(missing_ok=True)
-        found = _look(options)
-        jobs = [_Job(options.config, directory.resolve(), training) for training in found.left]
-        for job, failure in run_jobs(options.engine, _run, jobs):
+        results = _look(config, directory, on_state)
+        jobs = [_Job(config, directory.resolve(), training) for training in results.left]
+        for job, failure in run_jobs(engine, _run, jobs):
             if failure:
                 write_file(_place(directory, job.training) / FAILURE_FILE, failure + "\n")
-            found = _look(options)
-    return found
+            results = _look(config, directory, on_state)
+    return results
 
 
 def _keep_settings(config: StudyConfig, directory: Path) -> None:
     """Write a study's settings beside its results, once they agree with those there."""
     file = directory / STUDY_FILE
     if file.exists():
-        try:
-            before = msgspec.json.decode(file.read_bytes(), type=StudyConfig)
-        except (OSError, msgspec.MsgspecError) as error:
-            raise RunDirectoryError(f"{file} cannot be read: {error}") from error
+        with os_errors_as(RunDirectoryError, file, "read"):
+            before = read_json(read_file(file), StudyConfig, str(file))
         grown = replace(before, **{name: getattr(config, name) for name in MAY_GROW})
         for one in fields(StudyConfig):
             then, now = getattr(grown, one.name), getattr(config, one.name)
@@ -164,7 +146,7 @@ def _keep_settings(config: StudyConfig, directory: Path) -> None:
                     f"{directory} was started with {one.name} = {then}, the file has {now}; "
                     "choose another --output"
                 )
-    write_file(file, msgspec.json.format(msgspec.json.encode(config)))
+    write_file(file, write_json(config))
 
 
 @dataclass(frozen=True)
@@ -220,26 +202,26 @@ def _place(directory: Path, training: StudyTraining) -> Path:
     return directory / training.name
 
 
-def _look(options: StudyOptions) -> StudyResults:
-    """Read off the files what is done, failed and left; write the report of it."""
+def _look(config: StudyConfig, directory: Path, on_state: OnState) -> StudyResults:
+    """Find out what is done, failed and left; write the report of it."""
     done, failed, left = [], {}, []
-    for training in options.config.trainings():
-        place = _place(options.directory, training)
-        wanted = _suites(options.config, training)
+    for training in config.trainings():
+        place = _place(directory, training)
+        wanted = _suites(config, training)
         if (place / FAILURE_FILE).exists():
             failed[training] = (place / FAILURE_FILE).read_text(encoding="utf-8").strip()
         elif not (place / TRAINED_FILE).exists() or not all(
             (place / suite / RUN_FILE).exists() for suite in wanted
         ):
             left.append(training)
-        elif unlike := _unlike(options.config, training, place):
+        elif unlike := _unlike(config, training, place):
             failed[training] = unlike
         else:
             done.append(training)
-    found = StudyResults(options.directory, tuple(done), failed, tuple(left))
-    write_study(found)
-    options.on_state(found)
-    return found
+    results = StudyResults(directory, tuple(done), failed, tuple(left))
+    write_study(results)
+    on_state(results)
+    return results
 
 
 def _unlike(config: StudyConfig, training: StudyTraining, place: Path) -> str:

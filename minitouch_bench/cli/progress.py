@@ -1,0 +1,276 @@
+"""Bars on stderr while a command runs; where there is no terminal, one line per minute."""
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from minitouch_bench.cli.console import note, notes
+from minitouch_bench.cli.output import show_validation
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import EpisodeRecord, Outcome, Role
+from minitouch_bench.workflows import (
+    Callbacks,
+    StudyProgress,
+    TrainingProgress,
+    ValidationProgress,
+)
+
+if TYPE_CHECKING:
+    from minitouch_bench.agents.progress import ProgressRow
+    from minitouch_bench.reporting.study import StudyTraining
+    from minitouch_bench.workflows.proving import Validation
+    from minitouch_bench.workflows.studying import StudyConfig
+
+LINE_INTERVAL_S = 60.0
+"""Seconds between two lines of progress where no terminal shows a bar."""
+
+REFRESH_S = 10.0
+"""Between two looks at all trainings' rows: a training writes a row about as often."""
+
+SHOWN = 3
+"""Trainings under way that are named; the others are counted."""
+
+
+class _Lines:
+    """One line per minute, where a console is not a terminal."""
+
+    def __init__(self, console: Console, clock: Callable[[], float] = time.monotonic) -> None:
+        self._console, self._clock, self._printed_at = console, clock, clock()
+
+    def show(self, line: str) -> None:
+        """Print a line, unless the last one is less than a minute old."""
+        now = self._clock()
+        if not self._console.is_terminal and now >= self._printed_at + LINE_INTERVAL_S:
+            self._printed_at = now
+            self._console.print(line, markup=False)
+
+
+class EpisodeProgress:
+    """Episodes done, success so far, and the time left; shown from the first phase on."""
+
+    def __init__(
+        self, console: Console = notes, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._lines = _Lines(console, clock)
+        self._tally: dict[str, list[bool]] = {}
+        self._faults = 0
+        self._bar: TaskID | None = None
+        self._progress = Progress(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(bar_width=30),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[success]}", markup=False),
+            TextColumn("{task.fields[faults]}", style="red", markup=False),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=console,
+            refresh_per_second=2,
+        )
+
+    @property
+    def callbacks(self) -> Callbacks:
+        """What a workflow calls to have its episodes shown."""
+        return Callbacks(note, self._begin_phase, self._add)
+
+    def __enter__(self) -> "EpisodeProgress":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """Leave the bars as they are, so that other lines can be printed; a phase begins anew."""
+        if self._bar is not None:
+            self._progress.stop()
+            for task in self._progress.task_ids:
+                self._progress.remove_task(task)
+            self._bar = None
+
+    def _begin_phase(self, name: str, episodes: int) -> None:
+        if self._bar is None:
+            self._progress.start()
+        self._tally, self._faults = {}, 0
+        self._bar = self._progress.add_task(name, total=episodes, success="", faults="")
+
+    def _add(self, record: EpisodeRecord) -> None:
+        assert self._bar is not None
+        self._faults += record.outcome is Outcome.POLICY_FAULT
+        if record.spec.task in GOAL_TASKS and record.spec.role is Role.FINAL:
+            success = record.outcome is Outcome.SUCCESS
+            self._tally.setdefault(record.spec.task, []).append(success)
+        tally = "  ".join(f"{task} {sum(won)}/{len(won)}" for task, won in self._tally.items())
+        faults = f"{self._faults} faults" if self._faults else ""
+        self._progress.update(self._bar, advance=1, success=tally, faults=faults)
+        bar = self._progress.tasks[-1]
+        done = f"{bar.description}: {bar.completed:.0f} of {bar.total:.0f}"
+        self._lines.show("  ".join(filter(None, (done, tally, faults))))
+
+
+@contextmanager
+def episode_progress() -> Iterator[Callbacks]:
+    """Show a workflow's episodes while they are played."""
+    with EpisodeProgress() as progress:
+        yield progress.callbacks
+
+
+@contextmanager
+def validation_progress() -> Iterator[ValidationProgress]:
+    """Show the episodes of each submission's check, and what was found in it."""
+    with EpisodeProgress() as progress:
+
+        def show(result: "Validation") -> None:
+            progress.stop()
+            show_validation(result)
+
+        yield ValidationProgress(**vars(progress.callbacks), verdict=show)
+
+
+@contextmanager
+def count_progress(label: str) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function that takes (done, total); its first call shows a bar."""
+    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with ExitStack() as stack:
+        bar = Progress(*columns, console=notes)
+
+        def show(done: int, total: int) -> None:
+            if not bar.tasks:
+                stack.enter_context(bar)
+                bar.add_task(label)
+            bar.update(bar.tasks[0].id, completed=done, total=total)
+
+        yield show
+
+
+@contextmanager
+def training_progress() -> Iterator[TrainingProgress]:
+    """Show a training on the screen, and end it between two steps after a Ctrl-C."""
+    lines = _Lines(notes)
+    with _interrupts() as interrupts, _step_bar("{task.fields[figures]}", 2) as bar:
+
+        def begin(steps: int) -> None:
+            bar.add_task("training", total=steps, figures="")
+
+        def show(row: "ProgressRow") -> None:
+            measured = {
+                "curiosity": row.intrinsic_reward,
+                "reward": row.task_reward,
+                "touch": row.touch_share,
+                "success": row.success,
+            }
+            figures = "  ".join(
+                f"{name} {value:.2f}" for name, value in measured.items() if value is not None
+            )
+            (task,) = bar.tasks
+            bar.update(task.id, completed=row.step, description=row.phase, figures=figures)
+            lines.show(f"{row.phase}: {row.step:,} of {task.total:,} control steps  {figures}")
+
+        yield TrainingProgress(note, begin, show, should_stop=lambda: bool(interrupts))
+
+
+@contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """Collect Ctrl-C, so that a training ends between two steps; a second one ends it at once."""
+    seen: list[int] = []
+
+    def count(number: int, _: object) -> None:
+        if seen:
+            raise KeyboardInterrupt
+        seen.append(number)
+
+    before = signal.signal(signal.SIGINT, count)
+    try:
+        yield seen
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _step_bar(text: str, refresh_per_second: float) -> Progress:
+    """Return a bar of control steps; ``text`` stands behind it."""
+    return Progress(
+        TextColumn("[bold]{task.description}"),
+        BarColumn(bar_width=20),
+        TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn(text, markup=False),
+        console=notes,
+        refresh_per_second=refresh_per_second,
+        speed_estimate_period=600,
+    )
+
+
+@contextmanager
+def study_progress() -> Iterator[StudyProgress]:
+    """Show a study's state on the screen, and its trainings while they run."""
+    from minitouch_bench.reporting.study import state_lines
+
+    with ExitStack() as stack:
+        yield StudyProgress(
+            begin=lambda config, place: stack.enter_context(_trainings_shown(config, place)),
+            state=lambda results: note(state_lines(results)[0]),
+        )
+
+
+@contextmanager
+def _trainings_shown(config: "StudyConfig", directory: Path) -> Iterator[None]:
+    """Show the control steps of all trainings, and those under way, as their files say."""
+    totals = {training: config.config_of(training).steps for training in config.trainings()}
+    lines, ended = _Lines(notes), threading.Event()
+    bar = _step_bar("{task.fields[under_way]}", 1)
+    task = bar.add_task("control steps", total=sum(totals.values()), under_way="")
+
+    def look() -> None:
+        with suppress(RunDirectoryError):  # the study reads the file too, and reports it
+            steps, under_way = _steps_done(totals, directory)
+            bar.update(task, completed=steps, under_way=under_way)
+
+    def watch() -> None:
+        while not ended.wait(REFRESH_S):
+            look()
+            shown = bar.tasks[task]
+            line = f"{shown.completed:,.0f} of {shown.total:,.0f} control steps"
+            lines.show(f"{line}  {shown.fields['under_way']}")
+
+    look()
+    watcher = threading.Thread(target=watch, daemon=True)
+    with bar:
+        watcher.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            watcher.join()
+            look()
+            bar.update(task, under_way="")
+
+
+def _steps_done(totals: "Mapping[StudyTraining, int]", directory: Path) -> tuple[int, str]:
+    """Return the control steps of all trainings so far, and in words those that are under way."""
+    from minitouch_bench.reporting.study import last_progress
+
+    done = {training: last_progress(directory, training)[0] for training in totals}
+    named = [
+        f"{training.name} {steps:,}/{totals[training]:,}"
+        for training, steps in done.items()
+        if 0 < steps < totals[training]
+    ]
+    more = [f"{len(named) - SHOWN} more"] if len(named) > SHOWN else []
+    return sum(done.values()), "  ".join([*named[:SHOWN], *more])

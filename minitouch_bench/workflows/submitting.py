@@ -1,0 +1,249 @@
+"""Fill the runs and the checkpoints of one training seed into a submission, and check it."""
+
+import hashlib
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.evaluation.actors import PolicySetup, prepare_policies
+from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
+from minitouch_bench.evaluation.run import RunRequest, open_run
+from minitouch_bench.files import (
+    CHECKPOINTS,
+    RUN_FILE,
+    foreign_entries,
+    holds_run,
+    is_folder,
+    lock_directory,
+    os_errors_as,
+    read_file,
+)
+from minitouch_bench.leaderboard.inventory import MAX_CHECKPOINT
+from minitouch_bench.leaderboard.packing import (
+    Parts,
+    add_seed,
+    aside,
+    begun_submission,
+    check_submittable,
+    copy_run,
+    find_source,
+    swap,
+    with_seed,
+)
+from minitouch_bench.leaderboard.submission import (
+    SUBMITTED_SUITES,
+    Submission,
+    TrainingSeed,
+    run_place,
+)
+from minitouch_bench.leaderboard.validation import check_copies, check_planned, validate
+from minitouch_bench.policies.isolation.options import IsolationOptions
+from minitouch_bench.processes import interrupts_held
+from minitouch_bench.protocol.minitouch import MAIN_SUITE
+from minitouch_bench.runs.plan import make_plan
+from minitouch_bench.runs.run import Run, RunHeader, read_run
+from minitouch_bench.verification.problems import Problem, Problems
+from minitouch_bench.workflows import SILENT, Callbacks
+from minitouch_bench.workflows.options import StrPath
+from minitouch_bench.workflows.playing import play
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A submission's directory, and the problems for which a maintainer would refuse it."""
+
+    directory: Path
+    problems: tuple[Problem, ...]
+
+
+@dataclass(frozen=True)
+class Packer:
+    """Fills the runs and the checkpoints of one training seed into a submission.
+
+    ``submissions`` is the directory of all submissions; ``about`` describes this one. ``seed``
+    names the training run of the policy. With ``include`` the checkpoint is copied, so that others
+    can run it again. ``resume`` continues a run in the submission, ``fresh`` replaces it.
+    """
+
+    submissions: Path
+    about: Submission
+    seed: int = 0
+    include: bool = True
+    resume: bool = False
+    fresh: bool = False
+    callbacks: Callbacks = SILENT
+
+    @property
+    def directory(self) -> Path:
+        """The submission's directory."""
+        return self.submissions / self.about.name
+
+    def check_apart(self, sources: Iterable[StrPath | None]) -> None:
+        """Refuse a source in the submission, which is replaced, and a submission in a source.
+
+        Raises:
+            UsageError: naming the first one.
+        """
+        there = self.directory.resolve()
+        for source in sources:
+            path = Path(source or "").resolve()
+            is_apart = not (path.is_relative_to(there) or there.is_relative_to(path))
+            if source and path.exists() and not is_apart:
+                raise UsageError(
+                    f"{source} and the submission {self.directory} lie one in the other: "
+                    "copy the source elsewhere, or choose another --directory"
+                )
+
+    def evaluate(
+        self,
+        policy: str,
+        exploration: str | None,
+        suites: Collection[str],
+        isolation: IsolationOptions,
+        engine: EngineOptions,
+    ) -> Parts:
+        """Run the suites in the submission's directory, where they can be resumed."""
+        opening = open_engine(engine, self.callbacks.note)
+        setup = prepare_policies(
+            policy,
+            make_plan(MAIN_SUITE),
+            isolation,
+            self.callbacks.note,
+            exploration=exploration,
+        )
+        requests = [_request(name, setup) for name in SUBMITTED_SUITES if name in suites]
+        runs = {request.plan.suite: self._run_directory(request.plan.suite) for request in requests}
+        parts = Parts(runs, setup.policy, setup.exploration)
+        self._check_plan(parts, [request.header() for request in requests])
+        for request in requests:
+            self._check_kept(request)
+        with opening as running:
+            for request in requests:
+                self._run_suite(request, running)
+        return parts
+
+    def finished_runs(self, paths: Sequence[Path]) -> Parts:
+        """Look at finished runs, and find their policies."""
+        runs = [read_run(path) for path in paths]
+        by_suite = {run.plan.suite: (run, path) for run, path in zip(runs, paths, strict=True)}
+        if MAIN_SUITE not in by_suite or len(by_suite) != len(runs):
+            raise UsageError(f"--run needs one run of {MAIN_SUITE}, and at most one of each suite")
+        main = by_suite[MAIN_SUITE][0].header
+        for suite, (run, path) in by_suite.items():
+            check_submittable(run.header, path, main.policy)
+            directory = self._run_directory(suite)
+            if holds_run(directory) and not self.fresh:
+                raise RunDirectoryError(f"{directory} holds a run.\nAdd --fresh to replace it")
+        explorer = None if main.exploration is None else find_source(main.exploration)
+        listed = {suite: by_suite[suite][1] for suite in SUBMITTED_SUITES if suite in by_suite}
+        parts = Parts(listed, find_source(main.policy), explorer)
+        self._check_replaced(parts)
+        return parts
+
+    def pack(self, parts: Parts) -> Packed:
+        """Copy the parts aside and check them; only if they pass, replace those that were there."""
+        with aside(self.submissions) as folder:
+            copy = folder / "new" / self.about.name
+            entry = self._entry(parts, copy, include=self.include)
+            for suite, run in parts.runs.items():
+                copy_run(run, copy / entry.runs[suite])
+            for target in parts.gone() if self.include else ():
+                self.callbacks.note(f"{target} is gone: only its SHA-256 is kept")
+            add_seed(copy, None, self.about, entry)
+            verdict = validate(copy)
+            if problems := verdict.problems or self._copies(verdict.runs, entry):
+                return Packed(self.directory, problems)
+            with interrupts_held():
+                for place in (*entry.runs.values(), f"{CHECKPOINTS}/seed-{entry.seed}"):
+                    swap(copy / place, self.directory / place, folder / "old" / place)
+                add_seed(self.directory, begun_submission(self.directory), self.about, entry)
+        return Packed(self.directory, validate(self.directory).problems)
+
+    def _entry(self, parts: Parts, directory: Path, *, include: bool) -> TrainingSeed:
+        """Return what ``submission.toml`` says of the seed; ``include`` copies checkpoints."""
+        places = {suite: run_place(self.seed, suite) for suite in parts.runs}
+        files = parts.name_files(directory, self.seed, include=include)
+        return TrainingSeed(self.seed, places, files)
+
+    def _copies(self, runs: Mapping[str, Run], entry: TrainingSeed) -> tuple[Problem, ...]:
+        """Return a problem for each run that is another training seed's."""
+        begun, problems = begun_submission(self.directory), Problems()
+        others = {
+            place: read_run(self.directory / place)
+            for other in (begun.seeds if begun else ())
+            if other.seed != entry.seed
+            for place in other.runs.values()
+        }
+        check_copies({**others, **runs}, problems)
+        return tuple(problems)
+
+    def _check_plan(self, parts: Parts, headers: Sequence[RunHeader]) -> None:
+        """Refuse before the first episode what would be refused after the last one."""
+        self._check_replaced(parts)
+        entry = self._entry(parts, self.directory, include=False)
+        whole = with_seed(begun_submission(self.directory), self.about, entry)
+        for problem in check_planned(whole, entry, headers, self.directory):
+            raise UsageError(str(problem))
+
+    def _check_replaced(self, parts: Parts) -> None:
+        """Refuse to replace files that are not a run's, or the only copy of a checkpoint.
+
+        Raises:
+            RunDirectoryError: naming the first one.
+        """
+        for directory in map(self._run_directory, parts.runs):
+            if foreign := foreign_entries(directory):
+                raise RunDirectoryError(
+                    f"{directory} holds {foreign[0]!a}, which is no file of a run: move it away"
+                )
+        old = self.directory / CHECKPOINTS / f"seed-{self.seed}"
+        # What is included is copied before anything is replaced.
+        elsewhere = parts.digests_there(None if self.include else old)
+        for path in sorted(path for path in old.rglob("*") if not is_folder(path)):
+            with os_errors_as(RunDirectoryError, path, "read"):
+                digest = hashlib.sha256(read_file(path, MAX_CHECKPOINT)).hexdigest()
+            if digest not in elsewhere:
+                raise RunDirectoryError(
+                    f"{path} would be replaced, and no other copy of it is known.\n"
+                    "Move it away first, or choose another --training-seed"
+                )
+
+    def _run_directory(self, suite: str) -> Path:
+        return self.directory / run_place(self.seed, suite)
+
+    def _run_suite(self, request: RunRequest, engine: Engine) -> None:
+        """Run one suite alone in its directory, or keep the finished run that is there."""
+        directory = self._run_directory(request.plan.suite)
+        with lock_directory(directory):
+            if _is_finished(directory) and not self.fresh:
+                return
+            opened = open_run(request, directory, resume=self.resume, fresh=self.fresh)
+            self.callbacks.note(f"suite {request.plan.suite}")
+            play(request, opened, engine, self.callbacks)
+
+    def _check_kept(self, request: RunRequest) -> None:
+        """Refuse to keep a run that nobody asked to keep, or that is another one."""
+        directory = self._run_directory(request.plan.suite)
+        if self.fresh or not holds_run(directory):
+            return
+        if not _is_finished(directory):
+            with lock_directory(directory):
+                open_run(request, directory, resume=self.resume, fresh=False)
+        elif not self.resume:
+            raise RunDirectoryError(
+                f"{directory} holds a finished run.\nAdd --resume to keep it, --fresh to replace "
+                "it, or another --training-seed"
+            )
+        elif read_run(directory).header != request.header():
+            raise RunDirectoryError(f"{directory} holds another policy's run; --fresh replaces it")
+
+
+def _request(name: str, setup: PolicySetup) -> RunRequest:
+    # The exploration metric is one of Table 4 alone.
+    setup = setup if name == MAIN_SUITE else replace(setup, exploration=None)
+    return RunRequest(make_plan(name), setup)
+
+
+def _is_finished(directory: Path) -> bool:
+    return (directory / RUN_FILE).exists()

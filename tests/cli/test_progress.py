@@ -1,0 +1,78 @@
+"""Progress where there is no terminal."""
+
+import io
+import signal
+import time
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from minitouch_bench.agents.progress import COLUMNS, ProgressRow
+from minitouch_bench.cli import progress
+from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.records import EpisodeSpec, Role
+from minitouch_bench.workflows.studying import StudyConfig
+from tests.reporting.synthetic import make_record
+
+SPEC = EpisodeSpec(Role.FINAL, "pushing", 0, 1, 0, "cube")
+
+
+def test_without_a_terminal_there_is_one_line_per_minute():
+    now = [0.0]
+    console = Console(file=io.StringIO(), width=200)
+    with EpisodeProgress(console, clock=lambda: now[0]) as shown:
+        shown.callbacks.phase("episodes", 20)
+        for second in range(0, 200, 10):
+            now[0] = float(second)
+            shown.callbacks.episode(make_record(np.random.default_rng(1), SPEC, 1.0))
+        lines = console.file.getvalue().splitlines()
+    assert [line.split("  ")[0].strip() for line in lines] == [
+        "episodes: 7 of 20", "episodes: 13 of 20", "episodes: 19 of 20",
+    ]  # fmt: skip
+
+
+@pytest.fixture
+def each_line(monkeypatch):
+    """Print a line each time, not once per minute."""
+    monkeypatch.setattr(progress, "LINE_INTERVAL_S", 0.0)
+
+
+@pytest.mark.usefixtures("each_line")
+def test_a_training_shows_its_rows_and_is_stopped_by_a_ctrl_c(capsys):
+    with progress.training_progress() as callbacks:
+        callbacks.begin(2000)
+        row = {"step": 500, "phase": "exploration", "touch_share": 0.25}
+        callbacks.row(ProgressRow(**{**dict.fromkeys(COLUMNS), **row}))
+        assert not callbacks.should_stop()
+        signal.raise_signal(signal.SIGINT)
+        assert callbacks.should_stop()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert "exploration: 500 of 2,000 control steps  touch 0.25" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("each_line")
+def test_a_study_shows_the_steps_in_the_files_of_its_trainings(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(progress, "REFRESH_S", 0.01)
+    config = StudyConfig(("hac", "rnd"), ("playing",), seeds=(0,), exploration_steps=(60,))
+    file = tmp_path / "playing-hac-60-0" / "progress.csv"
+    file.parent.mkdir()
+    file.write_text("step,episodes,success,touch_share,seconds\n40,1,,0.5,3.0\n")
+    with progress.study_progress() as callbacks:
+        callbacks.begin(config, tmp_path)
+        deadline = time.monotonic() + 60
+        while "playing-hac-60-0 40/60" not in (lines := capsys.readouterr().err):
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    assert "40 of 120 control steps" in lines
+
+
+def test_a_count_has_no_bar_before_its_first_step(capsys):
+    with progress.count_progress("proofs"):
+        pass
+    assert capsys.readouterr().err == ""
+    with progress.count_progress("proofs") as show:
+        show(1, 2)
+        show(2, 2)
+    assert "2/2" in capsys.readouterr().err
