@@ -29,6 +29,8 @@ RETURNED = (Estimate, Comparison)
 SHARED_FROM = "evaluate"
 """The first command of the page; others refer to its options where theirs are the same."""
 
+NO_DEFAULT = "–"
+
 SETTINGS_TASK = "pushing"
 """Whose settings are shown: they are those of every task."""
 
@@ -40,9 +42,8 @@ def command_line() -> str:
         GENERATED,
         "# Command line",
         "Every command prints data on stdout, and progress and notes on stderr. "
-        "[Exit codes](exit-codes.md) are the same for all commands. In the table, an option that "
-        "needs a value shows it behind its name; `[ ]` in the default column means that the option "
-        "is a switch.",
+        "[Exit codes](exit-codes.md) are the same for all commands. `[ ]` in the default column "
+        "means that the option is a switch.",
         *_commands(root, PROGRAM),
     ]
     return _page(parts)
@@ -107,7 +108,7 @@ def _parameter_row(parameter: Any) -> tuple[str, str, str]:
 
 def _default(value: Any) -> str:
     if value is None or value in ((), [], ""):
-        return "none"
+        return NO_DEFAULT
     if isinstance(value, Enum):
         value = value.value
     return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"
