@@ -213,8 +213,9 @@ def _time_left(results: StudyResults) -> str:
     if not results.done or not results.left:
         return ""
     seconds = [last_progress(results.directory, training)[1] for training in results.done]
-    hours = float(np.mean(seconds)) * len(results.left) / 3600
-    return f"; those left train for about {hours:.1f} hours, one at a time"
+    minutes = float(np.mean(seconds)) * len(results.left) / 60
+    time = f"{minutes:.0f} minutes" if minutes < 120 else f"{minutes / 60:.0f} hours"
+    return f"; those left train for about {time}, one at a time"
 
 
 def last_progress(directory: Path, training: StudyTraining) -> tuple[int, float]:

@@ -149,12 +149,12 @@ def orders_table(orders: pd.DataFrame) -> Table:
 def _verdict(order: Mapping[Hashable, Any], over: str) -> Cell:
     p, p_reversed = order[f"p_{over}"], order[f"p_{over}_reversed"]
     if np.isnan(p):
-        return Cell("cannot be told", f"(too few {over})")
+        return Cell("not tested", f"(too few {over})")
     if p <= SIGNIFICANT:
         return Cell("holds", f"({_p_text(p)})")
     if p_reversed <= SIGNIFICANT:
         return Cell("does not hold", f"(the opposite: {_p_text(p_reversed)})")
-    return Cell("cannot be told", f"({_p_text(p)})")
+    return Cell("not significant", f"({_p_text(p)})")
 
 
 def _p_text(p: float) -> str:

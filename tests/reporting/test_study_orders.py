@@ -78,8 +78,8 @@ def test_the_table_says_what_holds():
     )
     first, second = ([str(cell) for cell in row.cells] for row in table.rows)
     assert first[:3] == ["hac > rnd-touch", "0.450 (2)", "0.075 (2)"]
-    assert first[3:] == ["cannot be told (p = 0.167)", "holds (p = 0.004)"]
+    assert first[3:] == ["not significant (p = 0.167)", "holds (p = 0.004)"]
     assert second[3:] == [
-        "cannot be told (too few seeds)",
+        "not tested (too few seeds)",
         "does not hold (the opposite: p < 0.001)",
     ]
