@@ -62,7 +62,10 @@ def _commands(
         yield _plain(sub.help)
         arguments = [option for option in sub.params if not _is_option(option)]
         usage = " ".join(_argument_usage(argument) for argument in arguments)
-        yield f"```\n{whole} {usage} [OPTIONS]\n```".replace("  ", " ")
+        lines = [f"{whole} {usage} [OPTIONS]".replace("  ", " ")]
+        if sub.epilog:
+            lines.append(f"{sub.epilog.removeprefix('Example: ')}   # example")
+        yield "```\n{}\n```".format("\n".join(lines))
         rows = [_parameter_row(option) for option in sub.params]
         if different := [row for row in rows if row not in shared]:
             yield _table(("Argument or option", "Default", "Meaning"), different)
@@ -71,8 +74,6 @@ def _commands(
             yield f"As in [{SHARED_FROM}](#{SHARED_FROM}): {listed}."
         if name == SHARED_FROM:
             shared = tuple(rows)
-        if sub.epilog:
-            yield f"Example: `{sub.epilog.removeprefix('Example: ')}`"
 
 
 def _is_option(parameter: Any) -> bool:
