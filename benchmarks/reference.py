@@ -29,7 +29,7 @@ RETURNED = (Estimate, Comparison)
 SHARED_FROM = "evaluate"
 """The first command of the page; others refer to its options where theirs are the same."""
 
-NO_DEFAULT = "–"
+NO_DEFAULT = "—"
 
 SETTINGS_TASK = "pushing"
 """Whose settings are shown: they are those of every task."""
