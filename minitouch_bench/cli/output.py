@@ -143,7 +143,7 @@ def _show_problems(result: "Verification", run: Path) -> None:
     if result.reran:
         line(f"{result.reran} episodes run again with the checkpoint (--draw {result.draw})")
     if result.passed:
-        line(f"{run} is verified: every figure is what its episodes give", "bold green")
+        line(f"{run} is verified: every number follows from its episodes", "bold green")
     else:
         line(f"{run} is not verified", "bold red")
 

@@ -31,7 +31,7 @@ SMALLEST_P = 0.0001
 
 GATE_LABELS = ("Baseline", "Candidate", "Difference")
 
-NOT_ALIKE = "Not alike beside the policies"
+NOT_ALIKE = "The runs also differ beside the policies"
 
 
 def comparison_tables(pair: RunPair) -> tuple[Table, ...]:
