@@ -57,7 +57,7 @@ class ImageConvolutions(nn.Sequential):
         """
         brightest = BRIGHTEST if image.dtype == torch.uint8 else 1.0
         if not torch.is_autocast_enabled(image.device.type):
-            maps: Tensor = super().forward(image / brightest)  # type: ignore[no-untyped-call]
+            maps: Tensor = super().forward(image.float() / brightest)  # type: ignore[no-untyped-call]
             return maps
         first, activation, second, *others = self
         assert isinstance(first, nn.Conv2d)
