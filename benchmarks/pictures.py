@@ -24,7 +24,7 @@ MOMENTS = {"playing": (3, 6), "pushing": (5, 8), "opening": (1, 15), "pick-up": 
 
 
 def main() -> None:
-    """Write a picture of each task, a strip of all with what a policy sees, and a film of all."""
+    """Write an image of each task, a strip of all with what a policy sees, and a video of all."""
     REPORT_PICTURES.mkdir(parents=True, exist_ok=True)
     DOCUMENT_PICTURES.mkdir(parents=True, exist_ok=True)
     strip = []
