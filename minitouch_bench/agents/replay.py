@@ -1,4 +1,4 @@
-"""Replay memory: each image once, rewards left to whoever samples."""
+"""Replay memory: each image is kept once; the sampler computes rewards."""
 
 import math
 import zlib

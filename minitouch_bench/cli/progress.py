@@ -96,7 +96,7 @@ class EpisodeProgress:
         self.stop()
 
     def stop(self) -> None:
-        """Leave the bars as they are, so that other lines can be printed; a phase begins anew."""
+        """Leave the bars as they are, so that other lines can be printed; a phase restarts them."""
         if self._bar is not None:
             self._progress.stop()
             for task in self._progress.task_ids:

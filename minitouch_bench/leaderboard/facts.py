@@ -38,7 +38,7 @@ def amount(number: int) -> str:
 
 @dataclass(frozen=True)
 class Fact:
-    """How a field of a row is shown: stands in the field's ``Annotated`` type.
+    """How a field of a row is shown, given in the field's ``Annotated`` type.
 
     ``write`` gives its text for people, "" where there is nothing to say. The CSV file has the
     value itself: the words of a tuple with spaces between, or how many numbers it has.

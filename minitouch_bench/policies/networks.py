@@ -43,7 +43,7 @@ LOG_STD_BOUNDS = (-20.0, 2.0)
 
 
 class ImageConvolutions(nn.Sequential):
-    """Convolutions of an image, of which the second has stride 2; in half precision arranged anew.
+    """Convolutions of an image, the second with stride 2; half precision rearranges them.
 
     The second one then sees 2 x 2 maps as channels of one, and the first one makes them at once:
     four times its kernel, each moved by its stride, in a kernel of 12 x 12 pixels with stride 8,

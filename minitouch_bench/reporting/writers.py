@@ -163,7 +163,7 @@ def show_report(report: Report, console: Console) -> None:
 
 
 def report_blocks(report: Report) -> Iterator[Block]:
-    """Yield the tables with their notes; the blocks of columns of one stand below each other."""
+    """Yield the tables with their notes; a table's blocks of columns come one after the other."""
     yield from (report.table4.block(group) for group, _ in report.table4.groups)
     yield from _notes(report.table4)
     for table in report.over_runs.tables:

@@ -128,7 +128,7 @@ class RunDocument:
 
     ``digest`` covers every episode: runs with equal ones hold the same bits. ``faults`` says what
     the policy did wrong, by episode, such as "pushing/17" or "exploration/pushing/17"; each is a
-    failed episode. Episodes stand in the suite's order. Equal runs give equal documents except for
+    failed episode. Episodes are in the suite's order. Equal runs give equal documents except for
     ``environment``, which alone holds times.
     """
 
@@ -269,8 +269,8 @@ def run_digest(
     """Return the SHA-256 over the rules of each task and the episodes, in the run's order.
 
     Of an episode it covers the task, index, seed, shape, outcome and the trajectory's own
-    digest, and so every metric but ``clipped_actions``. It names neither the policy nor the
-    machine: whoever gets the same bits gets the same digest.
+    digest, and so every metric but ``clipped_actions``. It does not cover the policy or
+    the machine: the same bits give the same digest.
     """
     rules = (f"{task} {header.task_digests.get(task, '')}" for task in header.plan.tasks)
     sha = hashlib.sha256("\n".join(rules).encode())
