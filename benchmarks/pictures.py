@@ -16,7 +16,7 @@ SMOOTHING = 2
 """Pixels drawn for each one kept, in both directions."""
 FILM_WIDTH, FILM_HEIGHT = 240, 180
 FILM_STEPS = 24
-"""Control steps of the film; a task that ends earlier stays as it ended."""
+"""Control steps of the video; a task that ends earlier stays as it ended."""
 FRAME_MS = 160
 
 MOMENTS = {"playing": (3, 6), "pushing": (5, 8), "opening": (1, 15), "pick-up": (2, 9)}
@@ -44,15 +44,15 @@ def main() -> None:
 
 
 def write_film(file: Path) -> None:
-    """Write a film of the scripted policy at all tasks side by side."""
-    films = [film(task) for task in TASKS]
-    frames = [Image.fromarray(np.concatenate(row, axis=1)) for row in zip(*films, strict=True)]
+    """Write a video of the scripted policy at all tasks side by side."""
+    videos = [frames_of(task) for task in TASKS]
+    frames = [Image.fromarray(np.concatenate(row, axis=1)) for row in zip(*videos, strict=True)]
     palette = frames[len(frames) // 2].quantize(96)
     first, *others = [frame.quantize(palette=palette, dither=0) for frame in frames]
     first.save(file, save_all=True, append_images=others, duration=FRAME_MS, loop=0, optimize=True)
 
 
-def film(task: str) -> list[np.ndarray]:
+def frames_of(task: str) -> list[np.ndarray]:
     """Return an image of each control step of an episode of the scripted policy."""
     environment = MiniTouchEnv(task, width=FILM_WIDTH * SMOOTHING, height=FILM_HEIGHT * SMOOTHING)
     environment.reset(seed=MOMENTS.get(task, (0, 5))[0])

@@ -7,7 +7,7 @@ signatures and docstrings, the training settings from their dataclasses and pres
 import dataclasses
 import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
@@ -17,7 +17,6 @@ from typer.main import get_command
 import minitouch_bench as mt
 from minitouch_bench.agents.config import PRESETS, TrainingConfig
 from minitouch_bench.cli.app import PROGRAM, app
-from minitouch_bench.cli.command import option_of, parameter_help
 from minitouch_bench.records import Estimate
 from minitouch_bench.regression.comparison import Comparison
 
@@ -30,6 +29,9 @@ SHARED_FROM = "evaluate"
 """The first command of the page; others refer to its options where theirs are the same."""
 
 NO_DEFAULT = "—"
+
+LONGEST_SIGNATURE = 80
+"""Characters of a Python signature on one line."""
 
 SETTINGS_TASK = "pushing"
 """Whose settings are shown: they are those of every task."""
@@ -136,36 +138,24 @@ def python_api() -> str:
 
 def _function(name: str, function: Callable[..., Any], heading: str = "##") -> Iterator[str]:
     parameters = inspect.signature(function).parameters.values()
+    shown = [_parameter(each) for each in parameters if each.name != "self"]
+    line = f"{name}({', '.join(shown)})"
+    if len(line) > LONGEST_SIGNATURE:
+        line = "{}(\n{}\n)".format(name, "\n".join(f"    {each}," for each in shown))
     yield f"{heading} {name}"
-    shown = [parameter for parameter in parameters if parameter.name != "self"]
-    listed = ", ".join(_signature_part(parameter) for parameter in shown)
-    yield f"```python\n{name}({listed})\n```"
+    yield f"```python\n{line}\n```"
     yield from _docstring(function)
-    helps = parameter_help(function)
-    rows = [
-        (f"`{parameter.name}`", _type(parameter.annotation), _python_default(parameter))
-        for parameter in shown
-        if _is_command_option(parameter, helps)
-    ]
-    if rows:
-        yield _table(("Parameter", "Type", "Default"), rows)
 
 
-def _signature_part(parameter: inspect.Parameter) -> str:
+def _parameter(parameter: inspect.Parameter) -> str:
     stars = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
-    default = "" if parameter.default is parameter.empty else "=…"
-    return f"{stars}{parameter.name}{default}"
-
-
-def _is_command_option(parameter: inspect.Parameter, helps: dict[str, str]) -> bool:
-    option = option_of(parameter)
-    return bool((option and option.help) or parameter.name in helps)
-
-
-def _python_default(parameter: inspect.Parameter) -> str:
+    text = f"{stars}{parameter.name}: {_type(parameter.annotation)}"
     if parameter.default is parameter.empty:
-        return "required"
-    return "`None`" if parameter.default is None else _default(parameter.default)
+        return text
+    value = getattr(parameter.default, "value", parameter.default)  # of an Enum
+    if dataclasses.is_dataclass(value):
+        return f"{text} = {type(value).__name__}()"
+    return f"{text} = {dict(value) if isinstance(value, Mapping) else value!r}".replace("'", '"')
 
 
 def _type(annotation: Any) -> str:
@@ -174,7 +164,7 @@ def _type(annotation: Any) -> str:
     annotation = getattr(annotation, "__forward_arg__", annotation)
     text = annotation.__name__ if inspect.isclass(annotation) else str(annotation)
     text = text.replace("str | os.PathLike[str]", "path").replace("StrPath", "path")
-    return f"`{re.sub(r'[a-z_]+[.](?=[a-zA-Z_])', '', text)}`"
+    return re.sub(r"[a-z_]+[.](?=[a-zA-Z_])", "", text)
 
 
 def _class(value: type) -> Iterator[str]:
@@ -197,7 +187,7 @@ def _docstring(value: Any) -> Iterator[str]:
     """Yield a docstring's paragraphs; its sections but for the parameters become lists."""
     for paragraph in (inspect.getdoc(value) or "").split("\n\n"):
         title, _, rest = paragraph.partition("\n")
-        if title == "Args:":  # they are in a table
+        if title == "Args:":  # the command line has them
             continue
         if title in ("Raises:", "Returns:"):
             joined = re.sub(r"\n\s{8,}", " ", f"\n{rest}").strip("\n")
@@ -219,24 +209,33 @@ def training_settings() -> str:
         "measurements in the [notebook](../results/notebook.md#settings-that-were-measured).",
         "```toml\nupdates_per_step = 1.0\n\n[task_phase]\nsteps = 85000\n```",
     ]
-    parts += _settings("", "Top level", presets)
+    columns = {f"`{name}`": preset for name, preset in presets.items()}
+    parts += _settings("Top level", columns, leave_out="task")
+    sections: dict[type, list[str]] = {}
     for field in dataclasses.fields(TrainingConfig):
-        if dataclasses.is_dataclass(getattr(presets["default"], field.name)):
-            inner = {name: getattr(preset, field.name) for name, preset in presets.items()}
-            parts += _settings(field.name, f"[{field.name}]", inner)
+        value = getattr(presets["default"], field.name)
+        if dataclasses.is_dataclass(value):
+            sections.setdefault(type(value), []).append(field.name)
+    for names in sections.values():
+        columns = {
+            f"`{preset}`" if len(names) == 1 else f"{name}, `{preset}`": getattr(config, name)
+            for name in names
+            for preset, config in presets.items()
+        }
+        parts += _settings(" and ".join(f"[{name}]" for name in names), columns)
     return _page(parts)
 
 
-def _settings(section: str, title: str, presets: dict[str, Any]) -> Iterator[str]:
-    first = next(iter(presets.values()))
+def _settings(title: str, columns: dict[str, Any], leave_out: str = "") -> Iterator[str]:
+    """Describe settings of one class; ``columns``: such settings by the head of their column."""
+    first = next(iter(columns.values()))
     yield f"## {title}"
     rows = []
     for field in dataclasses.fields(first):
-        values = [getattr(preset, field.name) for preset in presets.values()]
-        if dataclasses.is_dataclass(values[0]) or (not section and field.name == "task"):
-            continue
-        rows.append((f"`{field.name}`", *(_setting(value) for value in values)))
-    yield _table(("Key", *(f"`{name}`" for name in presets)), rows)
+        values = [getattr(settings, field.name) for settings in columns.values()]
+        if not dataclasses.is_dataclass(values[0]) and field.name != leave_out:
+            rows.append((f"`{field.name}`", *(_setting(value) for value in values)))
+    yield _table(("Key", *columns), rows)
     body = (inspect.getdoc(type(first)) or "").partition("\n\n")[2]
     sentences = re.split(r"(?<=[.:)]) (?=``\w+``(?::| scales| divides))", " ".join(body.split()))
     yield "\n".join(f"- {_plain(sentence)}" for sentence in sentences)

@@ -279,7 +279,7 @@ def is_folder(path: Path) -> bool:
 
 
 def list_videos(directory: Path) -> list[Path]:
-    """Return the films of a run, plain files in its own folder, by name."""
+    """Return the videos of a run, plain files in its own folder, by name."""
     folder = directory / VIDEOS
     if not is_folder(folder):
         return []

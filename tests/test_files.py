@@ -261,7 +261,7 @@ def test_a_folder_is_made_and_one_that_is_a_link_is_refused(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "videos").symlink_to(tmp_path / "mine")
-    (tmp_path / "mine" / "a.mp4").write_text("film")
+    (tmp_path / "mine" / "a.mp4").write_text("video")
     with pytest.raises(RunDirectoryError, match="it is no directory"):
         make_folder(tmp_path / "run" / "videos")
     assert list_videos(tmp_path / "run") == []

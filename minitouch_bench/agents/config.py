@@ -83,8 +83,7 @@ class PhaseConfig:
 class SacConfig:
     """What the learner keeps through both phases.
 
-    ``encoder_width`` scales the channels of the shared encoder, up to a multiple of 8; saved
-    policies have those of Table 3, filled with zeros.
+    ``encoder_width`` scales the channels of the shared encoder, up to a multiple of 8.
     ``shift``: pixels by which images are shifted at random (DrQ); 0 for no shift.
     ``target_rate``: share by which the target networks follow at each update.
     ``target_encoder``: the target critics have an encoder that follows as well; DrQ-v2

@@ -160,14 +160,13 @@ class Learner:
         )
 
     def actor(self) -> TouchActor:
-        """Return the policy as it stands, on the CPU: scales folded in, channels as Table 3's."""
+        """Return the policy as it stands, on the CPU, scales folded in."""
         learned = {
             f"encoder.{name}": value for name, value in self.sac.encoder.state_dict().items()
         } | self.sac.actor.state_dict()
-        actor = TouchActor(self.sac.action_size)
-        for name, weight in actor.state_dict().items():
-            narrow = learned[name]
-            weight.zero_()[tuple(map(slice, narrow.shape))] = narrow
+        encoder = VisualEncoder(self.config.sac.encoder_width)
+        actor = TouchActor(self.sac.action_size, encoder=encoder)
+        actor.load_state_dict(learned)
         return self.scale.to(torch.device("cpu")).fold_into(actor)
 
     def state(self) -> dict[str, Any]:

@@ -61,9 +61,9 @@ def _options(
     function: Callable[..., Any], defaults: dict[str, object]
 ) -> dict[str, inspect.Parameter]:
     """Return the parameters that are given on the command line, as Typer reads them."""
-    options, helps = {}, parameter_help(function)
+    options, helps = {}, _parameter_help(function)
     for name, parameter in inspect.signature(function).parameters.items():
-        option = option_of(parameter)
+        option = _option_of(parameter)
         if option is None:
             continue
         option = copy(option)
@@ -83,7 +83,7 @@ def _options(
     return options
 
 
-def option_of(parameter: inspect.Parameter) -> ArgumentInfo | OptionInfo | None:
+def _option_of(parameter: inspect.Parameter) -> ArgumentInfo | OptionInfo | None:
     """Return how a parameter is given on the command line, None where it is not."""
     if get_origin(parameter.annotation) is not Annotated:
         return None
@@ -91,7 +91,7 @@ def option_of(parameter: inspect.Parameter) -> ArgumentInfo | OptionInfo | None:
     return next((each for each in details if isinstance(each, ArgumentInfo | OptionInfo)), None)
 
 
-def parameter_help(function: Callable[..., Any]) -> dict[str, str]:
+def _parameter_help(function: Callable[..., Any]) -> dict[str, str]:
     """Return what the section ``Args`` of a docstring says of each parameter."""
     section = (inspect.getdoc(function) or "").partition("\nArgs:\n")[2].partition("\n\n")[0]
     entries = re.findall(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", section, re.MULTILINE)

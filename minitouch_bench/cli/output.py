@@ -151,17 +151,17 @@ def _show_problems(result: "Verification", run: Path) -> None:
 def show_replay(
     replayed: "ReplayedEpisode",
     *,
-    film_file: Annotated[Path | None, typer.Option("--film", metavar="FILE")] = None,
+    video: Annotated[Path | None, typer.Option(metavar="FILE")] = None,
     steps: Annotated[bool, typer.Option()] = False,
 ) -> None:
     """Record a video of the episode or print its steps, and say whether its bits are the same.
 
     Args:
-        film_file: Video file, .mp4 or .gif; by default in RUN/replays/, of a submission's run in
+        video: Video file, .mp4 or .gif; by default in RUN/replays/, of a submission's run in
             reports/.
         steps: Print what happened at each step, and record no video.
     """
-    from minitouch_bench.workflows.replay import film_replay
+    from minitouch_bench.workflows.replay import write_replay_video
 
     record, row = replayed.record, replayed.row
     count = len(record.trace.actions)
@@ -169,7 +169,7 @@ def show_replay(
         _print_steps(record)
     else:
         note(f"recording a video of {count + 1} frames")
-        print(film_replay(replayed, film_file))
+        print(write_replay_video(replayed, video))
     bits = "the same bits as recorded" if replayed.is_same else "NOT the bits that were recorded"
     note(f"{record.spec.key}: {row.outcome} after {count} steps; {bits}")
     if not replayed.is_same:

@@ -145,7 +145,7 @@ def _data(verdict: Verdict, path: str) -> Markup:
         "runs": [
             {
                 "title": folder,
-                "command": f"minitouch-bench replay {path}/{folder} EPISODE --film FILM",
+                "command": f"minitouch-bench replay {path}/{folder} EPISODE --video VIDEO",
                 "groups": list(_groups(run)),
             }
             for folder, run in verdict.runs.items()

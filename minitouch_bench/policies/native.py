@@ -15,7 +15,7 @@ from torch import Tensor
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.files import write_file
-from minitouch_bench.policies.networks import ARCHITECTURES, TouchActor
+from minitouch_bench.policies.networks import ARCHITECTURES, TouchActor, VisualEncoder
 from minitouch_bench.policies.policy import IMAGE_SHAPE, Checkpoint, Observation
 from minitouch_bench.tasks.action import ACTION_SIZES
 
@@ -28,11 +28,15 @@ UNSAID_IMAGE_SHAPE = (1, 84, 84)
 
 @dataclass(frozen=True)
 class NativeForm:
-    """Whose weights these are, and the shape of the images that they were trained on."""
+    """Whose weights these are, and the shape of the images that they were trained on.
+
+    ``encoder_width`` scales the encoder's channels: see ``networks.VisualEncoder``.
+    """
 
     architecture: str
     action_size: int
     image_shape: tuple[int, ...] = UNSAID_IMAGE_SHAPE
+    encoder_width: float = 1.0
 
 
 class NativePolicy:
@@ -73,7 +77,8 @@ def as_array(action: Tensor) -> NDArray[Any]:
 
 def save_native(actor: TouchActor, path: Path) -> None:
     """Write an actor as a native checkpoint."""
-    form = NativeForm(actor.architecture, actor.action_size, IMAGE_SHAPE)
+    assert isinstance(actor.encoder, VisualEncoder)
+    form = NativeForm(actor.architecture, actor.action_size, IMAGE_SHAPE, actor.encoder.width)
     tensors = {name: value.contiguous() for name, value in actor.state_dict().items()}
     write_file(path, safetensors.torch.save(tensors, {METADATA_KEY: json.dumps(asdict(form))}))
 
@@ -82,7 +87,7 @@ def load_native(checkpoint: Checkpoint) -> NativePolicy:
     """Build the actor that the file's metadata names and fill in its weights.
 
     Raises:
-        PolicyLoadError: no such architecture, trained on other pictures, or weights of other
+        PolicyLoadError: no such architecture, trained on other images, or weights of other
             names or shapes.
     """
     form = _read_form(checkpoint)
@@ -91,7 +96,8 @@ def load_native(checkpoint: Checkpoint) -> NativePolicy:
     except (safetensors.SafetensorError, ValueError) as error:
         raise PolicyLoadError(f"{checkpoint.target} is damaged: {error}") from error
     with torch.device("meta"):  # shapes only: random weights would be drawn for nothing
-        actor = ARCHITECTURES[form.architecture](form.action_size)
+        encoder = VisualEncoder(form.encoder_width)
+        actor = ARCHITECTURES[form.architecture](form.action_size, encoder=encoder)
     wanted = {name: tuple(value.shape) for name, value in actor.state_dict().items()}
     given = {name: tuple(value.shape) for name, value in tensors.items()}
     if wanted != given:
@@ -125,6 +131,11 @@ def _read_form(checkpoint: Checkpoint) -> NativeForm:
         raise PolicyLoadError(
             f"{checkpoint.target} asks for architecture {form.architecture!r} with "
             f"{form.action_size} actions; known: {', '.join(ARCHITECTURES)} with 4 or 5"
+        )
+    if not 0.0 < form.encoder_width <= 1.0:
+        raise PolicyLoadError(
+            f"{checkpoint.target} asks for an encoder of width {form.encoder_width}; it must be "
+            "above 0 and at most 1"
         )
     if form.image_shape != IMAGE_SHAPE:
         raise PolicyLoadError(

@@ -1,7 +1,7 @@
 """The paper's networks: its visual encoder and the SAC actor on image and touch."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import reduce
 
 import torch
@@ -117,6 +117,7 @@ class VisualEncoder(nn.Module):
 
     def __init__(self, width: float = 1.0) -> None:
         super().__init__()
+        self.width = width
         layers: list[nn.Module] = []
         channels = PROTOCOL.observation.image_shape[0]
         for outputs, kernel, stride in zip(
@@ -188,5 +189,5 @@ class TouchActor(nn.Module):
         return torch.tanh(mean + log_std.exp() * noise)
 
 
-ARCHITECTURES: Mapping[str, Callable[[int], TouchActor]] = {TouchActor.architecture: TouchActor}
-"""Builders by architecture id, each called with the number of actions."""
+ARCHITECTURES: Mapping[str, type[TouchActor]] = {TouchActor.architecture: TouchActor}
+"""Actors by architecture id."""

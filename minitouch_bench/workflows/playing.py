@@ -8,8 +8,8 @@ from pathlib import Path
 
 from minitouch_bench.errors import HopelessRunError, InfrastructureError, InterruptedRunError
 from minitouch_bench.evaluation.engine import Engine
-from minitouch_bench.evaluation.filming import film, film_name, require_video
 from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, open_run, play_missing
+from minitouch_bench.evaluation.video import require_video, video_name, write_video
 from minitouch_bench.files import RUN_FILE, VIDEOS, holds_run, list_videos, make_folder, write_file
 from minitouch_bench.reporting.report import Report
 from minitouch_bench.reporting.views import write_report, write_tables
@@ -112,7 +112,7 @@ def write_views(run: Run, directory: Path, video: int = 0) -> Report:
     """Write the tables, the report and the videos of the first ``video`` episodes of each task."""
     for spec in run.header.specs():
         if spec.index < video:
-            file = make_folder(directory / VIDEOS) / film_name(spec.key)
-            film(spec, run.actions_of(spec.key), file, run.plan.conditions)
+            file = make_folder(directory / VIDEOS) / video_name(spec.key)
+            write_video(spec, run.actions_of(spec.key), file, run.plan.conditions)
     write_tables(run, directory)
     return write_report([run], directory, list_videos(directory))

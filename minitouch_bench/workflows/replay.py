@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from minitouch_bench.runs.run import Run
 
 REPLAYS = "replays"
-"""Folder of the films that were made of a finished run."""
+"""Folder of the videos that were made of a finished run."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def replay(
         runner.close()
 
 
-def film_replay(replayed: ReplayedEpisode, path: Path | None = None) -> Path:
+def write_replay_video(replayed: ReplayedEpisode, path: Path | None = None) -> Path:
     """Film the episode into an ``.mp4`` or a ``.gif``, by default in the run's ``replays/``.
 
     The run of a submission has them in ``reports/``, see ``view_directory``.
@@ -71,18 +71,18 @@ def film_replay(replayed: ReplayedEpisode, path: Path | None = None) -> Path:
         UsageError: another kind of file.
         RunDirectoryError: the file cannot be written.
     """
-    from minitouch_bench.evaluation.filming import film, film_name
+    from minitouch_bench.evaluation.video import video_name, write_video
     from minitouch_bench.reporting.views import view_directory
 
     spec, actions = replayed.record.spec, replayed.record.trace.actions
     run = replayed.run
     assert run.directory is not None
     file = path or (
-        make_folder(view_directory(run.directory) / REPLAYS) / film_name(spec.key, _suffix())
+        make_folder(view_directory(run.directory) / REPLAYS) / video_name(spec.key, _suffix())
     )
-    return film(spec, actions, file, run.plan.conditions)
+    return write_video(spec, actions, file, run.plan.conditions)
 
 
 def _suffix() -> str:
-    """Return the kind of film that this installation can write."""
+    """Return the kind of video that this installation can write."""
     return ".mp4" if find_spec("imageio_ffmpeg") and find_spec("imageio") else ".gif"

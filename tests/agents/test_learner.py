@@ -10,12 +10,14 @@ from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfi
 from minitouch_bench.agents.curiosity.curiosity import Curiosity, Errors
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
+from minitouch_bench.policies.native import load_native, save_native
 from minitouch_bench.policies.networks import ENCODER_CHANNELS
+from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from tests.agents.batches import random_batch
 
 
-def test_a_narrow_encoder_is_saved_as_the_tables_and_acts_the_same():
+def test_a_narrow_encoder_is_saved_narrow_and_acts_the_same(tmp_path):
     config = TrainingConfig("pushing", sac=SacConfig(encoder_width=0.25, bfloat16=False))
     learner = Learner(config, PROTOCOL.task("pushing"), torch.device("cpu"))
     batch = random_batch()
@@ -24,9 +26,17 @@ def test_a_narrow_encoder_is_saved_as_the_tables_and_acts_the_same():
         mean, _ = learner.sac.actor.gaussian_of(features, learner.scale.scaled(batch.touch))
         saved = learner.actor()
         action = saved(batch.image, batch.touch)
-    assert learner.sac.encoder.convolutions[0].out_channels < ENCODER_CHANNELS[0]
-    assert saved.encoder.convolutions[0].out_channels == ENCODER_CHANNELS[0]
+    assert saved.encoder.convolutions[0].out_channels < ENCODER_CHANNELS[0]
     torch.testing.assert_close(action, torch.tanh(mean), atol=1e-5, rtol=0)
+
+    file = tmp_path / "policy.safetensors"
+    save_native(saved, file)
+    assert file.stat().st_size < 700_000  # 2.2 MB at full width
+    loaded = load_native(Checkpoint(str(file), file.read_bytes()))
+    observation = {"image": batch.image[0].numpy(), "touch": batch.touch[0].numpy()}
+    with torch.no_grad():
+        first = saved(batch.image[:1], batch.touch[:1])[0].numpy()
+    assert np.array_equal(loaded.act(observation), first)
 
 
 def filled_replay():

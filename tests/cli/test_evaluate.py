@@ -66,7 +66,7 @@ def test_the_default_place_is_named_after_the_policy(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_first_episodes_are_filmed_if_asked_for(tmp_path):
+def test_the_first_episodes_are_recorded_on_video_if_asked_for(tmp_path):
     run(*SCRIPTED, "--output", "run", "--video", 1, directory=tmp_path)
     assert sorted(os.listdir(tmp_path / "run" / "videos")) == ["opening-0.mp4", "pushing-0.mp4"]
     assert "pushing-0.mp4" in (tmp_path / "run" / "report.html").read_text()

@@ -94,15 +94,15 @@ def test_what_is_no_run_or_damaged_ends_with_6(copy, tmp_path):
 # replay
 
 
-def test_an_episode_is_filmed_beside_its_run(copy):
+def test_an_episode_is_recorded_on_video_beside_its_run(copy):
     done = run("replay", copy, "opening/1", directory=copy.parent)
     assert done.code == 0, done.err
-    film = copy / "replays" / "opening-1.mp4"
-    assert done.out.strip() == str(film)
-    assert film.stat().st_size > 1000
+    video = copy / "replays" / "opening-1.mp4"
+    assert done.out.strip() == str(video)
+    assert video.stat().st_size > 1000
     assert "success after" in done.err
     assert "the same bits as recorded" in done.err
-    assert run("verify", copy, directory=copy.parent).code == 0  # a film changes no report
+    assert run("verify", copy, directory=copy.parent).code == 0  # a video changes no report
 
 
 def test_an_episode_is_printed_step_by_step(scripted):
@@ -116,7 +116,7 @@ def test_an_episode_is_printed_step_by_step(scripted):
 def test_an_episode_that_is_not_there_is_said(scripted):
     directory = scripted[1]
     run("replay", directory, "pick-up/0", directory=directory.parent).refused(2, "pushing/0")
-    wrong = run("replay", directory, "pushing/0", "--film", "x.avi", directory=directory.parent)
+    wrong = run("replay", directory, "pushing/0", "--video", "x.avi", directory=directory.parent)
     assert wrong.code == 2
     assert "an .mp4 or a .gif, not 'x.avi'" in wrong.err
 

@@ -47,7 +47,7 @@ def board(tmp_path_factory) -> Path:
     make_submission(submissions, "seeds", 0.75, seeds=(0, 1))
     make_submission(submissions, "random", 0.1, kind="random")
     (best / "seed-0/table4/videos").mkdir()
-    (best / "seed-0/table4/videos/pushing-0.mp4").write_bytes(b"no real film")
+    (best / "seed-0/table4/videos/pushing-0.mp4").write_bytes(b"no real video")
     verdict = validate(best)
     assert verdict.passed, verdict.problems
     drop = FreshResult(Role.FINAL, "pushing", "success", 0.9, 0.88, 50, 0.4)
@@ -188,7 +188,7 @@ def test_a_row_is_opened_and_a_replay_command_followed(browser, board):
     browser.click(".episodes tbody tr:nth-child(4) .pick")
     command = text(browser, "#replay-command")
     assert command == (
-        "minitouch-bench replay submissions/hac/seed-0/table4 pushing/3 --film pushing-3.gif"
+        "minitouch-bench replay submissions/hac/seed-0/table4 pushing/3 --video pushing-3.gif"
     )
     assert browser.run("document.querySelectorAll('[aria-selected=true]').length") == 1
     assert [line for line in browser.messages if "hac.html" in line and "mp4" not in line] == []

@@ -112,7 +112,7 @@ def sound_run(directory: Path) -> tuple[EpisodeRecord, ...]:
     write_file(directory / RUN_FILE, run_json(run))
     write_tables(run, directory)
     (directory / "videos").mkdir()
-    (directory / "videos" / "pushing-0.mp4").write_bytes(b"film")
+    (directory / "videos" / "pushing-0.mp4").write_bytes(b"video")
     write_report([run], directory, [directory / "videos" / "pushing-0.mp4"])
     return tuple(records)
 

@@ -10,7 +10,7 @@ import pytest
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.workflows.replay import film_replay, replay
+from minitouch_bench.workflows.replay import replay, write_replay_video
 from minitouch_bench.workflows.report import report
 from tests.cli.command import run
 from tests.leaderboard.synthetic import make_submission
@@ -49,18 +49,18 @@ def test_the_report_of_a_submission_s_run_is_written_elsewhere(run_path):
 
 
 @pytest.mark.usefixtures("inside")
-def test_an_episode_of_a_submission_s_run_is_filmed_elsewhere():
-    film = film_replay(replay(RUN, shortest(RUN)))
-    assert film.parent == Path("reports/hac/seed-0/table4/replays")
-    assert film.stat().st_size > 1000
+def test_an_episode_of_a_submission_s_run_is_recorded_on_video_elsewhere():
+    video = write_replay_video(replay(RUN, shortest(RUN)))
+    assert video.parent == Path("reports/hac/seed-0/table4/replays")
+    assert video.stat().st_size > 1000
 
 
-def test_the_command_on_a_submission_s_page_films_its_episode(inside):
+def test_the_command_on_a_submission_s_page_records_a_video_of_its_episode(inside):
     root = inside.parents[1]
     build_board(Path("submissions"), Path("board"))
     page = html.unescape(Path("board/submission/hac.html").read_text())
     (command,) = re.findall(r'"command":"(minitouch-bench [^"]*)"', page)
-    _, *words = shlex.split(command.replace("EPISODE", shortest(RUN)).replace("FILM", "one.gif"))
+    _, *words = shlex.split(command.replace("EPISODE", shortest(RUN)).replace("VIDEO", "one.gif"))
     done = run(*words, directory=root)
     assert done.out == "one.gif\n"
     assert "NOT the bits" in done.err  # nobody simulated these episodes

@@ -32,11 +32,10 @@ class RandomDistillation(Predictor):
         inputs = flat + (TOUCH_SIZE if self.uses_touch else 0)
         self.target_head = nn.Linear(inputs, OUTPUTS).requires_grad_(False)
         self.maps = _convolutions(config.width)
-        self.head = nn.Sequential(
-            nn.Linear(inputs, OUTPUTS), nn.ReLU(),
-            nn.Linear(OUTPUTS, OUTPUTS), nn.ReLU(),
-            nn.Linear(OUTPUTS, OUTPUTS),
-        )  # fmt: skip
+        self.hidden = nn.Sequential(
+            nn.Linear(inputs, OUTPUTS), nn.ReLU(), nn.Linear(OUTPUTS, OUTPUTS), nn.ReLU()
+        )
+        self.head = nn.Linear(OUTPUTS, OUTPUTS)
         self.images_seen: Tensor
         self.pixel_mean: Tensor
         self.pixel_square: Tensor
@@ -49,16 +48,15 @@ class RandomDistillation(Predictor):
         image = batch.next_image.float()
         self._watch(image)
         image = self._whitened(image)
-        target = self._output(self.target_maps, self.target_head, image, batch.next_touch)
-        guess = self._output(self.maps, self.head, image, batch.next_touch)
+        target: Tensor = self.target_head(self._seen(self.target_maps, image, batch.next_touch))
+        seen = self._seen(self.maps, image, batch.next_touch)
+        guess: Tensor = self.head(self.encode(self.hidden, seen))
         surprise = (guess - target).square().mean(dim=1)
         return Errors(surprise, surprise.mean())
 
-    def _output(self, maps: nn.Module, head: nn.Module, image: Tensor, touch: Tensor) -> Tensor:
+    def _seen(self, maps: nn.Module, image: Tensor, touch: Tensor) -> Tensor:
         features = self.encode(maps, image)
-        seen = torch.cat((features, touch), dim=1) if self.uses_touch else features
-        output: Tensor = head(seen)
-        return output
+        return torch.cat((features, touch), dim=1) if self.uses_touch else features
 
     @torch.no_grad()
     def _watch(self, images: Tensor) -> None:

@@ -35,7 +35,7 @@
   const pick = (row, key) => {
     for (const other of body.querySelectorAll("[aria-selected]")) other.removeAttribute("aria-selected");
     row.setAttribute("aria-selected", "true");
-    command.textContent = data.runs[runs.value].command.replace("EPISODE", key).replace("FILM", `${key.replaceAll("/", "-")}.gif`);
+    command.textContent = data.runs[runs.value].command.replace("EPISODE", key).replace("VIDEO", `${key.replaceAll("/", "-")}.gif`);
   };
   const draw = () => {
     const rows = document.createDocumentFragment();

@@ -1,4 +1,4 @@
-"""Films of recorded episodes, made by replaying their actions."""
+"""Videos of recorded episodes, made by replaying their actions."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,12 +17,12 @@ from minitouch_bench.records import EpisodeSpec
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 FRAMES_PER_SECOND = 8
-"""A control step lasts about a quarter of a second: films run at twice real time."""
+"""A control step lasts about a quarter of a second: videos run at twice real time."""
 
 Frames = Iterator[NDArray[np.uint8]]
 
 
-def film(
+def write_video(
     spec: EpisodeSpec,
     actions: NDArray[np.float32],
     path: Path,
@@ -37,16 +37,16 @@ def film(
     """
     writers = {".mp4": _write_mp4, ".gif": _write_gif}
     if path.suffix not in writers:
-        raise UsageError(f"a film is an .mp4 or a .gif, not '{path.name}'")
+        raise UsageError(f"a video is an .mp4 or a .gif, not '{path.name}'")
     with os_errors_as(RunDirectoryError, path, "written"), TemporaryDirectory() as folder:
-        unfinished = Path(folder) / f"film{path.suffix}"
+        unfinished = Path(folder) / f"video{path.suffix}"
         writers[path.suffix](_frames(spec, actions, conditions), unfinished)
         write_file(path, unfinished.read_bytes())
     return path
 
 
-def film_name(key: str, suffix: str = ".mp4") -> str:
-    """Return the file name of an episode's film, as ``pushing-17.mp4``."""
+def video_name(key: str, suffix: str = ".mp4") -> str:
+    """Return the file name of an episode's video, as ``pushing-17.mp4``."""
     return key.replace("/", "-") + suffix
 
 

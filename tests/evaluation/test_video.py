@@ -2,7 +2,7 @@ import pytest
 from PIL import Image
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.evaluation.filming import film, film_name
+from minitouch_bench.evaluation.video import video_name, write_video
 
 
 @pytest.fixture
@@ -15,7 +15,7 @@ def short(finished):
 def test_an_mp4_has_a_frame_for_the_reset_and_for_each_step(short, tmp_path):
     imageio = pytest.importorskip("imageio.v2")
     pytest.importorskip("imageio_ffmpeg")
-    path = film(*short, tmp_path / "videos" / film_name(short[0].key))
+    path = write_video(*short, tmp_path / "videos" / video_name(short[0].key))
     assert path.name == "pick-up-0.mp4"
     with imageio.get_reader(path) as video:
         frames = [video.get_data(index) for index in range(video.count_frames())]
@@ -25,17 +25,17 @@ def test_an_mp4_has_a_frame_for_the_reset_and_for_each_step(short, tmp_path):
 
 
 def test_a_gif_needs_no_extra_and_has_the_same_frames(short, tmp_path):
-    with Image.open(film(*short, tmp_path / "film.gif")) as picture:
+    with Image.open(write_video(*short, tmp_path / "video.gif")) as picture:
         assert picture.n_frames == 4
         assert picture.size == (480, 480)
 
 
 def test_another_kind_of_file_is_refused(short, tmp_path):
     with pytest.raises(UsageError, match=r"mp4 or a \.gif"):
-        film(*short, tmp_path / "film.avi")
+        write_video(*short, tmp_path / "video.avi")
 
 
 def test_a_place_that_cannot_be_written_is_said(short, tmp_path):
     (tmp_path / "videos").write_text("no directory")
     with pytest.raises(RunDirectoryError, match="cannot be written"):
-        film(*short, tmp_path / "videos" / "film.gif")
+        write_video(*short, tmp_path / "videos" / "video.gif")
