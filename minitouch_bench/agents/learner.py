@@ -105,7 +105,7 @@ class Learner:
             fresh = _new_sac(self.sac.config, self.sac.action_size)
         if "encoder" not in self.config.carry:
             self.sac.encoder.load_state_dict(fresh.encoder.state_dict())
-            self.sac.target_encoder.load_state_dict(fresh.encoder.state_dict())
+            self.sac.target_encoder.load_state_dict(fresh.target_encoder.state_dict())
         if "actor" not in self.config.carry:
             self.sac.actor.load_state_dict(fresh.actor.state_dict())
         if "critic" not in self.config.carry:

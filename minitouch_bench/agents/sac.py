@@ -62,7 +62,8 @@ class Sac(nn.Module):
         )
         inputs = features + touch_size + action_size
         self.critics = TwoCritics(inputs, layer_norm=config.critic_layer_norm)
-        self.target_encoder = copy.deepcopy(self.encoder).requires_grad_(False)
+        followed = self.encoder if config.target_encoder else nn.Identity()
+        self.target_encoder = copy.deepcopy(followed).requires_grad_(False)
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
         self.log_temperature = nn.Parameter(torch.zeros(()))
 

@@ -228,6 +228,8 @@ class PolicyProcess:
         self._left_s -= time.monotonic() - began
         if kind is not wanted:
             self._refuse_answer(request, kind, payload)
+        if payload and wanted is not Frame.ACTION:  # on a stream, packets that came together
+            self._break_off(WireError(f"{kind.name} with {len(payload)} bytes behind it"))
         return payload
 
     def _refuse_answer(self, request: Frame, kind: Frame, payload: bytes) -> NoReturn:

@@ -150,6 +150,11 @@ def ready_at_once():
     return Misbehaving()
 
 
+def ready_in_one():
+    say(pack_frame(Frame.LOADED) + pack_frame(Frame.READY))
+    return Misbehaving()
+
+
 class CutsShort:
     """Sends a part of an action at the first look."""
 

@@ -126,6 +126,9 @@ def test_a_policy_cannot_say_for_its_loader_that_it_is_ready(bad, monkeypatch):
     with pytest.raises(PolicyExitError, match=words):  # noqa: PT012
         bad.reset(0, "pushing")
         bad.act(OBSERVATION)  # if its second packet came late
+    monkeypatch.setattr(bad, "_source", factory("ready_in_one"))
+    with pytest.raises(PolicyLoadError, match="LOADED with 1 bytes behind it"):
+        bad.reset(0, "pushing")
 
 
 @pytest.mark.parametrize(
@@ -134,6 +137,7 @@ def test_a_policy_cannot_say_for_its_loader_that_it_is_ready(bad, monkeypatch):
         ("Misbehaving", "speak_at_length"),
         ("Misbehaving", "answer_ahead"),
         ("ready_at_once", "fine"),
+        ("ready_in_one", "fine"),
     ],
 )
 def test_a_stream_shows_an_answer_that_is_too_long_or_too_early(attribute, how, monkeypatch):
@@ -147,7 +151,8 @@ def test_a_stream_shows_an_answer_that_is_too_long_or_too_early(attribute, how, 
     monkeypatch.setattr(socket, "socketpair", as_on_macos)
     options = IsolationOptions(Isolation.PROCESS, trust=True, limits=LIMITS)
     policy = PolicyProcess(factory(attribute), options)
-    with policy, pytest.raises(PolicyExitError, match="broke the protocol"):  # noqa: PT012
+    faults = (PolicyExitError, PolicyLoadError)
+    with policy, pytest.raises(faults, match="broke the protocol"):  # noqa: PT012
         policy.reset(SEEDS[how], "pushing")
         policy.act(OBSERVATION)
         time.sleep(0.1)  # its other packets are under way
