@@ -51,7 +51,7 @@ def write_json(document: object) -> bytes:
     """Write a record as JSON; equal records give equal bytes.
 
     Raises:
-        ValueError: it holds NaN or infinity, which JSON lacks.
+        ValueError: it contains NaN or infinity, which JSON lacks.
     """
     content = msgspec.json.encode(document)
     try:

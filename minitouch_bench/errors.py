@@ -65,7 +65,7 @@ class PolicyFaultError(PolicyError):
 
 
 class InvalidActionError(PolicyFaultError):
-    """The action has a wrong length or type, or holds NaN or infinity."""
+    """The action has a wrong length or type, or contains NaN or infinity."""
 
 
 class PolicyTimeoutError(PolicyFaultError):

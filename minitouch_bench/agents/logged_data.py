@@ -59,7 +59,7 @@ def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
     for episode in read_log(path, action_size):
         if replay.rows + len(episode.images) > replay.capacity:
             raise UsageError(
-                f"{path} holds more than the {replay.capacity:,} steps of the memory: "
+                f"{path} contains more than the {replay.capacity:,} steps of the memory: "
                 "set a larger replay_size"
             )
         replay.begin_episode(episode.images[0], episode.touch[0])
@@ -73,7 +73,7 @@ def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
                 ended=bool(episode.terminations[step]),
             )
     if not replay.rows:
-        raise UsageError(f"{path} holds no control step")
+        raise UsageError(f"{path} contains no control step")
 
 
 def read_log(path: Path, action_size: int) -> Iterator[LoggedEpisode]:

@@ -79,7 +79,7 @@ def open_run(
         return RunUnderWay(header, directory)
     if not resume:
         raise RunDirectoryError(
-            f"{directory} holds a run already.\n"
+            f"{directory} already contains a run.\n"
             "Add --resume to continue it, --fresh to replace it, or --output for another directory"
         )
     if (directory / RUN_FILE).exists():
@@ -96,7 +96,7 @@ def _check_empty(directory: Path) -> None:
     if entries := entries_of(directory):
         more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""
         raise RunDirectoryError(
-            f"{directory} is not empty and holds no run: {entries[0]!a}{more}.\n"
+            f"{directory} is not empty and does not contain a run: {entries[0]!a}{more}.\n"
             "Choose another --output; or add --fresh: files called as a run's are then replaced"
         )
 

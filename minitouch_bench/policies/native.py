@@ -103,7 +103,8 @@ def load_native(checkpoint: Checkpoint) -> NativePolicy:
     if wanted != given:
         wrong = sorted(set(wanted.items()) ^ set(given.items()))[0][0]
         raise PolicyLoadError(
-            f"{checkpoint.target} does not hold the weights of '{form.architecture}': see '{wrong}'"
+            f"{checkpoint.target} does not contain the weights of '{form.architecture}': "
+            f"see '{wrong}'"
         )
     actor.load_state_dict({name: value.float() for name, value in tensors.items()}, assign=True)
     return NativePolicy(actor, checkpoint.deterministic)

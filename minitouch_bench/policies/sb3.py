@@ -110,7 +110,7 @@ def _build(settings: dict[str, Any], weights: bytes) -> Any:
     try:
         state = torch.load(io.BytesIO(weights), map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises half a dozen classes for a damaged file
-        raise PolicyLoadError("policy.pth holds no plain weights") from error
+        raise PolicyLoadError("policy.pth contains no plain weights") from error
     try:
         policy.load_state_dict(state)
     except (RuntimeError, TypeError) as error:

@@ -257,7 +257,7 @@ def check_zip(content: bytes, target: str) -> None:
     except (zipfile.BadZipFile, ValueError, NotImplementedError):
         return
     if len(members) > MAX_MEMBERS:
-        raise PolicyLoadError(f"{target} holds {len(members)} files; the limit is {MAX_MEMBERS}")
+        raise PolicyLoadError(f"{target} contains {len(members)} files; the limit is {MAX_MEMBERS}")
     check_bytes(sum(member.file_size for member in members), len(content), target)
 
 

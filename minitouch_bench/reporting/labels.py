@@ -108,7 +108,7 @@ def _checked(names: Sequence[str], count: int) -> tuple[str, ...]:
     if len(plain) != count:
         raise UsageError(f"{len(plain)} names for {count} runs; give one per run")
     if len(set(plain)) < count or not all(plain):
-        raise UsageError(f"the names {', '.join(plain)} do not tell the runs apart")
+        raise UsageError(f"the names {', '.join(plain)} do not distinguish the runs")
     return plain
 
 

@@ -148,7 +148,7 @@ def _check_protocols(runs: Sequence[Run]) -> None:
     for other in runs[1:]:
         if tasks := first.header.rules_differ(other.header):
             raise UsageError(
-                f"{_protocol_of(first)} and {_protocol_of(other)} cannot stand in one table: "
+                f"{_protocol_of(first)} and {_protocol_of(other)} cannot be in one table: "
                 f"the rules of {', '.join(tasks)} differ"
             )
 

@@ -286,7 +286,7 @@ def run_json(run: Run) -> bytes:
     """Write a run as the content of ``run.json``: all but what it is called.
 
     Raises:
-        ValueError: it holds NaN or infinity.
+        ValueError: it contains NaN or infinity.
     """
     return write_json(
         RunDocument(**{field.name: getattr(run, field.name) for field in fields(RunDocument)})

@@ -85,11 +85,11 @@ def open_units(folder: Path, plan: dict[str, Any]) -> Units:
         return units
     if units.path(PLAN).exists():
         raise RunDirectoryError(
-            f"{folder} holds a generation begun with other settings; "
+            f"{folder} contains a generation begun with other settings; "
             f"delete {units.directory} or choose another --output"
         )
     if (folder / MANIFEST).exists():
-        raise RunDirectoryError(f"{folder} holds a finished set; choose another --output")
+        raise RunDirectoryError(f"{folder} contains a finished set; choose another --output")
     with os_errors_as(InfrastructureError, units.directory, "written"):
         units.directory.mkdir(exist_ok=True)
     units.keep(PLAN, text)

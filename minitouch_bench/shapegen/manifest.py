@@ -149,13 +149,13 @@ def load_shape_set(path: Path | str) -> ShapeSet:
     """Read a shape set; its records are verified when they are first used.
 
     Raises:
-        UsageError: the folder holds no shape set, or one that is damaged or too new.
+        UsageError: the folder contains no shape set, or one that is damaged or too new.
     """
     folder = Path(path).absolute()
     try:
         document = json.loads(read_file(folder / MANIFEST, GIB, follow=True))
     except FileNotFoundError as error:
-        raise UsageError(f"{folder} holds no shape set: {MANIFEST} is missing") from error
+        raise UsageError(f"{folder} contains no shape set: {MANIFEST} is missing") from error
     except (OSError, ValueError) as error:
         raise UsageError(f"{folder / MANIFEST} cannot be read: {error}") from error
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:

@@ -39,7 +39,7 @@ def find_objects(folder: Path) -> list[Path]:
             claimed.update(name.resolve() for name, _ in _urdf_meshes(path, strict=False))
     objects = [path for path in files if path.resolve() not in claimed]
     if not objects:
-        raise UsageError(f"{folder} holds no object: looked for {', '.join(SUFFIXES)}")
+        raise UsageError(f"{folder} contains no object: looked for {', '.join(SUFFIXES)}")
     return objects
 
 

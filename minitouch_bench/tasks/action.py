@@ -40,5 +40,5 @@ def fit_action(raw: object, size: int) -> NDArray[np.float32]:
     with np.errstate(over="ignore"):  # a float64 too large becomes infinite, and is refused below
         fitted[:count] = action[:count]
     if not np.isfinite(fitted).all():
-        raise InvalidActionError("the action holds NaN or infinity")
+        raise InvalidActionError("the action contains NaN or infinity")
     return fitted

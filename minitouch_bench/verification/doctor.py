@@ -157,7 +157,7 @@ def _protocol() -> str:
 
 def _isolation() -> str:
     try_policy(parse_source("zero"), ("pushing",))
-    return f"a sandbox was tried and holds: seccomp, Landlock {landlock.supported_abi()}"
+    return f"a sandbox was tried and works: seccomp, Landlock {landlock.supported_abi()}"
 
 
 def _policy_repeats() -> str:

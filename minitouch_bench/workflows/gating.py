@@ -149,7 +149,7 @@ def _request_like(
     planned = {spec.key: (spec.seed, spec.shape) for spec in plan.specs()}
     if recorded != planned or len(baseline.episodes) != len(planned):
         raise UsageError(
-            f"'{printable(baseline.name)}' does not hold the {len(planned)} episodes of its "
+            f"'{printable(baseline.name)}' does not contain the {len(planned)} episodes of its "
             "suite, tasks and seed; make the baseline again"
         )
     return request

@@ -62,7 +62,7 @@ def play(
     returned as it is.
     """
     if isinstance(opened, Run):
-        callbacks.note(f"{opened.directory} holds the finished run: no episode is missing")
+        callbacks.note(f"{opened.directory} contains the finished run: no episode is missing")
         return opened
     callbacks.phase("episodes", len(opened.header.specs()))
     for record in opened.records:

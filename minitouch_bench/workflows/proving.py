@@ -51,7 +51,7 @@ RERUN_BEFORE_FRESH = 50
 TIME_LIMIT_S = 6 * 3600.0
 """How long the check of one submission may take: a policy may use minutes in each episode."""
 
-NOT_REPLAYED = "the recorded actions do not give these figures"
+NOT_REPLAYED = "the recorded actions do not give these values"
 NOT_REPEATED = "the checkpoint does not act as recorded"
 FITS_OFFICIAL = "the checkpoint fits the official episodes"
 

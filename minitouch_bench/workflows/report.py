@@ -70,7 +70,7 @@ def report(
 
     trained = options.whole_numbers("--steps", steps)
     if trained and not curve:
-        raise UsageError("--steps says where runs stand on a curve: add --curve")
+        raise UsageError("--steps places runs on a curve: add --curve")
     paths = tuple(map(Path, runs))
     opened = [read_run(path) for path in paths]
     single = len(opened) == 1

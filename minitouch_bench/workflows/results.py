@@ -20,10 +20,10 @@ from minitouch_bench.runs.run import RunHeader
 
 @dataclass(frozen=True)
 class TaskResult:
-    """The figures of one task: each metric is an attribute, an estimate with its interval.
+    """The results of one task: each metric is an attribute, an estimate with its interval.
 
     ``result.success`` is an ``Estimate`` with ``value``, ``low``, ``high`` (95 %), ``count``
-    and ``method``. ``estimates`` holds them by name, ``outcomes`` how many episodes ended how.
+    and ``method``. ``estimates`` contains them by name, ``outcomes`` how many episodes ended how.
     """
 
     summary: TaskSummary
@@ -72,9 +72,9 @@ class TaskResult:
 
 @dataclass(frozen=True, repr=False)
 class Run:
-    """A finished run. ``run["pushing"]`` holds the estimates of a task.
+    """A finished run. ``run["pushing"]`` contains the estimates of a task.
 
-    ``facts`` is the whole record, as ``run.json`` holds it.
+    ``facts`` is the whole record, as ``run.json`` contains it.
     """
 
     facts: runs.Run

@@ -134,7 +134,7 @@ class Packer:
             check_submittable(run.header, path, main.policy)
             directory = self._run_directory(suite)
             if holds_run(directory) and not self.fresh:
-                raise RunDirectoryError(f"{directory} holds a run.\nAdd --fresh to replace it")
+                raise RunDirectoryError(f"{directory} contains a run.\nAdd --fresh to replace it")
         explorer = None if main.exploration is None else find_source(main.exploration)
         listed = {suite: by_suite[suite][1] for suite in SUBMITTED_SUITES if suite in by_suite}
         parts = Parts(listed, find_source(main.policy), explorer)
@@ -195,7 +195,7 @@ class Packer:
         for directory in map(self._run_directory, parts.runs):
             if foreign := foreign_entries(directory):
                 raise RunDirectoryError(
-                    f"{directory} holds {foreign[0]!a}, which is no file of a run: move it away"
+                    f"{directory} contains {foreign[0]!a}, which is not a file of a run: move it away"
                 )
         old = self.directory / CHECKPOINTS / f"seed-{self.seed}"
         # What is included is copied before anything is replaced.
@@ -232,11 +232,13 @@ class Packer:
                 open_run(request, directory, resume=self.resume, fresh=False)
         elif not self.resume:
             raise RunDirectoryError(
-                f"{directory} holds a finished run.\nAdd --resume to keep it, --fresh to replace "
+                f"{directory} contains a finished run.\nAdd --resume to keep it, --fresh to replace "
                 "it, or another --training-seed"
             )
         elif read_run(directory).header != request.header():
-            raise RunDirectoryError(f"{directory} holds another policy's run; --fresh replaces it")
+            raise RunDirectoryError(
+                f"{directory} contains another policy's run; --fresh replaces it"
+            )
 
 
 def _request(name: str, setup: PolicySetup) -> RunRequest:

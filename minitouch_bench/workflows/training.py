@@ -202,11 +202,11 @@ def _prepare(request: TrainingRequest) -> None:
             with os_errors_as(RunDirectoryError, directory / name, "written"):
                 os.close(open_plain(directory / name, os.O_RDWR))
     if request.resume and not os.path.lexists(file):
-        request.callbacks.note(f"{directory} holds no training yet: it begins")
+        request.callbacks.note(f"{directory} contains no training yet: one is started")
     if any(os.path.lexists(directory / name) for name in (CHECKPOINT_FILE, PROGRESS_FILE)):
         if not request.resume:
             raise RunDirectoryError(
-                f"{directory} holds a training; go on with it by --resume, or choose another "
+                f"{directory} contains a training: continue it with --resume, or choose another "
                 "--output"
             )
         known = read_config(file, config)

@@ -163,7 +163,7 @@ def test_a_training_that_was_killed_before_it_began_is_begun_by_resume(tmp_path)
     assert not run_training(
         replace(request, callbacks=TrainingProgress(note=notes.append, should_stop=lambda: True))
     )
-    assert "holds no training yet: it begins" in notes[0]
+    assert "contains no training yet: one is started" in notes[0]
     assert (tmp_path / "run" / "config.toml").exists()
 
 

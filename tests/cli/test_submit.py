@@ -214,7 +214,7 @@ def test_every_suite_s_directory_is_checked_before_the_first_is_run(tmp_path, mo
         submit(**both)
     (place / "novel-shapes" / "run.json").unlink()
     (place / "novel-shapes" / "unfinished").mkdir()
-    with pytest.raises(RunDirectoryError, match="novel-shapes holds a run already"):
+    with pytest.raises(RunDirectoryError, match="novel-shapes already contains a run"):
         submit(**both)
     assert os.listdir(place) == ["novel-shapes"]
 

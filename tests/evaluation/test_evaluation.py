@@ -124,7 +124,7 @@ def test_a_directory_of_other_files_is_refused_and_fresh_keeps_them(tmp_path, na
     (tmp_path / name / "x" if name == "videos" else tmp_path / name).parent.mkdir(exist_ok=True)
     (tmp_path / name / "x" if name == "videos" else tmp_path / name).write_text("mine")
     for resume in (False, True):
-        with pytest.raises(RunDirectoryError, match=f"holds no run: '{name}'"):
+        with pytest.raises(RunDirectoryError, match=f"does not contain a run: '{name}'"):
             open_run(request(), tmp_path, resume=resume, fresh=False)
     (tmp_path / "notes.txt").write_text("mine")
     open_run(request(), tmp_path, resume=False, fresh=True)
@@ -271,7 +271,7 @@ def test_what_there_is_to_resume_is_said_and_the_views_are_written_again(tmp_pat
     assert content == {path.name: path.read_bytes() for path in directory.iterdir()}
     assert notes == [
         f"there is no run in {directory} to resume: a new one begins",
-        f"{directory} holds the finished run: no episode is missing",
+        f"{directory} contains the finished run: no episode is missing",
     ]
 
 

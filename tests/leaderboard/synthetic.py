@@ -56,7 +56,7 @@ def official_run(
         trace = replace(record.trace, clipped=np.zeros(len(record.trace.actions), bool))
         record = replace(record, trace=trace)
         if spec.task == "pushing" and spec.index < faults and spec.role is Role.FINAL:
-            record = with_fault(record, "the action holds NaN or infinity", steps=spec.index)
+            record = with_fault(record, "the action contains NaN or infinity", steps=spec.index)
             record = replace(
                 record, trace=replace(record.trace, clipped=np.zeros(spec.index, bool))
             )

@@ -76,7 +76,7 @@ def test_swapped_actions_do_not_give_the_figures(verdict, prover):
     edit_actions(verdict.directory / PLACE, swap)
     prover.replay()
     found = [str(problem) for problem in prover.problems]
-    assert any("opening/0" in line and "do not give these figures" in line for line in found)
+    assert any("opening/0" in line and "do not give these values" in line for line in found)
 
 
 def test_one_changed_bit_of_an_action_is_found(verdict, prover):

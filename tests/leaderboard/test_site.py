@@ -291,7 +291,7 @@ def test_a_page_tells_all_of_a_submission(board):
         "1234",
         '--fresh-seeds 50 --draw "a phrase',
         "Episode variance only (one training seed)",
-        "the action holds NaN or infinity",
+        "the action contains NaN or infinity",
         "Novel shapes",
         "Apache-2.0",
         "https://example.org/paper",

@@ -72,11 +72,11 @@ def test_native_files_of_another_form_are_refused(light):
     refused("native", safetensors.torch.save(tensors), "save_native")
     refused("native", written({**form, "architecture": "other"}), "architecture 'other'")
     refused("native", written({**form, "action_size": 10**9}), "with 4 or 5")
-    refused("native", written({**form, "action_size": 4}), "does not hold the weights")
+    refused("native", written({**form, "action_size": 4}), "does not contain the weights")
     refused("native", written(form, extra=torch.zeros(1)), "see 'extra'")
     for width in (0.0, -0.25, 1.5, 1e300):
         refused("native", written({**form, "encoder_width": width}), "above 0 and at most 1")
-    refused("native", written({**form, "encoder_width": 0.25}), "does not hold the weights")
+    refused("native", written({**form, "encoder_width": 0.25}), "does not contain the weights")
     larger = {**form, "image_shape": [1, 96, 96]}
     refused("native", written(larger), r"trained on images of shape \(1, 96, 96\)")
 

@@ -114,7 +114,7 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
 
 
 def test_an_empty_folder_and_no_folder(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="holds no object"):
+    with pytest.raises(UsageError, match="contains no object"):
         find_objects(tmp_path)
     with pytest.raises(UsageError, match="is no folder"):
         find_objects(tmp_path / "nowhere")

@@ -105,7 +105,7 @@ def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_what_is_no_set_is_named(tmp_path: Path, small_set: Path) -> None:
-    with pytest.raises(UsageError, match="holds no shape set"):
+    with pytest.raises(UsageError, match="contains no shape set"):
         load_shape_set(tmp_path / "nowhere")
     (tmp_path / "manifest.json").write_text("{")
     with pytest.raises(UsageError, match="cannot be read"):
