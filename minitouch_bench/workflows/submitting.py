@@ -195,7 +195,8 @@ class Packer:
         for directory in map(self._run_directory, parts.runs):
             if foreign := foreign_entries(directory):
                 raise RunDirectoryError(
-                    f"{directory} contains {foreign[0]!a}, which is not a file of a run: move it away"
+                    f"{directory} contains {foreign[0]!a}, which is not a file of a run: "
+                    "move it away"
                 )
         old = self.directory / CHECKPOINTS / f"seed-{self.seed}"
         # What is included is copied before anything is replaced.
@@ -232,8 +233,8 @@ class Packer:
                 open_run(request, directory, resume=self.resume, fresh=False)
         elif not self.resume:
             raise RunDirectoryError(
-                f"{directory} contains a finished run.\nAdd --resume to keep it, --fresh to replace "
-                "it, or another --training-seed"
+                f"{directory} contains a finished run.\nAdd --resume to keep it, --fresh to "
+                "replace it, or another --training-seed"
             )
         elif read_run(directory).header != request.header():
             raise RunDirectoryError(
