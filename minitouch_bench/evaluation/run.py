@@ -136,7 +136,11 @@ def play_missing(
             _refuse_hopeless(records.values())
     environment = RunEnvironment(
         packages=package_versions(),
-        machine={"system": platform.platform(), "processor": _processor()},
+        machine={
+            "system": platform.platform(),
+            "processor": _processor(),
+            "python": f"{platform.python_implementation()} {platform.python_version()}",
+        },
         workers=workers,
         started=started.isoformat(timespec="seconds"),
         wall_s=round(time.monotonic() - clock, 3),
