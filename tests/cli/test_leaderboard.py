@@ -3,6 +3,7 @@
 import contextlib
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import typer
@@ -15,6 +16,8 @@ from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows.proving import Validation
 from tests.cli.command import run
 from tests.leaderboard.synthetic import make_submission
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +138,17 @@ def test_a_board_is_built_and_a_bad_submission_does_not_stop_it(root):
     assert "1 ranked, 0 of another protocol, 1 refused" in done.err
     names = {path.name for path in (root / "reports" / "leaderboard").iterdir()}
     assert {"index.html", "leaderboard.md", "leaderboard.csv", "leaderboard.json"} <= names
+
+
+def test_the_stored_leaderboard_is_what_is_built_today(tmp_path):
+    done = run("leaderboard", "build", "--output", tmp_path, directory=ROOT)
+    assert done.code == 0
+    stored = ROOT / "reports" / "leaderboard"
+    built, kept = (
+        {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")}
+        for folder in (tmp_path, stored)
+    )
+    assert built == kept, "make leaderboard"
 
 
 def test_the_same_submissions_give_the_same_board(root):
