@@ -166,7 +166,8 @@ def _run(job: _Job) -> str:
             return f"{job.directory} is not on the machine that was to train it"
         place = _place(job.directory, job.training)
         config = job.config.config_of(job.training)
-        run_training(TrainingRequest(config, place, resume=(place / CONFIG_FILE).exists()))
+        if not (place / TRAINED_FILE).exists():  # its policy is enough: not the checkpoint
+            run_training(TrainingRequest(config, place, resume=(place / CONFIG_FILE).exists()))
         for suite in _suites(job.config, job.training):
             _evaluate(job, suite)
     except MiniTouchError as error:

@@ -97,13 +97,16 @@ def test_what_is_missing_is_done_alone(finished):
     lost = finished / "playing-rnd-60-0" / "table4"
     before = (lost / "run.json").read_bytes()
     episodes = json.loads(before)["episodes"]
-    for path in [*lost.iterdir()]:
+    policy = finished / "playing-rnd-60-0" / "final.safetensors"
+    trained = policy.stat().st_mtime_ns
+    for path in [*lost.iterdir(), policy.with_name("checkpoint.pt"), policy.with_name("replay.bin")]:
         path.unlink()
     config = read_study(finished.parents[2] / "small.toml")
     states = []
     run_study(config, finished, on_state=states.append)
     assert [[one.name for one in state.left] for state in states] == [["playing-rnd-60-0"], []]
     assert json.loads((lost / "run.json").read_text())["episodes"] == episodes
+    assert policy.stat().st_mtime_ns == trained
 
 
 @pytest.mark.slow
