@@ -43,9 +43,8 @@ def command_line() -> str:
     parts = [
         GENERATED,
         "# Command line",
-        "Every command prints data on stdout, and progress and notes on stderr. "
-        "[Exit codes](exit-codes.md) are the same for all commands. `[ ]` in the default column "
-        "means that the option is a switch.",
+        "Every command prints data on stdout, progress and notes on stderr, and has the same [exit "
+        "codes](exit-codes.md). The default `[ ]` marks a switch.",
         *_commands(root, PROGRAM),
     ]
     return _page(parts)
@@ -123,8 +122,8 @@ def python_api() -> str:
         GENERATED,
         "# Python API",
         "`import minitouch_bench as mt` gives these names. Options of `mt.evaluate` and `mt.train` "
-        "have the meaning that the [command line](command-line.md) gives them; a text with commas "
-        "there is a list here. Examples: [Work in Python](../how-to/python.md).",
+        "have the same meaning on the [command line](command-line.md), where a list is a text with "
+        "commas. [Work in Python](../how-to/python.md) has examples.",
     ]
     functions = [name for name in mt.__all__ if inspect.isfunction(getattr(mt, name))]
     for name in functions:

@@ -25,7 +25,7 @@
 
 
 class MiniTouchError(Exception):
-    """Root of every error a user can cause or meet; its text is one or two clear lines."""
+    """Base class of every error that a user can see; its text is one or two clear lines."""
 
     exit_code = 1
 

@@ -50,8 +50,8 @@ class PhaseConfig:
     ``steps``: control steps. ``temperature``: SAC's alpha, fixed; 0 learns it, starting from
     ``initial_temperature``, so that the policy's entropy is ``target_entropy`` (nats per
     action number). Over the phase's first ``entropy_steps`` control steps the target moves
-    evenly to ``final_target_entropy``; with 0 it stays. ``n_step``: rewards summed before the
-    critic takes over. ``success_share``: share of each batch that comes from the last steps
+    linearly to ``final_target_entropy``; with 0 it is constant. ``n_step``: rewards summed before
+    the critic's estimate. ``success_share``: share of each batch that comes from the last steps
     before a success.
     """
 
@@ -132,8 +132,8 @@ class CuriosityConfig:
 class TrainingConfig:
     """One training: a task, a method, a seed, and every setting.
 
-    ``log``: a recorded dataset that exploration learns from in place of the simulator; each of its
-    steps is then gradient steps alone. ``sac`` acts, with the dataset in its replay memory.
+    ``log``: a recorded dataset, on which exploration makes its gradient steps without acting.
+    ``sac`` acts, with the dataset in its replay memory.
     ``episode_steps``: control steps after which a training episode ends; 0: the task's.
     ``random_steps``: uniformly random actions before learning starts.
     ``updates_per_step``: gradient steps per control step, fractions allowed.

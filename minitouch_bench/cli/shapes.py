@@ -18,9 +18,7 @@ app = typer.Typer(
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a shape set.", show_default=False)]
 Output = Annotated[Path, typer.Option("--output", help="Folder to write.")]
-Workers = Annotated[
-    int, typer.Option(min=1, help="Worker processes; the result does not depend on them.")
-]
+Workers = Annotated[int, typer.Option(min=1, help="Worker processes; the result is the same.")]
 
 
 @app.command(cls=Command)

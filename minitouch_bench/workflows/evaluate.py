@@ -65,11 +65,10 @@ def evaluate(
 ) -> "Run":
     """Run a policy through a suite and write its Table-4 report.
 
-    In Python ``policy`` and ``exploration`` can also be an object: anything with
+    In Python ``policy`` and ``exploration`` can also be objects: anything with
     ``act(observation)``, and ``reset(seed, task)`` if it uses episodes; a Stable-Baselines3 model;
-    a torch module on (image, touch). An object runs beside the simulator, and its run is
-    unofficial. A list is a text with commas on the command line. Without ``output`` a run in
-    Python is kept in memory only, and an interrupted one is lost.
+    a torch module on (image, touch). An object runs beside the simulator, so the run is
+    unofficial. Without ``output`` the run is kept in memory only, and is lost if interrupted.
 
     Args:
         name: Name of the policy in reports.

@@ -62,8 +62,8 @@ def regress(
         metric: What decides: the mean of this metric over its tasks; by default success.
         tolerance: How much worse the metric may get, such as 0.05 or 10%; by default 0.05.
         alpha: Chance of a false regression; by default 0.05.
-        strict: Always fail where there are not enough episodes.
-        lenient: Never fail where there are not enough episodes.
+        strict: Always fail if there are not enough episodes.
+        lenient: Never fail if there are not enough episodes.
         output: Directory of POLICY's run; by default reports/POLICY-SUITE-regress.
         junit: Write JUnit XML to this file.
         summary: Append Markdown to this file; by default to $GITHUB_STEP_SUMMARY, if set.

@@ -51,13 +51,12 @@ def report(
     """Show finished runs in one Table-4 report, and write it as pages, LaTeX and figures.
 
     Args:
-        output: Directory of report.md and report.html; by default the run's own directory, of a
-            submission's run one in reports/, of several runs reports/comparison.
-        names: Names of the runs in the report, separated by commas; with --curve the names of
-            their trainings.
+        output: Directory of report.md and report.html; by default the run's, for a submission's
+            run one in reports/, for several runs reports/comparison.
+        names: Names of the runs, separated by commas; with --curve of their trainings.
         curve: Plot the runs over training steps.
-        steps: Training steps of each run. By default they are read from the files of the
-            training, or from a policy's name such as rl_model_10000_steps.
+        steps: Training steps of each run; by default from the training's files, or from a
+            policy's name such as rl_model_10000_steps.
         figures: Write every figure to this directory, as SVG and PDF.
 
     Raises:

@@ -23,7 +23,7 @@ class TaskResult:
     """The results of one task: each metric is an attribute, an estimate with its interval.
 
     ``result.success`` is an ``Estimate`` with ``value``, ``low``, ``high`` (95 %), ``count``
-    and ``method``. ``estimates`` contains them by name, ``outcomes`` how many episodes ended how.
+    and ``method``.
     """
 
     summary: TaskSummary
@@ -81,7 +81,7 @@ class Run:
 
     @property
     def directory(self) -> Path | None:
-        """Where the run is kept; None where it was kept in memory only."""
+        """The run's directory; None if it is in memory only."""
         return self.facts.directory
 
     @property
@@ -106,14 +106,13 @@ class Run:
 
     @property
     def exploration_episodes(self) -> pd.DataFrame:
-        """The episodes of the exploration policy; no rows where there was none."""
+        """The episodes of the exploration policy; no rows without one."""
         return episodes_frame(self.facts.exploration_episodes)
 
     def table4(self) -> pd.DataFrame:
         """Return Table 4 in the paper's shape: metrics as rows, tasks as groups of columns.
 
-        Each task has the columns ``value``, ``low`` and ``high`` (95 %), NaN where it has no
-        such figure.
+        Each task has the columns ``value``, ``low`` and ``high`` (95 %), NaN without estimate.
         """
         columns = {}
         for summary in self.facts.summary.tasks:

@@ -54,7 +54,7 @@ def submit(
         name: Name of the submission: a-z, 0-9, '.', '_', '-'; by default POLICY's.
         runs: Pack this finished run instead; one of each suite.
         suites: table4, or table4,novel-shapes.
-        training_seed: Number of the training run; submit each training run under its own number.
+        training_seed: Number of the training; submit each training under its own number.
         training_steps: Control steps of the whole training.
         method: Name of the method on the leaderboard.
         authors: Names, separated by commas.

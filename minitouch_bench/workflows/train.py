@@ -52,9 +52,9 @@ def train(
     Args:
         seed: Seed of every random number; by default 0.
         exploration_steps: Control steps on the intrinsic reward alone.
-        task_steps: Control steps on the task's reward after them.
+        task_steps: Control steps on the task's reward afterwards.
         objects: cube, or a set of shapes: train, all; by default the task's.
-        from_log: Explore this recorded dataset (Minari's format) in place of the simulator.
+        from_log: Dataset (Minari's format) to explore in place of the simulator.
         preset: default (what learns best here) or paper (Tables 2 and 3).
         config: TOML file of settings: see docs/reference/training-settings.md.
         output: Directory of the training; by default reports/training/TASK-METHOD-SEED.

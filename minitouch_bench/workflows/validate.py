@@ -33,13 +33,13 @@ def validate(
     A submission that cannot be read, or whose check cannot be finished, does not stop the others.
 
     Args:
-        replay: Replay the recorded actions of every episode, and write a proof beside the
-            submission, as --rerun and --fresh-seeds also do; the leaderboard shows it.
+        replay: Replay every recorded action, and write a proof that the leaderboard shows;
+            --rerun and --fresh-seeds do this too.
         rerun: Also run N sampled episodes of each run with the checkpoint.
-        fresh_seeds: Also run N new episodes per task of each run, on new random seeds: 50 is
-            usual, fewer than 20 give no level.
-        draw: Text that the new seeds follow from, which the submitter must not know before the
-            checkpoint is fixed; by default 128 random bits.
+        fresh_seeds: Also run N new episodes per task of each run: 50 is usual, fewer than 20
+            give no level.
+        draw: Text from which the new seeds follow; the submitter must not know it before the
+            checkpoint is fixed. By default 128 random bits.
         time_limit: Seconds for the check of each submission; by default 6 hours.
 
     Raises:

@@ -42,7 +42,7 @@ def verify(
         rerun: Also run N sampled episodes with the checkpoint.
         policy: Where the checkpoint is now; by default where it was.
         exploration: Where the exploration checkpoint is now.
-        draw: Seed of the sample; by default a random one that nobody can predict.
+        draw: Seed of the sample; by default random.
 
     Raises:
         UsageError: a checkpoint is not the run's.
