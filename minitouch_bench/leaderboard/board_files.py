@@ -58,12 +58,12 @@ def board_markdown(board: Board, tables: Sequence[View]) -> str:
 def notes() -> tuple[str, ...]:
     """Return what must be said below every table."""
     return (
-        "A rank is 1 + the rows that are better beyond doubt; the range behind it holds the true "
-        "rank with 95 % confidence.",
+        "A rank is 1 + the number of rows that are significantly better; the range behind it "
+        "contains the true rank with 95 % confidence.",
         "Brackets: 95 % interval. One training seed: Wilson for shares, bootstrap over episodes "
         f"for means; {EPISODE_VARIANCE}. Several: bootstrap over training seeds.",
-        f"Calibration rows are the built-in policies: {CEILING} reads the simulator's state and is "
-        f"the ceiling, {listed(FLOORS)} are floors. They are never ranked.",
+        f"Calibration rows are the built-in policies: {CEILING} reads the simulator's state and "
+        f"solves each task, {listed(FLOORS)} are floors. They are never ranked.",
         f"{PAPER_NOTE} They are never ranked.",
     )
 

@@ -105,7 +105,7 @@ _TABLE = (
     Metric(
         "touch_share", "Touch share", "share of control steps", "T", ".3f",
         "share of an episode's control steps with contact",
-        direction=UP,
+        direction=UP, column="touch_share",
         derive=lambda episode: episode.touch_steps / episode.steps if episode.steps else 0.0,
         shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),

@@ -92,10 +92,11 @@ IsolationLevel = Annotated[
     ),
 ]
 Trust = Annotated[bool, isolation_option(help="Run a policy's own Python code on this machine.")]
-ActTimeout = Annotated[float, timeout_option(help="Seconds a policy may take for one action.")]
+ActTimeout = Annotated[
+    float, timeout_option(help="Seconds a policy may take for one action; another is unofficial.")
+]
 EpisodeTimeout = Annotated[
-    float,
-    timeout_option(help="Seconds a policy may take in an episode; another number is unofficial."),
+    float, timeout_option(help="Seconds a policy may take in an episode; another is unofficial.")
 ]
 Resume = Annotated[bool, output_option(help="Continue the run in the directory.")]
 Fresh = Annotated[bool, output_option(help="Replace the run in the directory.")]

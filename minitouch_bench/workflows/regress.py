@@ -59,8 +59,10 @@ def regress(
         baseline: Directory of the run to compare with.
         candidate: Directory of a finished run, in place of POLICY.
         config: TOML file with metric, tolerance and level; by default minitouch-bench.toml.
-        metric: What decides: the mean of this metric over its tasks; by default success.
-        tolerance: How much worse the metric may get, such as 0.05 or 10%; by default 0.05.
+        metric: What decides: the mean of this metric over its tasks; by default success, in
+            Playing alone touch_share.
+        tolerance: How much worse the metric may get, such as 0.05 or 10%; the default depends on
+            the metric.
         alpha: Chance of a false regression; by default 0.05.
         strict: Always fail if there are not enough episodes.
         lenient: Never fail if there are not enough episodes.

@@ -17,8 +17,9 @@ from minitouch_bench.reporting.frames import (
 def test_episodes_have_exactly_the_published_columns(hac):
     text = episodes_csv(hac.episodes)
     assert text.splitlines()[0] == (
-        "task,index,seed,shape,outcome,success,steps,return,touch_interaction,touch_onsets,"
-        "touch_steps,touch_variance,object_movement,time_to_first_touch,arm_time,clipped_actions"
+        "task,index,seed,shape,outcome,success,steps,return,touch_interaction,touch_share,"
+        "touch_onsets,touch_steps,touch_variance,object_movement,time_to_first_touch,arm_time,"
+        "clipped_actions"
     )
     assert len(text.splitlines()) == 1 + len(hac.episodes)
     assert "\r" not in text

@@ -99,7 +99,11 @@ def test_what_is_missing_is_done_alone(finished):
     episodes = json.loads(before)["episodes"]
     policy = finished / "playing-rnd-60-0" / "final.safetensors"
     trained = policy.stat().st_mtime_ns
-    for path in [*lost.iterdir(), policy.with_name("checkpoint.pt"), policy.with_name("replay.bin")]:
+    for path in [
+        *lost.iterdir(),
+        policy.with_name("checkpoint.pt"),
+        policy.with_name("replay.bin"),
+    ]:
         path.unlink()
     config = read_study(finished.parents[2] / "small.toml")
     states = []
