@@ -1,4 +1,4 @@
-"""The scripted policy: the ceiling, which reads the simulator's state and says so.
+"""The scripted policy: it reads the simulator's state, and every table says so.
 
 It acts through the same actions as any policy, with no force and no teleport of its own, and
 so proves that each task can be solved.
