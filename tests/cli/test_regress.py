@@ -217,7 +217,7 @@ def test_a_baseline_that_lacks_episodes_is_refused_before_any_is_played(baseline
     cut.mkdir()
     (cut / "run.json").write_text(json.dumps(document))
     done = run("regress", "zero", "--baseline", cut, "--output", "never", directory=baseline)
-    done.refused(2, "does not hold the 32 episodes")
+    done.refused(2, "does not contain the 32 episodes")
     assert not (baseline / "never").exists()
     exploration = ("--metric", "exploration", "--output", "never")
     done = run("regress", "zero", "--baseline", "base", *exploration, directory=baseline)

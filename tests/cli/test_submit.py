@@ -210,7 +210,7 @@ def test_every_suite_s_directory_is_checked_before_the_first_is_run(tmp_path, mo
     place = Path("submissions/zero/seed-0")
     write_official(official_run("novel-shapes", kind="zero"), place / "novel-shapes")
     both = {"policy": "zero", "suites": ("table4", "novel-shapes")}
-    with pytest.raises(RunDirectoryError, match="novel-shapes holds a finished run"):
+    with pytest.raises(RunDirectoryError, match="novel-shapes contains a finished run"):
         submit(**both)
     (place / "novel-shapes" / "run.json").unlink()
     (place / "novel-shapes" / "unfinished").mkdir()
