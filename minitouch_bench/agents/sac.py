@@ -77,16 +77,13 @@ class Sac(nn.Module):
         self.critic_optimizer = torch.optim.Adam(
             [*self.encoder.parameters(), *self.critics.parameters()], rate, fused=fused
         )
-        self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), rate, fused=fused)
-        self.temperature_optimizer = torch.optim.Adam([self.log_temperature], rate, fused=fused)
+        self.actor_optimizer = torch.optim.Adam(
+            [*self.actor.parameters(), self.log_temperature], rate, fused=fused
+        )
 
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """Return the optimizers by name."""
-        return {
-            "critic": self.critic_optimizer,
-            "actor": self.actor_optimizer,
-            "temperature": self.temperature_optimizer,
-        }
+        return {"critic": self.critic_optimizer, "actor": self.actor_optimizer}
 
     @torch.no_grad()
     def act(self, image: Tensor, touch: Tensor, generator: torch.Generator) -> Tensor:
@@ -122,12 +119,12 @@ class Sac(nn.Module):
         action, log_prob = self._sample(features, batch.touch, generator)
         value = torch.minimum(*self._frozen_critics(features, batch.touch, action))
         actor_loss = (alpha * log_prob - value).mean()
-        _step(self.actor_optimizer, actor_loss)
-
         entropy = -log_prob.detach().mean()
+        loss = actor_loss
         if self.phase.temperature == 0.0:
             missing = self.phase.target_entropy_at(step) * self.action_size - entropy
-            _step(self.temperature_optimizer, -self.log_temperature * missing)
+            loss = loss - self.log_temperature * missing
+        _step(self.actor_optimizer, loss)
 
         self._follow()
         return {
