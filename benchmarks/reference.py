@@ -137,7 +137,10 @@ def python_api() -> str:
 
 def _function(name: str, function: Callable[..., Any], heading: str = "##") -> Iterator[str]:
     parameters = inspect.signature(function).parameters.values()
+    kinds = [each.kind for each in parameters]
     shown = [_parameter(each) for each in parameters if each.name != "self"]
+    if inspect.Parameter.KEYWORD_ONLY in kinds and inspect.Parameter.VAR_POSITIONAL not in kinds:
+        shown.insert(kinds.index(inspect.Parameter.KEYWORD_ONLY), "*")
     line = f"{name}({', '.join(shown)})"
     if len(line) > LONGEST_SIGNATURE:
         line = "{}(\n{}\n)".format(name, "\n".join(f"    {each}," for each in shown))
