@@ -136,9 +136,10 @@ def python_api() -> str:
 
 
 def _function(name: str, function: Callable[..., Any], heading: str = "##") -> Iterator[str]:
-    parameters = inspect.signature(function).parameters.values()
+    given = inspect.signature(function).parameters.values()
+    parameters = [each for each in given if each.name != "self"]
     kinds = [each.kind for each in parameters]
-    shown = [_parameter(each) for each in parameters if each.name != "self"]
+    shown = [_parameter(each) for each in parameters]
     if inspect.Parameter.KEYWORD_ONLY in kinds and inspect.Parameter.VAR_POSITIONAL not in kinds:
         shown.insert(kinds.index(inspect.Parameter.KEYWORD_ONLY), "*")
     line = f"{name}({', '.join(shown)})"
