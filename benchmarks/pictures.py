@@ -14,8 +14,8 @@ DOCUMENT_PICTURES = Path("docs/pictures")
 WIDTH, HEIGHT = 640, 480
 SMOOTHING = 2
 """Pixels drawn for each one kept, in both directions."""
-FILM_WIDTH, FILM_HEIGHT = 240, 180
-FILM_STEPS = 24
+VIDEO_WIDTH, VIDEO_HEIGHT = 240, 180
+VIDEO_STEPS = 24
 """Control steps of the video; a task that ends earlier stays as it ended."""
 FRAME_MS = 160
 
@@ -40,10 +40,10 @@ def main() -> None:
     joined = Image.fromarray(np.concatenate(strip, axis=1))
     half = joined.resize((joined.width // 2, joined.height // 2), Image.Resampling.LANCZOS)
     half.quantize(128).save(DOCUMENT_PICTURES / "tasks.png", optimize=True)
-    write_film(DOCUMENT_PICTURES / "tasks.gif")
+    write_video(DOCUMENT_PICTURES / "tasks.gif")
 
 
-def write_film(file: Path) -> None:
+def write_video(file: Path) -> None:
     """Write a video of the scripted policy at all tasks side by side."""
     videos = [frames_of(task) for task in TASKS]
     frames = [Image.fromarray(np.concatenate(row, axis=1)) for row in zip(*videos, strict=True)]
@@ -54,14 +54,16 @@ def write_film(file: Path) -> None:
 
 def frames_of(task: str) -> list[np.ndarray]:
     """Return an image of each control step of an episode of the scripted policy."""
-    environment = MiniTouchEnv(task, width=FILM_WIDTH * SMOOTHING, height=FILM_HEIGHT * SMOOTHING)
+    environment = MiniTouchEnv(task, width=VIDEO_WIDTH * SMOOTHING, height=VIDEO_HEIGHT * SMOOTHING)
     environment.reset(seed=MOMENTS.get(task, (0, 5))[0])
     controller = make_controller(environment)
     images = []
     ended = False
-    for _ in range(FILM_STEPS):
+    for _ in range(VIDEO_STEPS):
         large = Image.fromarray(environment.picture())
-        images.append(np.asarray(large.resize((FILM_WIDTH, FILM_HEIGHT), Image.Resampling.LANCZOS)))
+        images.append(
+            np.asarray(large.resize((VIDEO_WIDTH, VIDEO_HEIGHT), Image.Resampling.LANCZOS))
+        )
         if not ended:
             _, _, terminated, truncated, _ = environment.step(controller.act())
             ended = terminated or truncated

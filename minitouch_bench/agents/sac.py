@@ -73,12 +73,12 @@ class Sac(nn.Module):
         start = phase.temperature or phase.initial_temperature
         with torch.no_grad():
             self.log_temperature.fill_(math.log(start))
-        rate, fused = phase.learning_rate, True
+        rate = phase.learning_rate
         self.critic_optimizer = torch.optim.Adam(
-            [*self.encoder.parameters(), *self.critics.parameters()], rate, fused=fused
+            [*self.encoder.parameters(), *self.critics.parameters()], rate, fused=True
         )
         self.actor_optimizer = torch.optim.Adam(
-            [*self.actor.parameters(), self.log_temperature], rate, fused=fused
+            [*self.actor.parameters(), self.log_temperature], rate, fused=True
         )
 
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
