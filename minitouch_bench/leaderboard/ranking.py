@@ -13,11 +13,8 @@ from numpy.typing import NDArray
 
 from minitouch_bench.leaderboard.scores import OVERALL
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
+from minitouch_bench.metrics.significance import ALPHA, holm
 from minitouch_bench.regression.differences import mcnemar_p
-from minitouch_bench.regression.paired_tests import holm
-
-ALPHA = 0.05
-"""Share of rows whose range of ranks may miss the true one."""
 
 Floats = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.metric import NO_DIRECTION
+from minitouch_bench.metrics.significance import ALPHA, holm
 from minitouch_bench.records import Outcome
-from minitouch_bench.regression.differences import ALPHA
-from minitouch_bench.regression.paired_tests import Effect, holm, paired_test, resolution_of
+from minitouch_bench.regression.paired_tests import Effect, paired_test, resolution_of
 from minitouch_bench.regression.pairing import (
     COMPARED_METRICS,
     EpisodePair,

@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from minitouch_bench.metrics.intervals import DRAWS_PER_BLOCK, NORMAL_QUANTILE, RESAMPLES, wilson
+from minitouch_bench.metrics.significance import ALPHA
 from minitouch_bench.records import Estimate
 
 TANGO = "tango"
@@ -17,9 +18,6 @@ HALVINGS = 60
 """Of an interval of length 2, to the last bit of a float."""
 
 BOOTSTRAP_T = "bootstrap-t"
-
-ALPHA = 0.05
-"""Chance that an interval misses the truth."""
 
 EXACT_FLIPS = 13
 """Up to so many differences that are not 0, every choice of signs is tried."""

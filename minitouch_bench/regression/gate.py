@@ -17,6 +17,7 @@ from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Root
 from minitouch_bench.metrics.metric import NO_DIRECTION
+from minitouch_bench.metrics.significance import holm
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Outcome
 from minitouch_bench.regression.comparison import (
@@ -27,7 +28,6 @@ from minitouch_bench.regression.comparison import (
 )
 from minitouch_bench.regression.paired_tests import (
     Effect,
-    holm,
     is_binary,
     paired_test,
     resolution_of,

@@ -3,7 +3,6 @@
 Every difference that ``compare`` and ``regress`` show is of ``paired_test``, and computed once.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,8 +10,9 @@ import numpy as np
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Root, stream
 from minitouch_bench.metrics.metric import DOWN, UP, Kind
+from minitouch_bench.metrics.significance import ALPHA
 from minitouch_bench.records import Estimate
-from minitouch_bench.regression.differences import ALPHA, count_discordance, paired_mean, tango
+from minitouch_bench.regression.differences import count_discordance, paired_mean, tango
 from minitouch_bench.regression.pairing import PairedValues
 from minitouch_bench.regression.power import MeanResolution, Resolution, ShareResolution
 
@@ -101,22 +101,6 @@ def resolution_of(values: PairedValues) -> Resolution:
         worsening=float(differences.mean()),
         deviation=float(differences.std(ddof=1)) if len(differences) > 1 else 0.0,
     )
-
-
-def holm(p_values: Sequence[float]) -> tuple[float, ...]:
-    """Return the p-values adjusted so that the chance of any false one stays at the level.
-
-    Each keeps its index; an adjusted value is at least the one given and at most 1. scipy
-    adjusts for false discoveries only.
-
-    Source: S. Holm, "A simple sequentially rejective multiple test procedure", Scand. J.
-    Stat. 6 (1979).
-    """
-    order = np.argsort(p_values, kind="stable")
-    scaled = np.asarray(p_values)[order] * np.arange(len(order), 0, -1)
-    adjusted = np.empty(len(order))
-    adjusted[order] = np.maximum.accumulate(np.minimum(scaled, 1.0))
-    return tuple(adjusted.tolist())
 
 
 def _in_line(difference: Estimate, p_value: float) -> Estimate:

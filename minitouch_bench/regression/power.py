@@ -14,9 +14,9 @@ import scipy
 from numpy.typing import NDArray
 
 from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
+from minitouch_bench.metrics.significance import POWER
 from minitouch_bench.regression.differences import Discordance, last_true, score_statistic
 
-POWER = 0.8
 POWER_QUANTILE = NormalDist().inv_cdf(POWER)
 
 EXACT_UP_TO = 2000

@@ -1,4 +1,4 @@
-"""A study's report: Table 4 over training seeds, learning curves, and the order of the methods."""
+"""A study's report: claims, Table 4 over training seeds, and learning curves."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,6 +27,14 @@ from minitouch_bench.rendering.tables import (
     make_columns,
     make_row,
 )
+from minitouch_bench.reporting.claims import (
+    Claim,
+    JudgedClaim,
+    claims_frame,
+    claims_table,
+    judge_claims,
+)
+from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.long_frame import (
     GAP,
     RunLabel,
@@ -40,7 +48,6 @@ from minitouch_bench.reporting.long_frame import (
 )
 from minitouch_bench.reporting.paper import PAPER_NOTE
 from minitouch_bench.reporting.study_figures import EXPLORING, MOVEMENT, TOUCH, study_figures
-from minitouch_bench.reporting.study_orders import episode_values, judge_orders, orders_table
 from minitouch_bench.reporting.tables import TABLE4_METRICS, table_by_task
 from minitouch_bench.reporting.training_page import episode_success
 from minitouch_bench.runs.run import Run, read_run
@@ -89,10 +96,11 @@ class StudyResults:
     done: tuple[StudyTraining, ...]
     failed: Mapping[StudyTraining, str]
     left: tuple[StudyTraining, ...]
+    claims: tuple[Claim, ...] = ()
 
 
 def write_study(results: StudyResults) -> None:
-    """Write ``estimates.csv``, ``curves.csv``, ``orders.csv``, figures, ``tables.tex``, report.
+    """Write ``estimates.csv``, ``curves.csv``, ``claims.csv``, figures, ``tables.tex``, report.
 
     Raises:
         RunDirectoryError: a file cannot be read or written.
@@ -100,15 +108,15 @@ def write_study(results: StudyResults) -> None:
     runs = _runs(results)
     rows = (row for training, run in runs for row in _rows(training, run))
     estimates, curves = make_long_frame(rows), _curves(results)
-    orders = judge_orders(_episode_values(runs))
+    judged = _judge(results, estimates)
     directory = results.directory
     for name, frame in (
         ("estimates.csv", estimates[[*ESTIMATES]]),
         ("curves.csv", curves),
-        ("orders.csv", orders),
+        ("claims.csv", claims_frame(judged)),
     ):
         write_file(directory / name, frame.rename(columns=RENAMED).to_csv(index=False))
-    tables = (*study_tables(estimates), *((orders_table(orders),) if len(orders) else ()))
+    tables = (*((claims_table(judged),) if judged else ()), *study_tables(estimates))
     trainings = trainings_table(results)
     figures = tuple(study_figures(estimates, curves))
     write_figures(figures, directory / "figures")
@@ -140,15 +148,21 @@ def _rows(training: StudyTraining, run: Run) -> Iterator[tuple[Any, ...]]:
             yield frame_row(training.label, *head, estimate)
 
 
-def _episode_values(runs: Sequence[tuple[StudyTraining, Run]]) -> pd.DataFrame:
-    """Return a row per training, metric and episode of the main suite, for ``judge_orders``."""
-    rows = [
-        (*vars(training).values(), *values)
-        for training, run in runs
-        if run.plan.suite == MAIN_SUITE
-        for values in episode_values(run)
-    ]
-    return pd.DataFrame(rows, columns=[*HEAD, "metric", "episode", "value"])
+def _judge(results: StudyResults, estimates: pd.DataFrame) -> list[JudgedClaim]:
+    """Judge the claims, each at the longest exploration of its tasks."""
+    trainings = (*results.done, *results.failed, *results.left)
+    longest: dict[str, int] = {}
+    for one in trainings:
+        longest[one.task] = max(one.exploration_steps, longest.get(one.task, 0))
+    unfinished = {
+        (one.task, one.method)
+        for one in (*results.failed, *results.left)
+        if one.exploration_steps == longest[one.task]
+    }
+    main = select(estimates, suite=MAIN_SUITE)
+    values = main[main["steps"] == main["task"].map(longest)]
+    waiting = [claim for claim in results.claims if unfinished & claim.trained]
+    return judge_claims(results.claims, values, waiting)
 
 
 def _curves(results: StudyResults) -> pd.DataFrame:
@@ -164,7 +178,11 @@ def _curves(results: StudyResults) -> pd.DataFrame:
 
 
 def study_tables(estimates: pd.DataFrame) -> Iterator[Table]:
-    """Yield Table 4 for each length of exploration, then the gaps on novel shapes."""
+    """Yield Table 4, then the gaps on novel shapes.
+
+    Where a task has several lengths of exploration, the second table has the second ones, and so
+    on.
+    """
     metrics = dict.fromkeys(estimates["metric"])
     gaps = tuple(name for name in metrics if name.endswith(GAP))
     for suite, title, shown in (
@@ -173,13 +191,15 @@ def study_tables(estimates: pd.DataFrame) -> Iterator[Table]:
     ):
         part = estimates[(estimates["suite"] == suite) & estimates["metric"].isin(shown)]
         joined = join_seeds(part)
-        for steps in sorted({*joined["steps"]}):
-            name = f"{title}, {steps:,} steps of exploration"
-            yield _table(name, shown, select(joined, steps=steps))
+        turns = joined.groupby("task")["steps"].rank("dense")
+        for turn in sorted({*turns}):
+            yield _table(title, shown, joined[turns == turn])
 
 
 def _table(title: str, metrics: Sequence[str], part: pd.DataFrame) -> Table:
     tasks, methods = (list(dict.fromkeys(part[column])) for column in ("task", "method"))
+    lengths = dict(zip(part["task"], part["steps"], strict=True))
+    explored = ", ".join(f"{task_title(task)} {steps:,}" for task, steps in lengths.items())
     with_paper = metrics is TABLE4_METRICS
 
     def cell(task: str, index: int, name: str) -> Cell:
@@ -190,6 +210,7 @@ def _table(title: str, metrics: Sequence[str], part: pd.DataFrame) -> Table:
         return estimate_cell(metric.name, estimate)
 
     notes = (
+        f"Control steps of exploration: {explored}.",
         f"95 % intervals: {OVER_SEEDS_AND_EPISODES} where it is a share: of few seeds too narrow, "
         f"as a bootstrap never goes beyond their range; {EPISODES_ONLY}.",
         *((PAPER_NOTE,) * with_paper),

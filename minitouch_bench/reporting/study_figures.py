@@ -134,19 +134,21 @@ def movement_and_touch(main: pd.DataFrame, methods: Sequence[str]) -> Iterator[F
 
 def exploration_lengths(main: pd.DataFrame, methods: Sequence[str]) -> Iterator[Figure]:
     """Yield Figure 10: success and episode steps for each length of exploration."""
-    if main["steps"].nunique() < 2:
-        return
     plots = []
-    x = value_axis("Steps of exploration", float(main["steps"].max()))
     for task in dict.fromkeys(main["task"]):
+        lengths = select(main, task=task)["steps"]
+        if lengths.nunique() < 2:
+            continue
+        x = value_axis("Steps of exploration", float(lengths.max()))
         charts = []
         for metric in (ranking_metric(task), *([STEPS] if task in GOAL_TASKS else [])):
             marks = marks_over_steps(join_seeds(select(main, task=task, metric=metric)), methods)
             charts.append(Chart(x, _axis(task, metric), tuple(marks), HEIGHT))
         title = task_title(task)
         plots.append(Plot(title, f"{title} by length of exploration", tuple(charts)))
-    text = "Mean over training seeds and its 95 % interval (the paper's Figure 10)."
-    yield Figure("lengths", "Longer exploration", text, tuple(plots), run_legend(methods))
+    if plots:
+        text = "Mean over training seeds and its 95 % interval (the paper's Figure 10)."
+        yield Figure("lengths", "Longer exploration", text, tuple(plots), run_legend(methods))
 
 
 def _axis(task: str, metric: str) -> Axis:

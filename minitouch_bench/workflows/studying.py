@@ -5,7 +5,6 @@ The files say what is done, so a killed study continues where it was.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +28,7 @@ from minitouch_bench.files import (
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Count
+from minitouch_bench.reporting.claims import Claim
 from minitouch_bench.reporting.study import StudyResults, StudyTraining, write_study
 from minitouch_bench.runs.plan import find_suite
 from minitouch_bench.workflows import ignore
@@ -37,8 +37,18 @@ from minitouch_bench.workflows.training import TrainingRequest, run_training
 
 FAILURE_FILE = "failure.txt"
 STUDY_FILE = "study.json"
-MAY_GROW = ("methods", "tasks", "seeds", "exploration_steps", "suites")
-"""What a study's file may change between two starts; the rest would mix unlike trainings."""
+MAY_CHANGE = ("methods", "tasks", "seeds", "exploration_steps", "suites", "per_task", "claims")
+"""What of a study's file may differ between two starts; the rest would mix unlike trainings."""
+
+
+@dataclass(frozen=True)
+class TaskGrid:
+    """What a study does otherwise in one task; None: as in the others."""
+
+    methods: tuple[str, ...] | None = None
+    exploration_steps: tuple[int, ...] | None = None
+    task_steps: Count | None = None
+    suites: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -48,7 +58,8 @@ class StudyConfig:
     Every task is trained with every method from every seed, for every length of exploration in
     ``exploration_steps``. ``suites``: what each final policy is evaluated on, as far as the suite
     has the task. ``episodes`` per task; 0 for the suite's own. ``preset`` and ``settings`` are
-    those of ``train``.
+    those of ``train``. ``per_task`` changes the grid in the tasks that it names. ``claims`` about
+    its methods are judged together, over training seeds.
     """
 
     methods: tuple[str, ...]
@@ -60,11 +71,23 @@ class StudyConfig:
     episodes: Count = 0
     preset: str = "default"
     settings: Mapping[str, Any] = field(default_factory=dict)
+    per_task: Mapping[str, TaskGrid] = field(default_factory=dict)
+    claims: tuple[Claim, ...] = ()
+
+    def in_task(self, task: str) -> "StudyConfig":
+        """Return the study as it is in one task."""
+        changed = vars(self.per_task.get(task, TaskGrid())).items()
+        return replace(self, **{name: value for name, value in changed if value is not None})
 
     def trainings(self) -> tuple[StudyTraining, ...]:
         """Return the trainings in the order in which they are started: seed by seed."""
-        grid = product(self.seeds, self.exploration_steps, self.tasks, self.methods)
-        return tuple(StudyTraining(task, method, seed, steps) for seed, steps, task, method in grid)
+        return tuple(
+            StudyTraining(task, method, seed, steps)
+            for seed in self.seeds
+            for task in self.tasks
+            for steps in self.in_task(task).exploration_steps
+            for method in self.in_task(task).methods
+        )
 
     def config_of(self, training: StudyTraining) -> TrainingConfig:
         """Return the settings of one training.
@@ -72,11 +95,12 @@ class StudyConfig:
         Raises:
             UsageError: one of them does not exist.
         """
+        task_steps = self.in_task(training.task).task_steps
         settings = {
             "method": training.method,
             "seed": training.seed,
             "exploration": {"steps": training.exploration_steps},
-            "task_phase": {"steps": self.task_steps if training.task in GOAL_TASKS else 0},
+            "task_phase": {"steps": task_steps if training.task in GOAL_TASKS else 0},
         }
         given = make_config(training.task, self.preset, settings=self.settings)
         return apply_settings(given, settings)
@@ -89,14 +113,21 @@ def read_study(path: Path) -> StudyConfig:
         UsageError: it is not readable, or names what does not exist.
     """
     study = take_table(read_toml(path), StudyConfig, str(path))
-    for name in MAY_GROW:
-        values = getattr(study, name)
-        if len(set(values)) < len(values):
-            raise UsageError(f"{path} has one of its {name} twice")
+    for name in ("methods", "tasks", "seeds", "exploration_steps", "suites"):
+        for grid in (study, *study.per_task.values()):
+            values = getattr(grid, name, None) or ()
+            if len(set(values)) < len(values):
+                raise UsageError(f"{path} has one of its {name} twice")
+    if unknown := {*study.per_task} - {*study.tasks}:
+        raise UsageError(f"{path} changes '{min(unknown)}', which is not one of its tasks")
     for training in study.trainings():
         study.config_of(training)
-    for suite in study.suites:
-        find_suite(suite)
+        for suite in study.in_task(training.task).suites:
+            find_suite(suite)
+    trained = {(training.task, training.method) for training in study.trainings()}
+    for task, method in (pair for claim in study.claims for pair in claim.trained):
+        if (task, method) not in trained:
+            raise UsageError(f"{path} has a claim on {method} in {task}, and does not train it")
     return study
 
 
@@ -138,7 +169,7 @@ def _keep_settings(config: StudyConfig, directory: Path) -> None:
     if file.exists():
         with os_errors_as(RunDirectoryError, file, "read"):
             before = read_json(read_file(file), StudyConfig, str(file))
-        grown = replace(before, **{name: getattr(config, name) for name in MAY_GROW})
+        grown = replace(before, **{name: getattr(config, name) for name in MAY_CHANGE})
         for one in fields(StudyConfig):
             then, now = getattr(grown, one.name), getattr(config, one.name)
             if then != now:
@@ -196,7 +227,8 @@ def _evaluate(job: _Job, suite: str) -> None:
 
 
 def _suites(config: StudyConfig, training: StudyTraining) -> tuple[str, ...]:
-    return tuple(name for name in config.suites if training.task in find_suite(name).tasks)
+    suites = config.in_task(training.task).suites
+    return tuple(name for name in suites if training.task in find_suite(name).tasks)
 
 
 def _place(directory: Path, training: StudyTraining) -> Path:
@@ -219,7 +251,7 @@ def _look(config: StudyConfig, directory: Path, on_state: OnState) -> StudyResul
             failed[training] = unlike
         else:
             done.append(training)
-    results = StudyResults(directory, tuple(done), failed, tuple(left))
+    results = StudyResults(directory, tuple(done), failed, tuple(left), config.claims)
     write_study(results)
     on_state(results)
     return results

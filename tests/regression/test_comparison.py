@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.metrics.significance import holm
 from minitouch_bench.regression.comparison import compare_runs
-from minitouch_bench.regression.paired_tests import holm
 from minitouch_bench.regression.writers import comparison_json, comparison_markdown, show_comparison
 from tests.regression.pairs import draw, flags, make_saved, outside_code, shown, values
 from tests.reporting.conftest import HOSTILE

@@ -158,8 +158,16 @@ def test_a_gap_of_shares_is_no_share():
 
 def test_tables_have_a_row_per_metric_that_a_method_has_and_the_paper_beside_ours():
     first, second = study_tables(estimates((1000, 2000)))
-    assert first.title == "Table 4, 1,000 steps of exploration"
+    assert first.title == second.title == "Table 4"
+    assert first.notes[0] == "Control steps of exploration: Opening 1,000."
     assert [column.label for column in first.columns] == [*METHODS, "HaC", "RND+touch", "RND"]
     success = next(row for row in first.rows if row.heads == ("Success ↑",))
     assert str(success.cells[0]).startswith("0.850 [")
-    assert second.title == "Table 4, 2,000 steps of exploration"
+    assert second.notes[0] == "Control steps of exploration: Opening 2,000."
+
+
+def test_tasks_with_their_own_length_stand_in_one_table():
+    frame = pd.concat([estimates((1000,)), estimates((2000,)).assign(task="pushing")])
+    (table,) = study_tables(frame[frame["suite"] == "table4"])
+    assert table.notes[0] == "Control steps of exploration: Opening 1,000, Pushing 2,000."
+    assert "lengths" not in [one.key for one in study_figures(frame, curves((1000,)))]

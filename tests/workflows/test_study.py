@@ -72,8 +72,8 @@ def test_the_report_has_the_figures_of_the_runs(finished):
     curves = pd.read_csv(finished / "curves.csv")
     assert sorted(curves.loc[curves["task"] == "playing", "step"].unique()) == [20, 40, 60]
     report = (finished / "report.md").read_text()
-    assert "Table 4, 60 steps of exploration" in report
-    assert "hac > rnd-touch" not in report  # there is no rnd-touch in this study
+    assert "exploration: Playing 60." in report
+    assert "Claims" not in report  # this study makes none
     assert r"\begin{table}" in (finished / "tables.tex").read_text()
     for name in ("report.html", "figures/curves.svg", "figures/curves.pdf"):
         assert (finished / name).stat().st_size > 1000
@@ -228,6 +228,38 @@ def test_there_are_two_engines(tmp_path):
         run_study(config, tmp_path / "out", EngineOptions("slurm"))
 
 
+def claim_on(worse, metric):
+    return (
+        f"[[claims]]\ntasks = ['playing']\nmetric = '{metric}'\nbetter = 'hac'\n"
+        f"worse = ['{worse}']\n[settings]"
+    )
+
+
+def test_a_task_may_have_its_own_methods_lengths_and_suites(tmp_path):
+    (tmp_path / "s.toml").write_text(
+        STUDY.replace('["playing"]', '["playing", "pushing"]')
+        + "[per_task.pushing]\nmethods = ['sac']\nexploration_steps = [10, 20]\ntask_steps = 70\n"
+    )
+    config = read_study(tmp_path / "s.toml")
+    assert [one.name for one in config.trainings()] == [
+        "playing-hac-60-0", "playing-rnd-60-0", "pushing-sac-10-0", "pushing-sac-20-0",
+    ]  # fmt: skip
+    assert [config.config_of(one).task_phase.steps for one in config.trainings()] == [0, 0, 70, 70]
+
+
+@pytest.mark.slow
+def test_claims_are_judged_once_their_trainings_are_done(finished, tmp_path):
+    shutil.copytree(finished, tmp_path / "out")
+    (tmp_path / "s.toml").write_text(STUDY.replace("[settings]", claim_on("rnd", "touch_share")))
+    run_study(read_study(tmp_path / "s.toml"), tmp_path / "out")
+    claims = pd.read_csv(tmp_path / "out" / "claims.csv")
+    estimates = pd.read_csv(tmp_path / "out" / "estimates.csv")
+    touched = estimates[estimates["metric"] == "touch_share"].set_index("method")["value"]
+    assert claims["better_value"].tolist() == [touched["hac"]]
+    assert claims["verdict"].tolist() == ["not decided"]  # one seed each
+    assert "hac \\> rnd" in (tmp_path / "out" / "report.md").read_text()
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -239,6 +271,11 @@ def test_there_are_two_engines(tmp_path):
         (("log_every", "log_each"), "log_each"),
         (("seeds", "suites = ['tables']\nseeds"), "tables"),
         (("seeds = [0]", "seeds = [0, 0]"), "one of its seeds twice"),
+        (("[settings]", "[per_task.opening]\n[settings]"), "changes 'opening', which is not one"),
+        (("[settings]", "[per_task.playing]\nseeds = [1]\n[settings]"), "seeds"),
+        (("[settings]", "[per_task.playing]\nmethods = ['rmd']\n[settings]"), "rmd"),
+        (("[settings]", claim_on("icm", "touch_share")), "icm in playing, and does not train it"),
+        (("[settings]", claim_on("rnd", "success")), "no better direction in 'playing'"),
         (("[settings]", "[settings"), "TOML"),
     ],
 )

@@ -1,0 +1,275 @@
+"""Claims of a study: that a method is better than others, judged over training seeds.
+
+The study's file lists them before the first training. Together they are one family of tests for
+Holm's correction.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from typing import Final, Literal
+
+import numpy as np
+import pandas as pd
+import scipy
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.metric import DOWN, NO_DIRECTION
+from minitouch_bench.metrics.significance import ALPHA, POWER, holm
+from minitouch_bench.rendering.tables import ABSENT, Table, format_value, make_columns, make_row
+from minitouch_bench.reporting.labels import task_title
+from minitouch_bench.reporting.long_frame import select
+from minitouch_bench.reporting.paper import PAPER_METHODS, paper_value
+
+CONFIRMED: Final = "confirmed"
+CONTRADICTED: Final = "contradicted"
+UNDECIDED: Final = "not decided"
+WAITING: Final = "waiting"
+
+ORDERS_TRIED: Final = 100_000
+"""Ways to share out the values to two methods: all of them, or so many random ones."""
+
+SIMULATED: Final = 2_000
+"""Pairs of methods in which a power is counted."""
+
+LARGEST_SHIFT: Final = 50.0
+"""Standard deviations; a test that does not detect these has no power at all."""
+
+IN_PAPER: Final = dict(zip(("hac", "rnd-touch", "rnd"), PAPER_METHODS, strict=True))
+"""What the paper's Table 4 calls our methods."""
+
+NOTES: Final = (
+    "One-sided exact Mann-Whitney tests; the unit is the training seed. A claim with several "
+    "comparisons has the largest of their p-values. p: adjusted by Holm's method over all claims "
+    f"of this table. Confirmed: p ≤ {ALPHA}. Contradicted: the reverse of a comparison has "
+    f"p ≤ {ALPHA}, adjusted for the comparisons of its claim and for all claims.",
+    "Detectable: the difference of two methods' means that such a study confirms in "
+    f"{POWER:.0%} of cases, if seeds vary as here and their values are normal.",
+    f"{WAITING.capitalize()}: trainings of the claim are left or failed.",
+)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """That ``better`` has better values of a metric than each of ``worse``, in each of ``tasks``.
+
+    Raises:
+        UsageError: it compares nothing, or the metric has no better direction in a task.
+    """
+
+    metric: str
+    tasks: tuple[str, ...]
+    better: str
+    worse: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if self.metric not in METRICS:
+            raise UsageError(f"no metric '{self.metric}'; there are {', '.join(METRICS)}")
+        if not (self.tasks and self.worse):
+            raise UsageError("a claim names at least one of 'tasks' and one of 'worse'")
+        metric = METRICS[self.metric]
+        for task in self.tasks:
+            if not metric.is_in(task) or metric.direction_in(task) == NO_DIRECTION:
+                raise UsageError(f"'{self.metric}' has no better direction in '{task}'")
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """The methods that it compares, the better one first."""
+        return self.better, *self.worse
+
+    @property
+    def trained(self) -> frozenset[tuple[str, str]]:
+        """The tasks and methods of the trainings that it is about."""
+        return frozenset(product(self.tasks, self.methods))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two methods in one task: the values of their training seeds, and the tests of both orders."""
+
+    task: str
+    worse: str
+    better_values: tuple[float, ...]
+    worse_values: tuple[float, ...]
+    p: float
+    p_reversed: float
+
+    def detectable(self, level: float) -> float:
+        """Return the detectable difference at a significance level; NaN if none is, or no spread.
+
+        Seeds vary normally, by the pooled standard deviation of these.
+        """
+        samples = [np.array(self.better_values), np.array(self.worse_values)]
+        sizes = [len(sample) for sample in samples]
+        freedom = sum(sizes) - 2
+        if freedom < 1:
+            return float("nan")
+        squares = sum(float(np.square(sample - sample.mean()).sum()) for sample in samples)
+        spread = (squares / freedom) ** 0.5
+        return spread * detectable_shift(*sizes, level) if spread else float("nan")
+
+
+@dataclass(frozen=True)
+class JudgedClaim:
+    """A claim with its comparisons, its two p-values after correction, and the verdict.
+
+    ``detectable``: the largest of its comparisons' at the level that the correction leaves to the
+    smallest p-value.
+    """
+
+    claim: Claim
+    comparisons: tuple[Comparison, ...]
+    p_adjusted: float
+    p_reversed_adjusted: float
+    detectable: float
+    is_waiting: bool
+
+    @property
+    def verdict(self) -> Literal["confirmed", "contradicted", "not decided", "waiting"]:
+        """What the study says of the claim."""
+        if self.is_waiting:
+            return WAITING
+        if self.p_adjusted <= ALPHA:
+            return CONFIRMED
+        return CONTRADICTED if self.p_reversed_adjusted <= ALPHA else UNDECIDED
+
+
+def judge_claims(
+    claims: Sequence[Claim], values: pd.DataFrame, waiting: Sequence[Claim] = ()
+) -> list[JudgedClaim]:
+    """Judge claims as one family of tests.
+
+    Args:
+        claims: Those of the study's file.
+        values: A row per training and metric: task, method, seed, metric, value.
+        waiting: Claims whose trainings are not all done. Until then they have p = 1, which can
+            only make the p-values of the others larger.
+    """
+    compared = [() if claim in waiting else _compare(claim, values) for claim in claims]
+    p_values = [max((one.p for one in group), default=1.0) for group in compared]
+    reverses = [min((1.0, *(len(group) * one.p_reversed for one in group))) for group in compared]
+    level = ALPHA / max(len(claims), 1)
+    return [
+        JudgedClaim(
+            claim, group, p, p_reversed,
+            max((one.detectable(level) for one in group), default=float("nan")), claim in waiting,
+        )
+        for claim, group, p, p_reversed in zip(
+            claims, compared, holm(p_values), holm(reverses), strict=True
+        )
+    ]  # fmt: skip
+
+
+def _compare(claim: Claim, values: pd.DataFrame) -> tuple[Comparison, ...]:
+    """Return the comparisons of a claim, none if one of them has no values."""
+    compared = []
+    for task, worse in product(claim.tasks, claim.worse):
+        known = select(values, task=task, metric=claim.metric)
+        first, second = (
+            tuple(select(known, method=method)["value"].tolist())
+            for method in (claim.better, worse)
+        )
+        if not (first and second):
+            return ()
+        sides = ("greater", "less")
+        if METRICS[claim.metric].direction_in(task) == DOWN:
+            sides = ("less", "greater")
+        p, p_reversed = (_rank_test(first, second, side) for side in sides)
+        compared.append(Comparison(task, worse, first, second, p, p_reversed))
+    return tuple(compared)
+
+
+def _rank_test(first: Sequence[float], second: Sequence[float], side: str) -> float:
+    """Return the exact p-value; equal values share a rank, as scipy's own table does not allow."""
+    every_order = scipy.stats.PermutationMethod(ORDERS_TRIED, rng=np.random.default_rng(0))
+    test = scipy.stats.mannwhitneyu(first, second, alternative=side, method=every_order)
+    return float(test.pvalue)
+
+
+@cache
+def detectable_shift(first: int, second: int, level: float) -> float:
+    """Return by how many standard deviations two methods must differ; NaN if none is enough.
+
+    Args:
+        first: Training seeds of one method.
+        second: Training seeds of the other.
+        level: Significance level of the one-sided exact Mann-Whitney test.
+    """
+    rng = np.random.default_rng(0)
+    better, worse = (rng.standard_normal((SIMULATED, size)) for size in (first, second))
+
+    def excess(shift: float) -> float:
+        tests = scipy.stats.mannwhitneyu(
+            better + shift, worse, alternative="greater", method="exact", axis=1
+        )
+        return float(np.mean(tests.pvalue <= level)) - POWER
+
+    if excess(LARGEST_SHIFT) < 0.0:
+        return float("nan")
+    return float(scipy.optimize.bisect(excess, 0.0, LARGEST_SHIFT, xtol=1e-3))
+
+
+def claims_frame(judged: Sequence[JudgedClaim]) -> pd.DataFrame:
+    """Return a row per claim and comparison, for ``claims.csv``."""
+    columns = (
+        "claim", "metric", "task", "better", "worse", "better_value", "worse_value",
+        "better_seeds", "worse_seeds", "p_of_comparison", "p_adjusted", "p_reversed_adjusted",
+        "detectable", "verdict",
+    )  # fmt: skip
+    rows = [
+        (
+            number, one.claim.metric, pair.task, one.claim.better, pair.worse,
+            float(np.mean(pair.better_values)), float(np.mean(pair.worse_values)),
+            len(pair.better_values), len(pair.worse_values), pair.p, one.p_adjusted,
+            one.p_reversed_adjusted, one.detectable, one.verdict,
+        )
+        for number, one in enumerate(judged, 1)
+        for pair in one.comparisons
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=columns)
+
+
+def claims_table(judged: Sequence[JudgedClaim]) -> Table:
+    """Return a row per claim: the values, those of the paper, and the verdict."""
+    rows = []
+    for one in judged:
+        claim, p = one.claim, one.p_adjusted
+        tasks = ", ".join(map(task_title, claim.tasks))
+        detectable = (
+            None if np.isnan(one.detectable) else format_value(claim.metric, one.detectable)
+        )
+        tested = (detectable, f"{p:.3f}" if p >= 0.001 else "< 0.001")
+        rows.append(
+            make_row(
+                (tasks, METRICS[claim.metric].label),
+                f"{claim.better} > {', '.join(claim.worse)}",
+                _means(one),
+                "; ".join(_papers(claim, task) for task in claim.tasks),
+                *((None, None) if one.is_waiting else tested),
+                one.verdict,
+            )
+        )
+    words = ("Claim", "Means over seeds", "The paper", "Verdict")
+    columns = make_columns(*words[:3], "Detectable", "p", words[3], words=words)
+    return Table("Claims", ("Task", "Metric"), columns, tuple(rows), NOTES)
+
+
+def _means(judged: JudgedClaim) -> str | None:
+    """Write each task's means in the order of the claim's methods."""
+    metric, parts = judged.claim.metric, []
+    for task in judged.claim.tasks:
+        pairs = [pair for pair in judged.comparisons if pair.task == task]
+        means = [np.mean(pair.better_values) for pair in pairs[:1]]
+        means += [np.mean(pair.worse_values) for pair in pairs]
+        parts.append(", ".join(format_value(metric, float(mean)) for mean in means))
+    return "; ".join(filter(None, parts)) or None
+
+
+def _papers(claim: Claim, task: str) -> str:
+    """Write what the paper printed of the claim's methods, a dash where it printed nothing."""
+    names = [IN_PAPER.get(method) for method in claim.methods]
+    values = [name and paper_value(task, claim.metric, name) for name in names]
+    texts = [value.text if value and value.is_our_unit else ABSENT for value in values]
+    return ABSENT if {*texts} == {ABSENT} else ", ".join(texts)
