@@ -95,10 +95,15 @@ def test_a_metric_that_a_method_lacks_decides_nothing():
     assert (judged.comparisons, judged.verdict) == ((), "not decided")
 
 
-@pytest.mark.parametrize("truth", [1.5, 2.0, 2.5])
-def test_the_detectable_shift_has_a_power_of_80_percent(truth):
-    """Counted here in other studies than there, with another implementation of the test."""
-    level = {1.5: 0.05, 2.0: 0.016, 2.5: 0.004}[truth]
+def test_one_seed_decides_nothing():
+    judged = judge(PUSHING, values(hac=(1.0,), rnd_touch=(0.0,), rnd=(0.0,)))
+    assert (judged.p_adjusted, judged.verdict) == (1.0, "not decided")
+    assert np.isnan(judged.detectable)
+
+
+@pytest.mark.parametrize("level", [0.05, 0.016, 0.004])
+def test_the_detectable_shift_has_a_power_of_80_percent(level):
+    """Counted here with other samples than there, and with the test written out."""
     shift = detectable_shift(5, 5, level)
     rng = np.random.default_rng(7)
     better, worse = rng.standard_normal((4000, 5, 1)) + shift, rng.standard_normal((4000, 1, 5))
