@@ -3,6 +3,7 @@
 The files say what is done, so a killed study continues where it was.
 """
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -207,7 +208,8 @@ def _run(job: _Job) -> str:
 
 
 def _evaluate(job: _Job, suite: str) -> None:
-    place = _place(job.directory, job.training)
+    # Relative, as run.json records it: it shall not name the directories of a machine.
+    place = Path(os.path.relpath(_place(job.directory, job.training)))
     output = place / suite
     if (output / RUN_FILE).exists():
         return

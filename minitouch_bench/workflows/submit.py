@@ -14,6 +14,7 @@ from minitouch_bench.workflows import SILENT, Callbacks, options
 from minitouch_bench.workflows.options import StrPath, Words, episodes_option, output_option
 
 if TYPE_CHECKING:
+    from minitouch_bench.workflows.study_rows import StudyRow
     from minitouch_bench.workflows.submitting import Packed
 
 about_option = partial(typer.Option, rich_help_panel="What the leaderboard shows")
@@ -47,10 +48,11 @@ def submit(
     """Evaluate a policy on the official suites and pack a submission for the leaderboard.
 
     It adds a training seed to the submission, which begins with its first one. What is said of
-    the submission stays until an option changes it.
+    the submission stays until an option changes it. Of a study's directory it packs every
+    training seed of one method, without playing an episode again.
 
     Args:
-        policy: As in evaluate; not with --run.
+        policy: As in evaluate, or a study's directory with --method; not with --run.
         name: Name of the submission: a-z, 0-9, '.', '_', '-'; by default POLICY's.
         runs: Pack this finished run instead; one of each suite.
         suites: table4, or table4,novel-shapes.
@@ -72,17 +74,18 @@ def submit(
         RunDirectoryError: a run is there already, or cannot be read or written.
         InfrastructureError, InterruptedRunError: a run is incomplete and can be resumed.
     """
-    from minitouch_bench.agents.config import trained_steps
     from minitouch_bench.leaderboard.packing import begun_submission, check_submission
     from minitouch_bench.leaderboard.submission import SUBMITTED_SUITES, Submission
     from minitouch_bench.leaderboard.submission_rules import check_name
     from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES
+    from minitouch_bench.workflows.study_rows import find_row
     from minitouch_bench.workflows.submitting import Packer
 
+    row = find_row(Path(policy), method) if policy else None
     if name is None:
         if policy is None:
             raise UsageError("say with --name what the submission is called")
-        name = Path(policy).stem
+        name = Path(policy).stem if row is None else row.method
     check_name(name)
     asked = options.words(suites)
     if MAIN_SUITE not in asked or {*asked} - {*SUBMITTED_SUITES}:
@@ -102,7 +105,7 @@ def submit(
         name=name,
         method=name,
         modalities=RESERVED_MODALITIES.get(policy or name, DEFAULT_MODALITIES),
-        training_steps=trained_steps(Path(policy)) if policy else 0,
+        training_steps=_training_steps(policy, row),
     )
     changes = {field: value for field, value in given.items() if value is not None}
     about = replace(begun, name=name, **changes)
@@ -115,9 +118,19 @@ def submit(
     packer.check_apart((policy, exploration, *runs))
     if policy is None:
         return packer.pack(packer.finished_runs(tuple(map(Path, runs))))
+    if row is not None:
+        return packer.pack_study(row)
     isolation = options.isolation_options("sandbox", trust)
     engine = options.engine_options("local", workers, None)
     return packer.pack(packer.evaluate(policy, exploration, asked, isolation, engine))
+
+
+def _training_steps(policy: str | None, row: "StudyRow | None") -> int:
+    from minitouch_bench.agents.config import trained_steps
+
+    if row is not None:
+        return row.training_steps()
+    return trained_steps(Path(policy)) if policy else 0
 
 
 def _modalities(given: Words) -> tuple[str, ...]:

@@ -47,6 +47,7 @@ from minitouch_bench.verification.problems import Problem, Problems
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.options import StrPath
 from minitouch_bench.workflows.playing import play
+from minitouch_bench.workflows.study_rows import StudyRow
 
 
 @dataclass(frozen=True)
@@ -140,6 +141,26 @@ class Packer:
         parts = Parts(listed, find_source(main.policy), explorer)
         self._check_replaced(parts)
         return parts
+
+    def pack_study(self, row: StudyRow) -> Packed:
+        """Pack every training seed of a study's method; with ``resume`` those that are missing."""
+        packed = Packed(self.directory, ())
+        for seed in row.trainings:
+            packer = replace(self, seed=seed)
+            if holds_run(place := packer._run_directory(MAIN_SUITE)) and not self.fresh:
+                if self.resume:
+                    continue
+                raise RunDirectoryError(
+                    f"{place} contains a run.\nAdd --resume to keep it, or --fresh to replace it"
+                )
+            self.callbacks.note(f"training seed {seed}")
+            with aside(self.submissions) as folder:
+                parts = row.parts(seed, folder)
+                packer._check_replaced(parts)
+                packed = packer.pack(parts)
+            if packed.problems:
+                break
+        return packed
 
     def pack(self, parts: Parts) -> Packed:
         """Copy the parts aside and check them; only if they pass, replace those that were there."""

@@ -23,6 +23,7 @@ from minitouch_bench.leaderboard.submission import (
     run_place,
 )
 from minitouch_bench.leaderboard.validation import validate
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import PolicyIdentity, Role
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.plan import SUITES, make_plan
@@ -135,3 +136,18 @@ def _files(directory: Path, seed: int, exploration: bool, include: bool):
             (directory / place).parent.mkdir(parents=True)
             (directory / place).write_bytes(CHECKPOINT)
     return tuple(files)
+
+
+def task_run(run: Played, task: str) -> Played:
+    """Return the part of a run that is of one task, as if it had been evaluated alone."""
+    header, goal = run.header, task in GOAL_TASKS
+    return replace(
+        run,
+        header=make_header(
+            make_plan(header.plan.suite, (task,)),
+            header.policy,
+            header.exploration if goal else None,
+            header.isolation,
+        ),
+        records=tuple(record for record in run.records if record.spec.task == task),
+    )

@@ -47,6 +47,7 @@ def test_every_training_is_evaluated_under_the_protocol(finished):
         place = finished / f"playing-{method}-60-0" / "table4"
         document = json.loads((place / "run.json").read_text())
         assert [one["task"] for one in document["episodes"]] == ["playing"]
+        assert not os.path.isabs(document["header"]["policy"]["source"])
 
 
 @pytest.mark.slow

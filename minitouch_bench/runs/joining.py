@@ -1,0 +1,79 @@
+"""Runs of some tasks each, joined into the run that one evaluation of all of them would be."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, write_file
+from minitouch_bench.records import EpisodeMetrics, PolicyIdentity
+from minitouch_bench.runs.actions import pack_arrays
+from minitouch_bench.runs.plan import find_suite
+from minitouch_bench.runs.run import Run, make_header, read_run, run_digest, run_json
+
+
+def join_runs(
+    runs: Sequence[Run],
+    policy: PolicyIdentity,
+    exploration: PolicyIdentity | None,
+    directory: Path,
+) -> Run:
+    """Write the joined run, and return it.
+
+    An episode and its estimates do not depend on the other tasks of a run, so nothing is played or
+    estimated again. Machine and packages are those of the first run.
+
+    Args:
+        runs: They differ in their tasks, policies and machines alone.
+        policy: What the joined run records; its files are those of the runs.
+        exploration: The same of the exploration policies.
+        directory: Where ``run.json`` and ``actions.npz`` are written.
+
+    Raises:
+        UsageError: the runs have other differences, a task twice, or other rules than today's.
+        RunDirectoryError: a file cannot be read or written.
+    """
+    first = runs[0]
+    by_task = {task: run for run in runs for task in run.plan.tasks}
+    tasks = tuple(task for task in find_suite(first.plan.suite).tasks if task in by_task)
+    plan = replace(first.plan, tasks=tasks)
+    header = make_header(plan, policy, exploration, first.header.isolation)
+    if sum(len(run.plan.tasks) for run in runs) > len(tasks):
+        raise UsageError("two of the runs have the same task")
+    for run in runs:
+        if (replace(run.plan, tasks=tasks), run.header.isolation) != (plan, header.isolation):
+            raise UsageError(f"{run.name} and {first.name} have different plans")
+        if other := header.rules_differ(run.header):
+            raise UsageError(f"{run.name} has other rules of {other[0]} than today's protocol")
+    episodes = _by_task({task: run.episodes for task, run in by_task.items()}, tasks)
+    explored = _by_task({task: run.exploration_episodes for task, run in by_task.items()}, tasks)
+    faults = {key: fault for run in runs for key, fault in run.faults.items()}
+    parts = {part.task: part for run in runs for part in run.summary.tasks}
+    gaps = {part.task: part for run in runs for part in run.summary.generalization}
+    joined = replace(
+        first,
+        digest=run_digest(header, episodes, explored),
+        header=header,
+        environment=replace(
+            first.environment, wall_s=round(sum(run.environment.wall_s for run in runs), 3)
+        ),
+        summary=replace(
+            first.summary,
+            tasks=tuple(parts[task] for task in tasks),
+            generalization=tuple(gaps[task] for task in tasks if task in gaps),
+        ),
+        faults={spec.key: faults[spec.key] for spec in header.specs() if spec.key in faults},
+        episodes=episodes,
+        exploration_episodes=explored,
+    )
+    actions = {key: array for run in runs for key, array in run.actions.items()}
+    in_order = {spec.key: actions[spec.key] for spec in header.specs()}
+    write_file(directory / ACTIONS_FILE, pack_arrays(in_order))
+    write_file(directory / RUN_FILE, run_json(joined))
+    return read_run(directory)
+
+
+def _by_task(
+    rows: Mapping[str, tuple[EpisodeMetrics, ...]], tasks: Sequence[str]
+) -> tuple[EpisodeMetrics, ...]:
+    return tuple(row for task in tasks for row in rows[task] if row.task == task)
