@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from minitouch_bench.agents.progress import ProgressRow
     from minitouch_bench.reporting.study import StudyTraining
     from minitouch_bench.workflows.proving import Validation
-    from minitouch_bench.workflows.studying import StudyConfig
+    from minitouch_bench.workflows.study_config import StudyConfig
 
 LINE_INTERVAL_S = 60.0
 """Seconds between two lines of progress where no terminal shows a bar."""

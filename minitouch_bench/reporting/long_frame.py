@@ -36,7 +36,10 @@ class RunLabel:
 
 
 def frame_rows(label: RunLabel, run: Run) -> list[Row]:
-    """Return the rows of a run: the estimates of its ``run.json``, unchanged."""
+    """Return the rows of a run: the estimates of its ``run.json``, unchanged.
+
+    Under other conditions than the protocol's its suite is another one: their words follow.
+    """
     named = [
         (part.task, metric, estimate)
         for part in run.summary.tasks
@@ -48,7 +51,8 @@ def frame_rows(label: RunLabel, run: Run) -> list[Row]:
         for metric, gap in result.gaps.items()
         for part, title in GAP_PARTS.items()
     ]
-    return [frame_row(label, run.plan.suite, *row) for row in named]
+    suite = ", ".join((run.plan.suite, *run.plan.conditions.in_words()))
+    return [frame_row(label, suite, *row) for row in named]
 
 
 def frame_row(label: RunLabel, suite: str, task: str, metric: str, estimate: Estimate) -> Row:

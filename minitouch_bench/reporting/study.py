@@ -11,7 +11,7 @@ import pandas as pd
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import PROGRESS_FILE, RUN_FILE, write_file
-from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import OVER_SEEDS_AND_EPISODES, bootstrap_mean
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
 from minitouch_bench.rendering import latex
@@ -54,7 +54,13 @@ from minitouch_bench.runs.run import Run, read_run
 
 TEMPLATE = Path(__file__).parent / "templates" / "study.html.j2"
 TIME_NOTE = "Time: of the training alone, without its evaluation, beside whatever else ran."
-EPISODES_ONLY = "one training seed: its interval is over episodes only"
+SEEDS_NOTE = (
+    f"95 % intervals: {OVER_SEEDS_AND_EPISODES} where it is a share: of few seeds too narrow, as a "
+    "bootstrap never goes beyond their range; one training seed: its interval is over episodes "
+    "only."
+)
+CONDITIONS: Final = f"{MAIN_SUITE}, "
+"""What a suite's name in the long frame begins with, where a run had other conditions."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +184,7 @@ def _curves(results: StudyResults) -> pd.DataFrame:
 
 
 def study_tables(estimates: pd.DataFrame) -> Iterator[Table]:
-    """Yield Table 4, then the gaps on novel shapes.
+    """Yield Table 4, the gaps on novel shapes, and success under other conditions.
 
     Where a task has several lengths of exploration, the second table has the second ones, and so
     on.
@@ -194,6 +200,31 @@ def study_tables(estimates: pd.DataFrame) -> Iterator[Table]:
         turns = joined.groupby("task")["steps"].rank("dense")
         for turn in sorted({*turns}):
             yield _table(title, shown, joined[turns == turn])
+    if estimates["suite"].str.startswith(CONDITIONS).any():
+        yield _conditions_table(join_seeds(estimates))
+
+
+def _conditions_table(joined: pd.DataFrame) -> Table:
+    """Return a row per task and condition: what ranks the task, after the longest exploration."""
+    longest = joined["steps"] == joined.groupby("task")["steps"].transform("max")
+    ranking = joined["metric"] == joined["task"].map(ranking_metric)
+    shown = joined[longest & ranking & joined["suite"].str.startswith(MAIN_SUITE)]
+    shown = shown.replace({"suite": {MAIN_SUITE: "standard"}})
+    methods = list(dict.fromkeys(shown["method"]))
+    rows = [
+        make_row(
+            (task_title(task), METRICS[metric].label, suite.removeprefix(CONDITIONS)),
+            *(
+                estimate_cell(metric, find_row(shown, task=task, suite=suite, method=method))
+                for method in methods
+            ),
+        )
+        for task, suite, metric in dict.fromkeys(
+            zip(shown["task"], shown["suite"], shown["metric"], strict=True)
+        )
+    ]
+    heads = ("Task", "Metric", "Condition")
+    return Table("Other conditions", heads, make_columns(*methods), tuple(rows), (SEEDS_NOTE,))
 
 
 def _table(title: str, metrics: Sequence[str], part: pd.DataFrame) -> Table:
@@ -211,8 +242,7 @@ def _table(title: str, metrics: Sequence[str], part: pd.DataFrame) -> Table:
 
     notes = (
         f"Control steps of exploration: {explored}.",
-        f"95 % intervals: {OVER_SEEDS_AND_EPISODES} where it is a share: of few seeds too narrow, "
-        f"as a bootstrap never goes beyond their range; {EPISODES_ONLY}.",
+        SEEDS_NOTE,
         *((PAPER_NOTE,) * with_paper),
     )
     table = table_by_task(title, tasks, methods, metrics, cell, notes=notes, with_paper=with_paper)

@@ -26,7 +26,7 @@ def join_runs(
     Args:
         runs: They differ in their tasks, policies and machines alone.
         policy: What the joined run records; its files are those of the runs.
-        exploration: The same of the exploration policies.
+        exploration: The same of the exploration policies; None leaves their episodes out.
         directory: Where ``run.json`` and ``actions.npz`` are written.
 
     Raises:
@@ -46,7 +46,11 @@ def join_runs(
         if other := header.rules_differ(run.header):
             raise UsageError(f"{run.name} has other rules of {other[0]} than today's protocol")
     episodes = _by_task({task: run.episodes for task, run in by_task.items()}, tasks)
-    explored = _by_task({task: run.exploration_episodes for task, run in by_task.items()}, tasks)
+    explored = (
+        ()
+        if exploration is None
+        else _by_task({task: run.exploration_episodes for task, run in by_task.items()}, tasks)
+    )
     faults = {key: fault for run in runs for key, fault in run.faults.items()}
     parts = {part.task: part for run in runs for part in run.summary.tasks}
     gaps = {part.task: part for run in runs for part in run.summary.generalization}

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from minitouch_bench.records import EpisodeRecord
     from minitouch_bench.reporting.study import StudyResults
     from minitouch_bench.workflows.proving import Validation
-    from minitouch_bench.workflows.studying import StudyConfig
+    from minitouch_bench.workflows.study_config import StudyConfig
 
 
 def ignore(*_: object) -> None:

@@ -16,7 +16,7 @@ from minitouch_bench.records import Role
 from minitouch_bench.runs.joining import join_runs
 from minitouch_bench.runs.plan import find_suite
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.workflows.studying import STUDY_FILE, StudyConfig
+from minitouch_bench.workflows.study_config import STUDY_FILE, StudyConfig
 
 ALL_TASKS = find_suite(MAIN_SUITE).tasks
 

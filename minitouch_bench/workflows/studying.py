@@ -5,18 +5,12 @@ The files say what is done, so a killed study continues where it was.
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from minitouch_bench.agents.config import (
-    CONFIG_FILE,
-    TrainingConfig,
-    apply_settings,
-    make_config,
-    read_config,
-)
-from minitouch_bench.documents import read_json, read_toml, take_table, write_json
+from minitouch_bench.agents.config import CONFIG_FILE, read_config
+from minitouch_bench.documents import read_json, write_json
 from minitouch_bench.errors import MiniTouchError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import EngineOptions, find_job_runner
 from minitouch_bench.files import (
@@ -27,109 +21,18 @@ from minitouch_bench.files import (
     write_file,
 )
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
-from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import Count
-from minitouch_bench.reporting.claims import Claim
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE
 from minitouch_bench.reporting.study import StudyResults, StudyTraining, write_study
-from minitouch_bench.runs.plan import find_suite
 from minitouch_bench.workflows import ignore
 from minitouch_bench.workflows.evaluate import evaluate
+from minitouch_bench.workflows.study_config import STUDY_FILE, StudyConfig
 from minitouch_bench.workflows.training import TrainingRequest, run_training
 
 FAILURE_FILE = "failure.txt"
-STUDY_FILE = "study.json"
-MAY_CHANGE = ("methods", "tasks", "seeds", "exploration_steps", "suites", "per_task", "claims")
+MAY_CHANGE = (
+    "methods", "tasks", "seeds", "exploration_steps", "suites", "per_task", "claims", "conditions",
+)  # fmt: skip
 """What of a study's file may differ between two starts; the rest would mix unlike trainings."""
-
-
-@dataclass(frozen=True)
-class TaskGrid:
-    """What a study does otherwise in one task; None: as in the others."""
-
-    methods: tuple[str, ...] | None = None
-    exploration_steps: tuple[int, ...] | None = None
-    task_steps: Count | None = None
-    suites: tuple[str, ...] | None = None
-
-
-@dataclass(frozen=True)
-class StudyConfig:
-    """A grid, as its TOML file says it.
-
-    Every task is trained with every method from every seed, for every length of exploration in
-    ``exploration_steps``. ``suites``: what each final policy is evaluated on, as far as the suite
-    has the task. ``episodes`` per task; 0 for the suite's own. ``preset`` and ``settings`` are
-    those of ``train``. ``per_task`` changes the grid in the tasks that it names. ``claims`` about
-    its methods are judged together, over training seeds.
-    """
-
-    methods: tuple[str, ...]
-    tasks: tuple[str, ...]
-    seeds: tuple[int, ...] = (0, 1, 2)
-    exploration_steps: tuple[int, ...] = (10_000,)
-    task_steps: Count = 40_000
-    suites: tuple[str, ...] = ("table4",)
-    episodes: Count = 0
-    preset: str = "default"
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    per_task: Mapping[str, TaskGrid] = field(default_factory=dict)
-    claims: tuple[Claim, ...] = ()
-
-    def in_task(self, task: str) -> "StudyConfig":
-        """Return the study as it is in one task."""
-        changed = vars(self.per_task.get(task, TaskGrid())).items()
-        return replace(self, **{name: value for name, value in changed if value is not None})
-
-    def trainings(self) -> tuple[StudyTraining, ...]:
-        """Return the trainings in the order in which they are started: seed by seed."""
-        return tuple(
-            StudyTraining(task, method, seed, steps)
-            for seed in self.seeds
-            for task in self.tasks
-            for steps in self.in_task(task).exploration_steps
-            for method in self.in_task(task).methods
-        )
-
-    def config_of(self, training: StudyTraining) -> TrainingConfig:
-        """Return the settings of one training.
-
-        Raises:
-            UsageError: one of them does not exist.
-        """
-        task_steps = self.in_task(training.task).task_steps
-        settings = {
-            "method": training.method,
-            "seed": training.seed,
-            "exploration": {"steps": training.exploration_steps},
-            "task_phase": {"steps": task_steps if training.task in GOAL_TASKS else 0},
-        }
-        given = make_config(training.task, self.preset, settings=self.settings)
-        return apply_settings(given, settings)
-
-
-def read_study(path: Path) -> StudyConfig:
-    """Read a study's TOML file, and see that every training in it can be made.
-
-    Raises:
-        UsageError: it is not readable, or names what does not exist.
-    """
-    study = take_table(read_toml(path), StudyConfig, str(path))
-    for name in ("methods", "tasks", "seeds", "exploration_steps", "suites"):
-        for grid in (study, *study.per_task.values()):
-            values = getattr(grid, name, None) or ()
-            if len(set(values)) < len(values):
-                raise UsageError(f"{path} has one of its {name} twice")
-    if unknown := {*study.per_task} - {*study.tasks}:
-        raise UsageError(f"{path} changes '{min(unknown)}', which is not one of its tasks")
-    for training in study.trainings():
-        study.config_of(training)
-        for suite in study.in_task(training.task).suites:
-            find_suite(suite)
-    trained = {(training.task, training.method) for training in study.trainings()}
-    for task, method in (pair for claim in study.claims for pair in claim.trained):
-        if (task, method) not in trained:
-            raise UsageError(f"{path} has a claim on {method} in {task}, and does not train it")
-    return study
 
 
 ONE_AT_A_TIME = EngineOptions(workers=1)
@@ -200,37 +103,32 @@ def _run(job: _Job) -> str:
         config = job.config.config_of(job.training)
         if not (place / TRAINED_FILE).exists():  # its policy is enough: not the checkpoint
             run_training(TrainingRequest(config, place, resume=(place / CONFIG_FILE).exists()))
-        for suite in _suites(job.config, job.training):
-            _evaluate(job, suite)
+        for name, asked in job.config.evaluations_in(job.training.task).items():
+            _evaluate(job, name, asked)
     except MiniTouchError as error:
         return str(error).replace("\n", " ")
     return ""
 
 
-def _evaluate(job: _Job, suite: str) -> None:
+def _evaluate(job: _Job, name: str, asked: Mapping[str, Any]) -> None:
     # Relative, as run.json records it: it shall not name the directories of a machine.
     place = Path(os.path.relpath(_place(job.directory, job.training)))
-    output = place / suite
+    output = place / name
     if (output / RUN_FILE).exists():
         return
     explored = place / EXPLORED_FILE
-    has_exploration = explored.exists() and job.training.task in GOAL_TASKS
+    # The exploration metric is one of Table 4 alone.
+    has_exploration = name == MAIN_SUITE and job.training.task in GOAL_TASKS and explored.exists()
     evaluate(
         str(place / TRAINED_FILE),
-        suite,
+        **asked,
         tasks=(job.training.task,),
-        episodes=job.config.episodes or None,
         exploration=str(explored) if has_exploration else None,
         name=job.training.name,
         workers=1,
         output=output,
         resume=output.exists(),
     )
-
-
-def _suites(config: StudyConfig, training: StudyTraining) -> tuple[str, ...]:
-    suites = config.in_task(training.task).suites
-    return tuple(name for name in suites if training.task in find_suite(name).tasks)
 
 
 def _place(directory: Path, training: StudyTraining) -> Path:
@@ -242,11 +140,11 @@ def _look(config: StudyConfig, directory: Path, on_state: OnState) -> StudyResul
     done, failed, left = [], {}, []
     for training in config.trainings():
         place = _place(directory, training)
-        wanted = _suites(config, training)
+        wanted = config.evaluations_in(training.task)
         if (place / FAILURE_FILE).exists():
             failed[training] = (place / FAILURE_FILE).read_text(encoding="utf-8").strip()
         elif not (place / TRAINED_FILE).exists() or not all(
-            (place / suite / RUN_FILE).exists() for suite in wanted
+            (place / name / RUN_FILE).exists() for name in wanted
         ):
             left.append(training)
         elif unlike := _unlike(config, training, place):

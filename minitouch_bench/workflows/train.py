@@ -114,7 +114,8 @@ def study(
         RunDirectoryError: the directory is in use, cannot be written, or was started with
             other settings.
     """
-    from minitouch_bench.workflows.studying import read_study, run_study
+    from minitouch_bench.workflows.study_config import read_study
+    from minitouch_bench.workflows.studying import run_study
 
     runs_it = options.engine_options(engine, workers, address)
     config = read_study(Path(file))

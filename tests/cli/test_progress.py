@@ -12,7 +12,7 @@ from minitouch_bench.agents.progress import COLUMNS, ProgressRow
 from minitouch_bench.cli import progress
 from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.records import EpisodeSpec, Role
-from minitouch_bench.workflows.studying import StudyConfig
+from minitouch_bench.workflows.study_config import StudyConfig
 from tests.reporting.synthetic import make_record
 
 SPEC = EpisodeSpec(Role.FINAL, "pushing", 0, 1, 0, "cube")

@@ -166,6 +166,19 @@ def test_tables_have_a_row_per_metric_that_a_method_has_and_the_paper_beside_our
     assert second.notes[0] == "Control steps of exploration: Opening 2,000."
 
 
+def test_other_conditions_stand_beside_the_standard_ones():
+    others = estimates((1000,))
+    others = others[others["suite"] == "table4"].assign(suite="table4, without forces")
+    others["value"] /= 2
+    *_, table = study_tables(pd.concat([estimates((1000, 2000)), others]))
+    assert table.title == "Other conditions"
+    # The longest exploration is shown, and what there is of it.
+    assert [row.heads for row in table.rows] == [("Opening", "Success", "standard")]
+    *_, table = study_tables(pd.concat([estimates((1000,)), others]))
+    assert [row.heads[2] for row in table.rows] == ["standard", "without forces"]
+    assert [cell.text for row in table.rows for cell in row.cells] == ["0.850"] * 2 + ["0.425"] * 2
+
+
 def test_tasks_with_their_own_length_stand_in_one_table():
     frame = pd.concat([estimates((1000,)), estimates((2000,)).assign(task="pushing")])
     (table,) = study_tables(frame[frame["suite"] == "table4"])

@@ -12,7 +12,8 @@ import pytest
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.workflows import studying
-from minitouch_bench.workflows.studying import read_study, run_study
+from minitouch_bench.workflows.study_config import read_study
+from minitouch_bench.workflows.studying import run_study
 from tests.cli.command import finish, run, start
 
 STUDY = """
@@ -249,6 +250,26 @@ def test_a_task_may_have_its_own_methods_lengths_and_suites(tmp_path):
 
 
 @pytest.mark.slow
+def test_final_policies_play_under_other_conditions_too(finished, tmp_path):
+    shutil.copytree(finished, tmp_path / "out")
+    conditions = "[[conditions]]\nwithout = ['forces']\nperturb = ['mass=2']\nepisodes = 2"
+    (tmp_path / "s.toml").write_text(STUDY.replace("[settings]", f"{conditions}\n[settings]"))
+    found = run_study(read_study(tmp_path / "s.toml"), tmp_path / "out")
+    assert (len(found.done), found.failed, found.left) == (2, {}, ())
+    place = tmp_path / "out" / "playing-hac-60-0" / "without-forces-perturb-mass-2-2"
+    plan = json.loads((place / "run.json").read_text())["header"]["plan"]
+    assert (plan["episodes"], plan["conditions"]["without"]) == (2, ["forces"])
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "without forces, mass 2 times" in report
+    # Table 4 is of the protocol's own conditions.
+    before, after = (
+        pd.read_csv(folder / "estimates.csv").query("suite == 'table4'").reset_index(drop=True)
+        for folder in (finished, tmp_path / "out")
+    )
+    pd.testing.assert_frame_equal(before, after)
+
+
+@pytest.mark.slow
 def test_claims_are_judged_once_their_trainings_are_done(finished, tmp_path):
     shutil.copytree(finished, tmp_path / "out")
     (tmp_path / "s.toml").write_text(STUDY.replace("[settings]", claim_on("rnd", "touch_share")))
@@ -268,13 +289,15 @@ def test_claims_are_judged_once_their_trainings_are_done(finished, tmp_path):
         (('"rnd"', '"rmd"'), "rmd"),
         (('"playing"', '"sleeping"'), "sleeping"),
         (("seeds = [0]", "seeds = ['0']"), "seeds"),
-        (("episodes = 1", "epochs = 1"), "epochs"),
+        (("episodes = 1", "epochs = 1"), "no key 'epochs'; it has methods, .* claims, conditions"),
         (("log_every", "log_each"), "log_each"),
         (("seeds", "suites = ['tables']\nseeds"), "tables"),
         (("seeds = [0]", "seeds = [0, 0]"), "one of its seeds twice"),
         (("[settings]", "[per_task.opening]\n[settings]"), "changes 'opening', which is not one"),
         (("[settings]", "[per_task.playing]\nseeds = [1]\n[settings]"), "seeds"),
         (("[settings]", "[per_task.playing]\nmethods = ['rmd']\n[settings]"), "rmd"),
+        (("[settings]", "[[conditions]]\nwithout = ['smell']\n[settings]"), "smell"),
+        (("[settings]", "[[conditions]]\n[settings]"), "needs 'without' or 'perturb'"),
         (("[settings]", claim_on("icm", "touch_share")), "icm in playing, and does not train it"),
         (("[settings]", claim_on("rnd", "success")), "no better direction in 'playing'"),
         (("[settings]", "[settings"), "TOML"),

@@ -11,7 +11,7 @@ from minitouch_bench.documents import write_json, write_toml
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
-from minitouch_bench.workflows.studying import STUDY_FILE, StudyConfig
+from minitouch_bench.workflows.study_config import STUDY_FILE, StudyConfig
 from minitouch_bench.workflows.submit import submit
 from tests.cli.command import run
 from tests.leaderboard.synthetic import official_run, task_run, write_official

@@ -1,0 +1,153 @@
+"""A study's file: which trainings it makes, on what their policies are evaluated, its claims."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from minitouch_bench.agents.config import TrainingConfig, apply_settings, make_config
+from minitouch_bench.conditions import STANDARD, parse_conditions
+from minitouch_bench.documents import read_toml, take_table
+from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import Count
+from minitouch_bench.reporting.claims import Claim
+from minitouch_bench.reporting.study import StudyTraining
+from minitouch_bench.runs.plan import find_suite
+
+STUDY_FILE = "study.json"
+"""The settings of a study, in its directory."""
+
+
+@dataclass(frozen=True)
+class TaskGrid:
+    """What a study does otherwise in one task; None: as in the others."""
+
+    methods: tuple[str, ...] | None = None
+    exploration_steps: tuple[int, ...] | None = None
+    task_steps: Count | None = None
+    suites: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class StudyCondition:
+    """Conditions under which the final policies play once more, in ``episodes`` of the main suite.
+
+    ``without`` and ``perturb`` are those of ``evaluate``.
+
+    Raises:
+        UsageError: no condition is named, or one does not exist.
+    """
+
+    without: tuple[str, ...] = ()
+    perturb: tuple[str, ...] = ()
+    episodes: Count = 40
+
+    def __post_init__(self) -> None:
+        if parse_conditions(self.without, self.perturb) == STANDARD:
+            raise UsageError("a condition needs 'without' or 'perturb'")
+
+    @property
+    def name(self) -> str:
+        """Its directory in a training's."""
+        words = parse_conditions(self.without, self.perturb).as_options()
+        return "-".join(re.findall(r"[\w.]+", " ".join((*words, str(self.episodes)))))
+
+
+@dataclass(frozen=True)
+class StudyConfig:
+    """A grid, as its TOML file says it.
+
+    Every task is trained with every method from every seed, for every length of exploration in
+    ``exploration_steps``. ``suites``: what each final policy is evaluated on, as far as the suite
+    has the task. ``episodes`` per task; 0 for the suite's own. ``preset`` and ``settings`` are
+    those of ``train``. ``per_task`` changes the grid in the tasks that it names. ``claims`` about
+    its methods are judged together, over training seeds. ``conditions``: under which the
+    final policies are evaluated, too.
+    """
+
+    methods: tuple[str, ...]
+    tasks: tuple[str, ...]
+    seeds: tuple[int, ...] = (0, 1, 2)
+    exploration_steps: tuple[int, ...] = (10_000,)
+    task_steps: Count = 40_000
+    suites: tuple[str, ...] = ("table4",)
+    episodes: Count = 0
+    preset: str = "default"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    per_task: Mapping[str, TaskGrid] = field(default_factory=dict)
+    claims: tuple[Claim, ...] = ()
+    conditions: tuple[StudyCondition, ...] = ()
+
+    def in_task(self, task: str) -> "StudyConfig":
+        """Return the study as it is in one task."""
+        changed = vars(self.per_task.get(task, TaskGrid())).items()
+        return replace(self, **{name: value for name, value in changed if value is not None})
+
+    def trainings(self) -> tuple[StudyTraining, ...]:
+        """Return the trainings in the order in which they are started: seed by seed."""
+        return tuple(
+            StudyTraining(task, method, seed, steps)
+            for seed in self.seeds
+            for task in self.tasks
+            for steps in self.in_task(task).exploration_steps
+            for method in self.in_task(task).methods
+        )
+
+    def config_of(self, training: StudyTraining) -> TrainingConfig:
+        """Return the settings of one training.
+
+        Raises:
+            UsageError: one of them does not exist.
+        """
+        task_steps = self.in_task(training.task).task_steps
+        settings = {
+            "method": training.method,
+            "seed": training.seed,
+            "exploration": {"steps": training.exploration_steps},
+            "task_phase": {"steps": task_steps if training.task in GOAL_TASKS else 0},
+        }
+        given = make_config(training.task, self.preset, settings=self.settings)
+        return apply_settings(given, settings)
+
+    def evaluations_in(self, task: str) -> dict[str, dict[str, Any]]:
+        """Return what is evaluated in a task: options of ``evaluate``, by the run's directory.
+
+        Raises:
+            UsageError: there is no such suite.
+        """
+        suites = [find_suite(name) for name in self.in_task(task).suites]
+        found: dict[str, dict[str, Any]] = {
+            suite.name: {"suite": suite.name, "episodes": self.episodes or None}
+            for suite in suites
+            if task in suite.tasks
+        }
+        for one in self.conditions:
+            changes = {"without": one.without, "perturb": one.perturb}
+            found[one.name] = {**changes, "episodes": one.episodes or None}
+        return found
+
+
+def read_study(path: Path) -> StudyConfig:
+    """Read a study's TOML file, and see that every training in it can be made.
+
+    Raises:
+        UsageError: it is not readable, or names what does not exist.
+    """
+    study = take_table(read_toml(path), StudyConfig, str(path))
+    for name in ("methods", "tasks", "seeds", "exploration_steps", "suites"):
+        for grid in (study, *study.per_task.values()):
+            values = getattr(grid, name, None) or ()
+            if len(set(values)) < len(values):
+                raise UsageError(f"{path} has one of its {name} twice")
+    if unknown := {*study.per_task} - {*study.tasks}:
+        raise UsageError(f"{path} changes '{min(unknown)}', which is not one of its tasks")
+    for training in study.trainings():
+        study.config_of(training)
+        study.evaluations_in(training.task)
+    trained = {(training.task, training.method) for training in study.trainings()}
+    for task, method in (pair for claim in study.claims for pair in claim.trained):
+        if (task, method) not in trained:
+            raise UsageError(f"{path} has a claim on {method} in {task}, and does not train it")
+    return study
