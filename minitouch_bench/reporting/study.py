@@ -139,7 +139,7 @@ def write_study(results: StudyResults) -> None:
 def _runs(results: StudyResults) -> list[tuple[StudyTraining, Run]]:
     return [
         (training, read_run(file.parent))
-        for training in results.done
+        for training in (*results.done, *results.left)
         for file in sorted((results.directory / training.name).glob(f"*/{RUN_FILE}"))
     ]
 
@@ -160,14 +160,16 @@ def _judge(results: StudyResults, estimates: pd.DataFrame) -> list[JudgedClaim]:
     longest: dict[str, int] = {}
     for one in trainings:
         longest[one.task] = max(one.exploration_steps, longest.get(one.task, 0))
-    unfinished = {
-        (one.task, one.method)
-        for one in (*results.failed, *results.left)
-        if one.exploration_steps == longest[one.task]
-    }
     main = select(estimates, suite=MAIN_SUITE)
     values = main[main["steps"] == main["task"].map(longest)]
-    waiting = [claim for claim in results.claims if unfinished & claim.trained]
+    evaluated = {*values[["task", "method", "seed"]].itertuples(index=False, name=None)}
+    missing = {
+        (one.task, one.method)
+        for one in trainings
+        if one.exploration_steps == longest[one.task]
+        and (one.task, one.method, one.seed) not in evaluated
+    }
+    waiting = [claim for claim in results.claims if missing & claim.trained]
     return judge_claims(results.claims, values, waiting)
 
 

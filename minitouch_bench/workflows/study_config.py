@@ -1,6 +1,5 @@
 """A study's file: which trainings it makes, on what their policies are evaluated, its claims."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -32,9 +31,10 @@ class TaskGrid:
 
 @dataclass(frozen=True)
 class StudyCondition:
-    """Conditions under which the final policies play once more, in ``episodes`` of the main suite.
+    """Conditions under which final policies play once more, in ``episodes`` of the main suite.
 
-    ``without`` and ``perturb`` are those of ``evaluate``.
+    ``without`` and ``perturb`` are those of ``evaluate``. ``methods``: whose policies; by default
+    those of every method.
 
     Raises:
         UsageError: no condition is named, or one does not exist.
@@ -43,6 +43,7 @@ class StudyCondition:
     without: tuple[str, ...] = ()
     perturb: tuple[str, ...] = ()
     episodes: Count = 40
+    methods: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if parse_conditions(self.without, self.perturb) == STANDARD:
@@ -52,7 +53,7 @@ class StudyCondition:
     def name(self) -> str:
         """Its directory in a training's."""
         words = parse_conditions(self.without, self.perturb).as_options()
-        return "-".join(re.findall(r"[\w.]+", " ".join((*words, str(self.episodes)))))
+        return "-".join(word.removeprefix("--") for word in (*words, str(self.episodes)))
 
 
 @dataclass(frozen=True)
@@ -111,21 +112,22 @@ class StudyConfig:
         given = make_config(training.task, self.preset, settings=self.settings)
         return apply_settings(given, settings)
 
-    def evaluations_in(self, task: str) -> dict[str, dict[str, Any]]:
-        """Return what is evaluated in a task: options of ``evaluate``, by the run's directory.
+    def evaluations_of(self, training: StudyTraining) -> dict[str, dict[str, Any]]:
+        """Return what is evaluated of a training: options of ``evaluate``, by run directory.
 
         Raises:
             UsageError: there is no such suite.
         """
-        suites = [find_suite(name) for name in self.in_task(task).suites]
+        suites = [find_suite(name) for name in self.in_task(training.task).suites]
         found: dict[str, dict[str, Any]] = {
             suite.name: {"suite": suite.name, "episodes": self.episodes or None}
             for suite in suites
-            if task in suite.tasks
+            if training.task in suite.tasks
         }
         for one in self.conditions:
-            changes = {"without": one.without, "perturb": one.perturb}
-            found[one.name] = {**changes, "episodes": one.episodes or None}
+            if not one.methods or training.method in one.methods:
+                changes = {"without": one.without, "perturb": one.perturb}
+                found[one.name] = {**changes, "episodes": one.episodes or None}
         return found
 
 
@@ -145,8 +147,11 @@ def read_study(path: Path) -> StudyConfig:
         raise UsageError(f"{path} changes '{min(unknown)}', which is not one of its tasks")
     for training in study.trainings():
         study.config_of(training)
-        study.evaluations_in(training.task)
+        study.evaluations_of(training)
     trained = {(training.task, training.method) for training in study.trainings()}
+    named = {method for condition in study.conditions for method in condition.methods}
+    if unknown := named - {method for _, method in trained}:
+        raise UsageError(f"{path} has a condition for '{min(unknown)}', and does not train it")
     for task, method in (pair for claim in study.claims for pair in claim.trained):
         if (task, method) not in trained:
             raise UsageError(f"{path} has a claim on {method} in {task}, and does not train it")

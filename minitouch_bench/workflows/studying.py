@@ -103,7 +103,7 @@ def _run(job: _Job) -> str:
         config = job.config.config_of(job.training)
         if not (place / TRAINED_FILE).exists():  # its policy is enough: not the checkpoint
             run_training(TrainingRequest(config, place, resume=(place / CONFIG_FILE).exists()))
-        for name, asked in job.config.evaluations_in(job.training.task).items():
+        for name, asked in job.config.evaluations_of(job.training).items():
             _evaluate(job, name, asked)
     except MiniTouchError as error:
         return str(error).replace("\n", " ")
@@ -140,15 +140,15 @@ def _look(config: StudyConfig, directory: Path, on_state: OnState) -> StudyResul
     done, failed, left = [], {}, []
     for training in config.trainings():
         place = _place(directory, training)
-        wanted = config.evaluations_in(training.task)
+        wanted = config.evaluations_of(training)
         if (place / FAILURE_FILE).exists():
             failed[training] = (place / FAILURE_FILE).read_text(encoding="utf-8").strip()
-        elif not (place / TRAINED_FILE).exists() or not all(
-            (place / name / RUN_FILE).exists() for name in wanted
-        ):
+        elif not (place / TRAINED_FILE).exists():
             left.append(training)
         elif unlike := _unlike(config, training, place):
             failed[training] = unlike
+        elif not all((place / name / RUN_FILE).exists() for name in wanted):
+            left.append(training)
         else:
             done.append(training)
     results = StudyResults(directory, tuple(done), failed, tuple(left), config.claims)

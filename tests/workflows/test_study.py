@@ -252,13 +252,16 @@ def test_a_task_may_have_its_own_methods_lengths_and_suites(tmp_path):
 @pytest.mark.slow
 def test_final_policies_play_under_other_conditions_too(finished, tmp_path):
     shutil.copytree(finished, tmp_path / "out")
-    conditions = "[[conditions]]\nwithout = ['forces']\nperturb = ['mass=2']\nepisodes = 2"
-    (tmp_path / "s.toml").write_text(STUDY.replace("[settings]", f"{conditions}\n[settings]"))
+    (tmp_path / "s.toml").write_text(
+        STUDY + "[[conditions]]\nwithout = ['forces']\nperturb = ['mass=2']\nepisodes = 2\n"
+        "methods = ['hac']\n"
+    )
     found = run_study(read_study(tmp_path / "s.toml"), tmp_path / "out")
     assert (len(found.done), found.failed, found.left) == (2, {}, ())
-    place = tmp_path / "out" / "playing-hac-60-0" / "without-forces-perturb-mass-2-2"
+    place = tmp_path / "out" / "playing-hac-60-0" / "without-forces-perturb-mass=2-2"
     plan = json.loads((place / "run.json").read_text())["header"]["plan"]
     assert (plan["episodes"], plan["conditions"]["without"]) == (2, ["forces"])
+    assert not (tmp_path / "out" / "playing-rnd-60-0" / place.name).exists()
     report = (tmp_path / "out" / "report.md").read_text()
     assert "without forces, mass 2 times" in report
     # Table 4 is of the protocol's own conditions.
@@ -297,6 +300,10 @@ def test_claims_are_judged_once_their_trainings_are_done(finished, tmp_path):
         (("[settings]", "[per_task.playing]\nseeds = [1]\n[settings]"), "seeds"),
         (("[settings]", "[per_task.playing]\nmethods = ['rmd']\n[settings]"), "rmd"),
         (("[settings]", "[[conditions]]\nwithout = ['smell']\n[settings]"), "smell"),
+        (
+            ("[settings]", "[[conditions]]\nwithout = ['touch']\nmethods = ['sac']\n[settings]"),
+            "for 'sac'",
+        ),
         (("[settings]", "[[conditions]]\n[settings]"), "needs 'without' or 'perturb'"),
         (("[settings]", claim_on("icm", "touch_share")), "icm in playing, and does not train it"),
         (("[settings]", claim_on("rnd", "success")), "no better direction in 'playing'"),
