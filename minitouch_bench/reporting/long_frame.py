@@ -16,7 +16,7 @@ from minitouch_bench.metrics.summary import DIFFERENCE, GAP_PARTS
 from minitouch_bench.records import Estimate
 from minitouch_bench.runs.run import Run
 
-KEY = ("method", "steps", "suite", "task", "metric")
+KEY = ("method", "steps", "suite", "conditions", "task", "metric")
 ESTIMATE = ("value", "low", "high", "count", "interval")
 COLUMNS = ("method", "seed", *KEY[1:], *ESTIMATE)
 
@@ -36,10 +36,7 @@ class RunLabel:
 
 
 def frame_rows(label: RunLabel, run: Run) -> list[Row]:
-    """Return the rows of a run: the estimates of its ``run.json``, unchanged.
-
-    Under other conditions than the protocol's its suite is another one: their words follow.
-    """
+    """Return the rows of a run: the estimates of its ``run.json``, unchanged."""
     named = [
         (part.task, metric, estimate)
         for part in run.summary.tasks
@@ -51,13 +48,13 @@ def frame_rows(label: RunLabel, run: Run) -> list[Row]:
         for metric, gap in result.gaps.items()
         for part, title in GAP_PARTS.items()
     ]
-    suite = ", ".join((run.plan.suite, *run.plan.conditions.in_words()))
-    return [frame_row(label, suite, *row) for row in named]
+    return [frame_row(label, run, *row) for row in named]
 
 
-def frame_row(label: RunLabel, suite: str, task: str, metric: str, estimate: Estimate) -> Row:
-    """Return a row of the frame."""
-    return (*astuple(label), suite, task, metric, *astuple(estimate))
+def frame_row(label: RunLabel, run: Run, task: str, metric: str, estimate: Estimate) -> Row:
+    """Return a row of the frame; ``conditions`` are "" where they are the protocol's own."""
+    conditions = ", ".join(run.plan.conditions.in_words())
+    return (*astuple(label), run.plan.suite, conditions, task, metric, *astuple(estimate))
 
 
 def make_long_frame(rows: Iterable[Row]) -> pd.DataFrame:

@@ -1,7 +1,7 @@
 """A study's report: claims, Table 4 over training seeds, and learning curves."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from io import StringIO
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import PROGRESS_FILE, RUN_FILE, write_file
+from minitouch_bench.files import PROGRESS_FILE, write_file
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import OVER_SEEDS_AND_EPISODES, bootstrap_mean
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
@@ -50,7 +50,7 @@ from minitouch_bench.reporting.paper import PAPER_NOTE
 from minitouch_bench.reporting.study_figures import EXPLORING, MOVEMENT, TOUCH, study_figures
 from minitouch_bench.reporting.tables import TABLE4_METRICS, table_by_task
 from minitouch_bench.reporting.training_page import episode_success
-from minitouch_bench.runs.run import Run, read_run
+from minitouch_bench.runs.run import Run
 
 TEMPLATE = Path(__file__).parent / "templates" / "study.html.j2"
 TIME_NOTE = "Time: of the training alone, without its evaluation, beside whatever else ran."
@@ -59,8 +59,6 @@ SEEDS_NOTE = (
     "bootstrap never goes beyond their range; one training seed: its interval is over episodes "
     "only."
 )
-CONDITIONS: Final = f"{MAIN_SUITE}, "
-"""What a suite's name in the long frame begins with, where a run had other conditions."""
 
 
 @dataclass(frozen=True)
@@ -91,17 +89,21 @@ HEAD: Final = ("task", "method", "seed", "steps")
 """The columns that name a training."""
 RENAMED: Final = {"steps": "exploration_steps", "count": "episodes"}
 """Columns in the files, where they have another name than in the frames."""
-ESTIMATES: Final = (*HEAD, "suite", "metric", "value", "low", "high", "count")
+ESTIMATES: Final = (*HEAD, "suite", "conditions", "metric", "value", "low", "high", "count")
 
 
 @dataclass(frozen=True)
 class StudyResults:
-    """Which trainings of a study are done, which failed and why, and which are left."""
+    """Which trainings of a study are done, which failed and why, and which are left.
+
+    ``runs``: those that there are of what the study's file asks for.
+    """
 
     directory: Path
     done: tuple[StudyTraining, ...]
     failed: Mapping[StudyTraining, str]
     left: tuple[StudyTraining, ...]
+    runs: Mapping[StudyTraining, tuple[Run, ...]] = field(default_factory=dict)
     claims: tuple[Claim, ...] = ()
 
 
@@ -111,8 +113,12 @@ def write_study(results: StudyResults) -> None:
     Raises:
         RunDirectoryError: a file cannot be read or written.
     """
-    runs = _runs(results)
-    rows = (row for training, run in runs for row in _rows(training, run))
+    rows = (
+        row
+        for training, runs in results.runs.items()
+        for run in runs
+        for row in _rows(training, run)
+    )
     estimates, curves = make_long_frame(rows), _curves(results)
     judged = _judge(results, estimates)
     directory = results.directory
@@ -136,22 +142,13 @@ def write_study(results: StudyResults) -> None:
     write_file(directory / "report.html", page)
 
 
-def _runs(results: StudyResults) -> list[tuple[StudyTraining, Run]]:
-    return [
-        (training, read_run(file.parent))
-        for training in (*results.done, *results.left)
-        for file in sorted((results.directory / training.name).glob(f"*/{RUN_FILE}"))
-    ]
-
-
 def _rows(training: StudyTraining, run: Run) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of a run, and what Figure 9 shows of the policy at the end of exploration."""
     yield from frame_rows(training.label, run)
     for metric in (MOVEMENT, TOUCH):
         if values := METRICS[metric].values(run.exploration_episodes):
             estimate = bootstrap_mean(values, np.random.default_rng(0))
-            head = (run.plan.suite, training.task, f"{metric}{EXPLORING}")
-            yield frame_row(training.label, *head, estimate)
+            yield frame_row(training.label, run, training.task, f"{metric}{EXPLORING}", estimate)
 
 
 def _judge(results: StudyResults, estimates: pd.DataFrame) -> list[JudgedClaim]:
@@ -160,16 +157,17 @@ def _judge(results: StudyResults, estimates: pd.DataFrame) -> list[JudgedClaim]:
     longest: dict[str, int] = {}
     for one in trainings:
         longest[one.task] = max(one.exploration_steps, longest.get(one.task, 0))
-    main = select(estimates, suite=MAIN_SUITE)
+    main = select(estimates, suite=MAIN_SUITE, conditions="")
     values = main[main["steps"] == main["task"].map(longest)]
-    evaluated = {*values[["task", "method", "seed"]].itertuples(index=False, name=None)}
-    missing = {
-        (one.task, one.method)
+    names = values[["task", "method", "seed", "metric"]]
+    measured = {*names.itertuples(index=False, name=None)}
+    waiting = [
+        claim
+        for claim in results.claims
         for one in trainings
-        if one.exploration_steps == longest[one.task]
-        and (one.task, one.method, one.seed) not in evaluated
-    }
-    waiting = [claim for claim in results.claims if missing & claim.trained]
+        if (one.task, one.method) in claim.trained
+        and (one.task, one.method, one.seed, claim.metric) not in measured
+    ]
     return judge_claims(results.claims, values, waiting)
 
 
@@ -188,8 +186,8 @@ def _curves(results: StudyResults) -> pd.DataFrame:
 def study_tables(estimates: pd.DataFrame) -> Iterator[Table]:
     """Yield Table 4, the gaps on novel shapes, and success under other conditions.
 
-    Where a task has several lengths of exploration, the second table has the second ones, and so
-    on.
+    Where a task has several lengths of exploration there are several of the first two: its
+    shortest one is in the first table, the next one in the second.
     """
     metrics = dict.fromkeys(estimates["metric"])
     gaps = tuple(name for name in metrics if name.endswith(GAP))
@@ -197,32 +195,31 @@ def study_tables(estimates: pd.DataFrame) -> Iterator[Table]:
         (MAIN_SUITE, "Table 4", TABLE4_METRICS),
         (NOVEL_SHAPES, "Novel shapes", gaps),
     ):
-        part = estimates[(estimates["suite"] == suite) & estimates["metric"].isin(shown)]
-        joined = join_seeds(part)
+        part = select(estimates, suite=suite, conditions="")
+        joined = join_seeds(part[part["metric"].isin(shown)])
         turns = joined.groupby("task")["steps"].rank("dense")
         for turn in sorted({*turns}):
-            yield _table(title, shown, joined[turns == turn])
-    if estimates["suite"].str.startswith(CONDITIONS).any():
-        yield _conditions_table(join_seeds(estimates))
+            name = f"{title}, exploration {turn:.0f} of {turns.max():.0f}"
+            yield _table(name if turns.max() > 1 else title, shown, joined[turns == turn])
+    if estimates["conditions"].any():
+        yield _conditions_table(join_seeds(select(estimates, suite=MAIN_SUITE)))
 
 
 def _conditions_table(joined: pd.DataFrame) -> Table:
     """Return a row per task and condition: what ranks the task, after the longest exploration."""
     longest = joined["steps"] == joined.groupby("task")["steps"].transform("max")
-    ranking = joined["metric"] == joined["task"].map(ranking_metric)
-    shown = joined[longest & ranking & joined["suite"].str.startswith(MAIN_SUITE)]
-    shown = shown.replace({"suite": {MAIN_SUITE: "standard"}})
+    shown = joined[longest & (joined["metric"] == joined["task"].map(ranking_metric))]
     methods = list(dict.fromkeys(shown["method"]))
     rows = [
         make_row(
-            (task_title(task), METRICS[metric].label, suite.removeprefix(CONDITIONS)),
+            (task_title(task), METRICS[metric].label, conditions or "standard"),
             *(
-                estimate_cell(metric, find_row(shown, task=task, suite=suite, method=method))
-                for method in methods
+                estimate_cell(metric, find_row(shown, task=task, conditions=conditions, method=one))
+                for one in methods
             ),
         )
-        for task, suite, metric in dict.fromkeys(
-            zip(shown["task"], shown["suite"], shown["metric"], strict=True)
+        for task, conditions, metric in dict.fromkeys(
+            zip(shown["task"], shown["conditions"], shown["metric"], strict=True)
         )
     ]
     heads = ("Task", "Metric", "Condition")

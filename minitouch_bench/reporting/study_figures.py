@@ -55,10 +55,10 @@ def study_figures(estimates: pd.DataFrame, curves: pd.DataFrame) -> Iterator[Fig
     """
     methods = list(dict.fromkeys([*curves["method"], *estimates["method"]]))
     yield from learning_curves(curves)
-    main = select(estimates, suite=MAIN_SUITE)
+    main = select(estimates, suite=MAIN_SUITE, conditions="")
     yield from movement_and_touch(main, methods)
     yield from exploration_lengths(main, methods)
-    yield from novel_shapes(select(estimates, suite=NOVEL_SHAPES), methods)
+    yield from novel_shapes(select(estimates, suite=NOVEL_SHAPES, conditions=""), methods)
 
 
 def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:

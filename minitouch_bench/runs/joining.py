@@ -9,7 +9,14 @@ from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, write_file
 from minitouch_bench.records import EpisodeMetrics, PolicyIdentity
 from minitouch_bench.runs.actions import pack_arrays
 from minitouch_bench.runs.plan import find_suite
-from minitouch_bench.runs.run import Run, make_header, read_run, run_digest, run_json
+from minitouch_bench.runs.run import (
+    Run,
+    RunEnvironment,
+    make_header,
+    read_run,
+    run_digest,
+    run_json,
+)
 
 
 def join_runs(
@@ -21,7 +28,7 @@ def join_runs(
     """Write the joined run, and return it.
 
     An episode and its estimates do not depend on the other tasks of a run, so nothing is played or
-    estimated again. Machine and packages are those of the first run.
+    estimated again. A package or fact of the machine that is not equal in all runs is "several".
 
     Args:
         runs: They differ in their tasks, policies and machines alone.
@@ -30,7 +37,8 @@ def join_runs(
         directory: Where ``run.json`` and ``actions.npz`` are written.
 
     Raises:
-        UsageError: the runs have other differences, a task twice, or other rules than today's.
+        UsageError: the runs have other differences, a task twice, or other rules than today's, or
+            one was edited.
         RunDirectoryError: a file cannot be read or written.
     """
     first = runs[0]
@@ -45,6 +53,8 @@ def join_runs(
             raise UsageError(f"{run.name} and {first.name} have different plans")
         if other := header.rules_differ(run.header):
             raise UsageError(f"{run.name} has other rules of {other[0]} than today's protocol")
+        if run.is_edited():
+            raise UsageError(f"{run.name} was edited: its digest is not that of its episodes")
     episodes = _by_task({task: run.episodes for task, run in by_task.items()}, tasks)
     explored = (
         ()
@@ -58,9 +68,7 @@ def join_runs(
         first,
         digest=run_digest(header, episodes, explored),
         header=header,
-        environment=replace(
-            first.environment, wall_s=round(sum(run.environment.wall_s for run in runs), 3)
-        ),
+        environment=_join_environments([run.environment for run in runs]),
         summary=replace(
             first.summary,
             tasks=tuple(parts[task] for task in tasks),
@@ -75,6 +83,22 @@ def join_runs(
     write_file(directory / ACTIONS_FILE, pack_arrays(in_order))
     write_file(directory / RUN_FILE, run_json(joined))
     return read_run(directory)
+
+
+def _join_environments(parts: Sequence[RunEnvironment]) -> RunEnvironment:
+    return RunEnvironment(
+        packages=_in_common([part.packages for part in parts]),
+        machine=_in_common([part.machine for part in parts]),
+        workers=max(part.workers for part in parts),
+        started=min(part.started for part in parts),
+        wall_s=round(sum(part.wall_s for part in parts), 3),
+    )
+
+
+def _in_common(parts: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    names = dict.fromkeys(name for part in parts for name in part)
+    values = {name: {part.get(name, "") for part in parts} for name in names}
+    return {name: found.pop() if len(found) == 1 else "several" for name, found in values.items()}
 
 
 def _by_task(

@@ -1,7 +1,7 @@
 """A run that is not finished: its header, and the episodes that are done, each in its own file."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -193,6 +193,10 @@ def _flat(header: RunHeader) -> dict[str, object]:
     values: dict[str, object] = {}
     for record in (header, header.plan, header.plan.limits):
         values |= {field.name: getattr(record, field.name) for field in fields(record)}
+    for name in ("policy", "exploration"):
+        policy = getattr(header, name)
+        if policy is not None and policy.digest:  # the same bytes, wherever they are now
+            values[name] = replace(policy, source="")
     return {name: value for name, value in values.items() if name not in ("plan", "limits")}
 
 

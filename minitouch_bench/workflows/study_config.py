@@ -1,16 +1,18 @@
 """A study's file: which trainings it makes, on what their policies are evaluated, its claims."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from minitouch_bench.agents import METHODS
 from minitouch_bench.agents.config import TrainingConfig, apply_settings, make_config
 from minitouch_bench.conditions import STANDARD, parse_conditions
 from minitouch_bench.documents import read_toml, take_table
 from minitouch_bench.errors import UsageError
-from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import Count
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE
+from minitouch_bench.records import Count, Role
 from minitouch_bench.reporting.claims import Claim
 from minitouch_bench.reporting.study import StudyTraining
 from minitouch_bench.runs.plan import find_suite
@@ -21,7 +23,7 @@ STUDY_FILE = "study.json"
 
 @dataclass(frozen=True)
 class TaskGrid:
-    """What a study does otherwise in one task; None: as in the others."""
+    """What differs in one task of a study; None keeps the study's value."""
 
     methods: tuple[str, ...] | None = None
     exploration_steps: tuple[int, ...] | None = None
@@ -58,14 +60,14 @@ class StudyCondition:
 
 @dataclass(frozen=True)
 class StudyConfig:
-    """A grid, as its TOML file says it.
+    """A study, as read from its TOML file.
 
     Every task is trained with every method from every seed, for every length of exploration in
     ``exploration_steps``. ``suites``: what each final policy is evaluated on, as far as the suite
     has the task. ``episodes`` per task; 0 for the suite's own. ``preset`` and ``settings`` are
     those of ``train``. ``per_task`` changes the grid in the tasks that it names. ``claims`` about
-    its methods are judged together, over training seeds. ``conditions``: under which the
-    final policies are evaluated, too.
+    its methods are judged together, over training seeds. ``conditions``: the final
+    policies are also evaluated under each.
     """
 
     methods: tuple[str, ...]
@@ -138,11 +140,13 @@ def read_study(path: Path) -> StudyConfig:
         UsageError: it is not readable, or names what does not exist.
     """
     study = take_table(read_toml(path), StudyConfig, str(path))
-    for name in ("methods", "tasks", "seeds", "exploration_steps", "suites"):
+    for name in ("methods", "tasks", "seeds", "exploration_steps", "suites", "claims"):
         for grid in (study, *study.per_task.values()):
             values = getattr(grid, name, None) or ()
             if len(set(values)) < len(values):
                 raise UsageError(f"{path} has one of its {name} twice")
+    if len({condition.name for condition in study.conditions}) < len(study.conditions):
+        raise UsageError(f"{path} has one of its conditions twice")
     if unknown := {*study.per_task} - {*study.tasks}:
         raise UsageError(f"{path} changes '{min(unknown)}', which is not one of its tasks")
     for training in study.trainings():
@@ -152,7 +156,21 @@ def read_study(path: Path) -> StudyConfig:
     named = {method for condition in study.conditions for method in condition.methods}
     if unknown := named - {method for _, method in trained}:
         raise UsageError(f"{path} has a condition for '{min(unknown)}', and does not train it")
-    for task, method in (pair for claim in study.claims for pair in claim.trained):
-        if (task, method) not in trained:
-            raise UsageError(f"{path} has a claim on {method} in {task}, and does not train it")
+    for claim in study.claims:
+        if fault := _fault(study, claim, trained):
+            raise UsageError(f"{path} has a claim on {fault}")
     return study
+
+
+def _fault(study: StudyConfig, claim: Claim, trained: Set[tuple[str, str]]) -> str:
+    """Say why a claim can never be judged; "" if it can."""
+    for task, method in sorted(claim.trained - trained):
+        return f"{method} in {task}, and does not train it"
+    for task in claim.tasks:
+        if MAIN_SUITE not in study.in_task(task).suites:
+            return f"{task}, and does not play {MAIN_SUITE}"
+    if METRICS[claim.metric].role is Role.EXPLORATION:
+        for method in claim.methods:
+            if not METHODS[method]:
+                return f"the exploration of {method}, which has none"
+    return ""

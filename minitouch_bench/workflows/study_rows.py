@@ -1,75 +1,84 @@
 """A study's method as a submission: per training seed the policies of all tasks, and their runs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.agents.config import trained_steps
 from minitouch_bench.documents import read_json
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.files import RUN_FILE, make_folder, os_errors_as, read_file, write_file
+from minitouch_bench.files import make_folder, os_errors_as, read_file, write_file
 from minitouch_bench.leaderboard.packing import Parts
-from minitouch_bench.leaderboard.submission import SUBMITTED_SUITES
+from minitouch_bench.leaderboard.submission import checkpoint_place
 from minitouch_bench.policies.sources import TRAINED, PolicySource, identify, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE
 from minitouch_bench.records import Role
 from minitouch_bench.runs.joining import join_runs
 from minitouch_bench.runs.plan import find_suite
-from minitouch_bench.runs.run import read_run
+from minitouch_bench.runs.run import Run
 from minitouch_bench.workflows.study_config import STUDY_FILE, StudyConfig
-
-ALL_TASKS = find_suite(MAIN_SUITE).tasks
+from minitouch_bench.workflows.studying import finished_runs
 
 
 @dataclass(frozen=True)
 class StudyRow:
     """One method of a study, each task at its longest exploration.
 
-    ``trainings``: the training directory of each seed and task.
+    ``trainings``: the training directory of each seed and task. ``runs``: the runs of each seed
+    and suite, one per task.
     """
 
-    study: Path
     method: str
     trainings: Mapping[int, Mapping[str, Path]]
+    runs: Mapping[int, Mapping[str, Sequence[Run]]]
 
     def training_steps(self) -> int:
         """Return the control steps of one training seed, all tasks together."""
         return sum(map(trained_steps, next(iter(self.trainings.values())).values()))
 
-    def parts(self, seed: int, folder: Path) -> Parts:
+    def parts(self, seed: int, folder: Path, submission: Path) -> Parts:
         """Collect a training seed's policies and joined runs in an empty folder.
 
+        The runs name the policies where they will be: in the ``submission``.
+
         Raises:
-            UsageError: two runs have different plans, or a policy is not the evaluated one.
+            UsageError: the runs have different plans, or an exploration policy is not theirs.
             PolicyLoadError, RunDirectoryError: a file cannot be read or written.
         """
         places = self.trainings[seed]
-        final = self._policies(places, Role.FINAL, folder)
-        explored = None
-        if any((place / TRAINED[Role.EXPLORATION]).is_file() for place in places.values()):
-            goals = {task: place for task, place in places.items() if task in GOAL_TASKS}
-            explored = self._policies(goals, Role.EXPLORATION, folder)
+        policies = {
+            Role.FINAL: places,
+            Role.EXPLORATION: {
+                task: place
+                for task, place in places.items()
+                if task in GOAL_TASKS and (place / TRAINED[Role.EXPLORATION]).is_file()
+            },
+        }
+        sources = {
+            role: self._collect(of_task, role, seed, folder, submission)
+            for role, of_task in policies.items()
+            if of_task
+        }
+        final, explored = sources[Role.FINAL], sources.get(Role.EXPLORATION)
         runs = {}
-        for suite in SUBMITTED_SUITES:
-            files = {task: places[task] / suite / RUN_FILE for task in find_suite(suite).tasks}
-            if not all(file.is_file() for file in files.values()):
-                continue
-            opened = {task: read_run(file) for task, file in files.items()}
+        for suite, of_suite in self.runs[seed].items():
             # The exploration metric is one of Table 4 alone.
             explorer = explored if suite == MAIN_SUITE else None
-            for task, run in opened.items():
-                for source, known in (
-                    (final, run.header.policy),
-                    (explorer, run.header.exploration),
+            for run in of_suite if suite == MAIN_SUITE else ():
+                (task,) = run.plan.tasks
+                found = None if explorer is None else dict(explorer.parts).get(task)
+                if (found and found.digest) != (
+                    run.header.exploration and run.header.exploration.digest
                 ):
-                    if source and known and source.for_task(task).digest != known.digest:
-                        raise UsageError(f"{files[task]} is of another policy than {places[task]}")
+                    raise UsageError(f"{run.directory} is of another exploration policy")
             runs[suite] = make_folder(folder / suite)
             identity = None if explorer is None else identify(explorer)
-            join_runs([*opened.values()], identify(final), identity, runs[suite])
+            join_runs(of_suite, identify(final), identity, runs[suite])
         return Parts(runs, final, explored)
 
-    def _policies(self, places: Mapping[str, Path], role: Role, folder: Path) -> PolicySource:
+    def _collect(
+        self, places: Mapping[str, Path], role: Role, seed: int, folder: Path, submission: Path
+    ) -> PolicySource:
         """Copy the policies of a role under the names of their tasks."""
         directory = make_folder(folder / role.value)
         for task, place in places.items():
@@ -77,33 +86,48 @@ class StudyRow:
             with os_errors_as(RunDirectoryError, file, "read"):
                 write_file(directory / f"{task}{file.suffix}", read_file(file))
         source = parse_source(str(directory), role=role)
-        return replace(source, name=self.method, address=str(self.study))
+        there = submission / checkpoint_place(seed, role, "")
+        return replace(source, name=self.method, address=str(there))
 
 
-def find_row(study: Path, method: str | None) -> StudyRow | None:
+def find_study_row(study: Path, method: str | None, suites: Sequence[str]) -> StudyRow | None:
     """Return the row of a study's method; None if the directory is not a study's.
 
     Raises:
-        UsageError: the study does not have the method in every task of ``table4``, or is not done.
-        RunDirectoryError: ``study.json`` cannot be read.
+        UsageError: the study does not have the method in every task of ``table4``, or not all its
+            official runs of the suites.
+        RunDirectoryError: a file cannot be read, or is of other settings or another protocol.
     """
     file = study / STUDY_FILE
     if not file.is_file():
         return None
     with os_errors_as(RunDirectoryError, file, "read"):
         config = read_json(read_file(file), StudyConfig, str(file))
-    known = [one for one in config.trainings() if one.method == method]
+    tasks = find_suite(MAIN_SUITE).tasks
+    methods = [config.in_task(task).methods if task in config.tasks else () for task in tasks]
+    complete = [name for name in methods[0] if all(name in of_task for of_task in methods)]
+    if method not in complete:
+        known = f"with every task it has {', '.join(complete)}" if complete else "it lacks a task"
+        raise UsageError(f"{study} is a study: choose one of its methods with --method; {known}")
+    if config.episodes not in (0, find_suite(MAIN_SUITE).episodes_per_task):
+        raise UsageError(f"{study} plays {config.episodes} episodes per task: it is not official")
     trainings: dict[int, dict[str, Path]] = {seed: {} for seed in config.seeds}
-    for one in sorted(known, key=lambda one: one.exploration_steps):
+    played: dict[int, dict[str, tuple[Run, ...]]] = {seed: {} for seed in config.seeds}
+    in_order = sorted(config.trainings(), key=lambda one: one.exploration_steps)
+    for one in (one for one in in_order if one.method == method):
         trainings[one.seed][one.task] = study / one.name
-    for task in ALL_TASKS:
-        if method is None or any(task not in places for places in trainings.values()):
-            methods = ", ".join(config.methods)
-            raise UsageError(
-                f"{study} is a study: choose with --method one that it trains in {task} "
-                f"(its methods are {methods})"
-            )
-    for place in (place for places in trainings.values() for place in places.values()):
-        if not (place / MAIN_SUITE / RUN_FILE).is_file():
-            raise UsageError(f"{place} has no run of {MAIN_SUITE}: continue the study first")
-    return StudyRow(study, method or "", trainings)
+        played[one.seed][one.task] = finished_runs(config, study, one)
+    runs: dict[int, dict[str, list[Run]]] = {}
+    for seed, of_task in played.items():
+        runs[seed] = {suite: [] for suite in suites}
+        for suite in suites:
+            for task in find_suite(suite).tasks:
+                found = [
+                    run
+                    for run in of_task[task]
+                    if run.plan.suite == suite and not run.plan.conditions.in_words()
+                ]
+                if not found:
+                    raise UsageError(f"{trainings[seed][task]} has no run of {suite}")
+                runs[seed][suite] += found
+    return StudyRow(str(method), trainings, runs)

@@ -11,7 +11,7 @@ from typing import Any
 
 from minitouch_bench.agents.config import CONFIG_FILE, read_config
 from minitouch_bench.documents import read_json, write_json
-from minitouch_bench.errors import MiniTouchError, RunDirectoryError, UsageError
+from minitouch_bench.errors import MiniTouchError, RunDirectoryError
 from minitouch_bench.evaluation.engine import EngineOptions, find_job_runner
 from minitouch_bench.files import (
     RUN_FILE,
@@ -20,9 +20,10 @@ from minitouch_bench.files import (
     read_file,
     write_file,
 )
-from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE
+from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE, parse_source
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL
 from minitouch_bench.reporting.study import StudyResults, StudyTraining, write_study
+from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.workflows import ignore
 from minitouch_bench.workflows.evaluate import evaluate
 from minitouch_bench.workflows.study_config import STUDY_FILE, StudyConfig
@@ -111,7 +112,7 @@ def _run(job: _Job) -> str:
 
 
 def _evaluate(job: _Job, name: str, asked: Mapping[str, Any]) -> None:
-    # Relative, as run.json records it: it shall not name the directories of a machine.
+    # Relative, so that run.json does not contain this machine's directories.
     place = Path(os.path.relpath(_place(job.directory, job.training)))
     output = place / name
     if (output / RUN_FILE).exists():
@@ -137,31 +138,51 @@ def _place(directory: Path, training: StudyTraining) -> Path:
 
 def _look(config: StudyConfig, directory: Path, on_state: OnState) -> StudyResults:
     """Find out what is done, failed and left; write the report of it."""
-    done, failed, left = [], {}, []
+    done: list[StudyTraining] = []
+    left: list[StudyTraining] = []
+    failed: dict[StudyTraining, str] = {}
+    runs: dict[StudyTraining, tuple[Run, ...]] = {}
     for training in config.trainings():
-        place = _place(directory, training)
-        wanted = config.evaluations_of(training)
-        if (place / FAILURE_FILE).exists():
-            failed[training] = (place / FAILURE_FILE).read_text(encoding="utf-8").strip()
-        elif not (place / TRAINED_FILE).exists():
-            left.append(training)
-        elif unlike := _unlike(config, training, place):
-            failed[training] = unlike
-        elif not all((place / name / RUN_FILE).exists() for name in wanted):
-            left.append(training)
+        try:
+            runs[training] = finished_runs(config, directory, training)
+        except MiniTouchError as error:
+            failed[training] = str(error)
         else:
-            done.append(training)
-    results = StudyResults(directory, tuple(done), failed, tuple(left), config.claims)
+            whole = len(runs[training]) == len(config.evaluations_of(training))
+            trained = (_place(directory, training) / TRAINED_FILE).exists()
+            (done if whole and trained else left).append(training)
+    results = StudyResults(directory, tuple(done), failed, tuple(left), runs, config.claims)
     write_study(results)
     on_state(results)
     return results
 
 
-def _unlike(config: StudyConfig, training: StudyTraining, place: Path) -> str:
-    """Say how a finished training differs from the study's, as by another version; "" if not."""
+def finished_runs(config: StudyConfig, directory: Path, training: StudyTraining) -> tuple[Run, ...]:
+    """Return the finished runs of a training among those that the study's file asks for.
+
+    Raises:
+        RunDirectoryError: the training failed, has other settings than the study, or a run is of
+            another policy or of another protocol.
+        UsageError: the training's settings cannot be read.
+    """
+    place = _place(directory, training)
+    if (place / FAILURE_FILE).exists():
+        raise RunDirectoryError((place / FAILURE_FILE).read_text(encoding="utf-8").strip())
+    if not (place / TRAINED_FILE).exists():
+        return ()
     wanted = config.config_of(training)
-    try:
-        known = read_config(place / CONFIG_FILE, wanted)
-    except UsageError as error:
-        return str(error)
-    return "" if known == wanted else f"{place / CONFIG_FILE} has other settings than the study"
+    if read_config(place / CONFIG_FILE, wanted) != wanted:
+        raise RunDirectoryError(f"{place / CONFIG_FILE} has other settings than the study")
+    policy = parse_source(str(place / TRAINED_FILE)).digest
+    runs = []
+    for name in config.evaluations_of(training):
+        if not (place / name / RUN_FILE).exists():
+            continue
+        run = read_run(place / name)
+        if run.header.policy.digest != policy:
+            raise RunDirectoryError(f"{place / name} is of another policy: remove it")
+        rules = {task: PROTOCOL.task_digest(task, run.plan.suite) for task in run.plan.tasks}
+        if run.header.task_digests != rules:
+            raise RunDirectoryError(f"{place / name} is of another protocol: remove it")
+        runs.append(run)
+    return tuple(runs)

@@ -14,7 +14,6 @@ from minitouch_bench.workflows import SILENT, Callbacks, options
 from minitouch_bench.workflows.options import StrPath, Words, episodes_option, output_option
 
 if TYPE_CHECKING:
-    from minitouch_bench.workflows.study_rows import StudyRow
     from minitouch_bench.workflows.submitting import Packed
 
 about_option = partial(typer.Option, rich_help_panel="What the leaderboard shows")
@@ -58,7 +57,7 @@ def submit(
         suites: table4, or table4,novel-shapes.
         training_seed: Number of the training; submit each training under its own number.
         training_steps: Control steps of the whole training.
-        method: Name of the method on the leaderboard.
+        method: Name of the method on the leaderboard; of a study, which of its methods.
         authors: Names, separated by commas.
         paper: An https link.
         code: An https link.
@@ -74,23 +73,28 @@ def submit(
         RunDirectoryError: a run is there already, or cannot be read or written.
         InfrastructureError, InterruptedRunError: a run is incomplete and can be resumed.
     """
+    from minitouch_bench.agents.config import trained_steps
     from minitouch_bench.leaderboard.packing import begun_submission, check_submission
     from minitouch_bench.leaderboard.submission import SUBMITTED_SUITES, Submission
     from minitouch_bench.leaderboard.submission_rules import check_name
     from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES
-    from minitouch_bench.workflows.study_rows import find_row
+    from minitouch_bench.workflows.study_rows import find_study_row
     from minitouch_bench.workflows.submitting import Packer
 
-    row = find_row(Path(policy), method) if policy else None
+    asked = options.words(suites)
+    if MAIN_SUITE not in asked or {*asked} - {*SUBMITTED_SUITES}:
+        known = ",".join(SUBMITTED_SUITES)
+        raise UsageError(f"--suites is {MAIN_SUITE}, or {known}, not '{','.join(asked)}'")
+    row = find_study_row(Path(policy), method, asked) if policy else None
+    if row is not None and (exploration is not None or training_seed or resume):
+        raise UsageError("a study has its own exploration policies and training seeds")
     if name is None:
         if policy is None:
             raise UsageError("say with --name what the submission is called")
         name = Path(policy).stem if row is None else row.method
     check_name(name)
-    asked = options.words(suites)
-    if MAIN_SUITE not in asked or {*asked} - {*SUBMITTED_SUITES}:
-        known = ",".join(SUBMITTED_SUITES)
-        raise UsageError(f"--suites is {MAIN_SUITE}, or {known}, not '{','.join(asked)}'")
+    if row is not None and training_steps is None:
+        training_steps = row.training_steps()
     given: dict[str, Any] = {
         "method": method,
         "authors": None if authors is None else options.words(authors),
@@ -105,7 +109,7 @@ def submit(
         name=name,
         method=name,
         modalities=RESERVED_MODALITIES.get(policy or name, DEFAULT_MODALITIES),
-        training_steps=_training_steps(policy, row),
+        training_steps=trained_steps(Path(policy)) if policy else 0,
     )
     changes = {field: value for field, value in given.items() if value is not None}
     about = replace(begun, name=name, **changes)
@@ -123,14 +127,6 @@ def submit(
     isolation = options.isolation_options("sandbox", trust)
     engine = options.engine_options("local", workers, None)
     return packer.pack(packer.evaluate(policy, exploration, asked, isolation, engine))
-
-
-def _training_steps(policy: str | None, row: "StudyRow | None") -> int:
-    from minitouch_bench.agents.config import trained_steps
-
-    if row is not None:
-        return row.training_steps()
-    return trained_steps(Path(policy)) if policy else 0
 
 
 def _modalities(given: Words) -> tuple[str, ...]:

@@ -143,19 +143,27 @@ class Packer:
         return parts
 
     def pack_study(self, row: StudyRow) -> Packed:
-        """Pack every training seed of a study's method; with ``resume`` those that are missing."""
-        packed = Packed(self.directory, ())
-        for seed in row.trainings:
-            packer = replace(self, seed=seed)
-            if holds_run(place := packer._run_directory(MAIN_SUITE)) and not self.fresh:
-                if self.resume:
-                    continue
+        """Pack every training seed of a study's method; with ``fresh`` in place of those there.
+
+        Raises:
+            RunDirectoryError: a submission of this name is there.
+            UsageError: see ``StudyRow.parts``.
+        """
+        begun = begun_submission(self.directory)
+        if begun is not None and not self.fresh:
+            raise RunDirectoryError(f"{self.directory} is there.\nAdd --fresh to replace it")
+        for seed in begun.seeds if begun else ():
+            if seed.seed not in row.trainings:
                 raise RunDirectoryError(
-                    f"{place} contains a run.\nAdd --resume to keep it, or --fresh to replace it"
+                    f"{self.directory} has training seed {seed.seed}, which the study lacks.\n"
+                    "Choose another --name"
                 )
-            self.callbacks.note(f"training seed {seed}")
+        packed = Packed(self.directory, ())
+        for number in row.trainings:
+            self.callbacks.note(f"training seed {number}")
+            packer = replace(self, seed=number)
             with aside(self.submissions) as folder:
-                parts = row.parts(seed, folder)
+                parts = row.parts(number, folder, self.directory)
                 packer._check_replaced(parts)
                 packed = packer.pack(parts)
             if packed.problems:

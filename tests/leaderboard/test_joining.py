@@ -69,4 +69,19 @@ def test_runs_that_do_not_belong_together_are_refused(whole, parts, tmp_path):
     rules = replace(opening.header, task_digests={"opening": "0" * 64})
     with pytest.raises(UsageError, match="other rules of opening"):
         join([pushing, replace(opening, header=rules)], whole, tmp_path)
+    edited = replace(opening, episodes=opening.episodes[::-1])
+    with pytest.raises(UsageError, match="was edited"):
+        join([pushing, edited], whole, tmp_path)
     assert not [*tmp_path.iterdir()]
+
+
+def test_facts_of_several_machines_are_not_those_of_the_first(whole, parts, tmp_path):
+    other = replace(
+        parts["opening"].environment,
+        packages={"minitouch-bench": "0.2.0", "pybullet": "3.2.7"},
+        started="2024-01-01T00:00:00+00:00",
+    )
+    runs = [parts["pushing"], replace(parts["opening"], environment=other)]
+    found = join(runs, whole, tmp_path).environment
+    assert found.packages == {"minitouch-bench": "several", "pybullet": "3.2.7"}
+    assert found.started == other.started

@@ -49,10 +49,12 @@ def test_a_claim_against_two_methods_needs_both_comparisons():
     assert judged.verdict == "not decided"
 
 
-def test_a_claim_is_contradicted_by_one_comparison_the_other_way_round():
-    judged = judge(PUSHING, values(hac=LOW, rnd_touch=HIGH, rnd=LOW))
-    assert judged.p_reversed_adjusted == pytest.approx(2 / 252)
+def test_a_claim_is_contradicted_where_every_comparison_is_the_other_way_round():
+    judged = judge(PUSHING, values(hac=LOW, rnd_touch=HIGH, rnd=HIGH), family=12)
+    assert judged.p_reversed_adjusted == pytest.approx(12 / 252)
     assert judged.verdict == "contradicted"
+    assert str(claims_table([judged]).rows[0].cells[-2]) == "0.048"
+    assert judge(PUSHING, values(hac=LOW, rnd_touch=HIGH, rnd=LOW)).verdict == "not decided"
 
 
 def test_a_claim_on_several_tasks_needs_them_all():
@@ -85,6 +87,9 @@ def test_a_claim_waits_for_its_trainings_and_still_counts():
     first, second = judge_claims(claims, frame, waiting=claims[1:])
     assert (first.verdict, first.p_adjusted) == ("confirmed", pytest.approx(2 / 252))
     assert (second.verdict, second.p_adjusted) == ("waiting", 1.0)
+    assert claims_frame([second])[["worse", "better_seeds", "verdict"]].to_numpy().tolist() == [
+        ["sac", 0, "waiting"]
+    ]
     assert [str(cell) for cell in claims_table([second]).rows[0].cells] == [
         "hac > sac", "—", "0.733, —", "—", "—", "waiting",
     ]  # fmt: skip
@@ -92,7 +97,13 @@ def test_a_claim_waits_for_its_trainings_and_still_counts():
 
 def test_a_metric_that_a_method_lacks_decides_nothing():
     judged = judge(PUSHING, values(hac=HIGH, rnd=LOW))
-    assert (judged.comparisons, judged.verdict) == ((), "not decided")
+    assert (judged.p_adjusted, judged.verdict) == (1.0, "not decided")
+
+
+def test_a_training_is_counted_once():
+    twice = pd.concat([values(hac=HIGH, rnd_touch=LOW, rnd=LOW)] * 2)
+    with pytest.raises(ValueError, match="two values"):
+        judge(PUSHING, twice)
 
 
 def test_one_seed_decides_nothing():
@@ -128,6 +139,7 @@ def test_the_detectable_difference_grows_with_the_spread_of_the_seeds():
     narrow, wide = detectable(-0.02, -0.01, 0, 0.01, 0.02), detectable(-0.2, -0.1, 0, 0.1, 0.2)
     assert wide == pytest.approx(10 * narrow)
     assert np.isnan(detectable(0, 0, 0, 0, 0))
+    assert np.isnan(detectable(-0.8, -0.7, 0, 0.7, 0.8))  # a share cannot differ so much
 
 
 def test_table_and_file_show_ours_beside_the_paper_s():
@@ -149,6 +161,8 @@ def test_table_and_file_show_ours_beside_the_paper_s():
         (("luck", ("pushing",), "hac", ("rnd",)), "no metric 'luck'"),
         (("success", (), "hac", ("rnd",)), "at least one"),
         (("success", ("pushing",), "hac", ()), "at least one"),
+        (("success", ("pushing",), "hac", ("rnd", "rnd")), "twice"),
+        (("success", ("pushing",), "hac", ("hac",)), "twice"),
         (("success", ("playing",), "hac", ("rnd",)), "no better direction in 'playing'"),
         (("touch_interaction", ("pushing",), "hac", ("rnd",)), "no better direction"),
     ],

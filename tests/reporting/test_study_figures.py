@@ -19,7 +19,8 @@ def row(training, metric, value, suite="table4"):
     task, method, seed, steps = training
     return {
         "task": task, "method": method, "seed": seed, "steps": steps, "suite": suite,
-        "metric": metric, "value": value, "low": value - 0.1, "high": value + 0.1, "count": 100,
+        "conditions": "", "metric": metric, "value": value, "low": value - 0.1,
+        "high": value + 0.1, "count": 100,
         "interval": "wilson" if metric.startswith("success") else "bootstrap",
     }  # fmt: skip
 
@@ -158,7 +159,8 @@ def test_a_gap_of_shares_is_no_share():
 
 def test_tables_have_a_row_per_metric_that_a_method_has_and_the_paper_beside_ours():
     first, second = study_tables(estimates((1000, 2000)))
-    assert first.title == second.title == "Table 4"
+    assert first.title == "Table 4, exploration 1 of 2"
+    assert second.title == "Table 4, exploration 2 of 2"
     assert first.notes[0] == "Control steps of exploration: Opening 1,000."
     assert [column.label for column in first.columns] == [*METHODS, "HaC", "RND+touch", "RND"]
     success = next(row for row in first.rows if row.heads == ("Success ↑",))
@@ -168,7 +170,7 @@ def test_tables_have_a_row_per_metric_that_a_method_has_and_the_paper_beside_our
 
 def test_other_conditions_stand_beside_the_standard_ones():
     others = estimates((1000,))
-    others = others[others["suite"] == "table4"].assign(suite="table4, without forces")
+    others = others[others["suite"] == "table4"].assign(conditions="without forces")
     others["value"] /= 2
     *_, table = study_tables(pd.concat([estimates((1000, 2000)), others]))
     assert table.title == "Other conditions"
@@ -182,5 +184,6 @@ def test_other_conditions_stand_beside_the_standard_ones():
 def test_tasks_with_their_own_length_stand_in_one_table():
     frame = pd.concat([estimates((1000,)), estimates((2000,)).assign(task="pushing")])
     (table,) = study_tables(frame[frame["suite"] == "table4"])
+    assert table.title == "Table 4"
     assert table.notes[0] == "Control steps of exploration: Opening 1,000, Pushing 2,000."
     assert "lengths" not in [one.key for one in study_figures(frame, curves((1000,)))]

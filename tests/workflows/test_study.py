@@ -230,11 +230,17 @@ def test_there_are_two_engines(tmp_path):
         run_study(config, tmp_path / "out", EngineOptions("slurm"))
 
 
+CLAIM = """
+[[claims]]
+tasks = ["playing"]
+metric = "touch_share"
+better = "hac"
+worse = ["rnd"]
+"""
+
+
 def claim_on(worse, metric):
-    return (
-        f"[[claims]]\ntasks = ['playing']\nmetric = '{metric}'\nbetter = 'hac'\n"
-        f"worse = ['{worse}']\n[settings]"
-    )
+    return CLAIM.replace("rnd", worse).replace("touch_share", metric) + "[settings]"
 
 
 def test_a_task_may_have_its_own_methods_lengths_and_suites(tmp_path):
@@ -305,6 +311,8 @@ def test_claims_are_judged_once_their_trainings_are_done(finished, tmp_path):
             "for 'sac'",
         ),
         (("[settings]", "[[conditions]]\n[settings]"), "needs 'without' or 'perturb'"),
+        (("[settings]", 2 * CLAIM + "[settings]"), "claims twice"),
+        (("[settings]", f"suites = []\n{claim_on('rnd', 'touch_share')}"), "does not play table4"),
         (("[settings]", claim_on("icm", "touch_share")), "icm in playing, and does not train it"),
         (("[settings]", claim_on("rnd", "success")), "no better direction in 'playing'"),
         (("[settings]", "[settings"), "TOML"),

@@ -14,7 +14,7 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.workflows.study_config import STUDY_FILE, StudyConfig
 from minitouch_bench.workflows.submit import submit
 from tests.cli.command import run
-from tests.leaderboard.synthetic import official_run, task_run, write_official
+from tests.leaderboard.synthetic import make_submission, official_run, task_run, write_official
 
 CONFIG = StudyConfig(methods=("hac", "sac"), tasks=TASK_NAMES, seeds=(0, 1), task_steps=500)
 
@@ -65,7 +65,9 @@ def test_a_method_is_packed_with_the_policies_of_all_its_seeds(study, tmp_path):
     assert len(files) == 2 * (4 + 3)
     explored = place / "checkpoints/seed-1/exploration/opening.safetensors"
     assert explored.read_bytes() == b"exploration of opening-hac-10000-1"
-    assert str(tmp_path) not in (place / "seed-0/table4/run.json").read_text()
+    text = (place / "seed-0/table4/run.json").read_text()
+    assert '"source": "submissions/hac/checkpoints/seed-0/final"' in text
+    assert str(study) not in text
 
 
 def test_a_method_without_exploration_has_no_exploration_policies(study, tmp_path):
@@ -74,31 +76,67 @@ def test_a_method_without_exploration_has_no_exploration_policies(study, tmp_pat
     assert not [*tmp_path.rglob("exploration")]
 
 
-def test_seeds_that_are_there_are_kept_or_replaced_as_asked(study, tmp_path):
-    submit(str(study), method="hac", directory=tmp_path)
-    with pytest.raises(RunDirectoryError, match="Add --resume to keep it"):
+def test_a_submission_that_is_there_is_replaced_as_a_whole(study, tmp_path):
+    submit(str(study), method="hac", directory=tmp_path, training_steps=1)
+    with pytest.raises(RunDirectoryError, match="Add --fresh to replace it"):
         submit(str(study), method="hac", directory=tmp_path)
-    runs = [*tmp_path.rglob("run.json")]
-    before = {path: path.stat().st_mtime_ns for path in runs}
-    submit(str(study), method="hac", directory=tmp_path, resume=True)
-    assert {path: path.stat().st_mtime_ns for path in runs} == before
     submit(str(study), method="hac", directory=tmp_path, fresh=True)
-    assert len({path.stat().st_mtime_ns for path in runs} - {*before.values()}) == 2
+    told = tomllib.loads((tmp_path / "hac" / "submission.toml").read_text())
+    assert told["training_steps"] == 4 * 10_000 + 3 * 500
 
 
-@pytest.mark.parametrize("method", [None, "rnd"])
-def test_a_method_of_the_study_must_be_chosen(study, tmp_path, method):
-    with pytest.raises(UsageError, match=r"choose with --method .* methods are hac, sac"):
-        submit(str(study), method=method, directory=tmp_path)
+def test_a_submission_with_other_training_seeds_is_not_mixed_in(study, tmp_path):
+    make_submission(tmp_path, "hac", seeds=(7,))
+    with pytest.raises(RunDirectoryError, match="training seed 7, which the study lacks"):
+        submit(str(study), method="hac", directory=tmp_path, fresh=True)
 
 
-def test_a_study_that_is_not_done_or_was_changed_is_refused(tmp_path):
-    study = make_study(tmp_path / "s", replace(CONFIG, methods=("sac",), seeds=(0,)))
-    policy = study / "opening-sac-10000-0" / "final.safetensors"
-    policy.write_bytes(b"another one")
-    with pytest.raises(UsageError, match=r"of another policy than .*opening-sac-10000-0"):
-        submit(str(study), method="sac", directory=tmp_path / "submissions")
-    (policy.parent / "table4" / "run.json").unlink()
-    with pytest.raises(UsageError, match="opening-sac-10000-0 has no run of table4"):
-        submit(str(study), method="sac", directory=tmp_path / "submissions")
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({}, r"choose .* --method; with every task it has hac, sac"),
+        ({"method": "rnd"}, r"choose .* --method"),
+        ({"method": "hac", "training_seed": 1}, "its own exploration policies and training seeds"),
+        ({"method": "hac", "exploration": "random"}, "its own exploration policies"),
+        ({"method": "hac", "suites": "table4,novel-shapes"}, "has no run of novel-shapes"),
+    ],
+)
+def test_what_a_study_cannot_give_is_named(study, tmp_path, options, words):
+    with pytest.raises(UsageError, match=words):
+        submit(str(study), directory=tmp_path, **options)
+
+
+@pytest.fixture
+def small(tmp_path):
+    return make_study(tmp_path / "s", replace(CONFIG, methods=("hac",), seeds=(0,)))
+
+
+def refused(study, tmp_path):
+    with pytest.raises((UsageError, RunDirectoryError)) as caught:
+        submit(str(study), method="hac", directory=tmp_path / "submissions")
     assert not [*tmp_path.rglob("submission.toml")]
+    return str(caught.value)
+
+
+def test_a_training_that_was_changed_is_refused(small, tmp_path):
+    place = small / "opening-hac-10000-0"
+    explored, final = (place / f"{name}.safetensors" for name in ("exploration", "final"))
+    explored.write_bytes(b"another one")
+    assert "another exploration policy" in refused(small, tmp_path)
+    explored.unlink()
+    assert "another exploration policy" in refused(small, tmp_path)
+    final.write_bytes(b"another one")
+    assert "table4 is of another policy" in refused(small, tmp_path)
+    config = place / CONFIG_FILE
+    config.write_text(config.read_text().replace("discount = 0.95", "discount = 0.9"))
+    assert "other settings than the study" in refused(small, tmp_path)
+    (place / "failure.txt").write_text("a full disk\n")
+    assert "a full disk" in refused(small, tmp_path)
+
+
+def test_a_study_that_is_not_done_or_not_official_is_refused(small, tmp_path):
+    (small / "opening-hac-10000-0" / "table4" / "run.json").unlink()
+    assert "opening-hac-10000-0 has no run of table4" in refused(small, tmp_path)
+    few = replace(CONFIG, methods=("hac",), seeds=(0,), episodes=50)
+    (small / STUDY_FILE).write_bytes(write_json(few))
+    assert "50 episodes per task: it is not official" in refused(small, tmp_path)
