@@ -272,7 +272,9 @@ def test_final_policies_play_under_other_conditions_too(finished, tmp_path):
     assert "without forces, mass 2 times" in report
     # Table 4 is of the protocol's own conditions.
     before, after = (
-        pd.read_csv(folder / "estimates.csv").query("conditions.isna()").reset_index(drop=True)
+        pd.read_csv(folder / "estimates.csv", keep_default_na=False)
+        .query("conditions == ''")
+        .reset_index(drop=True)
         for folder in (finished, tmp_path / "out")
     )
     pd.testing.assert_frame_equal(before, after)
