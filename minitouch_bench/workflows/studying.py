@@ -59,12 +59,12 @@ def run_study(
         _keep_settings(config, directory)
         for training in config.trainings():
             (_place(directory, training) / FAILURE_FILE).unlink(missing_ok=True)
-        results = _look(config, directory, on_state)
+        results = report_study(config, directory, on_state)
         jobs = [_Job(config, directory.resolve(), training) for training in results.left]
         for job, failure in run_jobs(engine, _run, jobs):
             if failure:
                 write_file(_place(directory, job.training) / FAILURE_FILE, failure + "\n")
-            results = _look(config, directory, on_state)
+            results = report_study(config, directory, on_state)
     return results
 
 
@@ -136,8 +136,12 @@ def _place(directory: Path, training: StudyTraining) -> Path:
     return directory / training.name
 
 
-def _look(config: StudyConfig, directory: Path, on_state: OnState) -> StudyResults:
-    """Find out what is done, failed and left; write the report of it."""
+def report_study(config: StudyConfig, directory: Path, on_state: OnState) -> StudyResults:
+    """Find out what is done, failed and left, write the report of it, and return it.
+
+    Raises:
+        RunDirectoryError: a file cannot be read or written.
+    """
     done: list[StudyTraining] = []
     left: list[StudyTraining] = []
     failed: dict[StudyTraining, str] = {}

@@ -1,0 +1,36 @@
+"""The study of Table 4: what is shown of it is what its stored trainings give."""
+
+import pytest
+
+from benchmarks.study_report import STUDY, write_report
+from tests.docs.test_links import DOCS
+
+RESULTS = DOCS / "results" / "reproduction.md"
+
+
+@pytest.fixture(scope="module")
+def fresh(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("study") / STUDY.name
+    directory.mkdir()
+    write_report(directory)
+    return directory
+
+
+@pytest.mark.parametrize(
+    "name", ["report.md", "claims.csv", "estimates.csv", "curves.csv", "tables.tex", "study.json"]
+)
+def test_the_stored_report_is_that_of_the_stored_trainings(fresh, name):
+    wanted = (fresh / name).read_text()
+    assert (STUDY / name).read_text() == wanted, "run python -m benchmarks.study_report"
+
+
+def test_the_results_page_has_the_claims_of_the_report():
+    report = (STUDY / "report.md").read_text()
+    section = report.partition("## Claims\n")[2].partition("\n- ")[0].strip()
+    assert section.count("\n") == 1 + 12  # head, ruler, and a line per claim
+    assert section in RESULTS.read_text(), "copy the table of docs/studies/table4/report.md"
+
+
+def test_nothing_stored_names_a_directory_of_a_machine():
+    for file in STUDY.glob("*/*/run.json"):
+        assert '"source": "docs/studies/table4/' in file.read_text(), file
