@@ -302,7 +302,8 @@ def trainings_table(results: StudyResults) -> Table:
     rows = []
     for training, known in states.items():
         steps, seconds = last_progress(results.directory, training)
-        state = known or ("under way" if steps else "waiting")
+        begun = "evaluated in part" if results.runs.get(training) else "under way"
+        state = known or (begun if steps else "waiting")
         rows.append(make_row(training.name, state, f"{steps:,}", f"{seconds / 60:.1f} min"))
     columns = make_columns("State", "Control steps", "Time", words=["State"])
     return Table("Trainings", ("Training",), columns, tuple(rows), (TIME_NOTE,))

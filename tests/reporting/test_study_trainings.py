@@ -21,10 +21,13 @@ def training_at(directory, seed, text):
 def test_each_training_says_how_far_it_is(tmp_path):
     head = "step,episodes,success,touch_share,seconds\n"
     rows = head + "500,2,0.5,0.1,30.0\n1000,0,,0.2,60.0\n15"  # the last one is torn
-    done, failed, under_way, begun, waiting = (
-        training_at(tmp_path, seed, text) for seed, text in enumerate([rows, rows, rows, "", head])
+    done, failed, under_way, begun, waiting, partly = (
+        training_at(tmp_path, seed, text)
+        for seed, text in enumerate([rows, rows, rows, "", head, rows])
     )
-    results = StudyResults(tmp_path, (done,), {failed: "a full disk"}, (under_way, begun, waiting))
+    left = (under_way, begun, waiting, partly)
+    runs = {done: (object(),), partly: (object(),)}
+    results = StudyResults(tmp_path, (done,), {failed: "a full disk"}, left, runs)
     found = {
         row.heads[0]: [cell.text for cell in row.cells] for row in trainings_table(results).rows
     }
@@ -34,6 +37,7 @@ def test_each_training_says_how_far_it_is(tmp_path):
         "opening-hac-8000-2": ["under way", "1,000", "1.0 min"],
         "opening-hac-8000-3": ["waiting", "0", "0.0 min"],
         "opening-hac-8000-4": ["waiting", "0", "0.0 min"],
+        "opening-hac-8000-5": ["evaluated in part", "1,000", "1.0 min"],
     }
 
 
