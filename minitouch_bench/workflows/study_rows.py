@@ -7,7 +7,14 @@ from pathlib import Path
 from minitouch_bench.agents.config import trained_steps
 from minitouch_bench.documents import read_json
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.files import make_folder, os_errors_as, read_file, write_file
+from minitouch_bench.files import (
+    VIDEOS,
+    list_videos,
+    make_folder,
+    os_errors_as,
+    read_file,
+    write_file,
+)
 from minitouch_bench.leaderboard.packing import Parts
 from minitouch_bench.leaderboard.submission import checkpoint_place
 from minitouch_bench.policies.sources import TRAINED, PolicySource, identify, parse_source
@@ -37,7 +44,7 @@ class StudyRow:
         return sum(map(trained_steps, next(iter(self.trainings.values())).values()))
 
     def parts(self, seed: int, folder: Path, submission: Path) -> Parts:
-        """Collect a training seed's policies and joined runs in an empty folder.
+        """Collect a training seed's policies, joined runs and their videos in an empty folder.
 
         The runs name the policies where they will be: in the ``submission``.
 
@@ -74,6 +81,8 @@ class StudyRow:
             runs[suite] = make_folder(folder / suite)
             identity = None if explorer is None else identify(explorer)
             join_runs(of_suite, identify(final), identity, runs[suite])
+            for video in (video for run in of_suite for video in _videos(run)):
+                write_file(make_folder(runs[suite] / VIDEOS) / video.name, read_file(video))
         return Parts(runs, final, explored)
 
     def _collect(
@@ -88,6 +97,10 @@ class StudyRow:
         source = parse_source(str(directory), role=role)
         there = submission / checkpoint_place(seed, role, "")
         return replace(source, name=self.method, address=str(there))
+
+
+def _videos(run: Run) -> list[Path]:
+    return [] if run.directory is None else list_videos(run.directory)
 
 
 def find_study_row(study: Path, method: str | None, suites: Sequence[str]) -> StudyRow | None:

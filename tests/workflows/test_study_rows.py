@@ -50,7 +50,11 @@ def make_study(directory, config=CONFIG):
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    return make_study(tmp_path_factory.mktemp("study") / "s")
+    directory = make_study(tmp_path_factory.mktemp("study") / "s")
+    videos = directory / "opening-hac-10000-0" / "table4" / "videos"
+    videos.mkdir()
+    (videos / "opening-3.mp4").write_bytes(b"a video")
+    return directory
 
 
 def test_a_method_is_packed_with_the_policies_of_all_its_seeds(study, tmp_path):
@@ -63,6 +67,8 @@ def test_a_method_is_packed_with_the_policies_of_all_its_seeds(study, tmp_path):
     assert [seed["seed"] for seed in told["seeds"]] == [0, 1]
     files = sorted(path.relative_to(place).as_posix() for path in place.rglob("*.safetensors"))
     assert len(files) == 2 * (4 + 3)
+    (video,) = place.rglob("*.mp4")
+    assert video.relative_to(place).as_posix() == "seed-0/table4/videos/opening-3.mp4"
     explored = place / "checkpoints/seed-1/exploration/opening.safetensors"
     assert explored.read_bytes() == b"exploration of opening-hac-10000-1"
     text = (place / "seed-0/table4/run.json").read_text()
