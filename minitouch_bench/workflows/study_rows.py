@@ -49,7 +49,7 @@ class StudyRow:
         The runs name the policies where they will be: in the ``submission``.
 
         Raises:
-            UsageError: the runs have different plans, or an exploration policy is not theirs.
+            UsageError: the runs have different plans.
             PolicyLoadError, RunDirectoryError: a file cannot be read or written.
         """
         places = self.trainings[seed]
@@ -71,13 +71,6 @@ class StudyRow:
         for suite, of_suite in self.runs[seed].items():
             # The exploration metric is one of Table 4 alone.
             explorer = explored if suite == MAIN_SUITE else None
-            for run in of_suite if suite == MAIN_SUITE else ():
-                (task,) = run.plan.tasks
-                found = None if explorer is None else dict(explorer.parts).get(task)
-                if (found and found.digest) != (
-                    run.header.exploration and run.header.exploration.digest
-                ):
-                    raise UsageError(f"{run.directory} is of another exploration policy")
             runs[suite] = make_folder(folder / suite)
             identity = None if explorer is None else identify(explorer)
             join_runs(of_suite, identify(final), identity, runs[suite])

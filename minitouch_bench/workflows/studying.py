@@ -117,19 +117,23 @@ def _evaluate(job: _Job, name: str, asked: Mapping[str, Any]) -> None:
     output = place / name
     if (output / RUN_FILE).exists():
         return
-    explored = place / EXPLORED_FILE
-    # The exploration metric is one of Table 4 alone.
-    has_exploration = name == MAIN_SUITE and job.training.task in GOAL_TASKS and explored.exists()
+    explored = _explored(place, job.training.task, name)
     evaluate(
         str(place / TRAINED_FILE),
         **asked,
         tasks=(job.training.task,),
-        exploration=str(explored) if has_exploration else None,
+        exploration=None if explored is None else str(explored),
         name=job.training.name,
         workers=1,
         output=output,
         resume=output.exists(),
     )
+
+
+def _explored(place: Path, task: str, name: str) -> Path | None:
+    """Return the exploration policy of an evaluation; it is a metric of Table 4 alone."""
+    file = place / EXPLORED_FILE
+    return file if name == MAIN_SUITE and task in GOAL_TASKS and file.exists() else None
 
 
 def _place(directory: Path, training: StudyTraining) -> Path:
@@ -183,7 +187,9 @@ def finished_runs(config: StudyConfig, directory: Path, training: StudyTraining)
         if not (place / name / RUN_FILE).exists():
             continue
         run = read_run(place / name)
-        if run.header.policy.digest != policy:
+        explored = _explored(place, training.task, name)
+        policies = [policy] if explored is None else [policy, parse_source(str(explored)).digest]
+        if [known.digest for known in run.header.policies()] != policies:
             raise RunDirectoryError(f"{place / name} is of another policy: remove it")
         rules = {task: PROTOCOL.task_digest(task, run.plan.suite) for task in run.plan.tasks}
         if run.header.task_digests != rules:

@@ -128,9 +128,9 @@ def test_a_training_that_was_changed_is_refused(small, tmp_path):
     place = small / "opening-hac-10000-0"
     explored, final = (place / f"{name}.safetensors" for name in ("exploration", "final"))
     explored.write_bytes(b"another one")
-    assert "another exploration policy" in refused(small, tmp_path)
+    assert "table4 is of another policy" in refused(small, tmp_path)
     explored.unlink()
-    assert "another exploration policy" in refused(small, tmp_path)
+    assert "table4 is of another policy" in refused(small, tmp_path)
     final.write_bytes(b"another one")
     assert "table4 is of another policy" in refused(small, tmp_path)
     config = place / CONFIG_FILE
