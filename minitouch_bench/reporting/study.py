@@ -106,6 +106,11 @@ class StudyResults:
     runs: Mapping[StudyTraining, tuple[Run, ...]] = field(default_factory=dict)
     claims: tuple[Claim, ...] = ()
 
+    @property
+    def trainings(self) -> tuple[StudyTraining, ...]:
+        """All of them: those that are done, those that failed, those that are left."""
+        return *self.done, *self.failed, *self.left
+
 
 def write_study(results: StudyResults) -> None:
     """Write ``estimates.csv``, ``curves.csv``, ``claims.csv``, figures, ``tables.tex``, report.
@@ -153,9 +158,8 @@ def _rows(training: StudyTraining, run: Run) -> Iterator[tuple[Any, ...]]:
 
 def _judge(results: StudyResults, estimates: pd.DataFrame) -> list[JudgedClaim]:
     """Judge the claims, each at the longest exploration of its tasks."""
-    trainings = (*results.done, *results.failed, *results.left)
     longest: dict[str, int] = {}
-    for one in trainings:
+    for one in results.trainings:
         longest[one.task] = max(one.exploration_steps, longest.get(one.task, 0))
     main = select(estimates, suite=MAIN_SUITE, conditions="")
     values = main[main["steps"] == main["task"].map(longest)]
@@ -164,7 +168,7 @@ def _judge(results: StudyResults, estimates: pd.DataFrame) -> list[JudgedClaim]:
     waiting = [
         claim
         for claim in results.claims
-        for one in trainings
+        for one in results.trainings
         if (one.task, one.method) in claim.trained
         and (one.task, one.method, one.seed, claim.metric) not in measured
     ]
@@ -175,7 +179,7 @@ def _curves(results: StudyResults) -> pd.DataFrame:
     """Return a row per training and line of its ``progress.csv``; those under way, too."""
     columns = [*HEAD, "step", "touch_share", "success"]
     frames = []
-    for training in (*results.done, *results.failed, *results.left):
+    for training in results.trainings:
         rows = _progress(results.directory, training)
         if not rows.empty:
             named = dict(zip(HEAD, vars(training).values(), strict=True))
@@ -251,9 +255,9 @@ def _table(title: str, metrics: Sequence[str], part: pd.DataFrame) -> Table:
 
 def state_lines(results: StudyResults) -> list[str]:
     """Say in a line each how far a study is, and which trainings failed."""
-    number = len(results.done) + len(results.failed) + len(results.left)
+    done, number = len(results.done), len(results.trainings)
     return [
-        f"{len(results.done)} of {number} trainings are done and evaluated{_time_left(results)}",
+        f"{done} of {number} trainings are done and evaluated{_time_left(results)}",
         *(f"{training.name} failed: {why}" for training, why in results.failed.items()),
     ]
 

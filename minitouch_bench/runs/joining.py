@@ -6,14 +6,13 @@ from pathlib import Path
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, write_file
-from minitouch_bench.records import EpisodeMetrics, PolicyIdentity
+from minitouch_bench.records import PolicyIdentity
 from minitouch_bench.runs.actions import pack_arrays
 from minitouch_bench.runs.plan import find_suite
 from minitouch_bench.runs.run import (
     Run,
     RunEnvironment,
     make_header,
-    read_run,
     run_digest,
     run_json,
 )
@@ -24,8 +23,8 @@ def join_runs(
     policy: PolicyIdentity,
     exploration: PolicyIdentity | None,
     directory: Path,
-) -> Run:
-    """Write the joined run, and return it.
+) -> None:
+    """Write the joined run.
 
     An episode and its estimates do not depend on the other tasks of a run, so nothing is played or
     estimated again. A package or fact of the machine that is not equal in all runs is "several".
@@ -55,12 +54,12 @@ def join_runs(
             raise UsageError(f"{run.name} has other rules of {other[0]} than today's protocol")
         if run.is_edited():
             raise UsageError(f"{run.name} was edited: its digest is not that of its episodes")
-    episodes = _by_task({task: run.episodes for task, run in by_task.items()}, tasks)
-    explored = (
-        ()
-        if exploration is None
-        else _by_task({task: run.exploration_episodes for task, run in by_task.items()}, tasks)
+    episodes, explored = (
+        tuple(row for task in tasks for row in getattr(by_task[task], rows) if row.task == task)
+        for rows in ("episodes", "exploration_episodes")
     )
+    if exploration is None:
+        explored = ()
     faults = {key: fault for run in runs for key, fault in run.faults.items()}
     parts = {part.task: part for run in runs for part in run.summary.tasks}
     gaps = {part.task: part for run in runs for part in run.summary.generalization}
@@ -82,7 +81,6 @@ def join_runs(
     in_order = {spec.key: actions[spec.key] for spec in header.specs()}
     write_file(directory / ACTIONS_FILE, pack_arrays(in_order))
     write_file(directory / RUN_FILE, run_json(joined))
-    return read_run(directory)
 
 
 def _join_environments(parts: Sequence[RunEnvironment]) -> RunEnvironment:
@@ -99,9 +97,3 @@ def _in_common(parts: Sequence[Mapping[str, str]]) -> dict[str, str]:
     names = dict.fromkeys(name for part in parts for name in part)
     values = {name: {part.get(name, "") for part in parts} for name in names}
     return {name: found.pop() if len(found) == 1 else "several" for name, found in values.items()}
-
-
-def _by_task(
-    rows: Mapping[str, tuple[EpisodeMetrics, ...]], tasks: Sequence[str]
-) -> tuple[EpisodeMetrics, ...]:
-    return tuple(row for task in tasks for row in rows[task] if row.task == task)

@@ -31,7 +31,8 @@ def parts(whole, tmp_path_factory):
 
 def join(runs, run, place):
     header = run.header
-    return join_runs([*runs], header.policy, header.exploration, place)
+    join_runs([*runs], header.policy, header.exploration, place)
+    return read_run(place)
 
 
 def test_single_tasks_make_the_run_of_all(whole, parts, tmp_path):
