@@ -7,7 +7,7 @@ against 95 ms and 30 ms more to build the reader, and a ``run.json`` of 1,200 ep
 
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -101,7 +101,7 @@ def parse_toml(content: bytes, name: str) -> dict[str, Any]:
 def take_table(
     table: Any, kind: type[Document], name: str = "", base: Document | None = None
 ) -> Document:
-    """Read a TOML document, or a table of one, as a frozen dataclass.
+    """Read a TOML document, a table of one or a value, as a frozen dataclass or another type.
 
     With a ``base`` the table changes what it names, in the tables inside as well, and the rest
     stays. ``name``, such as the file's, begins an error.
@@ -114,7 +114,8 @@ def take_table(
     try:
         document = msgspec.convert(whole, kind)
         # Not ``plain``, which leaves out the defaults of a dataclass that msgspec made.
-        fault = next(_unknown_keys(table, asdict(document), ""), "")  # type: ignore[call-overload]
+        known = asdict(document) if is_dataclass(document) else document  # type: ignore[arg-type]
+        fault = next(_unknown_keys(table, known, ""), "")
     except msgspec.ValidationError as error:
         fault = fault_in_words(error, "").lstrip(".: ")
     except UsageError as error:
