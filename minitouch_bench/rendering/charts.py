@@ -208,6 +208,11 @@ def band_lines(
         yield Line(tuple(points), series_tone(index), width, opacity)
 
 
+def upright_line(x: float, axis: Axis) -> Line:
+    """Return the line that marks a place on the horizontal axis, as high as ``axis``."""
+    return Line(((x, axis.low), (x, axis.high)), "muted", 0.8)
+
+
 def run_legend(names: Sequence[str]) -> tuple[LegendItem, ...]:
     """Name the runs by their colors."""
     return tuple(LegendItem(name, series_tone(index)) for index, name in enumerate(names))

@@ -19,6 +19,7 @@ COLORS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "series-3": ("#aa4488", "#dd94bd"),
         "series-4": ("#b87a00", "#e6b13a"),
         "series-5": ("#3b8fc4", "#8ecdf2"),
+        "series-6": ("#4a4f57", "#c4c8ce"),
         "success": ("#009e73", "#2fb68d"),
         "touched": ("#3b8fc4", "#8ecdf2"),
         "failed": ("#e69f00", "#e6b13a"),
@@ -34,5 +35,5 @@ SERIES = tuple(name for name in COLORS if name.startswith("series-"))
 
 
 def series_tone(index: int) -> str:
-    """Return the color of the run at this position; the seventh has that of the first."""
+    """Return the color of the run at this position; the eighth has that of the first."""
     return SERIES[index % len(SERIES)]

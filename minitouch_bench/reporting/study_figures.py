@@ -24,6 +24,7 @@ from minitouch_bench.rendering.charts import (
     name_axis,
     run_legend,
     share_axis,
+    upright_line,
     value_axis,
 )
 from minitouch_bench.rendering.palette import series_tone
@@ -73,16 +74,19 @@ def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
             for line in _lines(select(part, method=method), column, turn)
         ]
         if marks:
-            x = value_axis("Control steps", float(part["step"].max()))
+            last = float(part["step"].max())
             label = METRICS[column].label
-            chart = Chart(x, share_axis(label), tuple(marks), HEIGHT)
+            y = share_axis(label)
+            if steps < last:
+                marks.append(upright_line(steps, y))
+            chart = Chart(value_axis("Control steps", last), y, tuple(marks), HEIGHT)
             plots.append(_plot(task, steps, f"{label} over control steps", chart))
     if plots:
         text = (
             "While training: success over at least 20 episodes, touch share between two rows. "
             "Strong: the mean over training seeds; thin: their interquartile mean, from four seeds "
             "on; faint: the mean's 95 % interval, a bootstrap over the seeds, of few seeds too "
-            "narrow; as far as all seeds have come."
+            "narrow; as far as all seeds have come. Upright: the end of exploration."
         )
         yield Figure("curves", "Learning curves", text, tuple(plots), run_legend(methods))
 

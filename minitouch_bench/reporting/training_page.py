@@ -17,6 +17,7 @@ from minitouch_bench.rendering.charts import (
     Line,
     Plot,
     share_axis,
+    upright_line,
     value_axis,
 )
 from minitouch_bench.rendering.pages import render_page
@@ -118,8 +119,7 @@ def _plot(rows: pd.DataFrame, caption: str, axis: Axis, lines: Sequence[Line | N
     last = int(rows["step"].iloc[-1])
     exploration = rows.loc[rows["phase"] == "exploration", "step"]
     if 0 < len(exploration) < len(rows):
-        switch = float(exploration.iloc[-1])
-        marks.append(Line(((switch, axis.low), (switch, axis.high)), "muted", 0.8))
+        marks.append(upright_line(float(exploration.iloc[-1]), axis))
     x = value_axis("Control steps", last)
     return Plot(
         caption, f"{caption} over {last} control steps", (Chart(x, axis, tuple(marks), HEIGHT),)
