@@ -1,6 +1,6 @@
 """A study's file: which trainings it makes, on what their policies are evaluated, its claims."""
 
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -97,6 +97,23 @@ class StudyConfig:
             for steps in self.in_task(task).exploration_steps
             for method in self.in_task(task).methods
         )
+
+    def select(self, tasks: Sequence[str], methods: Sequence[str]) -> tuple[StudyTraining, ...]:
+        """Return the trainings in these tasks with these methods; an empty list selects all.
+
+        Raises:
+            UsageError: there is none.
+        """
+        chosen = self.trainings()
+        for what, names in (("task", tasks), ("method", methods)):
+            known = dict.fromkeys(getattr(training, what) for training in self.trainings())
+            if unknown := [name for name in names if name not in known]:
+                raise UsageError(f"the study has no {what} '{unknown[0]}', only {', '.join(known)}")
+            if names:
+                chosen = tuple(one for one in chosen if getattr(one, what) in names)
+        if not chosen:
+            raise UsageError("the study trains none of these methods in these tasks")
+        return chosen
 
     def config_of(self, training: StudyTraining) -> TrainingConfig:
         """Return the settings of one training.

@@ -4,7 +4,7 @@ The files say what is done, so a killed study continues where it was.
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -46,10 +46,12 @@ def run_study(
     directory: Path,
     engine: EngineOptions = ONE_AT_A_TIME,
     on_state: OnState = ignore,
+    wanted: Collection[StudyTraining] | None = None,
 ) -> StudyResults:
     """Train and evaluate what is left, and write the report after each training.
 
-    ``engine``: how many trainings run at a time here, or a Ray cluster.
+    ``engine``: how many trainings run at a time here, or a Ray cluster. ``wanted``: the trainings
+    to make now, by default all.
 
     Raises:
         MiniTouchError: see ``study``.
@@ -57,10 +59,12 @@ def run_study(
     run_jobs = find_job_runner(engine)
     with lock_directory(directory):
         _keep_settings(config, directory)
-        for training in config.trainings():
+        wanted = config.trainings() if wanted is None else wanted
+        for training in wanted:
             (_place(directory, training) / FAILURE_FILE).unlink(missing_ok=True)
         results = report_study(config, directory, on_state)
-        jobs = [_Job(config, directory.resolve(), training) for training in results.left]
+        todo = [training for training in results.left if training in wanted]
+        jobs = [_Job(config, directory.resolve(), training) for training in todo]
         for job, failure in run_jobs(engine, _run, jobs):
             if failure:
                 write_file(_place(directory, job.training) / FAILURE_FILE, failure + "\n")

@@ -17,7 +17,7 @@ from minitouch_bench.workflows import (
     TrainingProgress,
     options,
 )
-from minitouch_bench.workflows.options import StrPath
+from minitouch_bench.workflows.options import StrPath, Words
 
 if TYPE_CHECKING:
     from minitouch_bench.reporting.study import StudyResults
@@ -92,6 +92,8 @@ def train(
 def study(
     file: Annotated[StrPath, typer.Argument(metavar="FILE")],
     *,
+    tasks: Annotated[Words | None, typer.Option(metavar="A,B")] = None,
+    methods: Annotated[Words | None, typer.Option(metavar="A,B")] = None,
     output: Annotated[StrPath | None, typer.Option()] = None,
     workers: options.Workers = 1,
     engine: options.EngineName = "local",
@@ -105,6 +107,8 @@ def study(
 
     Args:
         file: The grid: see docs/how-to/studies.md.
+        tasks: Train in these alone, now; the report is of the whole file.
+        methods: Train with these alone, now.
         output: The study's directory; by default reports/studies/NAME, after the file.
 
     Raises:
@@ -120,5 +124,6 @@ def study(
     runs_it = options.engine_options(engine, workers, address)
     config = read_study(Path(file))
     directory = STUDIES / Path(file).stem if output is None else Path(output)
+    wanted = config.select(options.words(tasks), options.words(methods))
     callbacks.begin(config, directory)
-    return run_study(config, directory, runs_it, callbacks.state)
+    return run_study(config, directory, runs_it, callbacks.state, wanted)

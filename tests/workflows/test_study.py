@@ -149,6 +149,37 @@ def test_a_task_that_no_suite_has_is_trained_all_the_same(tmp_path, monkeypatch)
     assert started == ["playing-hac-60-0", "playing-rnd-60-0"]
 
 
+def test_a_part_of_a_study_is_trained_and_the_report_is_of_all(tmp_path, monkeypatch):
+    text = STUDY.replace('"playing"', '"playing", "opening"') + "[per_task.opening]\n"
+    (tmp_path / "s.toml").write_text(text + 'methods = ["rnd", "sac"]\n')
+    config = read_study(tmp_path / "s.toml")
+    started = []
+    monkeypatch.setattr(studying, "_run", lambda job: started.append(str(job)) or "not now")
+    monkeypatch.setattr(studying, "find_job_runner", lambda _: run_here)
+    wanted = config.select(tasks=["opening"], methods=["rnd", "hac"])
+    found = run_study(config, tmp_path / "out", wanted=wanted)
+    assert started == ["opening-rnd-60-0"]
+    assert len(found.trainings) == 4
+    found = run_study(config, tmp_path / "out", wanted=config.select([], ["sac"]))
+    assert started[1:] == ["opening-sac-60-0"]
+    assert len(found.failed) == 2  # what is not tried again stays failed
+
+
+@pytest.mark.parametrize(
+    ("tasks", "methods", "words"),
+    [
+        (["pushing"], [], "no task 'pushing', only playing"),
+        ([], ["hacc"], "no method 'hacc', only rnd, hac"),
+        (["playing"], ["hac"], "none of these methods in these tasks"),
+    ],
+)
+def test_a_part_that_a_study_does_not_have(tmp_path, tasks, methods, words):
+    text = STUDY.replace('"playing"', '"playing", "opening"') + "[per_task.playing]\n"
+    (tmp_path / "s.toml").write_text(text + 'methods = ["rnd"]\n')
+    with pytest.raises(UsageError, match=words):
+        read_study(tmp_path / "s.toml").select(tasks, methods)
+
+
 def run_here(_, work, jobs):
     for job in jobs:
         yield job, work(job)
