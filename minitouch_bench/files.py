@@ -145,10 +145,11 @@ def os_errors_as(
 
 
 @contextmanager
-def lock_directory(directory: Path) -> Iterator[None]:
+def lock_directory(directory: Path, *, wait: bool = False) -> Iterator[None]:
     """Create the directory if need be, and hold it alone; the lock ends with the process.
 
-    What a killed holder had half written there is removed.
+    What a killed holder had half written there is removed. ``wait`` until another process that
+    holds it lets it go.
 
     Raises:
         RunDirectoryError: it cannot be written, or another process holds it.
@@ -156,7 +157,7 @@ def lock_directory(directory: Path) -> Iterator[None]:
     lock = directory / LOCK_FILE
     with os_errors_as(RunDirectoryError, directory, "written"):
         directory.mkdir(parents=True, exist_ok=True)
-        handle = _lock(lock)
+        handle = _lock(lock, wait=wait)
         for partial in directory.glob(PARTIAL_PATTERN):
             partial.unlink(missing_ok=True)
     try:
@@ -166,7 +167,7 @@ def lock_directory(directory: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _lock(path: Path) -> int:
+def _lock(path: Path, *, wait: bool) -> int:
     """Return the descriptor of a lock file that is held and still has its name."""
     while True:
         handle = open_plain(path, os.O_RDWR | os.O_CREAT)
@@ -175,7 +176,7 @@ def _lock(path: Path) -> int:
             if os.fstat(handle).st_size:
                 raise OSError(errno.EEXIST, f"its file {LOCK_FILE} is not a run's")
             try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
             except BlockingIOError as error:
                 raise RunDirectoryError(
                     f"{path.parent} is in use by another process; choose another --output"

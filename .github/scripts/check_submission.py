@@ -51,20 +51,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         names, other = changed(given.clone, given.base, given.head)
     elif NAME.fullmatch(given.name):
         names = [given.name]
-    if given.only_one and (other or len(names) != 1):
+    present = [name for name in names if (given.clone / "submissions" / name).is_dir()]
+    if given.only_one and (other or len(names) != 1 or not present):
         outcomes = dict.fromkeys(names, "not checked")
         named = ", ".join(map(repr, [*names, *other][:10])) or "no file of a submission"
         text = f"A submission changes submissions/NAME/ and nothing else; this changes: {named}"
         report(text, outcomes, given.head, given.output)
         return 1
-    checked = {name: check(name, given.clone, given.output) for name in names}
+    checked = {name: check(name, given.clone, given.output) for name in present}
     outcomes = {name: outcome for name, (outcome, _) in checked.items()}
     report("\n".join(text for _, text in checked.values()), outcomes, given.head, given.output)
     return 0 if all(outcome == "valid" for outcome in outcomes.values()) else 1
 
 
 def changed(clone: Path, base: str, head: str) -> tuple[list[str], list[str]]:
-    """Return the submissions that are in the head and changed since the base, and other paths."""
+    """Return the submissions that changed since the base, removed ones too, and other paths."""
     span = head if not base.strip("0") else f"{base}...{head}"  # a first push has no base
     listing = ["git", "-C", str(clone), "diff", "--name-only", "--no-renames", "-z", span]
     if span == head:
@@ -77,8 +78,7 @@ def changed(clone: Path, base: str, head: str) -> tuple[list[str], list[str]]:
             names.add(parts[1])
         elif path:
             other.append(path)
-    folder = clone / "submissions"
-    return sorted(name for name in names if (folder / name).is_dir()), other
+    return sorted(names), other
 
 
 def check(name: str, clone: Path, output: Path) -> tuple[str, str]:

@@ -202,13 +202,12 @@ def _values(verdict: Verdict) -> dict[str, list[list[float]]]:
 
 
 def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
-    """Order rows by their rank in a task or OVERALL; in one rank by the metric, then the name."""
+    """Order rows by what ranks a task or OVERALL, then the name.
 
-    def order(row: BoardRow) -> tuple[int, float, str]:
-        best = row.ranks[key].best if row.ranks else 0
-        return best, -row.figures[key][RANKED_BY[key]].value, row.name
-
-    return sorted(rows, key=order)
+    Not by ``Rank.best``: a row whose training seeds differ much is significantly worse than no
+    other, and would stand above rows that are better.
+    """
+    return sorted(rows, key=lambda row: (-row.figures[key][RANKED_BY[key]].value, row.name))
 
 
 def _same_episodes(verdicts: Mapping[str, Verdict]) -> dict[str, set[str]]:

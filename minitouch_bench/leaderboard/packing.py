@@ -210,7 +210,7 @@ def find_source(recorded: PolicyIdentity) -> PolicySource:
 @contextmanager
 def aside(directory: Path) -> Iterator[Path]:
     """Make a folder beside the submissions, which no board reads, and remove it afterwards."""
-    folder = make_folder(directory / f".{secrets.token_hex(8)}.partial")
+    folder = make_folder(directory / f".{secrets.token_hex(8)}.packing")
     try:
         yield folder
     finally:

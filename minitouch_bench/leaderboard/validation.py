@@ -206,8 +206,8 @@ def find_copies(runs: Mapping[Key, Run]) -> dict[tuple[Key, Key], int]:
     """
     owners: dict[tuple[str, int, str], list[Key]] = {}
     for key, run in runs.items():
-        for row in run.episodes:
-            owners.setdefault((row.task, row.index, row.digest), []).append(key)
+        for episode in dict.fromkeys((row.task, row.index, row.digest) for row in run.episodes):
+            owners.setdefault(episode, []).append(key)
     shared = Counter(pair for keys in owners.values() for pair in combinations(keys, 2))
     return {
         (first, other): count

@@ -45,6 +45,20 @@ def _touched(episode: EpisodeMetrics) -> bool:
     return episode.touch_interaction > 0
 
 
+def _counted_steps(episode: EpisodeMetrics) -> int:
+    """Return an episode's length; one that ends by a policy fault counts as long as possible.
+
+    Otherwise a fault would pay: fewer steps, and in Playing an end while the touch share is high.
+    """
+    has_fault = episode.outcome is Outcome.POLICY_FAULT
+    return PROTOCOL.task(episode.task).max_steps if has_fault else episode.steps
+
+
+def _touch_share(episode: EpisodeMetrics) -> float:
+    steps = _counted_steps(episode)
+    return episode.touch_steps / steps if steps else 0.0
+
+
 def _possible_steps(episode: EpisodeMetrics) -> Bounds:
     least = 0 if episode.outcome is Outcome.POLICY_FAULT else 1
     return least, PROTOCOL.task(episode.task).max_steps
@@ -76,9 +90,10 @@ _TABLE = (
     ),
     Metric(
         "episode_steps", "Episode steps", "control steps", "T", ".1f",
-        "length of an episode, failures included",
+        "length of an episode, failures included; with a policy fault, the step limit",
         direction=DOWN, needs_goal=True, column="steps", field="steps",
         measure=lambda record: len(record.trace.actions), possible=_possible_steps,
+        derive=_counted_steps,
         shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
     Metric(
@@ -105,8 +120,7 @@ _TABLE = (
     Metric(
         "touch_share", "Touch share", "share of control steps", "T", ".3f",
         "share of an episode's control steps with contact",
-        direction=UP, column="touch_share",
-        derive=lambda episode: episode.touch_steps / episode.steps if episode.steps else 0.0,
+        direction=UP, column="touch_share", derive=_touch_share,
         shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
     Metric(

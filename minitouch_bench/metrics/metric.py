@@ -63,8 +63,9 @@ class Metric:
     ``measure`` reads a finished episode and fills ``field`` of EpisodeMetrics, by default the one
     of the metric's name. ``derive`` gives the metric's value in a measured episode, by default
     what that field holds. A metric has one of the two, or both. ``possible`` gives what the field
-    can hold beside what the others do: a submission with another value is refused. ``column``
-    holds the value in ``episodes.csv``, "" for a metric that has none there.
+    can hold beside what the others do: a submission with another value is refused. ``column`` of
+    ``episodes.csv`` holds the field of its name, or where there is none the value; "" for a metric
+    that has no column.
 
     ``role``: whose episodes are counted. ``needs_goal``: only tasks with a goal have the metric.
     """
@@ -94,6 +95,11 @@ class Metric:
             return self.derive(episode)
         measured: Value = getattr(episode, self.measured_field)
         return measured
+
+    def cell(self, episode: EpisodeMetrics) -> Value:
+        """Return what the metric's column of ``episodes.csv`` holds."""
+        measured: Value = getattr(episode, self.column, None)
+        return self.value(episode) if measured is None else measured
 
     @property
     def measured_field(self) -> str:

@@ -28,6 +28,9 @@ CONTRADICTED: Final = "contradicted"
 UNDECIDED: Final = "not decided"
 WAITING: Final = "waiting"
 
+LEAST_SEEDS: Final = 5
+"""Training seeds per method below which nothing is decided."""
+
 ORDERS_TRIED: Final = 200_000
 """Orders of the values that a test counts: all up to ten seeds per method, else random ones."""
 
@@ -46,7 +49,8 @@ NOTES: Final = (
     "unequally. A claim with several comparisons has the largest of their p-values. p: adjusted "
     f"by Holm's method over all claims of this table. Confirmed: p ≤ {ALPHA}. Contradicted: the "
     f"reverse of every comparison has p ≤ {ALPHA}, with the same correction. The chance of any "
-    "false verdict is at most 5 % for either word.",
+    "false verdict is at most 5 % for either word. With fewer than five seeds of a method nothing "
+    "is decided.",
     f"Detectable: the difference of means that one comparison shows in {100 * POWER:.0f} % of "
     "studies at the strictest level of the correction, if the values are normal and vary as here.",
     f"{WAITING.capitalize()}: not every training of the claim has a value yet.",
@@ -200,11 +204,11 @@ def _compare(claim: Claim, values: pd.DataFrame) -> tuple[Comparison, ...]:
 
 
 def _rank_test(first: Sequence[float], second: Sequence[float], side: str) -> float:
-    """Return the p-value, 1 where a method has less than two seeds.
+    """Return the p-value, 1 where a method has fewer than LEAST_SEEDS seeds.
 
     scipy's table of exact p-values does not support ties.
     """
-    if min(len(first), len(second)) < 2:
+    if min(len(first), len(second)) < LEAST_SEEDS:
         return 1.0
     every_order = scipy.stats.PermutationMethod(ORDERS_TRIED, rng=np.random.default_rng(0))
     test = scipy.stats.mannwhitneyu(first, second, alternative=side, method=every_order)

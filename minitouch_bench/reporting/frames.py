@@ -64,7 +64,7 @@ def episodes_csv(episodes: Iterable[EpisodeMetrics]) -> str:
 def _episode_row(episode: EpisodeMetrics) -> Row:
     return (
         *(getattr(episode, name) for name in _IDENTITY),
-        *(metric.value(episode) for metric in _MEASURED),
+        *(metric.cell(episode) for metric in _MEASURED),
     )
 
 

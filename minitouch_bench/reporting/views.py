@@ -63,10 +63,13 @@ def write_report(
 def view_directory(run: Path) -> Path:
     """Return where reports and videos of a finished run are written: its own directory.
 
-    A submission stays as it is: the views of its runs are written to ``reports/NAME/...``.
+    A submission stays as it is: the views of its runs are written to ``reports/NAME/...``, in the
+    working directory or, where that is in the submission, beside all submissions.
     """
     directory = run.parent if run.name == RUN_FILE else run
     submission = directory.resolve().parent.parent
     if not os.path.lexists(submission / SUBMISSION_FILE):
         return directory
-    return REPORTS / directory.resolve().relative_to(submission.parent)
+    is_inside = Path.cwd().is_relative_to(submission)
+    reports = submission.parents[1] / REPORTS if is_inside else REPORTS
+    return reports / directory.resolve().relative_to(submission.parent)

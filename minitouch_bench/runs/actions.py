@@ -52,6 +52,9 @@ def unpack_arrays(content: bytes, most: int) -> Iterator[tuple[str, NDArray[Any]
 def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
     if member.file_size > MAX_ARRAY + MAX_NPY_HEADER:
         raise ValueError(f"{member.filename} declares {member.file_size} bytes")
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        # zipfile unpacks a member of bzip2 or LZMA as a whole, however little is asked of it.
+        raise ValueError(f"{member.filename} is packed in a way that numpy does not use")
     with archive.open(member) as file:
         if np.lib.format.read_magic(file) != (1, 0):
             raise ValueError(f"{member.filename} is an array of another version")

@@ -35,10 +35,11 @@ def fit_action(raw: object, size: int) -> NDArray[np.float32]:
     if len(action) not in ACTION_SIZES:
         known = " or ".join(map(str, ACTION_SIZES))
         raise InvalidActionError(f"the action has {len(action)} numbers, not {known}")
-    fitted = np.zeros(size, np.float32)
-    count = min(size, len(action))
     with np.errstate(over="ignore"):  # a float64 too large becomes infinite, and is refused below
-        fitted[:count] = action[:count]
-    if not np.isfinite(fitted).all():
+        single = action.astype(np.float32)
+    if not np.isfinite(single).all():
         raise InvalidActionError("the action contains NaN or infinity")
+    fitted = np.zeros(size, np.float32)
+    count = min(size, len(single))
+    fitted[:count] = single[:count]
     return fitted

@@ -199,6 +199,8 @@ def _curve_mistake(task: TaskSummary, episodes: list[EpisodeMetrics]) -> str:
     reached = [int((steps > step).sum()) for step in range(longest)]
     if list(task.touch_curve_episodes) != reached or len(task.touch_curve) != longest:
         return "it is not over the episodes that reached each step"
+    if not all(0 <= ticks <= PROTOCOL.control.max_ticks for ticks in task.touch_curve):
+        return f"a control step has 0 to {PROTOCOL.control.max_ticks} ticks"
     total = float(np.dot(task.touch_curve, reached)) if reached else 0.0
     expected = sum(episode.touch_interaction for episode in episodes)
     if abs(total - expected) > CURVE_TOLERANCE * max(1, expected):

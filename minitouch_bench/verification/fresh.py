@@ -15,7 +15,8 @@ from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.records import EpisodeMetrics, Role
 
 SIGNIFICANCE = 0.01
-"""Chance at most that an honest training seed is refused, over its comparisons (Bonferroni)."""
+"""Chance at most that an honest submission is refused. Half of it is for single comparisons
+(Bonferroni), half for all drops together."""
 
 
 def new_draw() -> str:
@@ -61,4 +62,16 @@ def compare_fresh(
 
 def significant_drops(results: Sequence[FreshResult]) -> tuple[FreshResult, ...]:
     """Return the results that an honest policy would hardly give."""
-    return tuple(result for result in results if result.p < SIGNIFICANCE / len(results))
+    return tuple(result for result in results if result.p < SIGNIFICANCE / 2 / len(results))
+
+
+def drop_together(results: Sequence[FreshResult]) -> float | None:
+    """Return the p-value of all drops together if an honest policy would hardly give them.
+
+    So a small drop in each task and training seed is seen. The comparisons are of different
+    episodes.
+
+    Source: R. A. Fisher, "Statistical Methods for Research Workers" (1932), combined p-values.
+    """
+    p = float(scipy.stats.combine_pvalues([result.p for result in results], method="fisher").pvalue)
+    return p if p < SIGNIFICANCE / 2 else None

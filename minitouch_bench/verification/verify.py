@@ -98,10 +98,13 @@ def _with_claims(record: EpisodeRecord, row: EpisodeMetrics) -> EpisodeRecord:
 
 
 def draw_episodes(run: Run, count: int, rng: np.random.Generator) -> tuple[EpisodeSpec, ...]:
-    """Draw so many episodes of a run, in its order; nobody may foresee ``rng``."""
-    specs = run.header.specs()
-    size = min(count, len(specs))
-    return tuple(specs[i] for i in sorted(rng.choice(len(specs), size, replace=False)))
+    """Draw so many episodes of each policy of a run, in its order; nobody may foresee ``rng``."""
+    drawn: list[EpisodeSpec] = []
+    for role in Role:
+        specs = [spec for spec in run.header.specs() if spec.role is role]
+        size = min(count, len(specs))
+        drawn += (specs[i] for i in sorted(rng.choice(len(specs), size, replace=False)))
+    return tuple(drawn)
 
 
 def check_identity(recorded: PolicyIdentity, source: PolicySource) -> None:

@@ -32,11 +32,13 @@ from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
+from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EpisodeSpec, PolicyIdentity, Role
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.fresh import (
     FreshResult,
     compare_fresh,
+    drop_together,
     fresh_seed,
     new_draw,
     significant_drops,
@@ -117,10 +119,11 @@ def prove(
 ) -> tuple[Problem, ...]:
     """Replay a submission, run some of it again, and write the proof if nothing differs.
 
-    A stronger proof of the same bytes stays. ``rerun``: so many sampled episodes of each run with
-    the checkpoint. ``fresh_episodes``: so many new ones per task of each run, whose seeds follow
-    from ``draw``, by default random bits: nobody may know it before the checkpoint is fixed.
-    Fewer than MIN_FRESH_EPISODES give no level. After ``time_limit_s`` no more episodes are played.
+    A stronger proof of the same bytes stays. ``rerun``: so many sampled episodes of each policy of
+    each run, with its checkpoint. ``fresh_episodes``: so many new ones per task of each run, whose
+    seeds follow from ``draw``, by default random bits: nobody may know it before the checkpoint is
+    fixed. Fewer than MIN_FRESH_EPISODES give no level. After ``time_limit_s`` no more episodes are
+    played.
     """
     known = find_proof(verdict.directory, verdict.runs)
 
@@ -177,8 +180,9 @@ def within(
 
 def _episode_count(verdict: Verdict, again: int, fresh: int) -> int:
     """Return how many episodes a proof plays."""
-    count = again * len(verdict.runs)
+    count = 0
     for run in verdict.runs.values():
+        count += again * len(run.header.policies())
         count += len(run.header.specs())
         count += len(_fresh_specs(run, fresh, 0)) if fresh else 0
     return count
@@ -219,7 +223,7 @@ class Prover:
                     self.problems.add_below(place, replace(problem, remedy=NOT_REPLAYED))
 
     def run_again(self, count: int) -> None:
-        """Run ``count`` drawn episodes of each run with the checkpoint, held in the sandbox."""
+        """Run ``count`` drawn episodes of each policy of each run, held in the sandbox."""
         for seed in self.verdict.submission.seeds:
             for place in seed.runs.values():
                 with self.problems.caught(place):
@@ -246,11 +250,19 @@ class Prover:
                     seeds[place] = fresh_seed(run.header.policy.digest, draw)
                     specs = _fresh_specs(run, count, seeds[place])
                     results[place] = self._fresh_results(run, self._setup(seed, run), specs)
-            compared = [one for place in seed.runs.values() for one in results.get(place, ())]
-            drops = significant_drops(compared) if compared else ()
-            for place in seed.runs.values():
-                for drop in (one for one in results.get(place, ()) if one in drops):
-                    self.problems.add_below(place, _drop_problem(drop))
+        drops = significant_drops([one for compared in results.values() for one in compared])
+        for place, compared in results.items():
+            for drop in (one for one in compared if one in drops):
+                self.problems.add_below(place, _drop_problem(drop))
+        ranked = [
+            one
+            for seed in self.verdict.submission.seeds
+            for one in results.get(seed.runs[MAIN_SUITE], ())
+            if one.role is Role.FINAL
+        ]
+        if ranked and not drops and (p := drop_together(ranked)) is not None:
+            what = f"fresh episodes are worse over all tasks and training seeds (p = {p:.2g})"
+            self.problems.add("", what, FITS_OFFICIAL)
         return FreshProof(draw, count, seeds, results)
 
     def _fresh_results(

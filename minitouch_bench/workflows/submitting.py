@@ -183,7 +183,7 @@ class Packer:
             verdict = validate(copy)
             if problems := verdict.problems or self._copies(verdict.runs, entry):
                 return Packed(self.directory, problems)
-            with interrupts_held():
+            with interrupts_held(), lock_directory(self.submissions, wait=True):
                 for place in (*entry.runs.values(), f"{CHECKPOINTS}/seed-{entry.seed}"):
                     swap(copy / place, self.directory / place, folder / "old" / place)
                 add_seed(self.directory, begun_submission(self.directory), self.about, entry)

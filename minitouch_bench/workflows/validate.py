@@ -35,7 +35,7 @@ def validate(
     Args:
         replay: Replay every recorded action, and write a proof that the leaderboard shows;
             --rerun and --fresh-seeds do this too.
-        rerun: Also run N sampled episodes of each run with the checkpoint.
+        rerun: Also run N sampled episodes of each policy of each run with its checkpoint.
         fresh_seeds: Also run N new episodes per task of each run: 50 is usual, fewer than 20
             give no level.
         draw: Text from which the new seeds follow; the submitter must not know it before the

@@ -39,7 +39,7 @@ def verify(
     """Replay a run's recorded actions and recompute every estimate; exit 1 if any differs.
 
     Args:
-        rerun: Also run N sampled episodes with the checkpoint.
+        rerun: Also run N sampled episodes of each policy with its checkpoint.
         policy: Where the checkpoint is now; by default where it was.
         exploration: Where the exploration checkpoint is now.
         draw: Seed of the sample; by default random.

@@ -1,3 +1,4 @@
+import io
 import os
 import struct
 import zipfile
@@ -97,6 +98,16 @@ def test_debris_in_another_compression_is_refused(tmp_path, method):
     content = content[:8] + other + content[10 : start + 10] + other + content[start + 12 :]
     (tmp_path / ACTIONS_FILE).write_bytes(content)
     with pytest.raises(RunDirectoryError, match="damaged"):
+        read_actions(tmp_path, SPECS)
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_an_array_that_unpacks_as_a_whole_is_refused_unread(tmp_path, method):
+    array = io.BytesIO()
+    np.save(array, GOOD)
+    with zipfile.ZipFile(tmp_path / ACTIONS_FILE, "w", method) as archive:
+        archive.writestr("pushing/0.npy", array.getvalue())
+    with pytest.raises(RunDirectoryError, match="packed in a way"):
         read_actions(tmp_path, SPECS)
 
 

@@ -96,6 +96,9 @@ def test_what_makes_a_run_unofficial_is_said():
     assert why_unofficial(plan, zero, in_memory, "none") == (
         "policy in memory, beside the simulator",
     )
+    for isolation, kind in (("process", "remote"), ("none", "scripted")):
+        assert why_unofficial(plan, zero, None, isolation) == (f"isolation: {isolation}",)
+        assert why_unofficial(plan, replace(zero, kind=kind), None, isolation) == ()
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The script that validates the submission of a pull request, and what it leaves."""
 
 import json
+import shutil
 import subprocess
 import sys
 
@@ -101,6 +102,19 @@ def test_any_other_outcome_is_named_and_leaves_no_proof(script, clone, tmp_path,
     assert result["outcomes"] == {"mine": outcome}
     assert not (output / "proofs").exists()
     assert (tmp_path / "GITHUB_OUTPUT").read_text() == "proofs=0\n"
+
+
+def test_a_change_that_removes_another_submission_is_not_checked(script, clone):
+    base = commit(clone, README="", submissions__honest__code="0")
+    shutil.rmtree(clone / "submissions" / "honest")
+    removed = commit(clone)
+    head = commit(clone, submissions__mine__code="0")
+    assert run(script, clone, removed, "--base", base, "--only-one")[0] == 1
+    code, result, output = run(script, clone, head, "--base", base, "--only-one")
+    assert code == 1
+    assert result["outcomes"] == {"honest": "not checked", "mine": "not checked"}
+    assert "'honest', 'mine'" in (output / "output.txt").read_text()
+    assert run(script, clone, head, "--base", base)[1]["outcomes"] == {"mine": "valid"}
 
 
 @pytest.mark.parametrize(

@@ -33,3 +33,8 @@ def test_half_of_the_smaller_run_is_enough():
         (episodes("a", number=10), {("a", "b"): 10}),
     ):
         assert find_copies({"a": episodes("a"), "b": other}) == shared
+
+
+def test_a_row_that_is_repeated_counts_once():
+    many = SimpleNamespace(episodes=episodes("a", number=1).episodes * 5000)
+    assert find_copies({"a": many, "b": many}) == {}  # one of 5,000 rows is shared

@@ -130,6 +130,15 @@ def test_an_edited_touch_curve(submission):
     refused(submission, RUN, "touch curve of playing")
 
 
+def test_a_touch_curve_that_no_step_can_have(submission):
+    def change(run):
+        curve = run["summary"]["tasks"][0]["touch_curve"]
+        curve[50], curve[51] = curve[50] + 1e308, curve[51] - 1e308
+
+    edit_run(submission, change)
+    refused(submission, RUN, "a control step has 0 to 100 ticks")
+
+
 @pytest.mark.parametrize("name", ["episodes.csv", "report.md", "report.html"])
 def test_tables_and_pages_are_no_part_of_a_submission(submission, name):
     (submission / RUN / name).write_text("")
@@ -353,7 +362,8 @@ def test_endless_lists_of_packages(submission):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("version = 1", "version = 2", "version 2"),
+        ("version = 1", "version = 2", "version is not 1"),
+        ("version = 1", "version = 0x" + 4000 * "f", "version is not 1"),
         ('format = "minitouch-submission"', 'format = "x"', "its format is not"),
         ("training_steps = 2000000", "training_steps = -1", "training_steps"),
         ("training_steps = 2000000", "training_steps = nan", "training_steps"),

@@ -219,3 +219,13 @@ def test_touch_share_counts_steps_and_is_zero_without_any():
     assert playing.value == pytest.approx(np.mean(share))
     failed = replace(run, records=tuple(with_fault(r, "no") for r in run.records))
     assert by_task(failed)["playing"].estimates["touch_share"].value == 0
+
+
+@pytest.mark.parametrize("task", ["playing", "pushing"])
+def test_a_fault_improves_nothing(task):
+    record = EpisodeRecord(replace(SPEC, task=task), Outcome.POLICY_FAULT, make_trace(), "NaN")
+    for outcome, steps in ((Outcome.POLICY_FAULT, 200), (Outcome.STEP_LIMIT, 3)):
+        row = measure(replace(record, outcome=outcome))
+        assert METRICS["episode_steps"].value(row) == steps
+        assert METRICS["episode_steps"].cell(row) == row.steps == 3
+        assert METRICS["touch_share"].value(row) == METRICS["touch_share"].cell(row) == 2 / steps

@@ -1,11 +1,13 @@
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 from scipy import stats
 
 from minitouch_bench.records import Outcome, Role
 from minitouch_bench.verification.fresh import (
     compare_fresh,
+    drop_together,
     fresh_seed,
     new_draw,
     significant_drops,
@@ -67,3 +69,22 @@ def test_playing_is_compared_by_its_touch_share():
     assert found.metric == "touch_share"
     assert significant_drops([found]) == (found,)
     assert significant_drops([compare_fresh(held, held[::5], Role.FINAL, "playing")]) == ()
+
+
+def test_a_small_drop_everywhere_is_seen_where_no_single_one_is():
+    found = [compare_fresh(shares(100, 100), shares(47, 50), Role.FINAL, "opening")] * 15
+    assert significant_drops(found) == ()
+    assert drop_together(found) < 1e-6
+    assert drop_together(found[:1]) is None
+
+
+@pytest.mark.parametrize("rate", [0.5, 0.9, 0.99])
+def test_an_honest_submission_is_hardly_ever_refused_for_all_drops_together(rate):
+    rng = np.random.default_rng(0)
+    drawn = rng.binomial((100, 50), rate, (2000, 4, 2))
+    found = {
+        pair: compare_fresh(shares(pair[0], 100), shares(pair[1], 50), Role.FINAL, "opening")
+        for pair in set(map(tuple, drawn.reshape(-1, 2).tolist()))
+    }
+    together = (drop_together([found[tuple(one)] for one in row]) for row in drawn.tolist())
+    assert sum(p is not None for p in together) <= 2000 * 0.005 + 10

@@ -17,7 +17,7 @@ from minitouch_bench.policies.isolation.readable import (
     forget_environment,
     readable_paths,
 )
-from minitouch_bench.policies.isolation.seccomp import ARCHITECTURES
+from minitouch_bench.policies.isolation.seccomp import ARCHITECTURES, NEITHER_READ_NOR_WRITE
 from minitouch_bench.processes import die_with
 
 PRICE = (
@@ -125,6 +125,7 @@ def _try_out(sandbox: Sandbox, report: int, file: str) -> None:
     escapes: dict[str, Callable[[], object]] = {
         **ESCAPES,
         "write a file": lambda: os.open(file, os.O_WRONLY),
+        "empty a file": lambda: os.open(file, NEITHER_READ_NOR_WRITE | os.O_TRUNC),
     }
     for deed, attempt in escapes.items():
         try:

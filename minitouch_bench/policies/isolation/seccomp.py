@@ -21,8 +21,8 @@ ARCHITECTURES = ("x86_64", "aarch64")
 
 ALLOWED: Mapping[str, tuple[int | None, int | None]] = {
     "read": (0, 63), "write": (1, 64), "readv": (19, 65), "writev": (20, 66), "pread64": (17, 67),
-    "pwrite64": (18, 68), "close": (3, 57), "close_range": (436, 436), "open": (2, None),
-    "openat": (257, 56), "stat": (4, None), "fstat": (5, 80), "lstat": (6, None),
+    "pwrite64": (18, 68), "close": (3, 57), "close_range": (436, 436),
+    "stat": (4, None), "fstat": (5, 80), "lstat": (6, None),
     "newfstatat": (262, 79), "statx": (332, 291), "lseek": (8, 62), "access": (21, None),
     "faccessat": (269, 48), "faccessat2": (439, 439), "readlink": (89, None),
     "readlinkat": (267, 78), "getdents64": (217, 61), "getcwd": (79, 17), "dup": (32, 23),
@@ -54,6 +54,7 @@ in memory, where one episode could leave a message to the next.
 """
 
 JUDGED: Mapping[str, tuple[int | None, int | None]] = {
+    "open": (2, None), "openat": (257, 56),
     "madvise": (28, 233), "clone": (56, 220), "clone3": (435, 435), "kill": (62, 129),
     "tkill": (200, 130), "tgkill": (234, 131), "prctl": (157, 167), "ioctl": (16, 29),
     "fcntl": (72, 25), "prlimit64": (302, 261),
@@ -72,10 +73,13 @@ KILL_PROCESS = 0x80000000
 ERRNO = 0x00050000
 ALLOW = 0x7FFF0000
 
-LOAD, RETURN = 0x20, 0x06
+LOAD, RETURN, AND = 0x20, 0x06, 0x54
 IF_EQUAL, IF_AT_LEAST, IF_ANY_BIT = 0x15, 0x35, 0x45
 NUMBER_AT, ARCHITECTURE_AT, ARGUMENTS_AT = 0, 4, 16
 
+ACCESS_MODE = NEITHER_READ_NOR_WRITE = 3
+"""The mode that Linux has beside O_RDONLY, O_WRONLY and O_RDWR; Landlock lets it open any file."""
+O_RDONLY, O_TRUNC = 0, 0o1000
 CLONE_THREAD = 0x00010000
 NAME_CALLS = (15, 16)
 READING_PRCTL = (2, 3, 21, 23, 39, 51, 64)
@@ -121,9 +125,8 @@ def make_filter(machine: str, pid: int, *, threads: bool) -> list[Instruction]:
         if (number := numbers[column]) is not None:
             program += [(IF_EQUAL, 0, 1, number), *_answer(ALLOW)]
     for name, block in _judgments(pid, threads=threads).items():
-        number = JUDGED[name][column]
-        assert number is not None
-        program += [(IF_EQUAL, 0, len(block), number), *block]
+        if (number := JUDGED[name][column]) is not None:
+            program += [(IF_EQUAL, 0, len(block), number), *block]
     program += [(IF_AT_LEAST, 0, 1, FIRST_UNKNOWN), *_answer(ERRNO | errno.ENOSYS)]
     return program + _answer(ERRNO | errno.EPERM)
 
@@ -145,6 +148,8 @@ def _judgments(pid: int, *, threads: bool) -> Mapping[str, list[Instruction]]:
     thread = [*_low(0), *_allow_if(IF_ANY_BIT, (CLONE_THREAD,))] if threads else []
     options = (*NAME_CALLS, *READING_PRCTL, PR_SET_VMA)
     return {
+        "open": _opening(1),
+        "openat": _opening(2),
         "clone": thread + denied,
         # Its flags are in memory, which a filter cannot read: as if the kernel had none.
         "clone3": _answer(ERRNO | errno.ENOSYS),
@@ -157,6 +162,26 @@ def _judgments(pid: int, *, threads: bool) -> Mapping[str, list[Instruction]]:
         "fcntl": [*_low(1), *_allow_if(IF_EQUAL, HARMLESS_FCNTL), *denied],
         "prlimit64": _reading_prlimit(pid),
     }
+
+
+def _opening(argument: int) -> list[Instruction]:
+    """Allow to open a file as Landlock permits; the argument is the flags.
+
+    Before its third version (Linux 6.2) Landlock does not see that ``O_TRUNC`` empties a file.
+    With ``O_WRONLY`` and ``O_RDWR`` it asks for the right to write; otherwise it is denied here.
+    """
+    denied = _answer(ERRNO | errno.EPERM)
+    return [
+        *_low(argument),
+        (AND, 0, 0, ACCESS_MODE),
+        (IF_EQUAL, 0, 1, NEITHER_READ_NOR_WRITE),
+        *denied,
+        (IF_EQUAL, 0, 3, O_RDONLY),
+        *_low(argument),
+        (IF_ANY_BIT, 0, 1, O_TRUNC),
+        *denied,
+        *_answer(ALLOW),
+    ]
 
 
 def _signal_to_itself(pid: int, argument: int) -> list[Instruction]:

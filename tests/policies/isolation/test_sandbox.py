@@ -12,7 +12,8 @@ from minitouch_bench.policies.isolate import InProcessPolicy, effective_level, i
 from minitouch_bench.policies.isolation import landlock, sandbox
 from minitouch_bench.policies.isolation.kernel import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, weakest
-from minitouch_bench.policies.isolation.readable import readable_paths
+from minitouch_bench.policies.isolation.readable import FactoryPaths, readable_paths
+from minitouch_bench.policies.isolation.sandbox import ENTERED
 from minitouch_bench.policies.sources import parse_source
 
 ROOMY = ProcessLimits(memory_bytes=2**33, cpu_s=60)
@@ -93,6 +94,29 @@ def test_an_old_kernel_is_asked_for_no_more_than_it_knows(monkeypatch):
     assert files == [13, 14, 15, 15, 16, 16, 16, 16]
     assert [one.handled_access_net for one in asked] == [0, 0, 0, 3, 3, 3, 3, 3]
     assert [one.scoped for one in asked] == [0, 0, 0, 0, 0, 3, 3, 3]
+
+
+@pytest.mark.parametrize("abi", [1, 2, 3])
+@pytest.mark.parametrize("flags", [os.O_TRUNC, 3, 3 | os.O_TRUNC, os.O_WRONLY | os.O_TRUNC])
+def test_no_file_is_emptied_under_an_older_landlock(monkeypatch, tmp_path, abi, flags):
+    monkeypatch.setattr(landlock, "supported_abi", lambda: abi)
+    for place in ("readable", "elsewhere"):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "file").write_text("kept")
+    made = sandbox.prepare(ROOMY, FactoryPaths((str(tmp_path / "readable"),), ()))
+    for place in ("readable", "elsewhere"):
+        child = os.fork()
+        if child == 0:
+            try:
+                made.enter(())
+                os.open(tmp_path / place / "file", flags)
+            except PermissionError:
+                os._exit(ENTERED)
+            finally:
+                os._exit(1)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == ENTERED
+        assert (tmp_path / place / "file").read_text() == "kept"
+    os.close(made.ruleset)
 
 
 def test_levels_that_cannot_be_had_are_named_as_they_are():

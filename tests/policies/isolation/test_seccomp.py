@@ -1,6 +1,7 @@
 """The filter, run instruction by instruction for both architectures, as the kernel would."""
 
 import errno
+import os
 import struct
 
 import pytest
@@ -39,6 +40,10 @@ def decide(program, number, arguments=(), architecture=0xC000003E):
             return constant
         if code == seccomp.LOAD:
             (accumulator,) = struct.unpack_from("<I", data, constant)
+            at += 1
+            continue
+        if code == seccomp.AND:
+            accumulator &= constant
             at += 1
             continue
         holds = {
@@ -104,6 +109,14 @@ def test_advice_is_about_its_own_memory_only(judge):
     assert {judge("madvise", 0, 4096, advice) for advice in (3, 9, 12, 20, 21)} == {DENIED}
 
 
+@pytest.mark.parametrize(("call", "before"), [("open", (0,)), ("openat", (-100, 0))])
+def test_no_file_is_emptied_that_landlock_does_not_let_write(judge, call, before):
+    for flags in (os.O_RDONLY | os.O_CLOEXEC, os.O_WRONLY | os.O_TRUNC, os.O_RDWR | os.O_TRUNC):
+        assert judge(call, *before, flags) in (seccomp.ALLOW, None)
+    for flags in (os.O_TRUNC, os.O_TRUNC | os.O_CLOEXEC, 3, 3 | os.O_TRUNC, os.O_TRUNC + 2**32):
+        assert judge(call, *before, flags) in (DENIED, None)
+
+
 def test_limits_are_read_and_never_set(judge):
     assert judge("prlimit64", 0, 7, 0, 1000) == seccomp.ALLOW
     assert judge("prlimit64", PID, 7, 0, 1000) == seccomp.ALLOW
@@ -138,5 +151,7 @@ def test_no_jump_leaves_the_program():
         program = seccomp.make_filter(machine, PID, threads=True)
         for at, (code, if_true, if_false, _) in enumerate(program):
             assert max(if_true, if_false) < 256
-            assert code == seccomp.RETURN or at + 1 + max(if_true, if_false) < len(program)
+            assert code in (seccomp.RETURN, seccomp.AND) or at + 1 + max(if_true, if_false) < len(
+                program
+            )
         assert len(program) < 4096
