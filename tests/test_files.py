@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import tracemalloc
 from pathlib import Path
 
@@ -51,6 +52,22 @@ def test_a_directory_is_held_by_one_process_until_it_ends_in_whatever_way(tmp_pa
         holder.kill()
     with lock_directory(directory), pytest.raises(RunDirectoryError), lock_directory(directory):
         pass
+
+
+def test_a_lock_can_be_waited_for(tmp_path):
+    order = []
+
+    def wait():
+        with lock_directory(tmp_path, wait=True):
+            order.append("second")
+
+    with lock_directory(tmp_path):
+        waiting = threading.Thread(target=wait)
+        waiting.start()
+        waiting.join(0.2)
+        order.append("first")
+    waiting.join()
+    assert order == ["first", "second"]
 
 
 def test_a_lock_is_not_inherited(tmp_path):

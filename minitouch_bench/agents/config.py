@@ -228,6 +228,18 @@ PRESETS = {"default": TrainingConfig, "paper": paper_config}
 """Builders of a task's settings by the preset's name."""
 
 
+PHASE_STEPS: Mapping[str, tuple[int, int]] = MappingProxyType(
+    {
+        "playing": (10_000, 0),
+        "pushing": (15_000, 85_000),
+        "opening": (10_000, 20_000),
+        "pick-up": (30_000, 50_000),
+    }
+)
+"""Control steps of exploration and of the task phase in every preset: those of
+docs/studies/table4.toml. Playing has no goal to learn."""
+
+
 def make_config(
     task: str,
     preset: str = "default",
@@ -235,6 +247,8 @@ def make_config(
     settings: Mapping[str, Any] = MappingProxyType({}),
 ) -> TrainingConfig:
     """Return a preset's settings for a task, changed by a TOML file, then by ``settings``.
+
+    The phases have the lengths of PHASE_STEPS.
 
     A ``task`` in either changes nothing, so that a training's own ``config.toml`` serves another
     one. ``settings`` are nested as in the file: ``{"seed": 1, "task_phase": {"steps": 80_000}}``.
@@ -245,6 +259,12 @@ def make_config(
     PROTOCOL.task(task)
     _check("preset", preset, tuple(PRESETS))
     base = PRESETS[preset](task)
+    explored, learned = PHASE_STEPS[task]
+    base = replace(
+        base,
+        exploration=replace(base.exploration, steps=explored),
+        task_phase=replace(base.task_phase, steps=learned),
+    )
     if file is not None:
         base = read_config(file, base)
     return replace(apply_settings(base, settings), task=task)

@@ -257,7 +257,7 @@ class Prover:
         ranked = [
             one
             for seed in self.verdict.submission.seeds
-            for one in results.get(seed.runs[MAIN_SUITE], ())
+            for one in results.get(seed.runs.get(MAIN_SUITE, ""), ())
             if one.role is Role.FINAL
         ]
         if ranked and not drops and (p := drop_together(ranked)) is not None:

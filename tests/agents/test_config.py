@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +15,7 @@ from minitouch_bench.agents.config import (
 )
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
+from minitouch_bench.workflows.study_config import read_study
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -71,7 +73,16 @@ def test_a_trainings_settings_serve_another_task(tmp_path):
     file = tmp_path / "config.toml"
     file.write_text(write_toml(TrainingConfig("pushing", method="rnd")))
     assert make_config("opening", file=file) == TrainingConfig("opening", method="rnd")
-    assert make_config("opening", settings={"task": "pushing"}) == TrainingConfig("opening")
+    assert make_config("opening", settings={"task": "pushing"}) == make_config("opening")
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_training_is_as_long_as_in_the_study_of_table_4(preset):
+    study = read_study(Path(__file__).parents[2] / "docs" / "studies" / "table4.toml")
+    for training in study.trainings():
+        ours, theirs = make_config(training.task, preset), study.config_of(training)
+        assert ours.exploration.steps == theirs.exploration.steps
+        assert ours.task_phase.steps == theirs.task_phase.steps
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.documents import plain
-from minitouch_bench.leaderboard.board import CALIBRATION, make_board
+from minitouch_bench.leaderboard.board import CALIBRATION, in_order, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.build import build_board, find_submissions, index_html
 from minitouch_bench.leaderboard.endings import Ending
@@ -23,6 +23,7 @@ from minitouch_bench.leaderboard.proof import (
     proof_path,
     write_proof,
 )
+from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scores import (
     BOARD_METRICS,
     MEAN_SUCCESS,
@@ -191,6 +192,12 @@ def test_ranks_are_shared_where_rows_cannot_be_told_apart(board, rows):
     assert rows["hac"].ranks[OVERALL] == rows["near"].ranks[OVERALL]
     assert rows["seeds"].ranks[OVERALL].best == 4
     assert set(rows["hac"].ranks) == {OVERALL, *TASK_NAMES}
+
+
+def test_a_row_that_may_have_any_rank_stands_where_its_value_is(board, rows):
+    unsure = {**rows["seeds"].ranks, OVERALL: Rank(1, 4)}
+    moved = [replace(row, ranks=unsure) if row.name == "seeds" else row for row in board.ranked]
+    assert [row.name for row in in_order(moved, OVERALL)][-1] == "seeds"
 
 
 def test_calibrations_have_no_rank(board, rows):

@@ -51,6 +51,7 @@ def test_the_result_shares_no_memory_with_the_policy():
         ([0.0, np.nan, 0.0, 0.0], 4, "NaN"),
         ([0.0, 0.0, 0.0, np.inf], 4, "infinity"),
         ([0.0, 0.0, 0.0, 1e300], 4, "infinity"),
+        ([0.0, 0.0, 0.0, 0.0, np.nan], 4, "NaN"),  # though a task of 4 does not use it
     ],
 )
 def test_anything_else_is_refused(raw, size, text):

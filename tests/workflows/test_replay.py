@@ -40,6 +40,13 @@ def shortest(directory):
     return f"{row.task}/{row.index}"
 
 
+@pytest.mark.parametrize("place", ["", "seed-0", "seed-0/table4"])
+def test_even_where_one_works_in_the_submission(inside, monkeypatch, place):
+    monkeypatch.chdir(inside / place)
+    done = report(inside / "seed-0" / "table4")
+    assert done.directory == inside.parents[1] / "reports/hac/seed-0/table4"
+
+
 @pytest.mark.usefixtures("inside")
 @pytest.mark.parametrize("run_path", [RUN, RUN / "run.json"])
 def test_the_report_of_a_submission_s_run_is_written_elsewhere(run_path):
