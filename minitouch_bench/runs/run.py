@@ -98,10 +98,6 @@ def make_header(
     )
 
 
-WEAK_LEVEL_OF = {"process": "remote", "none": "scripted"}
-"""Which kind of policy needs a level of isolation below the sandbox."""
-
-
 def why_unofficial(
     plan: Plan, policy: PolicyIdentity, exploration: PolicyIdentity | None, isolation: str
 ) -> tuple[str, ...]:
@@ -110,7 +106,8 @@ def why_unofficial(
     reasons = plan.why_unofficial()
     if IN_MEMORY in kinds:
         return (*reasons, "policy in memory, beside the simulator")
-    if isolation in WEAK_LEVEL_OF and WEAK_LEVEL_OF[isolation] not in kinds:
+    needed_by = {"process": "remote", "none": "scripted"}.get(isolation)
+    if needed_by is not None and needed_by not in kinds:
         return (*reasons, f"isolation: {isolation}")
     return reasons
 
