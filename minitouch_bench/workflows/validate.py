@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError
+from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError, UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.workflows import UNSEEN_VALIDATION, ValidationProgress, options
 from minitouch_bench.workflows.options import StrPath
@@ -39,16 +39,19 @@ def validate(
         fresh_seeds: Also run N new episodes per task of each run: 50 is usual, fewer than 20
             give no level.
         draw: Text from which the new seeds follow; the submitter must not know it before the
-            checkpoint is fixed. By default 128 random bits.
+            checkpoint is fixed. By default 128 random bits; at least as long.
         time_limit: Seconds for the check of each submission; by default 6 hours.
 
     Raises:
+        UsageError: the draw is too short.
         InfrastructureError: an episode could not be run.
     """
     from minitouch_bench.leaderboard.proof import MIN_FRESH_EPISODES
     from minitouch_bench.verification.fresh import new_draw
     from minitouch_bench.workflows import proving
 
+    if draw is not None and len(draw) < (least := len(new_draw())):
+        raise UsageError(f"--draw needs {least} characters: 128 random bits in hexadecimal")
     if 0 < fresh_seeds < MIN_FRESH_EPISODES:
         callbacks.note(f"fewer than {MIN_FRESH_EPISODES} fresh episodes per task give no level")
     prove = partial(

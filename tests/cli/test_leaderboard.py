@@ -102,6 +102,11 @@ def test_too_few_fresh_episodes_are_told_before_they_are_played(validate):
     assert done.stderr.splitlines()[0].startswith("fewer than 20 fresh episodes")
 
 
+def test_a_draw_that_could_be_guessed_is_refused(root):
+    done = run("leaderboard", "validate", "submissions/hac", "--draw", "x" * 31, directory=root)
+    done.refused(2, "--draw needs 32 characters")
+
+
 def test_a_directory_that_is_not_there_is_named_once(tmp_path):
     done = run("leaderboard", "validate", "nosuch", directory=tmp_path)
     assert done.code == 1
