@@ -34,8 +34,8 @@ VIDEOS = "videos"
 TENSORBOARD = "tensorboard"
 SUBMISSION_FILE, CHECKPOINTS = "submission.toml", "checkpoints"
 
-REPORTS = Path("reports")
-"""Where runs and reports without ``output`` get a directory of their own."""
+REPORTS, SUBMISSIONS = Path("reports"), Path("submissions")
+"""Where runs, reports and submissions without ``output`` get a directory of their own."""
 UNFINISHED = "unfinished"
 """Folder of what is done of a run; a finished run has none."""
 
@@ -148,8 +148,8 @@ def os_errors_as(
 def lock_directory(directory: Path, *, wait: bool = False) -> Iterator[None]:
     """Create the directory if need be, and hold it alone; the lock ends with the process.
 
-    What a killed holder had half written there is removed. ``wait`` until another process that
-    holds it lets it go.
+    What a killed holder had half written there is removed. ``wait`` until no other process
+    has it.
 
     Raises:
         RunDirectoryError: it cannot be written, or another process holds it.

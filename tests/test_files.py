@@ -62,11 +62,11 @@ def test_a_lock_can_be_waited_for(tmp_path):
             order.append("second")
 
     with lock_directory(tmp_path):
-        waiting = threading.Thread(target=wait)
+        waiting = threading.Thread(target=wait, daemon=True)
         waiting.start()
         waiting.join(0.2)
         order.append("first")
-    waiting.join()
+    waiting.join(60)
     assert order == ["first", "second"]
 
 

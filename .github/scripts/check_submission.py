@@ -58,6 +58,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         text = f"A submission changes submissions/NAME/ and nothing else; this changes: {named}"
         report(text, outcomes, given.head, given.output)
         return 1
+    if given.name is not None and not present:
+        report("There is no such submission", {}, given.head, given.output)
+        return 1
     checked = {name: check(name, given.clone, given.output) for name in present}
     outcomes = {name: outcome for name, (outcome, _) in checked.items()}
     report("\n".join(text for _, text in checked.values()), outcomes, given.head, given.output)

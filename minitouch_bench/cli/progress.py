@@ -3,7 +3,7 @@
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -224,15 +224,17 @@ def study_progress() -> Iterator[StudyProgress]:
 
     with ExitStack() as stack:
         yield StudyProgress(
-            begin=lambda config, place: stack.enter_context(_trainings_shown(config, place)),
+            begin=lambda *study: stack.enter_context(_trainings_shown(*study)),
             state=lambda results: note(state_lines(results)[0]),
         )
 
 
 @contextmanager
-def _trainings_shown(config: "StudyConfig", directory: Path) -> Iterator[None]:
-    """Show the control steps of all trainings, and those under way, as their files say."""
-    totals = {training: config.config_of(training).steps for training in config.trainings()}
+def _trainings_shown(
+    config: "StudyConfig", directory: Path, trainings: Sequence["StudyTraining"]
+) -> Iterator[None]:
+    """Show the control steps of these trainings, and those under way, as their files say."""
+    totals = {training: config.config_of(training).steps for training in trainings}
     lines, ended = _Lines(notes), threading.Event()
     bar = _step_bar("{task.fields[under_way]}", 1)
     task = bar.add_task("control steps", total=sum(totals.values()), under_way="")

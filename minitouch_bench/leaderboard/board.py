@@ -204,8 +204,8 @@ def _values(verdict: Verdict) -> dict[str, list[list[float]]]:
 def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
     """Order rows by what ranks a task or OVERALL, then the name.
 
-    Not by ``Rank.best``: a row whose training seeds differ much is significantly worse than no
-    other, and would stand above rows that are better.
+    Not by ``Rank.best``: a row whose training seeds differ much is not significantly worse
+    than any other, and would be listed above rows that are better.
     """
     return sorted(rows, key=lambda row: (-row.figures[key][RANKED_BY[key]].value, row.name))
 

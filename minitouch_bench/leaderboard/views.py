@@ -85,7 +85,7 @@ def _overall(board: Board) -> View:
         *(Column(task_title(task), unit=f"{_label(task)} ↑") for task in BOARD_TASKS),
     )
     lead = (
-        f"Ranked by the mean success over {listed(goals)}. Rows that do not differ significantly "
+        f"Ordered by the mean success over {listed(goals)}. Rows that do not differ significantly "
         "on the same episodes share a rank."
     )
     return View(OVERALL, "Overall", lead, columns, _lines(board, OVERALL, [*RANKED_BY.items()]))
@@ -98,7 +98,7 @@ def _task(board: Board, task: str) -> View:
         Column(METRICS[m].label, unit=f"{METRICS[m].unit} {METRICS[m].direction_in(task)}".strip())
         for m in metrics
     )
-    lead = f"Ranked by {_label(task)}. The columns of Table 4."
+    lead = f"Ordered by {_label(task)}. The columns of Table 4."
     lines = _lines(board, task, [(task, metric) for metric in metrics])
     return View(task, task_title(task), lead, columns, lines)
 

@@ -48,7 +48,8 @@ def _touched(episode: EpisodeMetrics) -> bool:
 def _counted_steps(episode: EpisodeMetrics) -> int:
     """Return an episode's length; one that ends by a policy fault counts as long as possible.
 
-    Otherwise a fault would pay: fewer steps, and in Playing an end while the touch share is high.
+    Otherwise a fault would improve results: fewer steps, and in Playing an end while the touch
+    share is high.
     """
     has_fault = episode.outcome is Outcome.POLICY_FAULT
     return PROTOCOL.task(episode.task).max_steps if has_fault else episode.steps

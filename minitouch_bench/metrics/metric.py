@@ -97,9 +97,11 @@ class Metric:
         return measured
 
     def cell(self, episode: EpisodeMetrics) -> Value:
-        """Return what the metric's column of ``episodes.csv`` holds."""
-        measured: Value = getattr(episode, self.column, None)
-        return self.value(episode) if measured is None else measured
+        """Return what the metric's column of ``episodes.csv`` contains."""
+        if self.measure is None or self.column != self.measured_field:
+            return self.value(episode)
+        measured: Value = getattr(episode, self.column)
+        return measured
 
     @property
     def measured_field(self) -> str:

@@ -49,8 +49,8 @@ NOTES: Final = (
     "unequally. A claim with several comparisons has the largest of their p-values. p: adjusted "
     f"by Holm's method over all claims of this table. Confirmed: p ≤ {ALPHA}. Contradicted: the "
     f"reverse of every comparison has p ≤ {ALPHA}, with the same correction. The chance of any "
-    "false verdict is at most 5 % for either word. With fewer than five seeds of a method nothing "
-    "is decided.",
+    "false verdict is at most 5 % for either word. With fewer than "
+    f"{LEAST_SEEDS} seeds of a method nothing is decided.",
     f"Detectable: the difference of means that one comparison shows in {100 * POWER:.0f} % of "
     "studies at the strictest level of the correction, if the values are normal and vary as here.",
     f"{WAITING.capitalize()}: not every training of the claim has a value yet.",
@@ -114,14 +114,15 @@ class Comparison:
         return first, second
 
     def detectable(self, level: float) -> float:
-        """Return the detectable difference at a significance level; NaN if none is, or no spread.
+        """Return the detectable difference at a significance level.
 
-        Seeds vary normally, by the pooled standard deviation of these.
+        NaN if none is, with fewer than LEAST_SEEDS seeds, or without a spread. Seeds vary
+        normally, by the pooled standard deviation of these.
         """
         samples = [np.array(self.better_values), np.array(self.worse_values)]
         sizes = [len(sample) for sample in samples]
         freedom = sum(sizes) - 2
-        if freedom < 1 or 0 in sizes:
+        if min(sizes) < LEAST_SEEDS:
             return float("nan")
         squares = sum(float(np.square(sample - sample.mean()).sum()) for sample in samples)
         spread = (squares / freedom) ** 0.5

@@ -13,6 +13,7 @@ from minitouch_bench.files import (
     REPORTS,
     RUN_FILE,
     SUBMISSION_FILE,
+    SUBMISSIONS,
     TABLE4_FILE,
     write_file,
 )
@@ -63,13 +64,15 @@ def write_report(
 def view_directory(run: Path) -> Path:
     """Return where reports and videos of a finished run are written: its own directory.
 
-    A submission stays as it is: the views of its runs are written to ``reports/NAME/...``, in the
-    working directory or, where that is in the submission, beside all submissions.
+    Submissions stay as they are: the views of their runs are written to ``reports/NAME/...``, in
+    the working directory, or beside the submissions where that is one of them.
     """
     directory = run.parent if run.name == RUN_FILE else run
     submission = directory.resolve().parent.parent
     if not os.path.lexists(submission / SUBMISSION_FILE):
         return directory
-    is_inside = Path.cwd().is_relative_to(submission)
-    reports = submission.parents[1] / REPORTS if is_inside else REPORTS
-    return reports / directory.resolve().relative_to(submission.parent)
+    reports, place, beside = REPORTS, Path.cwd(), submission.parent
+    is_collection = beside.name == SUBMISSIONS.name
+    if place.is_relative_to(submission) or (is_collection and place == beside):
+        reports = (beside.parent if is_collection else beside) / REPORTS
+    return reports / directory.resolve().relative_to(beside)

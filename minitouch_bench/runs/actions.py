@@ -59,7 +59,7 @@ def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[An
         if np.lib.format.read_magic(file) != (1, 0):
             raise ValueError(f"{member.filename} is an array of another version")
         shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
-        content = file.read()
+        content = file.read(member.file_size)  # without a size zlib unpacks up to 2 GiB of it
     if dtype.hasobject or fortran or min(shape, default=0) < 0:
         raise ValueError(f"{member.filename} is an array of another kind")
     return np.frombuffer(content, dtype).reshape(shape).copy()

@@ -106,10 +106,8 @@ def why_unofficial(
     reasons = plan.why_unofficial()
     if IN_MEMORY in kinds:
         return (*reasons, "policy in memory, beside the simulator")
-    needed_by = {"process": "remote", "none": "scripted"}.get(isolation)
-    if needed_by is not None and needed_by not in kinds:
-        return (*reasons, f"isolation: {isolation}")
-    return reasons
+    needed = {"process": "remote" in kinds, "none": kinds == {"scripted"}}
+    return reasons if needed.get(isolation, True) else (*reasons, f"isolation: {isolation}")
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ def run_schema() -> dict[str, Any]:
     parts = schema["$defs"]
     for metric in METRICS.values():
         field = parts["EpisodeMetrics"]["properties"].get(metric.measured_field)
-        if field is not None and metric.derive is None:
+        if field is not None and (not metric.derive or metric.column == metric.measured_field):
             field["description"] = _described(metric)
     estimates = parts["TaskSummary"]["properties"]["estimates"]
     _name_metrics(estimates, tuple(METRICS.values()))

@@ -16,7 +16,7 @@ from minitouch_bench.records import EpisodeMetrics, Role
 
 SIGNIFICANCE = 0.01
 """Chance at most that an honest submission is refused. Half of it is for single comparisons
-(Bonferroni), half for all drops together."""
+(Bonferroni), half for the drops of a training seed together."""
 
 
 def new_draw() -> str:
@@ -60,18 +60,23 @@ def compare_fresh(
     return FreshResult(role, task, metric.name, *means, len(after), float(p))
 
 
-def significant_drops(results: Sequence[FreshResult]) -> tuple[FreshResult, ...]:
-    """Return the results that an honest policy would hardly give."""
-    return tuple(result for result in results if result.p < SIGNIFICANCE / 2 / len(results))
+def significant_drops(results: Sequence[FreshResult], planned: int) -> tuple[FreshResult, ...]:
+    """Return the results, of so many planned, that an honest policy would hardly give."""
+    return tuple(result for result in results if result.p < SIGNIFICANCE / 2 / planned)
 
 
-def drop_together(results: Sequence[FreshResult]) -> float | None:
-    """Return the p-value of all drops together if an honest policy would hardly give them.
+def drop_together(by_seed: Sequence[Sequence[FreshResult]]) -> float | None:
+    """Return the p-value of a training seed's drops together if they are significant.
 
-    So a small drop in each task and training seed is seen. The comparisons are of different
-    episodes.
+    ``by_seed``: each training seed's comparisons in the tasks that are ranked. A small drop in
+    every task is seen so. Tasks have different episodes; training seeds play the same scenes, so
+    they are corrected for their number (Bonferroni).
 
     Source: R. A. Fisher, "Statistical Methods for Research Workers" (1932), combined p-values.
     """
-    p = float(scipy.stats.combine_pvalues([result.p for result in results], method="fisher").pvalue)
+    tests = (
+        scipy.stats.combine_pvalues([result.p for result in results], method="fisher")
+        for results in by_seed
+    )
+    p = len(by_seed) * min(float(test.pvalue) for test in tests)
     return p if p < SIGNIFICANCE / 2 else None

@@ -1,6 +1,6 @@
 """The work behind each command as functions: options in, a result out, callbacks on the way."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
     from minitouch_bench.agents.progress import ProgressRow
     from minitouch_bench.records import EpisodeRecord
-    from minitouch_bench.reporting.study import StudyResults
+    from minitouch_bench.reporting.study import StudyResults, StudyTraining
     from minitouch_bench.workflows.proving import Validation
     from minitouch_bench.workflows.study_config import StudyConfig
 
@@ -55,11 +55,11 @@ UNSEEN = TrainingProgress()
 class StudyProgress:
     """Functions that a study calls while it runs; each does nothing by default.
 
-    ``begin`` takes the grid and the study's directory; ``state`` takes which trainings are done,
-    failed and left, whenever that changes.
+    ``begin`` takes the grid, the study's directory and the trainings to make; ``state`` takes
+    which trainings are done, failed and left, whenever that changes.
     """
 
-    begin: Callable[["StudyConfig", "Path"], None] = ignore
+    begin: Callable[["StudyConfig", "Path", Sequence["StudyTraining"]], None] = ignore
     state: Callable[["StudyResults"], None] = ignore
 
 

@@ -4,7 +4,7 @@ Its actions are replayed, and sampled and fresh episodes are run with its checkp
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -48,7 +48,7 @@ from minitouch_bench.verification.verify import draw_episodes, prepare_rerun, re
 from minitouch_bench.workflows import SILENT, Callbacks, ignore
 
 RERUN_BEFORE_FRESH = 50
-"""Drawn episodes of each run that are run before fresh ones, where no other number is asked."""
+"""Drawn episodes of each policy of a run that are run before fresh ones, unless N is asked."""
 
 TIME_LIMIT_S = 6 * 3600.0
 """How long the check of one submission may take: a policy may use minutes in each episode."""
@@ -243,27 +243,36 @@ class Prover:
         """
         seeds: dict[str, int] = {}
         results: dict[str, tuple[FreshResult, ...]] = {}
-        for seed in self.verdict.submission.seeds:
-            for place in seed.runs.values():
-                with self.problems.caught(place):
-                    run = self.verdict.runs[place]
-                    seeds[place] = fresh_seed(run.header.policy.digest, draw)
-                    specs = _fresh_specs(run, count, seeds[place])
-                    results[place] = self._fresh_results(run, self._setup(seed, run), specs)
-        drops = significant_drops([one for compared in results.values() for one in compared])
+        try:
+            for seed in self.verdict.submission.seeds:
+                for place in seed.runs.values():
+                    with self.problems.caught(place):
+                        run = self.verdict.runs[place]
+                        seeds[place] = fresh_seed(run.header.policy.digest, draw)
+                        specs = _fresh_specs(run, count, seeds[place])
+                        results[place] = self._fresh_results(run, self._setup(seed, run), specs)
+        finally:  # also where the time is up before the last run
+            self._judge_drops(results)
+        return FreshProof(draw, count, seeds, results)
+
+    def _judge_drops(self, results: Mapping[str, Sequence[FreshResult]]) -> None:
+        """Add the drops that an honest submission would hardly have."""
+        policies = {
+            (place, spec.role, spec.task)
+            for place, run in self.verdict.runs.items()
+            for spec in run.header.specs()
+        }
         for place, compared in results.items():
-            for drop in (one for one in compared if one in drops):
+            for drop in significant_drops(compared, planned=len(policies)):
                 self.problems.add_below(place, _drop_problem(drop))
         ranked = [
-            one
+            [result for result in results[place] if result.role is Role.FINAL]
             for seed in self.verdict.submission.seeds
-            for one in results.get(seed.runs.get(MAIN_SUITE, ""), ())
-            if one.role is Role.FINAL
+            if (place := seed.runs.get(MAIN_SUITE, "")) in results
         ]
-        if ranked and not drops and (p := drop_together(ranked)) is not None:
-            what = f"fresh episodes are worse over all tasks and training seeds (p = {p:.2g})"
+        if ranked and not self.problems and (p := drop_together(ranked)) is not None:
+            what = f"fresh episodes are worse over the tasks of a training seed (p = {p:.2g})"
             self.problems.add("", what, FITS_OFFICIAL)
-        return FreshProof(draw, count, seeds, results)
 
     def _fresh_results(
         self, run: Run, setup: PolicySetup, specs: Sequence[EpisodeSpec]

@@ -6,12 +6,17 @@ from pathlib import Path
 from typing import Any
 
 from minitouch_bench.agents import METHODS
-from minitouch_bench.agents.config import TrainingConfig, apply_settings, make_config
+from minitouch_bench.agents.config import (
+    PHASE_STEPS,
+    TrainingConfig,
+    apply_settings,
+    make_config,
+)
 from minitouch_bench.conditions import STANDARD, parse_conditions
 from minitouch_bench.documents import read_toml, take_table
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL
 from minitouch_bench.records import Count, Role
 from minitouch_bench.reporting.claims import Claim
 from minitouch_bench.reporting.study import StudyTraining
@@ -63,18 +68,18 @@ class StudyConfig:
     """A study, as read from its TOML file.
 
     Every task is trained with every method from every seed, for every length of exploration in
-    ``exploration_steps``. ``suites``: what each final policy is evaluated on, as far as the suite
-    has the task. ``episodes`` per task; 0 for the suite's own. ``preset`` and ``settings`` are
-    those of ``train``. ``per_task`` changes the grid in the tasks that it names. ``claims`` about
-    its methods are judged together, over training seeds. ``conditions``: the final
-    policies are also evaluated under each.
+    ``exploration_steps``; lengths that are not given are those of ``train``. ``suites``: what each
+    final policy is evaluated on, as far as the suite has the task. ``episodes`` per task; 0 for the
+    suite's own. ``preset`` and ``settings`` are those of ``train``. ``per_task`` changes the grid
+    in the tasks that it names. ``claims`` about its methods are judged together, over training
+    seeds. ``conditions``: the final policies are also evaluated under each.
     """
 
     methods: tuple[str, ...]
     tasks: tuple[str, ...]
     seeds: tuple[int, ...] = (0, 1, 2)
-    exploration_steps: tuple[int, ...] = (10_000,)
-    task_steps: Count = 40_000
+    exploration_steps: tuple[int, ...] = ()
+    task_steps: Count | None = None
     suites: tuple[str, ...] = ("table4",)
     episodes: Count = 0
     preset: str = "default"
@@ -94,7 +99,7 @@ class StudyConfig:
             StudyTraining(task, method, seed, steps)
             for seed in self.seeds
             for task in self.tasks
-            for steps in self.in_task(task).exploration_steps
+            for steps in self.in_task(task).exploration_steps or PHASE_STEPS[task][:1]
             for method in self.in_task(task).methods
         )
 
@@ -121,13 +126,14 @@ class StudyConfig:
         Raises:
             UsageError: one of them does not exist.
         """
-        task_steps = self.in_task(training.task).task_steps
-        settings = {
+        settings: dict[str, Any] = {
             "method": training.method,
             "seed": training.seed,
             "exploration": {"steps": training.exploration_steps},
-            "task_phase": {"steps": task_steps if training.task in GOAL_TASKS else 0},
         }
+        task_steps = self.in_task(training.task).task_steps
+        if task_steps is not None and training.task in GOAL_TASKS:
+            settings["task_phase"] = {"steps": task_steps}
         given = make_config(training.task, self.preset, settings=self.settings)
         return apply_settings(given, settings)
 
@@ -157,6 +163,8 @@ def read_study(path: Path) -> StudyConfig:
         UsageError: it is not readable, or names what does not exist.
     """
     study = take_table(read_toml(path), StudyConfig, str(path))
+    for task in study.tasks:
+        PROTOCOL.task(task)
     for name in ("methods", "tasks", "seeds", "exploration_steps", "suites", "claims"):
         for grid in (study, *study.per_task.values()):
             values = getattr(grid, name, None) or ()

@@ -59,12 +59,14 @@ def run_study(
     run_jobs = find_job_runner(engine)
     with lock_directory(directory):
         _keep_settings(config, directory)
-        wanted = config.trainings() if wanted is None else wanted
-        for training in wanted:
+        for training in config.trainings():
             (_place(directory, training) / FAILURE_FILE).unlink(missing_ok=True)
         results = report_study(config, directory, on_state)
-        todo = [training for training in results.left if training in wanted]
-        jobs = [_Job(config, directory.resolve(), training) for training in todo]
+        jobs = [
+            _Job(config, directory.resolve(), training)
+            for training in results.left
+            if wanted is None or training in wanted
+        ]
         for job, failure in run_jobs(engine, _run, jobs):
             if failure:
                 write_file(_place(directory, job.training) / FAILURE_FILE, failure + "\n")

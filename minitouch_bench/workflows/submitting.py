@@ -183,11 +183,11 @@ class Packer:
             verdict = validate(copy)
             if problems := verdict.problems or self._copies(verdict.runs, entry):
                 return Packed(self.directory, problems)
-            with interrupts_held(), lock_directory(self.submissions, wait=True):
+            with lock_directory(self.submissions, wait=True), interrupts_held():
                 for place in (*entry.runs.values(), f"{CHECKPOINTS}/seed-{entry.seed}"):
                     swap(copy / place, self.directory / place, folder / "old" / place)
                 add_seed(self.directory, begun_submission(self.directory), self.about, entry)
-        return Packed(self.directory, validate(self.directory).problems)
+                return Packed(self.directory, validate(self.directory).problems)
 
     def _entry(self, parts: Parts, directory: Path, *, include: bool) -> TrainingSeed:
         """Return what ``submission.toml`` says of the seed; ``include`` copies checkpoints."""

@@ -107,8 +107,8 @@ def study(
 
     Args:
         file: The grid: see docs/how-to/studies.md.
-        tasks: Train in these alone, now; the report is of the whole file.
-        methods: Train with these alone, now.
+        tasks: Only these tasks of the file now; the report has all of them.
+        methods: Only these methods of the file now.
         output: The study's directory; by default reports/studies/NAME, after the file.
 
     Raises:
@@ -125,5 +125,5 @@ def study(
     config = read_study(Path(file))
     directory = STUDIES / Path(file).stem if output is None else Path(output)
     wanted = config.select(options.words(tasks), options.words(methods))
-    callbacks.begin(config, directory)
+    callbacks.begin(config, directory, wanted)
     return run_study(config, directory, runs_it, callbacks.state, wanted)

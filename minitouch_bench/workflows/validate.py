@@ -39,7 +39,8 @@ def validate(
         fresh_seeds: Also run N new episodes per task of each run: 50 is usual, fewer than 20
             give no level.
         draw: Text from which the new seeds follow; the submitter must not know it before the
-            checkpoint is fixed. By default 128 random bits; at least as long.
+            checkpoint is fixed. By default 128 random bits in hexadecimal; a text must
+            be as long.
         time_limit: Seconds for the check of each submission; by default 6 hours.
 
     Raises:

@@ -60,7 +60,7 @@ def test_a_study_shows_the_steps_in_the_files_of_its_trainings(tmp_path, monkeyp
     file.parent.mkdir()
     file.write_text("step,episodes,success,touch_share,seconds\n40,1,,0.5,3.0\n")
     with progress.study_progress() as callbacks:
-        callbacks.begin(config, tmp_path)
+        callbacks.begin(config, tmp_path, config.trainings())
         deadline = time.monotonic() + 60
         while "playing-hac-60-0 40/60" not in (lines := capsys.readouterr().err):
             assert time.monotonic() < deadline

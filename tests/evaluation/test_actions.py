@@ -1,6 +1,7 @@
 import io
 import os
 import struct
+import tracemalloc
 import zipfile
 
 import numpy as np
@@ -109,6 +110,22 @@ def test_an_array_that_unpacks_as_a_whole_is_refused_unread(tmp_path, method):
         archive.writestr("pushing/0.npy", array.getvalue())
     with pytest.raises(RunDirectoryError, match="packed in a way"):
         read_actions(tmp_path, SPECS)
+
+
+def test_an_array_that_is_longer_than_it_declares_is_not_unpacked(tmp_path):
+    whole = io.BytesIO()
+    np.save(whole, np.zeros(64 * 2**20, np.uint8))
+    with zipfile.ZipFile(tmp_path / ACTIONS_FILE, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("pushing/0.npy", whole.getvalue())
+    content = bytearray((tmp_path / ACTIONS_FILE).read_bytes())
+    for size in (22, content.index(ENTRY_MARK) + 24):
+        content[size : size + 4] = (200_000).to_bytes(4, "little")
+    (tmp_path / ACTIONS_FILE).write_bytes(content)
+    tracemalloc.start()
+    with pytest.raises(RunDirectoryError, match="damaged"):
+        read_actions(tmp_path, SPECS)
+    assert tracemalloc.get_traced_memory()[1] < 8 * 2**20
+    tracemalloc.stop()
 
 
 def test_an_encrypted_entry_is_refused(tmp_path):

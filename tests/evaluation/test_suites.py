@@ -99,6 +99,8 @@ def test_what_makes_a_run_unofficial_is_said():
     for isolation, kind in (("process", "remote"), ("none", "scripted")):
         assert why_unofficial(plan, zero, None, isolation) == (f"isolation: {isolation}",)
         assert why_unofficial(plan, replace(zero, kind=kind), None, isolation) == ()
+    beside = replace(zero, kind="scripted")
+    assert why_unofficial(plan, zero, beside, "none") == ("isolation: none",)
 
 
 @pytest.mark.parametrize(

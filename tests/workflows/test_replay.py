@@ -40,8 +40,8 @@ def shortest(directory):
     return f"{row.task}/{row.index}"
 
 
-@pytest.mark.parametrize("place", ["", "seed-0", "seed-0/table4"])
-def test_even_where_one_works_in_the_submission(inside, monkeypatch, place):
+@pytest.mark.parametrize("place", ["..", "", "seed-0", "seed-0/table4"])
+def test_even_where_one_works_among_the_submissions(inside, monkeypatch, place):
     monkeypatch.chdir(inside / place)
     done = report(inside / "seed-0" / "table4")
     assert done.directory == inside.parents[1] / "reports/hac/seed-0/table4"

@@ -16,7 +16,13 @@ from minitouch_bench.workflows.submit import submit
 from tests.cli.command import run
 from tests.leaderboard.synthetic import make_submission, official_run, task_run, write_official
 
-CONFIG = StudyConfig(methods=("hac", "sac"), tasks=TASK_NAMES, seeds=(0, 1), task_steps=500)
+CONFIG = StudyConfig(
+    methods=("hac", "sac"),
+    tasks=TASK_NAMES,
+    seeds=(0, 1),
+    exploration_steps=(10_000,),
+    task_steps=500,
+)
 
 
 def digest(content):

@@ -47,7 +47,7 @@ ALLOWED: Mapping[str, tuple[int | None, int | None]] = {
     "getrandom": (318, 278), "wait4": (61, 260), "waitid": (247, 95), "arch_prctl": (158, None),
     "exit": (60, 93), "exit_group": (231, 94),
 }  # fmt: skip
-"""Calls with which a process changes nothing but itself; Landlock says which files open.
+"""Calls with which a process changes nothing but itself.
 
 ``mincore`` and ``fadvise64`` are not among them: they tell and change which parts of files are
 in memory, where one episode could leave a message to the next.
@@ -59,7 +59,7 @@ JUDGED: Mapping[str, tuple[int | None, int | None]] = {
     "tkill": (200, 130), "tgkill": (234, 131), "prctl": (157, 167), "ioctl": (16, 29),
     "fcntl": (72, 25), "prlimit64": (302, 261),
 }  # fmt: skip
-"""Calls that are allowed or not by their arguments."""
+"""Calls that are allowed or not by their arguments; Landlock says which files open."""
 
 FIRST_UNKNOWN = 450
 """From this number on, a call is younger than this table, on both architectures."""
@@ -77,7 +77,9 @@ LOAD, RETURN, AND = 0x20, 0x06, 0x54
 IF_EQUAL, IF_AT_LEAST, IF_ANY_BIT = 0x15, 0x35, 0x45
 NUMBER_AT, ARCHITECTURE_AT, ARGUMENTS_AT = 0, 4, 16
 
-ACCESS_MODE = NEITHER_READ_NOR_WRITE = 3
+ACCESS_MODE = 0b11
+"""The bits of the flags that say whether a file is read or written."""
+NEITHER_READ_NOR_WRITE = 3
 """The mode that Linux has beside O_RDONLY, O_WRONLY and O_RDWR; Landlock lets it open any file."""
 O_RDONLY, O_TRUNC = 0, 0o1000
 CLONE_THREAD = 0x00010000

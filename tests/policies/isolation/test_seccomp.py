@@ -109,12 +109,14 @@ def test_advice_is_about_its_own_memory_only(judge):
     assert {judge("madvise", 0, 4096, advice) for advice in (3, 9, 12, 20, 21)} == {DENIED}
 
 
-@pytest.mark.parametrize(("call", "before"), [("open", (0,)), ("openat", (-100, 0))])
-def test_no_file_is_emptied_that_landlock_does_not_let_write(judge, call, before):
+def test_no_file_is_emptied_that_landlock_does_not_let_write(judge):
     for flags in (os.O_RDONLY | os.O_CLOEXEC, os.O_WRONLY | os.O_TRUNC, os.O_RDWR | os.O_TRUNC):
-        assert judge(call, *before, flags) in (seccomp.ALLOW, None)
+        assert judge("openat", -100, 0, flags) == seccomp.ALLOW
+        assert judge("open", 0, flags) in (seccomp.ALLOW, None)  # aarch64 has no such call
     for flags in (os.O_TRUNC, os.O_TRUNC | os.O_CLOEXEC, 3, 3 | os.O_TRUNC, os.O_TRUNC + 2**32):
-        assert judge(call, *before, flags) in (DENIED, None)
+        assert judge("openat", -100, 0, flags) == DENIED
+        assert judge("open", 0, flags) in (DENIED, None)
+    assert [JUDGED["open"][0], JUDGED["openat"]] == [2, (257, 56)]
 
 
 def test_limits_are_read_and_never_set(judge):
