@@ -44,6 +44,7 @@ def gate(tmp_path, code=0, decision="no regression", refused="", **given):
         env={
             **variables,
             "PATH": f"{tmp_path}:{os.environ['PATH']}",
+            "RUNNER_TEMP": str(tmp_path.parent),
             "GITHUB_OUTPUT": str(tmp_path / "output"),
         },
         capture_output=True,
@@ -84,10 +85,32 @@ def test_the_script_ends_as_the_gate_does(tmp_path):
 
 @pytest.mark.parametrize(("refused", "option"), [("", "--resume"), ("yes", "--fresh")])
 def test_a_run_that_was_stopped_is_continued_and_another_one_replaced(tmp_path, refused, option):
+    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
     (tmp_path / "out").mkdir()
     done, arguments = gate(tmp_path, refused=refused, policy="p.onnx", baseline="b", output="out")
     assert done.returncode == 0, done.stderr
     assert arguments[-5:] == ["--output", "out", option, "--", "p.onnx"]
+
+
+@pytest.mark.parametrize("output", ["out/run", "link/run", "./out/../out/run"])
+def test_a_run_of_the_repository_is_not_continued(tmp_path, output):
+    (tmp_path / "out" / "run").mkdir(parents=True)
+    (tmp_path / "out" / "run" / "run.json").write_text("{}")
+    (tmp_path / "link").symlink_to("out")
+    gated = dict(policy="p.onnx", baseline="b", output=output)
+    assert refusal(tmp_path, **gated) == 2  # what is not a clone cannot say what is the clone's
+    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+    subprocess.run(["git", "-C", str(tmp_path), "add", "out"], check=True)
+    assert refusal(tmp_path, **gated) == 2
+
+
+def refusal(tmp_path, **given):
+    """Return the script's exit code where the command was not started."""
+    (tmp_path / "arguments").write_text("")
+    done, arguments = gate(tmp_path, **given)
+    assert arguments == []
+    assert done.stdout.startswith("::error title=MiniTouch regression gate::")
+    return done.returncode
 
 
 def test_not_enough_episodes_leave_a_warning(tmp_path):
