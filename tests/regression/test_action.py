@@ -97,7 +97,7 @@ def test_a_run_of_the_repository_is_not_continued(tmp_path, output):
     (tmp_path / "out" / "run").mkdir(parents=True)
     (tmp_path / "out" / "run" / "run.json").write_text("{}")
     (tmp_path / "link").symlink_to("out")
-    gated = dict(policy="p.onnx", baseline="b", output=output)
+    gated = {"policy": "p.onnx", "baseline": "b", "output": output}
     assert refusal(tmp_path, **gated) == 2  # what is not a clone cannot say what is the clone's
     subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
     subprocess.run(["git", "-C", str(tmp_path), "add", "out"], check=True)
