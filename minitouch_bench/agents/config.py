@@ -218,7 +218,7 @@ def paper_config(task: str) -> TrainingConfig:
         episode_steps=0,
         updates_per_step=1.0,
         exploration=phase,
-        task_phase=replace(phase, steps=40_000),
+        task_phase=phase,
         sac=SacConfig(shift=0, target_rate=0.005, target_encoder=True),
         curiosity=CuriosityConfig(learning_rate=3e-5, width=1.0, normalize=False),
     )

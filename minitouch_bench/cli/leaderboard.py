@@ -9,6 +9,7 @@ from minitouch_bench.cli.command import Command, Group, as_command
 from minitouch_bench.cli.console import note
 from minitouch_bench.cli.output import CHECK_FAILED, print_problems, show_validations
 from minitouch_bench.cli.progress import validation_progress
+from minitouch_bench.files import REPORTS, SUBMISSIONS
 from minitouch_bench.workflows.validate import validate
 
 app = typer.Typer(
@@ -24,12 +25,9 @@ app.command(
 
 @app.command(cls=Command, epilog="Example: minitouch-bench leaderboard build --output site")
 def build(
-    submissions: Annotated[Path, typer.Option(help="Directory of all submissions.")] = Path(
-        "submissions"
-    ),
-    output: Annotated[Path, typer.Option(help="Directory of the leaderboard.")] = Path(
-        "reports/leaderboard"
-    ),
+    submissions: Annotated[Path, typer.Option(help="Directory of all submissions.")] = SUBMISSIONS,
+    output: Annotated[Path, typer.Option(help="Directory of the leaderboard.")] = REPORTS
+    / "leaderboard",
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit 1 if any submission is refused.")
     ] = False,

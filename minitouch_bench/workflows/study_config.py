@@ -6,12 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from minitouch_bench.agents import METHODS
-from minitouch_bench.agents.config import (
-    PHASE_STEPS,
-    TrainingConfig,
-    apply_settings,
-    make_config,
-)
+from minitouch_bench.agents.config import PHASE_STEPS, TrainingConfig, apply_settings, make_config
 from minitouch_bench.conditions import STANDARD, parse_conditions
 from minitouch_bench.documents import read_toml, take_table
 from minitouch_bench.errors import UsageError
@@ -115,7 +110,7 @@ class StudyConfig:
             if unknown := [name for name in names if name not in known]:
                 raise UsageError(f"the study has no {what} '{unknown[0]}', only {', '.join(known)}")
             if names:
-                chosen = tuple(one for one in chosen if getattr(one, what) in names)
+                chosen = tuple(job for job in chosen if getattr(job, what) in names)
         if not chosen:
             raise UsageError("the study trains none of these methods in these tasks")
         return chosen

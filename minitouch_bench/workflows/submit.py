@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.files import SUBMISSIONS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.workflows import SILENT, Callbacks, options
 from minitouch_bench.workflows.options import StrPath, Words, episodes_option, output_option
@@ -36,7 +37,7 @@ def submit(
     license_: Annotated[str | None, about_option("--license")] = None,
     modalities: Annotated[Words | None, about_option()] = None,
     notes: Annotated[str | None, about_option()] = None,
-    directory: Annotated[StrPath, output_option()] = "submissions",
+    directory: Annotated[StrPath, output_option()] = SUBMISSIONS,
     include_checkpoint: Annotated[bool, output_option()] = True,
     resume: options.Resume = False,
     fresh: options.Fresh = False,
