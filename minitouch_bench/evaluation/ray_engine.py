@@ -88,8 +88,13 @@ class RayEngine:
 def run_jobs(
     options: EngineOptions, function: Callable[[Job], str], jobs: Sequence[Job]
 ) -> Iterator[tuple[Job, str]]:
-    """Run jobs where Ray finds room, ``workers`` at a time; others replace nodes that are lost."""
-    settings = {"num_cpus": 1, "max_retries": 2, "runtime_env": {"env_vars": ONE_THREAD}}
+    """Run jobs where Ray finds room, ``workers`` at a time; one that failed three times failed."""
+    settings = {
+        "num_cpus": 1,
+        "max_retries": MAX_ATTEMPTS - 1,
+        "retry_exceptions": True,
+        "runtime_env": {"env_vars": ONE_THREAD},
+    }
     with ray_cluster(options.address, options.workers) as ray:
         run = ray.remote(**settings)(function)
         waiting, running = deque(jobs), dict[Any, Job]()

@@ -60,12 +60,16 @@ class PolicyServer(ThreadingHTTPServer):
         self._episodes: OrderedDict[str, Policy] = OrderedDict()
         self._lock = threading.Lock()
 
-    def begin(self, question: Any) -> str:
+    def begin(self, body: bytes) -> str:
         """Make and reset the policy of a new episode and return the episode's id."""
-        if not isinstance(question, dict):
-            raise RequestError(HTTPStatus.BAD_REQUEST, "not a JSON object")
-        policy = make_policy(self._factory, bool(question.get("deterministic", True)))
-        policy.reset(int(question["seed"]), str(question["task"]))
+        try:
+            question = json.loads(body)
+            seed, task = int(question["seed"]), str(question["task"])
+            deterministic = bool(question.get("deterministic", True))
+        except (KeyError, ValueError, TypeError) as error:
+            raise RequestError(HTTPStatus.BAD_REQUEST, describe(error)) from error
+        policy = make_policy(self._factory, deterministic)
+        policy.reset(seed, task)
         with self._lock:
             episode = str(next(self._numbers))
             self._episodes[episode] = policy
@@ -110,7 +114,7 @@ class PolicyHandler(BaseHTTPRequestHandler):
             answer = self._answer(self._body())
         except RequestError as error:
             status, answer = error.status, {"error": str(error)}
-        except (WireError, KeyError, ValueError, TypeError) as error:
+        except WireError as error:
             status, answer = HTTPStatus.BAD_REQUEST, {"error": describe(error)}
         except Exception as error:  # the policy's own failure is for the evaluation to show
             status, answer = HTTPStatus.INTERNAL_SERVER_ERROR, {"error": describe(error)}
@@ -124,18 +128,18 @@ class PolicyHandler(BaseHTTPRequestHandler):
     do_POST = do_DELETE = do_GET  # noqa: N815  the names that http.server calls
 
     def _body(self) -> bytes:
-        length = int(self.headers.get("Content-Length") or 0)
-        if not 0 <= length <= OBSERVATION_BYTES:
+        length = self.headers.get("Content-Length") or "0"
+        if not (length.isdecimal() and int(length) <= OBSERVATION_BYTES):
             self.close_connection = True  # the body stays unread
             raise RequestError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a body of {length} bytes")
-        return self.rfile.read(length)
+        return self.rfile.read(int(length))
 
     def _answer(self, body: bytes) -> dict[str, Any]:
         match self.command, self.path.split("/")[1:]:
             case "GET", ["info"]:
                 return {"protocol": PROTOCOL, "name": self.server.name}
             case "POST", ["episodes"]:
-                return {"episode": self.server.begin(json.loads(body))}
+                return {"episode": self.server.begin(body)}
             case "POST", ["episodes", episode, "act"]:
                 return {"action": self.server.act(episode, body)}
             case "DELETE", ["episodes", episode]:

@@ -112,7 +112,10 @@ def why_unofficial(
 
 @dataclass(frozen=True)
 class RunEnvironment:
-    """Where and when a run was made; never part of its numbers."""
+    """Where and when a run was made; never part of its numbers.
+
+    ``started`` and ``wall_s`` (seconds) are those of its last part where it was resumed.
+    """
 
     packages: Mapping[str, str]
     machine: Mapping[str, str]

@@ -112,7 +112,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """Build the world of a new episode.
 
         Raises:
-            UsageError: an unknown option, or no such object.
+            UsageError: an unknown option, no such object, or one that is too small to be seen.
         """
         super().reset(seed=seed)
         client, task = self.client, self.task
@@ -128,6 +128,12 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
                 (seen == body).sum() >= OBSERVATION.least_visible_pixels for body in task.landmarks
             ):
                 break
+        else:
+            raise UsageError(
+                f"{model.name if model else task.spec.name}: less than "
+                f"{OBSERVATION.least_visible_pixels} pixels are visible in each of "
+                f"{OBSERVATION.max_draws} scenes"
+            )
         self.object_name = model.name if model else ""
         self._watch = ContactWatch(client, self.arm.body, task.target_body, task.target_links)
         self._steps = 0

@@ -110,6 +110,7 @@ def test_a_server_forgets_the_oldest_episode(connect, observation, monkeypatch):
         ("POST", "/episodes", b"no json", 400),
         ("POST", "/episodes", b"[]", 400),
         ("POST", "/episodes", b'{"seed": 1}', 400),
+        ("POST", "/episodes", b'{"seed": 1, "task": "playing"}', 500),  # the policy's own error
         ("POST", "/episodes/99/act", bytes(OBSERVATION_BYTES), 404),
         ("POST", "/episodes/99/act", bytes(OBSERVATION_BYTES + 1), 413),
         ("DELETE", "/episodes/99", b"", 200),
@@ -139,5 +140,5 @@ def test_nobody_there_is_a_load_error():
 def test_the_recipes_factory_can_be_served(tmp_path: Path, observation):
     names = run_recipes(tmp_path, "class Forward", "def make_policy")
     with PolicyServer(names["make_policy"], ("127.0.0.1", 0)) as server:
-        episode = server.begin({"seed": 1, "task": "pushing"})
+        episode = server.begin(json.dumps({"seed": 1, "task": "pushing"}).encode())
         assert server.act(episode, bytes(OBSERVATION_BYTES)) == [1.0, 0.0, 0.0, -1.0, 0.0]

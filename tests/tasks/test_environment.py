@@ -304,6 +304,14 @@ def test_objects_are_asked_for_by_name(environments):
         environments["opening"].reset(options={"object": "cube"})
 
 
+def test_an_object_that_is_never_visible_is_an_error(environments, monkeypatch):
+    environment = environments["pick-up"]
+    nothing = np.full((84, 84), -1)
+    monkeypatch.setattr(environment._camera, "visible_bodies", lambda _: nothing)
+    with pytest.raises(UsageError, match="less than 15 pixels are visible in each of 50 scenes"):
+        environment.reset(seed=1)
+
+
 def test_an_unknown_reset_option_is_an_error(environment):
     with pytest.raises(UsageError, match="no reset option 'shape'; there is 'object'"):
         environment.reset(seed=1, options={"shape": "cube"})
