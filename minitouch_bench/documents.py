@@ -1,4 +1,4 @@
-"""Documents as typed records: one reader, one writer, and the schema that the types give.
+"""Documents as typed records: one reader and one writer.
 
 msgspec rather than pydantic, by measurement: every worker imports the types, in 25 ms of CPU
 against 95 ms and 30 ms more to build the reader, and a ``run.json`` of 1,200 episodes is read in
@@ -6,7 +6,7 @@ against 95 ms and 30 ms more to build the reader, and a ``run.json`` of 1,200 ep
 """
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -22,26 +22,18 @@ Document = TypeVar("Document")
 SHOWN = 200
 """Characters of a fault; a stranger's text never fills the screen."""
 
-DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
-
-def read_json(
-    content: bytes,
-    kind: type[Document],
-    name: str,
-    hook: Callable[[type, Any], Any] | None = None,
-) -> Document:
+def read_json(content: bytes, kind: type[Document], name: str) -> Document:
     """Read a JSON text as ``kind``; ``name`` begins the path of a fault.
 
     Keys that ``kind`` lacks are passed over, and of a key that is there twice the last one counts:
-    where that matters, write the record again and compare the bytes. ``hook`` is msgspec's
-    ``dec_hook``: it makes the values of types that JSON does not know.
+    where that matters, write the record again and compare the bytes.
 
     Raises:
         RunDirectoryError: it is not JSON, or a value is missing or of another type.
     """
     try:
-        return msgspec.json.decode(content, type=kind, dec_hook=hook)
+        return msgspec.json.decode(content, type=kind)
     except msgspec.ValidationError as error:
         raise RunDirectoryError(fault_in_words(error, name)) from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -168,29 +160,3 @@ def _unknown_keys(table: Any, known: Any, path: str) -> Iterator[str]:
 def write_toml(document: object) -> str:
     """Write a record as TOML."""
     return tomli_w.dumps(plain(document))
-
-
-def schema_of(kind: type, title: str) -> dict[str, Any]:
-    """Return the JSON schema of what ``write_json`` writes of a record.
-
-    Every record has all its keys, but those that are unset, and no other one; its description is
-    its docstring.
-    """
-    (root,), parts = msgspec.json.schema_components([kind], ref_template="#/$defs/{name}")
-    for part in parts.values():
-        if "description" in part:
-            lines = part["description"].replace("``", "'").split()
-            part["description"] = " ".join(lines)
-        if "properties" in part:
-            properties, without_default = part["properties"], part.get("required", ())
-            part["required"] = [
-                name
-                for name, entry in properties.items()
-                if name in without_default or "default" in entry
-            ]
-            part["additionalProperties"] = False
-            for entry in properties.values():
-                entry.pop("default", None)
-    whole = parts.pop(root["$ref"].rpartition("/")[2])
-    whole.pop("title")
-    return {"$schema": DRAFT, "title": title, **whole, "$defs": parts}

@@ -33,10 +33,10 @@ def edit_actions(run: Path, change: Callable[[dict[str, Any]], object]) -> None:
 
 
 def copy_package(root: Path) -> Path:
-    """Return a copy of the package, beside links to the shapes and the tests."""
+    """Return a copy of the package, beside links to what else it uses."""
     package = root / "copy" / "minitouch_bench"
     shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("tests", "shapes"):
+    for name in ("benchmarks", "shapes", "tests"):
         (package.parent / name).symlink_to(ROOT / name)
     return package
 

@@ -6,9 +6,8 @@ Its schema is published as ``docs/leaderboard.schema.json``.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from minitouch_bench.documents import schema_of
 from minitouch_bench.leaderboard.endings import Ending, count_endings
 from minitouch_bench.leaderboard.facts import Fact, Place, facts_of
 from minitouch_bench.leaderboard.proof import RANKED_LEVELS, FreshProof, ProofLevel
@@ -23,7 +22,6 @@ from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCO
 from minitouch_bench.records import Count, Estimate, Gap, Sha256
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
-from minitouch_bench.runs.schema import with_task_names
 
 CEILING = "scripted"
 FLOORS = tuple(name for name in BUILT_IN if name != CEILING)
@@ -138,11 +136,6 @@ class Board:
     def rows(self) -> tuple[BoardRow, ...]:
         """The rows of this protocol, ranked ones first."""
         return (*self.ranked, *self.unranked, *self.calibration)
-
-
-def board_schema() -> dict[str, Any]:
-    """Return the JSON schema of ``leaderboard.json``."""
-    return with_task_names(schema_of(Board, "The MiniTouch leaderboard"))
 
 
 def make_board(verdicts: Sequence[Verdict]) -> Board:

@@ -1,4 +1,4 @@
-"""What a submission says of itself: the types of ``submission.toml``, its reader and its schema.
+"""What a submission says of itself: the types of ``submission.toml`` and its reader.
 
 A problem never stops the reading; the rules for names and texts are those of
 ``submission_rules``.
@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, Literal
 
 from msgspec import Meta
 
-from minitouch_bench.documents import parse_toml, read_table, schema_of
+from minitouch_bench.documents import parse_toml, read_table
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import CHECKPOINTS, SUBMISSION_FILE
 from minitouch_bench.leaderboard.facts import Fact, Place, amount
@@ -189,18 +189,6 @@ def read_submission(content: bytes, problems: Problems) -> Submission | None:
         if key in document and not any(known.startswith(key) for known in mistakes):
             problems.add(SUBMISSION_FILE, f"{key}: {mistake}", SEE)
     return replace(submission, seeds=tuple(map(_in_place, submission.seeds)))
-
-
-def submission_schema() -> dict[str, Any]:
-    """Return the JSON schema of ``submission.toml``, as the JSON value a TOML reader gives."""
-    schema = schema_of(Submission, "A submission to the MiniTouch leaderboard")
-    runs = schema["$defs"]["TrainingSeed"]["properties"]["runs"]
-    runs["additionalProperties"] = False
-    runs["required"] = [MAIN_SUITE]
-    runs["properties"] = {
-        suite: {"type": "string", "pattern": f"^seed-[0-9]+/{suite}$"} for suite in SUBMITTED_SUITES
-    }
-    return schema
 
 
 def _texts(submission: Submission) -> Iterator[tuple[str, str]]:

@@ -8,9 +8,9 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from benchmarks.schemas import board_schema, submission_schema
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
-from minitouch_bench.leaderboard.board import board_schema
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.packing import add_seed, check_submission
 from minitouch_bench.leaderboard.submission import (
@@ -19,7 +19,6 @@ from minitouch_bench.leaderboard.submission import (
     TrainingSeed,
     checkpoint_place,
     read_submission,
-    submission_schema,
 )
 from minitouch_bench.leaderboard.submission_rules import check_file_name, check_name
 from minitouch_bench.records import Role

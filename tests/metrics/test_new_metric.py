@@ -41,11 +41,10 @@ SCRIPT = """
 import json, sys
 from dataclasses import replace
 from pathlib import Path
-from minitouch_bench.leaderboard.board import board_schema
+from benchmarks.schemas import board_schema, run_schema
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.reporting.views import write_report, write_tables
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.runs.schema import run_schema
 from tests.leaderboard.synthetic import ABOUT, make_submission, official_run, write_official
 
 root = Path(sys.argv[1])

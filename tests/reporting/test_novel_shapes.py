@@ -10,6 +10,7 @@ import jsonschema
 import pytest
 from rich.console import Console
 
+from benchmarks.schemas import run_schema
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.charts import Dot
@@ -22,7 +23,6 @@ from minitouch_bench.reporting.tables import novel_shapes, table4, verdict
 from minitouch_bench.reporting.views import write_report
 from minitouch_bench.reporting.writers import show_report, to_html, to_markdown
 from minitouch_bench.runs.run import parse_run, run_json
-from minitouch_bench.runs.schema import run_schema
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.synthetic import (
     SHAPE_TASKS,

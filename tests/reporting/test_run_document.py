@@ -7,9 +7,9 @@ import jsonschema
 import msgspec
 import pytest
 
+from benchmarks.schemas import run_schema
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.runs.run import parse_run, run_json
-from minitouch_bench.runs.schema import run_schema
 from tests.reporting.synthetic import make_run, measured
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "run.schema.json"
