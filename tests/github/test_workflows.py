@@ -28,7 +28,9 @@ WRITING = {
 }
 """Every job that may write, and all that it may."""
 
-ACTION = re.compile(r"(actions/[a-z-]+@v[0-9]+|pypa/gh-action-pypi-publish@release/v1)")
+ACTION = re.compile(
+    r"((?:actions/|pypa/gh-action-)[a-z-]+)@([0-9a-f]{40} # v[0-9]+\.[0-9]+\.[0-9]+)"
+)
 
 
 def workflow(name):
@@ -83,15 +85,20 @@ def test_a_job_that_writes_checks_out_no_pull_request_and_runs_no_policy(name, k
 
 
 @pytest.mark.parametrize(("name", "key", "job"), jobs())
-def test_steps_use_known_actions_without_credentials_and_scripts_without_expressions(
-    name, key, job
-):
+def test_steps_use_no_credentials_and_scripts_no_expressions(name, key, job):
     for step in job["steps"]:
-        if "uses" in step:
-            assert ACTION.fullmatch(step["uses"]), step["uses"]
         if step.get("uses", "").startswith("actions/checkout@"):
             assert step["with"]["persist-credentials"] is False
         assert "${{" not in step.get("run", "")
+
+
+def test_actions_are_known_ones_pinned_to_one_commit_each():
+    pins = {}
+    for file in (ROOT / ".github").rglob("*.yml"):
+        for used in re.findall(r"uses: (.*)", file.read_text()):
+            action = ACTION.fullmatch(used)
+            assert action, f"{file.name}: {used}"
+            assert pins.setdefault(*action.groups()) == action[2], file.name
 
 
 @pytest.mark.parametrize(("name", "key", "job"), jobs())
