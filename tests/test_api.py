@@ -185,6 +185,12 @@ def test_a_model_of_stable_baselines_gives_the_bits_of_its_zip(tmp_path):
     assert list(runs[0].episodes["digest"]) == list(runs[1].episodes["digest"])
 
 
+def test_a_run_chooses_its_directory_itself_as_on_the_command_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    mt.evaluate("zero", **SHORT, workers=1, output="auto")
+    assert (tmp_path / "reports" / "zero-smoke" / "run.json").is_file()
+
+
 def test_a_run_with_a_directory_is_loaded_and_compared(tmp_path, counted):
     run = mt.evaluate("scripted", **SHORT, workers=1, output=tmp_path / "run")
     loaded = mt.load_run(tmp_path / "run")

@@ -158,8 +158,7 @@ def _copy_videos(verdict: Verdict, pages: Path) -> None:
         source, target = verdict.directory / path, pages / video_address(name, path)
         kept.add(target)
         with os_errors_as(RunDirectoryError, source, "copied"):
-            if not target.exists() or target.stat().st_mtime_ns < source.stat().st_mtime_ns:
-                write_file(target, read_file(source, MAX_VIDEO))
+            write_file(target, read_file(source, MAX_VIDEO), durable=False)
     for other in (pages / name).glob("*"):
         if other not in kept:
             other.unlink()

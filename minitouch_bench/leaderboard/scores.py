@@ -63,11 +63,7 @@ def _mean_success(of_seeds: Sequence[Sequence[Estimate]]) -> Estimate:
 
 
 def score_gaps(runs: Sequence[Run]) -> dict[str, Gap]:
-    """Return the gap of each task's ranking metric, by the runs of all training seeds.
-
-    Two seeds agree in the sign of a gap as often as not, so the interval of their gap is no
-    narrower than that over their episodes.
-    """
+    """Return the gap of each task's ranking metric, by the runs of all training seeds."""
     gaps: dict[str, list[Gap]] = {task: [] for task in GAP_TASKS}
     for run in runs:
         for result in run.summary.generalization:
@@ -79,9 +75,7 @@ def _gap(task: str, gaps: Sequence[Gap]) -> Gap:
     parts = {}
     for name, title in GAP_PARTS.items():
         estimates = [getattr(gap, name) for gap in gaps]
-        over_episodes = quadrature(estimates) if name == "difference" else None
-        metric = f"{RANKED_BY[task]}, {title}"
-        part = over_seeds(estimates, task, metric, over_episodes=over_episodes)
+        part = over_seeds(estimates, task, f"{RANKED_BY[task]}, {title}")
         assert part is not None  # there is a gap
         parts[name] = part
     return Gap(**parts)

@@ -8,7 +8,6 @@ its ``run.json``.
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -22,8 +21,7 @@ WILSON = "wilson"
 NEWCOMBE = "newcombe"
 BOOTSTRAP = "bootstrap"
 OVER_TASKS = "Wilson intervals of the tasks, added in quadrature"
-OVER_SEEDS = "bootstrap over training seeds"
-OVER_SEEDS_AND_EPISODES = f"{OVER_SEEDS}, no narrower than over all their episodes"
+OVER_SEEDS = "bootstrap over training seeds, no narrower than over all their episodes"
 
 NORMAL_QUANTILE = 1.959963984540054
 """The 97.5 % point of the standard normal distribution."""
@@ -179,7 +177,7 @@ def over_seeds(
     One seed's estimate is returned unchanged; without a seed there is None. Several seeds give
     their mean with ``bootstrap_mean`` over them, whose interval never goes beyond their range: a
     few seeds that agree would have none. So it is no narrower than that ``over_episodes`` of all
-    seeds together. Shares need not be given it: theirs is ``pooled_share``.
+    seeds together: by default ``pooled_share`` of shares, and otherwise ``quadrature``.
 
     ``names``: what is estimated, as a task and a metric, for the random stream.
     """
@@ -187,12 +185,11 @@ def over_seeds(
         return estimates[0] if estimates else None
     values = [estimate.value for estimate in estimates]
     seeds = bootstrap_mean(values, stream(SEEDS_ROOT, "over seeds", *names))
-    if over_episodes is None and all(estimate.method == WILSON for estimate in estimates):
-        over_episodes = pooled_share(estimates)
     if over_episodes is None:
-        return replace(seeds, method=OVER_SEEDS)
+        are_shares = all(estimate.method == WILSON for estimate in estimates)
+        over_episodes = (pooled_share if are_shares else quadrature)(estimates)
     low, high = min(seeds.low, over_episodes.low), max(seeds.high, over_episodes.high)
-    return Estimate(seeds.value, low, high, seeds.count, OVER_SEEDS_AND_EPISODES)
+    return Estimate(seeds.value, low, high, seeds.count, OVER_SEEDS)
 
 
 def pooled_share(shares: Sequence[Estimate]) -> Estimate:

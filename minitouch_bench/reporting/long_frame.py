@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.intervals import over_seeds, quadrature
+from minitouch_bench.metrics.intervals import over_seeds
 from minitouch_bench.metrics.metric import Metric
 from minitouch_bench.metrics.summary import DIFFERENCE, GAP_PARTS
 from minitouch_bench.records import Estimate
@@ -71,10 +71,7 @@ def join_seeds(frame: pd.DataFrame) -> pd.DataFrame:
     """Return a row per ``KEY`` with its estimate over training seeds, in order of appearance."""
     rows = []
     for key, group in frame.groupby([*KEY], sort=False):
-        estimates, metric = estimates_in(group), str(key[-1])
-        # The gap of two shapes' splits is no narrower than that over all their episodes.
-        over_episodes = quadrature(estimates) if metric.endswith(GAP) else None
-        estimate = over_seeds(estimates, str(key[-2]), metric, over_episodes=over_episodes)
+        estimate = over_seeds(estimates_in(group), str(key[-2]), str(key[-1]))
         if estimate is not None:
             rows.append((*key, *astuple(estimate)))
     return pd.DataFrame(rows, columns=[*KEY, *ESTIMATE])

@@ -12,7 +12,7 @@ import pandas as pd
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import PROGRESS_FILE, write_file
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
-from minitouch_bench.metrics.intervals import OVER_SEEDS_AND_EPISODES, bootstrap_mean
+from minitouch_bench.metrics.intervals import OVER_SEEDS, bootstrap_mean
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
 from minitouch_bench.rendering import latex
 from minitouch_bench.rendering.figure_files import write_figures
@@ -55,9 +55,8 @@ from minitouch_bench.runs.run import Run
 TEMPLATE = Path(__file__).parent / "templates" / "study.html.j2"
 TIME_NOTE = "Time: of the training alone, without its evaluation, beside whatever else ran."
 SEEDS_NOTE = (
-    f"95 % intervals: {OVER_SEEDS_AND_EPISODES} where it is a share: of few seeds too narrow, as a "
-    "bootstrap never goes beyond their range; one training seed: its interval is over episodes "
-    "only."
+    f"95 % intervals: {OVER_SEEDS}. With few seeds they are too narrow, as a bootstrap never "
+    "goes beyond their range. With one training seed they are over episodes only."
 )
 
 

@@ -115,7 +115,7 @@ def evaluate(
     if output is None:
         with opening as running:
             return Run(playing.play(request, RunUnderWay(request.header()), running, callbacks))
-    is_auto = output == Path(AUTO_OUTPUT)
+    is_auto = Path(output) == Path(AUTO_OUTPUT)
     directory = REPORTS / playing.run_name(request) if is_auto else Path(output)
     with opening as running, lock_directory(directory):
         run = playing.play_in(request, directory, running, callbacks, resume=resume, fresh=fresh)

@@ -104,7 +104,8 @@ def find_origin(path: Path, run: "SavedRun") -> "RunOrigin":
     try:
         if submission := begun_submission(directory.parent.parent):
             return RunOrigin(submission.name, submission.training_steps)
-        for training in (source.parent, source, directory.parent):
+        is_file = bool(run.header.policy.digest)
+        for training in (source.parent, source, directory.parent) if is_file else ():
             if (training / CONFIG_FILE).is_file():
                 config = read_config(training / CONFIG_FILE, TrainingConfig(""))
                 explored = source.stem == Role.EXPLORATION

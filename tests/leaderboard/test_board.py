@@ -167,7 +167,8 @@ def test_several_seeds_are_averaged_and_resampled(submissions, rows):
         np.mean([e.steps for e in read_run(place).episodes if e.task == "pushing"])
         for place in sorted((submissions / "seeds").glob("seed-*/table4"))
     ]
-    assert (steps.low, steps.high) == pytest.approx((min(means), max(means)))
+    assert steps.low <= min(means) + 1e-9
+    assert steps.high >= max(means) - 1e-9
 
 
 def test_no_share_is_ever_certain(rows):

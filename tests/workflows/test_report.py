@@ -37,6 +37,15 @@ def test_a_run_inside_a_training_directory_is_of_it(training):
     assert find_origin(training / "table4", run_of("gone.onnx")) == RunOrigin("rnd", 50_000)
 
 
+def test_a_built_in_policy_comes_from_no_training(training, tmp_path, monkeypatch):
+    monkeypatch.chdir(training)
+    run = run_of("random")
+    policy = replace(run.header.policy, kind="random", digest="")
+    run = replace(run, header=replace(run.header, policy=policy))
+    for place in (tmp_path / "reports" / "run", training / "table4"):
+        assert find_origin(place, run) == RunOrigin()
+
+
 def test_other_files_of_these_names_say_nothing(training, tmp_path):
     assert find_origin(tmp_path / "reports" / "run", run_of("a.onnx")) == RunOrigin()
     (training / "config.toml").write_text("[server]\nport = 1\n")
