@@ -1,7 +1,6 @@
-"""A run's tables as pandas frames, and the CSV files they are written to.
+"""A run's tables as CSV files, and its episodes as a pandas frame.
 
-One row per episode; Table 4 and the gaps on novel shapes in long form. pandas is imported when
-the first frame is made, so that a command without one starts quickly.
+One row per episode; Table 4 and the gaps on novel shapes in long form.
 """
 
 import csv
@@ -38,22 +37,19 @@ GENERALIZATION_COLUMNS = ("policy", "task", "family", "metric", "split", *ESTIMA
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 """First characters that make a spreadsheet run a cell."""
 
-WHOLE = ("count", "training_steps", "training_seeds", "rank", "worst_rank")
-"""Columns of whole numbers that may be missing."""
-
-FRACTIONAL = ("value", "low", "high", "time_to_first_touch")
-"""Columns of other numbers that may be missing."""
-
 Row = tuple[Any, ...]
 
 
 def episodes_frame(episodes: Iterable[EpisodeMetrics]) -> "pd.DataFrame":
     """Return a row per episode: EPISODE_COLUMNS, family, split, digest; NaN for no time."""
+    import pandas as pd  # noqa: PLC0415  takes half a second
+
     rows = [
         (*_episode_row(episode), *(getattr(episode, name) for name in _BESIDE))
         for episode in episodes
     ]
-    return make_frame((*EPISODE_COLUMNS, *_BESIDE), rows).astype({"outcome": "str"})
+    frame = pd.DataFrame(rows, columns=[*EPISODE_COLUMNS, *_BESIDE])
+    return frame.astype({"outcome": "str", "time_to_first_touch": "float64"})
 
 
 def episodes_csv(episodes: Iterable[EpisodeMetrics]) -> str:
@@ -68,8 +64,8 @@ def _episode_row(episode: EpisodeMetrics) -> Row:
     )
 
 
-def table4_frame(runs: Sequence[Run]) -> "pd.DataFrame":
-    """Return Table 4 in long form; values that do not exist have no row.
+def table4_csv(runs: Sequence[Run]) -> str:
+    """Write Table 4 in long form; values that do not exist have no row.
 
     ``source`` carries a run's labels, and what must be known of the paper's values.
     """
@@ -78,11 +74,11 @@ def table4_frame(runs: Sequence[Run]) -> "pd.DataFrame":
         for metric in TABLE4_METRICS:
             rows += _run_rows(runs, task, metric)
             rows += _paper_rows(task, metric)
-    return make_frame(TABLE4_COLUMNS, rows)
+    return rows_csv(TABLE4_COLUMNS, rows)
 
 
-def generalization_frame(runs: Sequence[Run]) -> "pd.DataFrame":
-    """Return held-out, train and their difference in long form, then each family's values.
+def generalization_csv(runs: Sequence[Run]) -> str:
+    """Write held-out, train and their difference in long form, then each family's values.
 
     ``family`` is empty in a row over all families; values that do not exist have no row.
     """
@@ -92,30 +88,21 @@ def generalization_frame(runs: Sequence[Run]) -> "pd.DataFrame":
             for family, metric, split, estimate in _splits(result):
                 head = (name, result.task, family, metric, split)
                 rows.append((*head, *astuple(estimate), _source(run)))
-    return make_frame(GENERALIZATION_COLUMNS, rows)
-
-
-def make_frame(columns: Sequence[str], rows: Sequence[Row]) -> "pd.DataFrame":
-    """Return a frame of rows, in which numbers stay numbers where some are missing."""
-    import pandas as pd  # noqa: PLC0415  takes half a second
-
-    frame = pd.DataFrame(rows, columns=list(columns))
-    types = {**dict.fromkeys(WHOLE, "Int64"), **dict.fromkeys(FRACTIONAL, "float64")}
-    return frame.astype({name: kind for name, kind in types.items() if name in columns})
+    return rows_csv(GENERALIZATION_COLUMNS, rows)
 
 
 def csv_text(frame: "pd.DataFrame") -> str:
-    """Write a frame as CSV, the same on every machine.
-
-    Numbers in the shortest form that reads back the same, "true" and "false", an empty cell for
-    what does not exist. A text that a spreadsheet would run as a formula gets an apostrophe.
-    """
+    """Write a frame as ``rows_csv`` does; NaN is what does not exist."""
     there = frame.astype(object).where(frame.notna(), None)
     return rows_csv(frame.columns, there.to_numpy().tolist())
 
 
 def rows_csv(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
-    """Write rows as CSV, as ``csv_text`` does."""
+    """Write rows as CSV, the same on every machine.
+
+    Numbers in the shortest form that reads back the same, "true" and "false", an empty cell for
+    what does not exist. A text that a spreadsheet would run as a formula gets an apostrophe.
+    """
     written = io.StringIO()
     writer = csv.writer(written, lineterminator="\n")
     writer.writerow(columns)

@@ -17,12 +17,7 @@ from minitouch_bench.files import (
     TABLE4_FILE,
     write_file,
 )
-from minitouch_bench.reporting.frames import (
-    csv_text,
-    episodes_csv,
-    generalization_frame,
-    table4_frame,
-)
+from minitouch_bench.reporting.frames import episodes_csv, generalization_csv, table4_csv
 from minitouch_bench.reporting.report import ALONE, AcrossRuns, Report, build_report, find_videos
 from minitouch_bench.reporting.writers import to_html, to_markdown
 from minitouch_bench.runs.run import Run
@@ -35,11 +30,11 @@ def write_tables(run: Run, directory: Path) -> None:
         RunDirectoryError: one cannot be written.
     """
     write_file(directory / EPISODES_FILE, episodes_csv(run.episodes))
-    write_file(directory / TABLE4_FILE, csv_text(table4_frame([run])))
+    write_file(directory / TABLE4_FILE, table4_csv([run]))
     if run.exploration_episodes:
         write_file(directory / EXPLORATION_FILE, episodes_csv(run.exploration_episodes))
     if run.summary.generalization:
-        write_file(directory / GENERALIZATION_FILE, csv_text(generalization_frame([run])))
+        write_file(directory / GENERALIZATION_FILE, generalization_csv([run]))
 
 
 def write_report(

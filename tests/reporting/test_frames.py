@@ -7,10 +7,9 @@ import pytest
 
 from minitouch_bench.reporting.frames import (
     EPISODE_COLUMNS,
-    csv_text,
     episodes_csv,
     episodes_frame,
-    table4_frame,
+    table4_csv,
 )
 
 
@@ -56,7 +55,7 @@ def test_a_negative_number_stays_a_number(hac):
 
 
 def test_table4_is_long_and_labeled(hac, scripted):
-    rows = list(csv.DictReader(io.StringIO(csv_text(table4_frame([hac, scripted])))))
+    rows = list(csv.DictReader(io.StringIO(table4_csv([hac, scripted]))))
     assert list(rows[0]) == [
         "policy",
         "task",
@@ -81,6 +80,6 @@ def test_table4_is_long_and_labeled(hac, scripted):
 
 
 def test_a_hostile_name_is_harmless(hostile):
-    rows = list(csv.DictReader(io.StringIO(csv_text(table4_frame([hostile])))))
+    rows = list(csv.DictReader(io.StringIO(table4_csv([hostile]))))
     assert rows[0]["policy"].startswith("'=")
     assert "\x1b" not in rows[0]["policy"]

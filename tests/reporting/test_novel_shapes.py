@@ -16,7 +16,7 @@ from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.charts import Dot
 from minitouch_bench.rendering.tables import ABSENT
 from minitouch_bench.reporting.figures import split_figures
-from minitouch_bench.reporting.frames import csv_text, generalization_frame
+from minitouch_bench.reporting.frames import generalization_csv
 from minitouch_bench.reporting.labels import describe_runs
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.tables import novel_shapes, table4, verdict
@@ -97,7 +97,7 @@ def test_a_run_of_one_split_has_no_file_and_no_section(tmp_path, hac):
 
 
 def test_csv_is_long_and_signed(novel):
-    rows = list(csv.DictReader(io.StringIO(csv_text(generalization_frame([novel])))))
+    rows = list(csv.DictReader(io.StringIO(generalization_csv([novel]))))
     own = [r for r in rows if (r["task"], r["family"], r["metric"]) == ("pushing", "", "success")]
     assert [row["split"] for row in own] == ["held-out", "train", "held-out minus train"]
     gap = next(r for r in novel.summary.generalization if r.task == "pushing").gaps["success"]
@@ -112,7 +112,7 @@ def test_hostile_names_are_harmless():
     specs = (replace(r.spec, family=HOSTILE) for r in run.records)
     records = tuple(replace(r, spec=s) for r, s in zip(run.records, specs, strict=True))
     saved = save(replace(run, records=records), "x")
-    row = list(csv.DictReader(io.StringIO(csv_text(generalization_frame([saved])))))[-1]
+    row = list(csv.DictReader(io.StringIO(generalization_csv([saved]))))[-1]
     assert row["policy"].startswith("'=")
     assert row["family"].startswith("'=")
     report = build_report([saved])
