@@ -2,8 +2,6 @@
 
 import json
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,59 +30,16 @@ DAMAGE = (
 """What reading a damaged file can raise, ``RecursionError`` among the ``RuntimeError``s."""
 
 
-@dataclass(frozen=True)
-class LoggedEpisode:
-    """One recorded episode of T control steps.
-
-    ``images`` uint8 (T + 1, 1, H, W), ``touch`` float32 (T + 1, 11), ``actions`` float32 (T, A),
-    ``rewards`` float64 (T,); ``successes`` and ``terminations`` bool (T,).
-    """
-
-    images: NDArray[np.uint8]
-    touch: NDArray[np.float32]
-    actions: NDArray[np.float32]
-    rewards: NDArray[np.float64]
-    successes: NDArray[np.bool_]
-    terminations: NDArray[np.bool_]
-
-
 def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
-    """Fill the replay memory with the episodes of a dataset directory.
-
-    Raises:
-        MissingExtraError: h5py is not installed.
-        UsageError: there is no such dataset, it is of another environment, damaged or larger
-            than the memory.
-    """
-    for episode in read_log(path, action_size):
-        if replay.rows + len(episode.images) > replay.capacity:
-            raise UsageError(
-                f"{path} contains more than the {replay.capacity:,} steps of the memory: "
-                "set a larger replay_size"
-            )
-        replay.begin_episode(episode.images[0], episode.touch[0])
-        for step, action in enumerate(episode.actions):
-            replay.add(
-                action,
-                float(episode.rewards[step]),
-                episode.images[step + 1],
-                episode.touch[step + 1],
-                success=bool(episode.successes[step]),
-                ended=bool(episode.terminations[step]),
-            )
-    if not replay.rows:
-        raise UsageError(f"{path} contains no control step")
-
-
-def read_log(path: Path, action_size: int) -> Iterator[LoggedEpisode]:
-    """Read a dataset episode by episode, as ``minitouch-bench record`` writes it.
+    """Fill the replay memory with a dataset directory, as ``minitouch-bench record`` writes it.
 
     The dataset is a stranger's: its shapes are looked at before anything is unpacked, and nothing
     outside the file is read. Minari itself would follow the file's links.
 
     Raises:
         MissingExtraError: h5py is not installed.
-        UsageError: it is not such a dataset.
+        UsageError: there is no such dataset, it is of another environment, damaged or larger
+            than the memory.
     """
     h5py = require("h5py", "data")
     try:
@@ -94,10 +49,17 @@ def read_log(path: Path, action_size: int) -> Iterator[LoggedEpisode]:
             if len(file) != count:
                 raise ValueError(f"{METADATA_FILE} counts {count} episodes, the data {len(file)}")
             for index in range(count):
-                yield _Reader(h5py, file, f"episode_{index}").episode(action_size)
+                _Reader(h5py, file, f"episode_{index}").add_to(replay, action_size)
     except DAMAGE as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise UsageError(f"{path} is not a Minari dataset of this task: {reason}") from error
+    except _FullError as error:
+        raise UsageError(
+            f"{path} contains more than the {replay.capacity:,} steps of the memory: "
+            "set a larger replay_size"
+        ) from error
+    if not replay.rows:
+        raise UsageError(f"{path} contains no control step")
 
 
 def _count_episodes(path: Path) -> int:
@@ -110,6 +72,10 @@ def _count_episodes(path: Path) -> int:
     return count
 
 
+class _FullError(Exception):
+    """The replay memory has no room for the next episode."""
+
+
 class _Reader:
     """Reads the arrays of one episode, each with the shape that it must have."""
 
@@ -118,29 +84,37 @@ class _Reader:
         self._name = name
         self._group = self._member(file, name, h5py.Group)
 
-    def episode(self, action_size: int) -> LoggedEpisode:
-        """Return the episode, every number of it checked."""
+    def add_to(self, replay: Replay, action_size: int) -> None:
+        """Add the episode to a replay memory, every number of it checked first."""
         observations = self._member(self._group, "observations", self._h5py.Group)
-        actions = self._member(self._group, "actions", self._h5py.Dataset).shape
-        steps = actions[0] if actions else 0
-        if actions != (steps, action_size) or not 0 < steps <= LONGEST_EPISODE:
+        given = self._member(self._group, "actions", self._h5py.Dataset).shape
+        steps = given[0] if given else 0
+        if given != (steps, action_size) or not 0 < steps <= LONGEST_EPISODE:
             raise ValueError(
-                f"{self._name} has actions {actions}; wanted are 1 to {LONGEST_EPISODE:,} of "
+                f"{self._name} has actions {given}; wanted are 1 to {LONGEST_EPISODE:,} of "
                 f"{action_size} numbers"
             )
+        images = self._array(observations, "image", (steps + 1, *IMAGE_SHAPE))
+        if images.dtype != np.uint8:
+            raise ValueError(f"{self._name} has images of {images.dtype}, not uint8")
+        touch = self._numbers(observations, "touch", (steps + 1, *TOUCH_SHAPE), LARGEST_VALUE)
+        touch = touch.astype(np.float32)
+        actions = self._numbers(self._group, "actions", given, 1.0).astype(np.float32)
         rewards = self._numbers(self._group, "rewards", (steps,), LARGEST_VALUE)
-        return LoggedEpisode(
-            images=self._images(observations, (steps + 1, *IMAGE_SHAPE)),
-            touch=self._numbers(
-                observations, "touch", (steps + 1, *TOUCH_SHAPE), LARGEST_VALUE
-            ).astype(np.float32),
-            actions=self._numbers(self._group, "actions", (steps, action_size), 1.0).astype(
-                np.float32
-            ),
-            rewards=rewards,
-            successes=self._successes(rewards > 0),
-            terminations=self._numbers(self._group, "terminations", (steps,), 1.0) > 0,
-        )
+        successes = self._successes(rewards > 0)
+        ends = self._numbers(self._group, "terminations", (steps,), 1.0) > 0
+        if replay.rows + steps + 1 > replay.capacity:
+            raise _FullError
+        replay.begin_episode(images[0], touch[0])
+        for step in range(steps):
+            replay.add(
+                actions[step],
+                float(rewards[step]),
+                images[step + 1],
+                touch[step + 1],
+                success=bool(successes[step]),
+                ended=bool(ends[step]),
+            )
 
     def _successes(self, rewarded: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return whether each step reached the goal, (T,): what ``is_success`` in the infos says.
@@ -157,12 +131,6 @@ class _Reader:
         steps = len(rewarded)
         shape = (steps + 1,) if length == (steps + 1,) else (steps,)
         return self._numbers(infos, "is_success", shape, 1.0)[-steps:] > 0
-
-    def _images(self, group: Any, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-        images = self._array(group, "image", shape)
-        if images.dtype != np.uint8:
-            raise ValueError(f"{self._name} has images of {images.dtype}, not uint8")
-        return images
 
     def _numbers(
         self, group: Any, name: str, shape: tuple[int, ...], largest: float

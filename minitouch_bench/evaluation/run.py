@@ -15,7 +15,7 @@ from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.files import RUN_FILE, clear_run, entries_of, holds_run
 from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.policies.sources import identify
-from minitouch_bench.records import EpisodeRecord, Outcome
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Outcome
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run, RunEnvironment, RunHeader, make_header, make_run, read_run
@@ -107,8 +107,10 @@ def play_missing(
     engine: Engine,
     on_record: Callable[[EpisodeRecord], None],
     name: str = "",
+    *,
+    turn: Callable[[EpisodeSpec], int] | None = None,
 ) -> Run:
-    """Play the episodes that are missing, and return the whole run.
+    """Play the episodes that are missing, by their ``turn``, and return the whole run.
 
     Where the run has a directory, each record is kept there before ``on_record`` sees it, and
     ``actions.npz`` is written at the end.
@@ -122,6 +124,8 @@ def play_missing(
     specs = header.specs()
     records = {record.spec: record for record in under_way.records}
     missing = [spec for spec in specs if spec not in records]
+    if turn is not None:
+        missing.sort(key=turn)
     started, clock, workers = datetime.now(UTC), time.monotonic(), engine.workers
     unfinished, attempts = None, None
     if directory is not None:

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Root, stream
-from minitouch_bench.records import EpisodeMetrics, Role
+from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role
 from minitouch_bench.regression.comparison import (
     ComparedRun,
     differences_of_isolation,
@@ -63,6 +63,7 @@ class SequentialGate:
 
     def __init__(self, order: Sequence[EpisodeMetrics], settings: GateSettings, root: Root) -> None:
         self._order = tuple(order)
+        self._turns = {episode_key(Role.FINAL, one): turn for turn, one in enumerate(order)}
         self._root = root
         self.settings = settings
         self.decision: Decision | None = None
@@ -90,6 +91,10 @@ class SequentialGate:
     def pairs(self) -> tuple[EpisodePair, ...]:
         """The episodes the answer rests on, in the order they count in."""
         return tuple(self._pairs)
+
+    def turn(self, spec: EpisodeSpec) -> int:
+        """Return when an episode counts: episodes that start in this order need not wait."""
+        return self._turns[spec.key]
 
     @property
     def is_certain(self) -> bool:

@@ -1,7 +1,6 @@
 """Play a policy on the episodes of a baseline, no longer than the answer needs."""
 
 import time
-from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +8,11 @@ from pathlib import Path
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
-from minitouch_bench.evaluation.rollout import ActorSource
 from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, open_run
 from minitouch_bench.files import REPORTS, lock_directory
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.isolation.options import IsolationOptions
-from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Outcome, PolicyIdentity, Role
+from minitouch_bench.records import EpisodeRecord, Outcome, PolicyIdentity, Role
 from minitouch_bench.regression.comparison import ComparedRun
 from minitouch_bench.regression.gate import (
     EpisodesUsed,
@@ -51,22 +49,6 @@ class _EnoughError(Exception):
     """The answer is certain; the other episodes need not be played."""
 
 
-class _InOrder:
-    """An engine that starts the episodes in another order."""
-
-    def __init__(self, engine: Engine, order: Sequence[str]) -> None:
-        self.workers = engine.workers
-        self._engine = engine
-        self._turns = {key: turn for turn, key in enumerate(order)}
-
-    def run(
-        self, source: ActorSource, specs: Sequence[EpisodeSpec], attempts: Path | None = None
-    ) -> Iterator[EpisodeRecord]:
-        """Yield what the engine yields; closing this closes that."""
-        ordered = sorted(specs, key=lambda spec: self._turns[spec.key])
-        yield from self._engine.run(source, ordered, attempts)
-
-
 def play_gate(
     baseline: Run,
     path: str,
@@ -99,8 +81,7 @@ def play_gate(
     clock = time.monotonic()
     with opening as running, lock_directory(directory):
         opened = open_run(request, directory, resume=resume, fresh=fresh)
-        turns = [episode_key(Role.FINAL, episode) for episode in order]
-        run = _play(request, opened, _InOrder(running, turns), gate, callbacks)
+        run = _play(request, opened, running, gate, callbacks)
         if run is not None:
             write_views(run, directory)
     if run is not None:
@@ -178,7 +159,7 @@ def _play(
             raise _EnoughError
 
     with suppress(_EnoughError):
-        return play(request, opened, engine, replace(callbacks, episode=take))
+        return play(request, opened, engine, replace(callbacks, episode=take), turn=gate.turn)
     return None
 
 

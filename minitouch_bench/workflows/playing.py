@@ -1,7 +1,7 @@
 """Play a run in its directory, and write its facts and its views."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +11,7 @@ from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, open_run, play_missing
 from minitouch_bench.evaluation.video import require_video, video_name, write_video
 from minitouch_bench.files import RUN_FILE, VIDEOS, holds_run, list_videos, make_folder, write_file
+from minitouch_bench.records import EpisodeSpec
 from minitouch_bench.reporting.report import Report
 from minitouch_bench.reporting.views import write_report, write_tables
 from minitouch_bench.runs.run import Run, run_json
@@ -54,12 +55,18 @@ def _file_name(text: str) -> str:
 
 
 def play(
-    request: RunRequest, opened: RunUnderWay | Run, engine: Engine, callbacks: Callbacks = SILENT
+    request: RunRequest,
+    opened: RunUnderWay | Run,
+    engine: Engine,
+    callbacks: Callbacks = SILENT,
+    *,
+    turn: Callable[[EpisodeSpec], int] | None = None,
 ) -> Run:
     """Play the episodes that are missing, and keep the facts of the run in its directory.
 
-    The callbacks are told of the episodes that are done, too. A run that is finished already is
-    returned as it is.
+    ``turn``: what orders the episodes; by default they are in the suite's order. The callbacks
+    are told of the episodes that are done, too. A run that is finished already is returned as it
+    is.
     """
     if isinstance(opened, Run):
         callbacks.note(f"{opened.directory} contains the finished run: no episode is missing")
@@ -68,7 +75,7 @@ def play(
     for record in opened.records:
         callbacks.episode(record)
     with resumable(opened.directory):
-        run = play_missing(request, opened, engine, callbacks.episode, run_name(request))
+        run = play_missing(request, opened, engine, callbacks.episode, run_name(request), turn=turn)
     if run.directory is None:
         return run
     content = run_json(run)
