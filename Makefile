@@ -15,8 +15,8 @@ PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-
 # scipy and pandas again, which takes it seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: evaluate test test-wheel prove regress leaderboard check format bench schemas reference facts pictures \
-  submission-tools clean
+.PHONY: evaluate test test-wheel prove regress leaderboard check format bench schemas reference \
+  pictures submission-tools clean
 
 evaluate: $(READY)
 	$(BIN)/minitouch-bench evaluate scripted --suite smoke --workers auto --fresh
@@ -65,10 +65,6 @@ schemas: $(DEV)
 # The pages of docs/reference/ that follow from the code.
 reference: $(DEV)
 	$(BIN)/python -m benchmarks.reference
-
-# A submission holds facts only: remove what an older version packed beside them.
-facts: $(READY)
-	$(BIN)/python -m benchmarks.submission_facts
 
 pictures: $(DEV)
 	$(BIN)/python -m benchmarks.pictures

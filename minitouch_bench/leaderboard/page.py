@@ -201,8 +201,8 @@ def submission_figures(verdict: Verdict) -> tuple[Figure, ...]:
         Figure(
             "touch-over-time",
             "Touch over time",
-            "Mean ticks in contact at each control step, over the episodes that reached "
-            f"it{several}.",
+            "Mean ticks in contact at each control step, over the episodes that reached it; "
+            f"faint where fewer than a tenth are left{several}.",
             tuple(_touch_plot(verdict, task) for task in BOARD_TASKS),
         ),
     )
@@ -216,8 +216,8 @@ def _steps_plot(verdict: Verdict, task: str) -> Plot:
 
 
 def _touch_plot(verdict: Verdict, task: str) -> Plot:
-    curves: list[tuple[Sequence[float], Sequence[int]]] = [
-        (summary.touch_curve, ())
+    curves = [
+        (summary.touch_curve, summary.touch_curve_episodes)
         for run in verdict.runs_on(MAIN_SUITE)
         for summary in run.summary.tasks
         if summary.task == task
