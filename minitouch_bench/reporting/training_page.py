@@ -2,19 +2,18 @@
 
 import io
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pandas as pd
 
 from minitouch_bench.files import PROGRESS_FILE, read_file
 from minitouch_bench.rendering.charts import (
-    Axis,
     Chart,
     Figure,
     LegendItem,
     Line,
+    Mark,
     Plot,
     share_axis,
     upright_line,
@@ -28,6 +27,36 @@ EPISODES = 20
 """Training episodes that a point of the success curve is the share of, at least."""
 HEIGHT = 112
 TRAINING, EVALUATION = series_tone(0), series_tone(1)
+
+FIGURES = (
+    (
+        "shares",
+        "What it does",
+        f"Success over at least {EPISODES} training episodes, touch share over the control "
+        "steps between two rows; evaluation on episodes of their own. The upright line is "
+        "where the task's reward takes over.",
+        {"success": "Success", "touch_share": "Touch share"},
+    ),
+    (
+        "rewards",
+        "What it is paid",
+        "Means between two rows of progress.csv.",
+        {"intrinsic_reward": "Intrinsic reward", "task_reward": "Task reward per step"},
+    ),
+    (
+        "inside",
+        "How it learns",
+        "Means over the gradient steps between rows.",
+        {
+            "curiosity_loss": "Curiosity loss",
+            "critic_loss": "Critic loss",
+            "value": "Value",
+            "entropy": "Entropy, nats",
+            "temperature": "Temperature",
+        },
+    ),
+)
+"""Key, title and text of each figure, and the captions of its columns of ``progress.csv``."""
 
 
 def training_page(directory: Path) -> str:
@@ -44,43 +73,39 @@ def training_page(directory: Path) -> str:
 
 
 def _figures(rows: pd.DataFrame) -> tuple[Figure, ...]:
+    rows = rows.assign(success=episode_success(rows))
     both = (LegendItem("training", TRAINING), LegendItem("evaluation", EVALUATION))
-    shares = (
-        _share_plot(rows, "Success", episode_success(rows), "evaluation_success"),
-        _share_plot(rows, "Touch share", rows["touch_share"], "evaluation_touch_share"),
+    figures = (
+        Figure(key, title, text, tuple(_plots(rows, columns)), both if key == "shares" else ())
+        for key, title, text, columns in FIGURES
     )
-    rewards = (
-        _value_plot(rows, "Intrinsic reward", "intrinsic_reward"),
-        _value_plot(rows, "Task reward per step", "task_reward"),
-    )
-    inside = tuple(
-        _value_plot(rows, caption, column)
-        for caption, column in (
-            ("Curiosity loss", "curiosity_loss"),
-            ("Critic loss", "critic_loss"),
-            ("Value", "value"),
-            ("Entropy, nats", "entropy"),
-            ("Temperature", "temperature"),
+    return tuple(figure for figure in figures if figure.plots)
+
+
+def _plots(rows: pd.DataFrame, columns: Mapping[str, str]) -> Iterator[Plot]:
+    """Draw the columns that have values, and where the exploration ends."""
+    last = int(rows["step"].iloc[-1])
+    exploration = rows.loc[rows["phase"] == "exploration", "step"]
+    for column, caption in columns.items():
+        is_share = f"evaluation_{column}" in rows
+        names = (column, f"evaluation_{column}") if is_share else (column,)
+        values = [0.0, *rows[column].dropna().tolist()]
+        axis = (
+            share_axis(caption)
+            if is_share
+            else value_axis(caption, max(values), lowest=min(values))
         )
-    )
-    all_figures = (
-        Figure(
-            "shares",
-            "What it does",
-            f"Success over at least {EPISODES} training episodes, touch share over the control "
-            "steps between two rows; evaluation on episodes of their own. The upright line is "
-            "where the task's reward takes over.",
-            shares,
-            both,
-        ),
-        Figure("rewards", "What it is paid", "Means between two rows of progress.csv.", rewards),
-        Figure("inside", "How it learns", "Means over the gradient steps between rows.", inside),
-    )
-    drawn = (
-        replace(figure, plots=tuple(plot for plot in figure.plots if plot.charts))
-        for figure in all_figures
-    )
-    return tuple(figure for figure in drawn if figure.plots)
+        marks: list[Mark] = []
+        for name, tone in zip(names, (TRAINING, EVALUATION), strict=False):
+            points = rows[["step", name]].dropna().astype(float)
+            if len(points):
+                marks.append(Line(tuple(points.itertuples(index=False, name=None)), tone))
+        if not marks:
+            continue
+        if 0 < len(exploration) < len(rows):
+            marks.append(upright_line(float(exploration.iloc[-1]), axis))
+        chart = Chart(value_axis("Control steps", last), axis, tuple(marks), HEIGHT)
+        yield Plot(caption, f"{caption} over {last} control steps", (chart,))
 
 
 def episode_success(rows: pd.DataFrame) -> "pd.Series[float]":
@@ -94,41 +119,3 @@ def episode_success(rows: pd.DataFrame) -> "pd.Series[float]":
         count = done[last] - done[first]
         shares.append((won[last] - won[first]) / count if count >= EPISODES else math.nan)
     return pd.Series(shares, dtype=float)
-
-
-def _share_plot(
-    rows: pd.DataFrame, caption: str, training: "pd.Series[float]", evaluation: str
-) -> Plot:
-    lines = [
-        _line(rows["step"], training, TRAINING),
-        _line(rows["step"], rows[evaluation], EVALUATION),
-    ]
-    return _plot(rows, caption, share_axis(caption), lines)
-
-
-def _value_plot(rows: pd.DataFrame, caption: str, column: str) -> Plot:
-    values = [0.0, *rows[column].dropna().tolist()]
-    axis = value_axis(caption, max(values), lowest=min(values))
-    return _plot(rows, caption, axis, [_line(rows["step"], rows[column], TRAINING)])
-
-
-def _plot(rows: pd.DataFrame, caption: str, axis: Axis, lines: Sequence[Line | None]) -> Plot:
-    marks = [line for line in lines if line is not None]
-    if not marks:
-        return Plot(caption, f"{caption}: nothing recorded", ())
-    last = int(rows["step"].iloc[-1])
-    exploration = rows.loc[rows["phase"] == "exploration", "step"]
-    if 0 < len(exploration) < len(rows):
-        marks.append(upright_line(float(exploration.iloc[-1]), axis))
-    x = value_axis("Control steps", last)
-    return Plot(
-        caption, f"{caption} over {last} control steps", (Chart(x, axis, tuple(marks), HEIGHT),)
-    )
-
-
-def _line(steps: "pd.Series[int]", values: "pd.Series[float]", tone: str) -> Line | None:
-    """Return the line through the values that there are, None where there are none."""
-    known = values.notna().to_numpy()
-    points = zip(steps[known].tolist(), values[known].tolist(), strict=True)
-    known_points = tuple((float(step), float(value)) for step, value in points)
-    return Line(known_points, tone) if known_points else None
