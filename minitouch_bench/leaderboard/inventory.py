@@ -6,31 +6,21 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
+from minitouch_bench import files
 from minitouch_bench.errors import UnreadableFileError
-from minitouch_bench.files import (
-    ACTIONS_FILE,
-    GIB,
-    KIB,
-    MIB,
-    RUN_FILE,
-    SUBMISSION_FILE,
-    is_folder,
-    os_errors_as,
-    read_file,
-)
 from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.verification.problems import Problems
 
-RUN_LIMITS = {RUN_FILE: 16 * MIB, ACTIONS_FILE: 12 * MIB}
+RUN_LIMITS = {files.RUN_FILE: 16 * files.MIB, files.ACTIONS_FILE: 12 * files.MIB}
 """The files that each run in a submission has, beside videos, and the most bytes of each."""
 
 VIEWS = (".csv", ".md", ".html")
 """Endings of files that are written for people: of a run's facts, and not among them."""
 
-MAX_SUBMISSION_FILE = 64 * KIB
-MAX_CHECKPOINT = GIB
-MAX_VIDEO = 20 * MIB
+MAX_SUBMISSION_FILE = 64 * files.KIB
+MAX_CHECKPOINT = files.GIB
+MAX_VIDEO = 20 * files.MIB
 MAX_FILES = 2000
 MAX_DEPTH = 4
 
@@ -39,11 +29,11 @@ VIDEO = re.compile(rf"videos/(?:exploration-)?(?:{'|'.join(TASK_NAMES)})-\d{{1,4
 
 def list_files(directory: Path, problems: Problems) -> dict[str, int]:
     """Return the size in bytes of every plain file by its path; nothing is followed or opened."""
-    if not is_folder(directory):
+    if not files.is_folder(directory):
         problems.add("", "it is a link, not a directory", "give the directory itself")
         return {}
     sizes: dict[str, int] = {}
-    with problems.caught(""), os_errors_as(UnreadableFileError, directory, "read"):
+    with problems.caught(""), files.os_errors_as(UnreadableFileError, directory, "read"):
         _list_files(directory, sizes, problems)
     return sizes
 
@@ -76,7 +66,7 @@ def walk(directory: Path | str, depth: int = 0) -> Iterator[os.DirEntry[str]]:
 
 def check_files(submission: Submission, sizes: dict[str, int], problems: Problems) -> None:
     """Hold the files against those that a submission has; the rest is unknown."""
-    limits = {SUBMISSION_FILE: MAX_SUBMISSION_FILE}
+    limits = {files.SUBMISSION_FILE: MAX_SUBMISSION_FILE}
     for seed in submission.seeds:
         for folder in seed.runs.values():
             for name, most in RUN_LIMITS.items():
@@ -114,6 +104,6 @@ def read_plain(directory: Path, path: str, limit: int) -> bytes:
         UnreadableFileError: it cannot be read, or is larger than ``limit``.
     """
     try:
-        return read_file(directory / path, limit)
+        return files.read_file(directory / path, limit)
     except OSError as error:
         raise UnreadableFileError(f"it cannot be read: {error.strerror}") from error

@@ -7,17 +7,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from minitouch_bench import files
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
-from minitouch_bench.files import (
-    SUBMISSION_FILE,
-    VIDEOS,
-    list_videos,
-    make_folder,
-    os_errors_as,
-    read_file,
-    write_file,
-)
 from minitouch_bench.leaderboard.inventory import (
     MAX_CHECKPOINT,
     MAX_SUBMISSION_FILE,
@@ -55,9 +47,9 @@ def begun_submission(directory: Path) -> Submission | None:
     Raises:
         UsageError: its ``submission.toml`` has a problem.
     """
-    if not (directory / SUBMISSION_FILE).exists():
+    if not (directory / files.SUBMISSION_FILE).exists():
         return None
-    return _checked(read_plain(directory, SUBMISSION_FILE, MAX_SUBMISSION_FILE))
+    return _checked(read_plain(directory, files.SUBMISSION_FILE, MAX_SUBMISSION_FILE))
 
 
 def with_seed(begun: Submission | None, about: Submission, seed: TrainingSeed) -> Submission:
@@ -83,7 +75,7 @@ def add_seed(
         RunDirectoryError: it cannot be written.
     """
     submission = with_seed(begun, about, seed)
-    write_file(directory / SUBMISSION_FILE, write_toml(submission))
+    files.write_file(directory / files.SUBMISSION_FILE, write_toml(submission))
     return submission
 
 
@@ -113,8 +105,8 @@ def copy_run(run: Path, target: Path) -> None:
     """
     for name, limit in RUN_LIMITS.items():
         _copy(run / name, target / name, limit)
-    for video in list_videos(run):
-        _copy(video, target / VIDEOS / video.name, MAX_VIDEO)
+    for video in files.list_videos(run):
+        _copy(video, target / files.VIDEOS / video.name, MAX_VIDEO)
 
 
 @dataclass(frozen=True)
@@ -173,8 +165,8 @@ class Parts:
 
 def _copy(file: Path, target: Path, limit: int, *, follow: bool = False) -> None:
     """Copy a plain file; the user's own may be a link, one of a run may not."""
-    with os_errors_as(RunDirectoryError, file, "copied"):
-        write_file(target, read_file(file, limit, follow=follow))
+    with files.os_errors_as(RunDirectoryError, file, "copied"):
+        files.write_file(target, files.read_file(file, limit, follow=follow))
 
 
 def check_submittable(header: RunHeader, path: Path, main: PolicyIdentity) -> None:
@@ -210,7 +202,7 @@ def find_source(recorded: PolicyIdentity) -> PolicySource:
 @contextmanager
 def aside(directory: Path) -> Iterator[Path]:
     """Make a folder beside the submissions, which no board reads, and remove it afterwards."""
-    folder = make_folder(directory / f".{secrets.token_hex(8)}.packing")
+    folder = files.make_folder(directory / f".{secrets.token_hex(8)}.packing")
     try:
         yield folder
     finally:
@@ -219,7 +211,7 @@ def aside(directory: Path) -> Iterator[Path]:
 
 def swap(new: Path, target: Path, old: Path) -> None:
     """Put a directory in the place of another one, which is kept until the new one is there."""
-    with os_errors_as(RunDirectoryError, target, "replaced"):
+    with files.os_errors_as(RunDirectoryError, target, "replaced"):
         old.parent.mkdir(parents=True, exist_ok=True)
         if target.exists():
             target.rename(old)

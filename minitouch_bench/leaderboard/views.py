@@ -9,15 +9,7 @@ from minitouch_bench.leaderboard.scores import GAP_TASKS, MEAN_SUCCESS, OVERALL,
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
-from minitouch_bench.rendering.tables import (
-    ABSENT,
-    Cell,
-    Column,
-    Row,
-    Table,
-    column_groups,
-    estimate_cell,
-)
+from minitouch_bench.rendering import tables
 from minitouch_bench.reporting.labels import listed, task_title
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_cell
 from minitouch_bench.reporting.tables import gap_cells
@@ -38,7 +30,7 @@ class Line:
     note: str
     rank: Rank | None
     row: BoardRow | None
-    cells: tuple[Cell, ...] = ()
+    cells: tuple[tables.Cell, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -48,13 +40,13 @@ class View:
     key: str
     title: str
     lead: str
-    columns: tuple[Column, ...]
+    columns: tuple[tables.Column, ...]
     lines: tuple[Line, ...]
 
     @property
     def groups(self) -> tuple[tuple[str, int], ...]:
         """The blocks of columns in order, each with its number of columns."""
-        return column_groups(self.columns)
+        return tables.column_groups(self.columns)
 
     @property
     def edges(self) -> frozenset[int]:
@@ -62,10 +54,12 @@ class View:
         names = ["", *(column.group for column in self.columns)]
         return frozenset(i for i, name in enumerate(names[1:]) if name and name != names[i])
 
-    def table(self) -> Table:
+    def table(self) -> tables.Table:
         """Return the view as a plain table, the kind of a row behind its name."""
-        rows = (Row((_rank_text(line.rank), _kind_text(line)), line.cells) for line in self.lines)
-        return Table(self.title, ("Rank", "Submission"), self.columns, tuple(rows))
+        rows = (
+            tables.Row((_rank_text(line.rank), _kind_text(line)), line.cells) for line in self.lines
+        )
+        return tables.Table(self.title, ("Rank", "Submission"), self.columns, tuple(rows))
 
 
 def views(board: Board) -> tuple[View, ...]:
@@ -81,8 +75,8 @@ def views(board: Board) -> tuple[View, ...]:
 def _overall(board: Board) -> View:
     goals = [task_title(task) for task in BOARD_GOALS]
     columns = (
-        Column("Mean success", unit=f"{len(goals)} tasks ↑"),
-        *(Column(task_title(task), unit=f"{_label(task)} ↑") for task in BOARD_TASKS),
+        tables.Column("Mean success", unit=f"{len(goals)} tasks ↑"),
+        *(tables.Column(task_title(task), unit=f"{_label(task)} ↑") for task in BOARD_TASKS),
     )
     lead = (
         f"Ordered by the mean success over {listed(goals)}. Rows that do not differ significantly "
@@ -95,7 +89,9 @@ def _task(board: Board, task: str) -> View:
     ranked_by = RANKED_BY[task]
     metrics = dict.fromkeys((ranked_by, *metrics_shown_in(ShownIn.TABLE4, task)))
     columns = tuple(
-        Column(METRICS[m].label, unit=f"{METRICS[m].unit} {METRICS[m].direction_in(task)}".strip())
+        tables.Column(
+            METRICS[m].label, unit=f"{METRICS[m].unit} {METRICS[m].direction_in(task)}".strip()
+        )
         for m in metrics
     )
     lead = f"Ordered by {_label(task)}. The columns of Table 4."
@@ -106,7 +102,7 @@ def _task(board: Board, task: str) -> View:
 def _touch(board: Board) -> View:
     wanted = [(task, metric) for task in BOARD_TASKS for metric in TOUCH_METRICS]
     columns = tuple(
-        Column(METRICS[metric].label, task_title(task), METRICS[metric].unit)
+        tables.Column(METRICS[metric].label, task_title(task), METRICS[metric].unit)
         for task, metric in wanted
     )
     meanings = (f"{METRICS[name].label}: {METRICS[name].meaning}." for name in TOUCH_METRICS)
@@ -116,7 +112,7 @@ def _touch(board: Board) -> View:
 
 def _novel(board: Board) -> View:
     columns = tuple(
-        Column(label, f"{task_title(task)}: {_label(task)}")
+        tables.Column(label, f"{task_title(task)}: {_label(task)}")
         for task in GAP_TASKS
         for label in ("Held-out", "Train", "Gap")
     )
@@ -128,7 +124,7 @@ def _novel(board: Board) -> View:
     return View(NOVEL, "Novel shapes", lead, columns, lines)
 
 
-def _gap_cells(row: BoardRow | None) -> Iterator[Cell]:
+def _gap_cells(row: BoardRow | None) -> Iterator[tables.Cell]:
     for task in GAP_TASKS:
         yield from gap_cells(task, RANKED_BY[task], row.novel_shapes.get(task) if row else None)[:3]
 
@@ -141,14 +137,14 @@ def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[L
     ]
     for method in PAPER_METHODS:
         cells = tuple(paper_cell(*names, method) for names in wanted)
-        if any(cell.text != ABSENT for cell in cells):
+        if any(cell.text != tables.ABSENT for cell in cells):
             lines.append(Line(PAPER, method, CAVEAT, None, None, cells))
     return tuple(lines)
 
 
-def _cell(row: BoardRow | None, task: str, metric: str) -> Cell:
+def _cell(row: BoardRow | None, task: str, metric: str) -> tables.Cell:
     estimate = row.estimate(task, metric) if row else None
-    return estimate_cell("success" if metric == MEAN_SUCCESS else metric, estimate)
+    return tables.estimate_cell("success" if metric == MEAN_SUCCESS else metric, estimate)
 
 
 def _heads(board: Board, key: str = OVERALL) -> Iterator[Line]:
@@ -171,7 +167,7 @@ def _label(task: str) -> str:
 
 def _rank_text(rank: Rank | None) -> str:
     if rank is None:
-        return ABSENT
+        return tables.ABSENT
     return f"{rank.best}" + (f" ({rank.best} to {rank.worst})" if rank.worst > rank.best else "")
 
 

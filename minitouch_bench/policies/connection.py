@@ -12,17 +12,9 @@ from typing import Any
 
 import msgspec
 
+from minitouch_bench.policies import wire
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.isolation.readable import HOST_SETTINGS, HOST_VARIABLES
-from minitouch_bench.policies.wire import (
-    MAX_PAYLOAD,
-    Frame,
-    Order,
-    WireError,
-    pack_frame,
-    plain_line,
-    unpack_frame,
-)
 from minitouch_bench.processes import watch
 
 KEPT_OUTPUT = 4096
@@ -63,7 +55,7 @@ class OutputPipe:
         while taken < MAX_DRAIN and (count := self.take()):
             taken += count
         lines = self._tail.decode(errors="replace").splitlines()
-        plain = (plain_line(line) for line in reversed(lines))
+        plain = (wire.plain_line(line) for line in reversed(lines))
         return next((line for line in plain if line), "")
 
     def close_writer(self) -> None:
@@ -103,7 +95,7 @@ def _packet_pair() -> tuple[socket.socket, socket.socket]:
         pair = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
         for one in pair:
             for size in (socket.SO_SNDBUF, socket.SO_RCVBUF):
-                one.setsockopt(socket.SOL_SOCKET, size, 4 * MAX_PAYLOAD)
+                one.setsockopt(socket.SOL_SOCKET, size, 4 * wire.MAX_PAYLOAD)
         return pair
 
 
@@ -126,7 +118,7 @@ class EpisodeChannel:
         """Note which process is at the other end; the host reaps it when it is stopped."""
         self._process = watch(pid)
 
-    def ask(self, kind: Frame, payload: bytes, deadline: float) -> tuple[Frame, bytes]:
+    def ask(self, kind: wire.Frame, payload: bytes, deadline: float) -> tuple[wire.Frame, bytes]:
         """Send a request and return the answer.
 
         Raises:
@@ -135,22 +127,22 @@ class EpisodeChannel:
             WireError: not a packet of this protocol, or one that came before the request.
         """
         if self._take():
-            raise WireError("it answered before it was asked")
+            raise wire.WireError("it answered before it was asked")
         with contextlib.suppress(ConnectionError):  # if it has ended, no answer comes
             try:
-                self._ours.send(pack_frame(kind, payload))
+                self._ours.send(wire.pack_frame(kind, payload))
             except BlockingIOError:
-                raise WireError("it does not read its requests") from None
+                raise wire.WireError("it does not read its requests") from None
         return self.receive(deadline)
 
-    def receive(self, deadline: float) -> tuple[Frame, bytes]:
+    def receive(self, deadline: float) -> tuple[wire.Frame, bytes]:
         """Return the next packet of the child; raises what ``ask`` does."""
         if not wait_for((self._ours.fileno(), self._process), self.output, deadline):
             raise TimeoutError
         packet = self._take()
         if not packet:
             raise EOFError
-        return unpack_frame(packet)
+        return wire.unpack_frame(packet)
 
     def hang_up(self) -> None:
         """Close all but the output; a child that lives reads the end of its requests."""
@@ -167,11 +159,11 @@ class EpisodeChannel:
     def _take(self) -> bytes:
         """Return the packet that is there, empty where there is none or no more can come."""
         try:
-            packet, _, flags, _ = self._ours.recvmsg(1 + MAX_PAYLOAD)
+            packet, _, flags, _ = self._ours.recvmsg(1 + wire.MAX_PAYLOAD)
         except (BlockingIOError, ConnectionError):
             return b""
         if flags & socket.MSG_TRUNC:
-            raise WireError(f"a packet of more than {MAX_PAYLOAD} bytes")
+            raise wire.WireError(f"a packet of more than {wire.MAX_PAYLOAD} bytes")
         return packet
 
 
@@ -215,7 +207,7 @@ class HostConnection:
         return self._process.pid
 
     def order(
-        self, order: Order, timeout_s: float, descriptors: Sequence[int] = ()
+        self, order: wire.Order, timeout_s: float, descriptors: Sequence[int] = ()
     ) -> dict[str, Any]:
         """Send an order, with file descriptors if it has any, and return the answer.
 
@@ -231,7 +223,7 @@ class HostConnection:
             deadline = time.monotonic() + timeout_s
             if not wait_for((self._control.fileno(),), self._output, deadline):
                 raise HostGoneError(f"no answer within {timeout_s:g} s")
-            packet = self._control.recv(MAX_PAYLOAD)
+            packet = self._control.recv(wire.MAX_PAYLOAD)
         except OSError as error:
             raise HostGoneError(str(error)) from error
         if not packet:

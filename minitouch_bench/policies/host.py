@@ -36,6 +36,7 @@ from minitouch_bench.errors import (
     PolicyLoadError,
     PolicyRaisedError,
 )
+from minitouch_bench.policies import wire
 from minitouch_bench.policies.formats import FORMATS, check_permitted, find_loader, load_policy
 from minitouch_bench.policies.isolation.kernel import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation
@@ -43,18 +44,6 @@ from minitouch_bench.policies.isolation.readable import NOTHING, factory_paths
 from minitouch_bench.policies.isolation.sandbox import Sandbox, prepare
 from minitouch_bench.policies.policy import Checkpoint, action_size, close_policy
 from minitouch_bench.policies.sources import read_again
-from minitouch_bench.policies.wire import (
-    MAX_PAYLOAD,
-    Frame,
-    Order,
-    StartOrder,
-    WireError,
-    describe,
-    pack_action,
-    read_frame,
-    unpack_observation,
-    write_frame,
-)
 from minitouch_bench.processes import die_with
 from minitouch_bench.tasks.action import fit_action
 
@@ -68,7 +57,7 @@ POLL_S = 0.002
 class Episode:
     """What a child is forked for: which policy, which task, which seed, and what holds it."""
 
-    order: StartOrder
+    order: wire.StartOrder
     content: bytes
     sandbox: Sandbox | None
 
@@ -84,12 +73,12 @@ class Host:
         """Obey until the other side closes."""
         while True:
             packet, descriptors, _, _ = socket.recv_fds(
-                self._control, MAX_PAYLOAD, 2, CLOSE_ON_EXEC
+                self._control, wire.MAX_PAYLOAD, 2, CLOSE_ON_EXEC
             )
             if not packet:
                 break
-            order = msgspec.json.decode(packet, type=Order)
-            if isinstance(order, StartOrder):
+            order = msgspec.json.decode(packet, type=wire.Order)
+            if isinstance(order, wire.StartOrder):
                 answer = self._start(order, descriptors)
             else:
                 status, killed = self._end_child(order.grace_s)
@@ -97,7 +86,7 @@ class Host:
             self._control.sendall(msgspec.json.encode(answer))
         self._end_child(0.0)
 
-    def _start(self, order: StartOrder, descriptors: list[int]) -> dict[str, Any]:
+    def _start(self, order: wire.StartOrder, descriptors: list[int]) -> dict[str, Any]:
         self._end_child(0.0)
         try:
             return {"pid": self._fork(_prepare(order), *descriptors)}
@@ -150,7 +139,7 @@ def _has_exited(child: int) -> bool:
     return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
-def _prepare(order: StartOrder) -> Episode:
+def _prepare(order: wire.StartOrder) -> Episode:
     """Import what the kind needs, read its file and prepare its sandbox, each once."""
     check_permitted(order.kind, order.target, order.isolation, trust=order.trust)
     _import_format(order.kind)
@@ -180,7 +169,9 @@ def _import_format(kind: str) -> None:
     except MiniTouchError:
         raise
     except Exception as error:  # an installed package that does not import
-        raise PolicyLoadError(f"cannot read {kind} policies here: {describe(error)}") from error
+        raise PolicyLoadError(
+            f"cannot read {kind} policies here: {wire.describe(error)}"
+        ) from error
     if "torch" in sys.modules:  # sums differ in their last bits between one and two threads
         sys.modules["torch"].set_num_threads(1)
     gc.collect()
@@ -219,9 +210,9 @@ def _confine(episode: Episode, channel: int) -> bool:
         if episode.sandbox is not None:
             episode.sandbox.enter((channel,))
     except OSError as error:
-        write_frame(channel, Frame.UNCONFINED, describe(error).encode())
+        wire.write_frame(channel, wire.Frame.UNCONFINED, wire.describe(error).encode())
         return False
-    write_frame(channel, Frame.CONFINED)
+    wire.write_frame(channel, wire.Frame.CONFINED)
     return True
 
 
@@ -229,35 +220,35 @@ def _serve(episode: Episode, channel: int) -> None:
     policy, order, size = None, episode.order, action_size(episode.order.task)
     while True:
         try:
-            request, payload = read_frame(channel)
+            request, payload = wire.read_frame(channel)
         except EOFError:
             break
         try:
-            if request is Frame.LOAD:
+            if request is wire.Frame.LOAD:
                 checkpoint = Checkpoint(order.target, episode.content, order.deterministic)
                 policy = load_policy(order.kind, checkpoint)
-                kind, answer = Frame.LOADED, b""
+                kind, answer = wire.Frame.LOADED, b""
             elif policy is None:
-                raise WireError(f"a request of kind {request} before LOAD")
-            elif request is Frame.RESET:
+                raise wire.WireError(f"a request of kind {request} before LOAD")
+            elif request is wire.Frame.RESET:
                 seed_everything(order.seed)  # loading may have drawn numbers
                 policy.reset(order.seed, order.task)
-                kind, answer = Frame.READY, b""
+                kind, answer = wire.Frame.READY, b""
             else:
-                action = fit_action(policy.act(unpack_observation(payload)), size)
-                kind, answer = Frame.ACTION, pack_action(action)
+                action = fit_action(policy.act(wire.unpack_observation(payload)), size)
+                kind, answer = wire.Frame.ACTION, wire.pack_action(action)
         except SystemExit:
             raise
         except BaseException as error:
-            kind = Frame.RAISED
-            if request is Frame.LOAD and isinstance(error, MiniTouchError):
-                kind = Frame.REFUSED
+            kind = wire.Frame.RAISED
+            if request is wire.Frame.LOAD and isinstance(error, MiniTouchError):
+                kind = wire.Frame.REFUSED
             elif isinstance(error, InvalidActionError):
-                kind = Frame.INVALID
+                kind = wire.Frame.INVALID
             # Our own words need no type before them.
-            plain = kind is not Frame.RAISED or isinstance(error, PolicyRaisedError)
-            answer = (str(error) if plain else describe(error)).encode(errors="replace")
-        write_frame(channel, kind, answer[:MAX_PAYLOAD])
+            plain = kind is not wire.Frame.RAISED or isinstance(error, PolicyRaisedError)
+            answer = (str(error) if plain else wire.describe(error)).encode(errors="replace")
+        wire.write_frame(channel, kind, answer[: wire.MAX_PAYLOAD])
     close_policy(policy)
 
 

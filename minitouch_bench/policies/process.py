@@ -9,35 +9,13 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import (
-    CheckpointChangedError,
-    InfrastructureError,
-    InvalidActionError,
-    IsolationError,
-    MiniTouchError,
-    MissingExtraError,
-    PolicyExitError,
-    PolicyFaultError,
-    PolicyKilledError,
-    PolicyLoadError,
-    PolicyRaisedError,
-    PolicyTimeoutError,
-)
+from minitouch_bench import errors
+from minitouch_bench.policies import wire
 from minitouch_bench.policies.connection import EpisodeChannel, HostConnection, HostGoneError
 from minitouch_bench.policies.isolation.kernel import ProcessLimits
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.policies.policy import Observation, action_size
 from minitouch_bench.policies.sources import PolicySource
-from minitouch_bench.policies.wire import (
-    MAX_TEXT,
-    Frame,
-    StartOrder,
-    StopOrder,
-    WireError,
-    pack_observation,
-    plain_line,
-    unpack_action,
-)
 from minitouch_bench.tasks.action import fit_action
 
 EXIT_GRACE_S = 0.2
@@ -48,9 +26,14 @@ END_GRACE_S = {"remote": 1.0}
 
 STOP_TIMEOUT_S = 10.0
 
-REFUSALS: Mapping[str, type[MiniTouchError]] = {
+REFUSALS: Mapping[str, type[errors.MiniTouchError]] = {
     error.__name__: error
-    for error in (CheckpointChangedError, IsolationError, MissingExtraError, PolicyLoadError)
+    for error in (
+        errors.CheckpointChangedError,
+        errors.IsolationError,
+        errors.MissingExtraError,
+        errors.PolicyLoadError,
+    )
 }
 """What a host may answer to the order to start an episode."""
 
@@ -109,7 +92,7 @@ class PolicyProcess:
         part = self._source.for_task(task)
         options, limits = self._options, self._limits
         allowed = ProcessLimits(limits.memory_mb * 2**20, limits.cpu_s)
-        order = StartOrder(
+        order = wire.StartOrder(
             kind=part.kind, target=part.target, digest=part.digest, task=task, seed=seed,
             deterministic=self._deterministic, isolation=options.level, trust=options.trust,
             private=options.private, limits=allowed,
@@ -123,7 +106,7 @@ class PolicyProcess:
         self._start(order, deadline)
         self._load(deadline)
         late = f"reset did not return within {self._limits.load_timeout_s:g} s"
-        self._ask(Frame.RESET, b"", Frame.READY, deadline, late)
+        self._ask(wire.Frame.RESET, b"", wire.Frame.READY, deadline, late)
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the policy's action, float32 of the task's size, finite, not clipped.
@@ -139,11 +122,11 @@ class PolicyProcess:
             raise RuntimeError("no episode has begun")
         limit_s = self._limits.act_timeout_s
         deadline, late = time.monotonic() + limit_s, f"no action within {limit_s:g} s"
-        question = pack_observation(observation)
-        payload = self._ask(Frame.ACT, question, Frame.ACTION, deadline, late)
+        question = wire.pack_observation(observation)
+        payload = self._ask(wire.Frame.ACT, question, wire.Frame.ACTION, deadline, late)
         try:
-            action = unpack_action(payload, self._size)
-        except WireError as error:
+            action = wire.unpack_action(payload, self._size)
+        except wire.WireError as error:
             self._break_off(error)
         return fit_action(action, self._size)
 
@@ -163,7 +146,7 @@ class PolicyProcess:
             self._channel.close()
             self._channel = None
 
-    def _start(self, order: StartOrder, deadline: float) -> None:
+    def _start(self, order: wire.StartOrder, deadline: float) -> None:
         """Have a child forked and confined; a host that has ended is replaced, once."""
         for _ in range(2):
             if self._host is None:
@@ -179,10 +162,10 @@ class PolicyProcess:
             finally:
                 channel.hand_over()
         else:
-            raise InfrastructureError(f"the policy's host process cannot work ({problem})")
+            raise errors.InfrastructureError(f"the policy's host process cannot work ({problem})")
         if "error" in answer:
             self._close_channel()
-            raise REFUSALS.get(answer["class"], PolicyLoadError)(answer["error"])
+            raise REFUSALS.get(answer["class"], errors.PolicyLoadError)(answer["error"])
         channel.watch(answer["pid"])
         self._await_confined(deadline)
 
@@ -190,25 +173,27 @@ class PolicyProcess:
         """Wait for the child's first word, which it says before it looks at the checkpoint."""
         assert self._channel is not None
         text = "no answer"
-        with contextlib.suppress(TimeoutError, EOFError, WireError):
+        with contextlib.suppress(TimeoutError, EOFError, wire.WireError):
             kind, payload = self._channel.receive(deadline)
-            if kind is Frame.CONFINED:
+            if kind is wire.Frame.CONFINED:
                 return
-            text = plain_line(payload.decode(errors="replace"))
+            text = wire.plain_line(payload.decode(errors="replace"))
         self._stop(0.0)
-        raise InfrastructureError(f"the policy's process could not enter its sandbox: {text}")
+        raise errors.InfrastructureError(
+            f"the policy's process could not enter its sandbox: {text}"
+        )
 
     def _load(self, deadline: float) -> None:
         late = f"it was not loaded within {self._limits.load_timeout_s:g} s"
         try:
-            self._ask(Frame.LOAD, b"", Frame.LOADED, deadline, late)
-        except PolicyKilledError:
+            self._ask(wire.Frame.LOAD, b"", wire.Frame.LOADED, deadline, late)
+        except errors.PolicyKilledError:
             raise
-        except PolicyFaultError as fault:
-            raise PolicyLoadError(f"{self._target} cannot be loaded: {fault}") from fault
+        except errors.PolicyFaultError as fault:
+            raise errors.PolicyLoadError(f"{self._target} cannot be loaded: {fault}") from fault
 
     def _ask(
-        self, request: Frame, question: bytes, wanted: Frame, deadline: float, late: str
+        self, request: wire.Frame, question: bytes, wanted: wire.Frame, deadline: float, late: str
     ) -> bytes:
         """Return what the child answers, or end the child and raise what went wrong."""
         assert self._channel is not None
@@ -220,35 +205,35 @@ class PolicyProcess:
             kind, payload = self._channel.ask(request, question, deadline)
         except TimeoutError:
             self._stop(0.0)
-            raise PolicyTimeoutError(late) from None
+            raise errors.PolicyTimeoutError(late) from None
         except EOFError:
             raise self._exit_error() from None
-        except WireError as error:
+        except wire.WireError as error:
             self._break_off(error)
         self._left_s -= time.monotonic() - began
         if kind is not wanted:
             self._refuse_answer(request, kind, payload)
-        if payload and wanted is not Frame.ACTION:  # on a stream, packets that came together
-            self._break_off(WireError(f"{kind.name} with {len(payload)} bytes behind it"))
+        if payload and wanted is not wire.Frame.ACTION:  # on a stream, packets that came together
+            self._break_off(wire.WireError(f"{kind.name} with {len(payload)} bytes behind it"))
         return payload
 
-    def _refuse_answer(self, request: Frame, kind: Frame, payload: bytes) -> NoReturn:
-        text = plain_line(payload.decode(errors="replace"), MAX_TEXT + len(self._target))
-        if kind is Frame.REFUSED and request is Frame.LOAD:
+    def _refuse_answer(self, request: wire.Frame, kind: wire.Frame, payload: bytes) -> NoReturn:
+        text = wire.plain_line(payload.decode(errors="replace"), wire.MAX_TEXT + len(self._target))
+        if kind is wire.Frame.REFUSED and request is wire.Frame.LOAD:
             self._stop(0.0)
-            raise PolicyLoadError(text)
-        if kind is Frame.INVALID and request is Frame.ACT:
-            raise InvalidActionError(text)
-        if kind is Frame.RAISED:
+            raise errors.PolicyLoadError(text)
+        if kind is wire.Frame.INVALID and request is wire.Frame.ACT:
+            raise errors.InvalidActionError(text)
+        if kind is wire.Frame.RAISED:
             self._stop(0.0)
-            raise PolicyRaisedError(text)
-        self._break_off(WireError(f"{kind.name} is not an answer to {request.name}"))
+            raise errors.PolicyRaisedError(text)
+        self._break_off(wire.WireError(f"{kind.name} is not an answer to {request.name}"))
 
-    def _break_off(self, error: WireError) -> NoReturn:
+    def _break_off(self, error: wire.WireError) -> NoReturn:
         self._stop(0.0)
-        raise PolicyExitError(f"the policy's process broke the protocol: {error}") from None
+        raise errors.PolicyExitError(f"the policy's process broke the protocol: {error}") from None
 
-    def _exit_error(self) -> PolicyExitError:
+    def _exit_error(self) -> errors.PolicyExitError:
         """Say how a child ended that closed its pipe, and what it printed last."""
         ending = self._stop(EXIT_GRACE_S)
         if ending.killed:
@@ -258,7 +243,7 @@ class PolicyProcess:
         else:
             text = f"the policy's process exited with code {ending.status}"
         from_outside = not ending.killed and ending.status == -signal.SIGKILL
-        kind = PolicyKilledError if from_outside else PolicyExitError
+        kind = errors.PolicyKilledError if from_outside else errors.PolicyExitError
         return kind(f"{text}: {ending.last_line}" if ending.last_line else text)
 
     def _stop(self, grace_s: float) -> _Ending:
@@ -272,12 +257,14 @@ class PolicyProcess:
         try:
             if channel is not None:
                 channel.hang_up()
-            answer = self._host.order(StopOrder(grace_s), STOP_TIMEOUT_S)
+            answer = self._host.order(wire.StopOrder(grace_s), STOP_TIMEOUT_S)
             last_line = "" if channel is None else channel.output.last_line()
             return _Ending(answer["status"], answer["killed"], last_line)
         except HostGoneError as error:
             self._drop_host()
-            raise InfrastructureError(f"the policy's host process ended ({error})") from error
+            raise errors.InfrastructureError(
+                f"the policy's host process ended ({error})"
+            ) from error
         finally:
             if channel is not None:
                 channel.close()
@@ -286,7 +273,7 @@ class PolicyProcess:
         """End the last episode's child; if the host is gone, so is the child."""
         if self._host is None:
             return
-        with contextlib.suppress(InfrastructureError):
+        with contextlib.suppress(errors.InfrastructureError):
             self._stop(self._end_grace_s if self._channel is not None else 0.0)
 
 

@@ -12,17 +12,9 @@ from minitouch_bench.regression.comparison import (
 from minitouch_bench.regression.gate import NOT_ENOUGH_CODE, Decision, GateResult
 from minitouch_bench.regression.paired_tests import Effect
 from minitouch_bench.regression.pairing import COMPARED_METRICS
+from minitouch_bench.rendering import tables
 from minitouch_bench.rendering.blocks import Block, Heading, Note
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.tables import (
-    Column,
-    Row,
-    Table,
-    difference_cell,
-    format_value,
-    make_columns,
-    make_row,
-)
 from minitouch_bench.reporting.labels import listed, task_title
 from minitouch_bench.reporting.tables import OUTCOME_TITLES
 
@@ -34,9 +26,9 @@ GATE_LABELS = ("Baseline", "Candidate", "Difference")
 NOT_ALIKE = "The runs also differ beside the policies"
 
 
-def comparison_tables(pair: RunPair) -> tuple[Table, ...]:
+def comparison_tables(pair: RunPair) -> tuple[tables.Table, ...]:
     """Lay one run against the first, one table per metric: tasks down."""
-    columns = make_columns(
+    columns = tables.make_columns(
         pair.first, pair.second, f"{pair.second} minus {pair.first}", "p", "p adjusted", "Verdict",
         "Episodes to resolve", "Detectable", words=["Verdict"],
     )  # fmt: skip
@@ -50,25 +42,25 @@ def comparison_tables(pair: RunPair) -> tuple[Table, ...]:
             p_text(compared.p_adjusted),
             compared.verdict,
             None if episodes is None else f"{episodes:,}",
-            None if detectable is None else format_value(effect.metric, detectable),
+            None if detectable is None else tables.format_value(effect.metric, detectable),
         )
         rows.append((effect, row))
     return tuple(_by_metric(columns, rows))
 
 
-def endpoint_table(result: GateResult) -> Table:
+def endpoint_table(result: GateResult) -> tables.Table:
     """Lay out what decides."""
     endpoint, effect = result.endpoint, result.endpoint.effect
     tolerance = result.settings.tolerance_of(effect.metric)
-    allowed = format_value(effect.metric, endpoint.tolerance)
+    allowed = tables.format_value(effect.metric, endpoint.tolerance)
     allowed = f"{allowed} ({tolerance})" if tolerance.relative else allowed
     row = _row(effect, allowed, p_text(endpoint.p_value), endpoint.decision.value)
-    columns = make_columns(*GATE_LABELS, "Tolerance", "p", "Decision", words=["Decision"])
+    columns = tables.make_columns(*GATE_LABELS, "Tolerance", "p", "Decision", words=["Decision"])
     title = f"What decides: {effect_head(effect)}, over {listed(endpoint.tasks)}"
-    return Table(title, ("Task",), columns, (row,))
+    return tables.Table(title, ("Task",), columns, (row,))
 
 
-def task_tables(result: GateResult) -> tuple[Table, ...]:
+def task_tables(result: GateResult) -> tuple[tables.Table, ...]:
     """Lay out the metrics of each task, a table per metric: tasks down."""
     rows = []
     for metric in result.per_task:
@@ -77,20 +69,22 @@ def task_tables(result: GateResult) -> tuple[Table, ...]:
             p_value = p_text(metric.p_adjusted)
             verdict = "worse" if metric.is_worse else "not worse for certain"
         rows.append((metric.effect, _row(metric.effect, p_value, verdict)))
-    columns = make_columns(*GATE_LABELS, "p adjusted", "Verdict", words=["Verdict"])
+    columns = tables.make_columns(*GATE_LABELS, "p adjusted", "Verdict", words=["Verdict"])
     return tuple(_by_metric(columns, rows))
 
 
-def _row(effect: Effect, *cells: str | None) -> Row:
-    values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
-    return make_row(task_title(effect.task), *values, difference_text(effect), *cells)
+def _row(effect: Effect, *cells: str | None) -> tables.Row:
+    values = (tables.format_value(effect.metric, value) for value in (effect.first, effect.second))
+    return tables.make_row(task_title(effect.task), *values, difference_text(effect), *cells)
 
 
-def _by_metric(columns: tuple[Column, ...], rows: Sequence[tuple[Effect, Row]]) -> Iterator[Table]:
+def _by_metric(
+    columns: tuple[tables.Column, ...], rows: Sequence[tuple[Effect, tables.Row]]
+) -> Iterator[tables.Table]:
     heads = {effect_head(effect): effect.metric for effect, _ in rows}
     for head in sorted(heads, key=lambda head: COMPARED_METRICS.index(heads[head])):
         of_head = tuple(row for effect, row in rows if effect_head(effect) == head)
-        yield Table(head, ("Task",), columns, of_head)
+        yield tables.Table(head, ("Task",), columns, of_head)
 
 
 def changes_blocks(
@@ -100,11 +94,11 @@ def changes_blocks(
     if not changes:
         return
     columns = (
-        *make_columns(*titles, words=titles),
-        Column(f"Replay of {titles[1]}", is_text=True, is_code=True),
+        *tables.make_columns(*titles, words=titles),
+        tables.Column(f"Replay of {titles[1]}", is_text=True, is_code=True),
     )
     rows = tuple(
-        make_row(
+        tables.make_row(
             change.episode,
             OUTCOME_TITLES[change.first],
             OUTCOME_TITLES[change.second],
@@ -113,14 +107,14 @@ def changes_blocks(
         for change in changes[:most]
     )
     yield ""
-    yield Table("Episodes that ended in another way", ("Episode",), columns, rows)
+    yield tables.Table("Episodes that ended in another way", ("Episode",), columns, rows)
     if (more := len(changes) - most) > 0:
         yield from ("", f"and {more} more; --json has all of them")
 
 
 def difference_text(effect: Effect) -> str:
     """Write a difference with its sign and its 95 % interval."""
-    return str(difference_cell(effect.metric, effect.difference))
+    return str(tables.difference_cell(effect.metric, effect.difference))
 
 
 def p_text(p_value: float) -> str:
@@ -175,7 +169,7 @@ def _reason(result: GateResult) -> str:
     endpoint, effect = result.endpoint, result.endpoint.effect
     if result.identical:
         return "the run digests are equal, every episode is the same to the last bit"
-    values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
+    values = (tables.format_value(effect.metric, value) for value in (effect.first, effect.second))
     change = f"{effect.task} {effect.metric} {' → '.join(values)}"
     where = "beyond" if endpoint.is_beyond else "within"
     seen = f"{change} in {effect.count} episodes, {where} the tolerance"

@@ -13,17 +13,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from minitouch_bench.rendering.charts import (
-    Axis,
-    Bar,
-    Chart,
-    Dot,
-    LegendItem,
-    Line,
-    Mark,
-    Plot,
-    Shape,
-)
+from minitouch_bench.rendering import charts
 from minitouch_bench.rendering.tables import Gauge
 
 WIDTH = 260
@@ -44,7 +34,7 @@ TITLE, NUMBERS, LABEL, GAP = 18.0, 18.0, 18.0, 10.0
 class Frame:
     """The area between a chart's axes, y downwards, ``pad`` wider than they are."""
 
-    chart: Chart
+    chart: charts.Chart
     left: float
     right: float
     top: float
@@ -74,7 +64,7 @@ class Layout:
     label: float
 
 
-def lay_out(plot: Plot, width: float = WIDTH) -> Layout:
+def lay_out(plot: charts.Plot, width: float = WIDTH) -> Layout:
     """Place the charts of a plot below each other, on one left edge."""
     left = max(_left_margin(chart.y) for chart in plot.charts)
     right = width - max(map(_right_margin, plot.charts))
@@ -82,7 +72,7 @@ def lay_out(plot: Plot, width: float = WIDTH) -> Layout:
     top = 4.0
     for chart in plot.charts:
         top += TITLE if chart.title else 0.0
-        pad = PAD if any(isinstance(mark, Dot) for mark in chart.marks) else 0.0
+        pad = PAD if any(isinstance(mark, charts.Dot) for mark in chart.marks) else 0.0
         frames.append(Frame(chart, left, right, top, pad, chart is plot.charts[-1]))
         top = frames[-1].bottom + GAP
     label = plot.charts[-1].x.label
@@ -98,20 +88,20 @@ def text_width(text: str) -> float:
     return CHARACTER * (len(text) + wide)
 
 
-def _left_margin(axis: Axis) -> float:
+def _left_margin(axis: charts.Axis) -> float:
     widest = max((text_width(tick.text) for tick in axis.ticks), default=0.0)
     return widest + 8 + (14 if axis.label else 0)
 
 
-def _right_margin(chart: Chart) -> float:
+def _right_margin(chart: charts.Chart) -> float:
     """Leave room for half of the last number, and for the labels behind the dots."""
     last = max(chart.x.ticks, key=lambda tick: tick.at, default=None)
     room = text_width(last.text) / 2 - PAD if last else 0.0
-    labels = (text_width(mark.label) for mark in chart.marks if isinstance(mark, Dot))
+    labels = (text_width(mark.label) for mark in chart.marks if isinstance(mark, charts.Dot))
     return max(2.0, room, *labels)
 
 
-def _scaled(value: float, axis: Axis, start: float, end: float) -> float:
+def _scaled(value: float, axis: charts.Axis, start: float, end: float) -> float:
     return start + (value - axis.low) / (axis.high - axis.low) * (end - start)
 
 
@@ -123,7 +113,7 @@ _PLUS = (
     *((-_A, -_B), (_A, -_B), (_A, -_A), (_B, -_A), (_B, _A), (_A, _A)),
     *((_A, _B), (-_A, _B), (-_A, _A), (-_B, _A), (-_B, -_A), (-_A, -_A)),
 )
-_OUTLINES: Mapping[Shape, tuple[tuple[float, float], ...]] = {
+_OUTLINES: Mapping[charts.Shape, tuple[tuple[float, float], ...]] = {
     "square": ((-0.88, -0.88), (0.88, -0.88), (0.88, 0.88), (-0.88, 0.88)),
     "up": ((0, -1.1), (1, 0.85), (-1, 0.85)),
     "down": ((0, 1.1), (1, -0.85), (-1, -0.85)),
@@ -134,7 +124,7 @@ _OUTLINES: Mapping[Shape, tuple[tuple[float, float], ...]] = {
 """Corners of the marks, for a circle of radius 1 beside them."""
 
 
-def draw_plot(plot: Plot, width: int = WIDTH, kind: str = "") -> Markup:
+def draw_plot(plot: charts.Plot, width: int = WIDTH, kind: str = "") -> Markup:
     """Draw a plot; ``kind`` is one more class of the drawing."""
     layout = lay_out(plot, width)
     parts: list[str] = []
@@ -204,23 +194,23 @@ def _grid(frame: Frame) -> Iterator[str]:
         yield _text(10, (frame.top + frame.bottom) / 2, chart.y.label, "middle", is_upright=True)
 
 
-def _mark(frame: Frame, mark: Mark) -> Iterator[str]:
+def _mark(frame: Frame, mark: charts.Mark) -> Iterator[str]:
     match mark:
-        case Line():
+        case charts.Line():
             faint = "" if mark.opacity == 1 else f' opacity="{mark.opacity:g}"'
             more = f' stroke-width="{mark.width:g}"{faint}'
             points = [(frame.x(x), frame.y(y)) for x, y in mark.points]
             yield _path(f"line {mark.tone}", points, more)
-        case Bar():
+        case charts.Bar():
             left, right = frame.x(mark.left), frame.x(mark.right)
             bottom, top = frame.y(mark.bottom), frame.y(mark.top)
             corners = ((left, bottom), (left, top), (right, top), (right, bottom))
             yield _path(f"area {mark.tone}", corners)
-        case Dot():
+        case charts.Dot():
             yield from _dot(frame, mark)
 
 
-def _dot(frame: Frame, dot: Dot) -> Iterator[str]:
+def _dot(frame: Frame, dot: charts.Dot) -> Iterator[str]:
     x, y = frame.x(dot.x), frame.y(dot.y)
     drawn = draw_mark(dot, x, y, dot.size)
     if dot.label:
@@ -230,7 +220,7 @@ def _dot(frame: Frame, dot: Dot) -> Iterator[str]:
     yield f'<a href="{html.escape(dot.link)}">{drawn}</a>' if dot.link else drawn
 
 
-def draw_mark(mark: Dot | LegendItem, x: float, y: float, size: float) -> str:
+def draw_mark(mark: charts.Dot | charts.LegendItem, x: float, y: float, size: float) -> str:
     """Draw a mark about as large as a circle of that diameter."""
     kind, r = f"dot {'hollow ' if mark.is_hollow else ''}{mark.tone}", size / 2
     if mark.shape == "circle":

@@ -8,30 +8,12 @@ import pandas as pd
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
-from minitouch_bench.rendering.charts import (
-    Chart,
-    Figure,
-    Mark,
-    Plot,
-    run_legend,
-    share_axis,
-    step_marks,
-    value_axis,
-)
+from minitouch_bench.rendering import charts
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell
+from minitouch_bench.reporting import long_frame
 from minitouch_bench.reporting.frames import csv_text
 from minitouch_bench.reporting.labels import TASKS, RunOrigin, task_title
-from minitouch_bench.reporting.long_frame import (
-    ESTIMATE,
-    RunLabel,
-    estimates_in,
-    find_row,
-    frame_rows,
-    join_seeds,
-    make_long_frame,
-    select,
-)
 from minitouch_bench.runs.run import Run
 
 STEPS = re.compile(r"[-_ ]?(?:(\d+)[-_ ]?steps?|steps?[-_ ]?(\d+))", re.IGNORECASE)
@@ -47,7 +29,7 @@ def label_curve(
     origins: Sequence[RunOrigin],
     steps: Sequence[int] = (),
     names: Sequence[str] | None = None,
-) -> tuple[RunLabel, ...]:
+) -> tuple[long_frame.RunLabel, ...]:
     """Say of each run which training it is of, which seed, and after how many steps.
 
     ``steps`` and ``names`` (of the trainings, equal names for the runs of one training) are the
@@ -71,7 +53,7 @@ def label_curve(
     seeds: Counter[tuple[str, int]] = Counter()
     labels = []
     for training, number in zip(trainings, known, strict=True):
-        labels.append(RunLabel(printable(training), seeds[training, number], number))
+        labels.append(long_frame.RunLabel(printable(training), seeds[training, number], number))
         seeds[training, number] += 1
     return tuple(labels)
 
@@ -93,11 +75,13 @@ def _training(run: Run, origin: RunOrigin) -> str:
     return ", ".join((training, *run.plan.conditions.in_words()))
 
 
-def make_curve(labels: Sequence[RunLabel], runs: Sequence[Run]) -> pd.DataFrame:
+def make_curve(labels: Sequence[long_frame.RunLabel], runs: Sequence[Run]) -> pd.DataFrame:
     """Return what ranks each task after each number of steps, over seeds, in the curve's order."""
-    rows = (row for pair in zip(labels, runs, strict=True) for row in frame_rows(*pair))
-    frame = make_long_frame(rows).assign(suite="")  # a point is over the runs of every suite
-    joined = join_seeds(frame[frame["metric"] == frame["task"].map(ranking_metric)])
+    rows = (row for pair in zip(labels, runs, strict=True) for row in long_frame.frame_rows(*pair))
+    frame = long_frame.make_long_frame(rows).assign(
+        suite=""
+    )  # a point is over the runs of every suite
+    joined = long_frame.join_seeds(frame[frame["metric"] == frame["task"].map(ranking_metric)])
     joined["method"] = pd.Categorical(joined["method"], [*dict.fromkeys(frame["method"])])
     joined["task"] = pd.Categorical(joined["task"], TASKS)
     return joined.sort_values(["method", "steps", "task"]).astype({"method": str, "task": str})
@@ -108,8 +92,11 @@ def curve_table(curve: pd.DataFrame) -> Table:
     metrics = {task: ranking_metric(task) for task in _tasks(curve)}
     rows = []
     for method, steps in dict.fromkeys(zip(curve["method"], curve["steps"], strict=True)):
-        point = select(curve, method=method, steps=steps)
-        cells = (estimate_cell(name, find_row(point, task=task)) for task, name in metrics.items())
+        point = long_frame.select(curve, method=method, steps=steps)
+        cells = (
+            estimate_cell(name, long_frame.find_row(point, task=task))
+            for task, name in metrics.items()
+        )
         rows.append(Row((method, f"{steps:,}"), tuple(cells)))
     columns = tuple(
         Column(task_title(task), unit=METRICS[name].label.lower()) for task, name in metrics.items()
@@ -118,42 +105,43 @@ def curve_table(curve: pd.DataFrame) -> Table:
     return Table("Learning curve", ("Training", "Training steps"), columns, tuple(rows), notes)
 
 
-def curve_figure(curve: pd.DataFrame) -> Figure:
+def curve_figure(curve: pd.DataFrame) -> charts.Figure:
     """Draw a plot per task and a line per training."""
     trainings = list(dict.fromkeys(curve["method"]))
-    x = value_axis("Training steps", float(curve["steps"].max()))
+    x = charts.value_axis("Training steps", float(curve["steps"].max()))
     plots = []
     for task in _tasks(curve):
         label = METRICS[ranking_metric(task)].label
-        marks = tuple(marks_over_steps(select(curve, task=task), trainings))
+        marks = tuple(marks_over_steps(long_frame.select(curve, task=task), trainings))
         what = f"{task_title(task)}: {label} over training steps with 95 % intervals"
-        chart = Chart(x, share_axis(label), marks, HEIGHT)
-        plots.append(Plot(task_title(task), what, (chart,)))
-    return Figure(
+        chart = charts.Chart(x, charts.share_axis(label), marks, HEIGHT)
+        plots.append(charts.Plot(task_title(task), what, (chart,)))
+    return charts.Figure(
         "learning-curve",
         "Learning curve",
         "Success, in Playing touch share, after so many training steps. Upright: the 95 % "
         f"interval, {INTERVALS}",
         tuple(plots),
-        run_legend(trainings) if len(trainings) > 1 else (),
+        charts.run_legend(trainings) if len(trainings) > 1 else (),
     )
 
 
-def marks_over_steps(rows: pd.DataFrame, methods: Sequence[str]) -> list[Mark]:
+def marks_over_steps(rows: pd.DataFrame, methods: Sequence[str]) -> list[charts.Mark]:
     """Return a line per method through its estimates of one metric over steps."""
-    marks: list[Mark] = []
+    marks: list[charts.Mark] = []
     for turn, method in enumerate(methods):
-        points = select(rows, method=method).sort_values("steps")
-        marks += step_marks(
-            turn, [*zip(map(float, points["steps"]), estimates_in(points), strict=True)]
+        points = long_frame.select(rows, method=method).sort_values("steps")
+        marks += charts.step_marks(
+            turn, [*zip(map(float, points["steps"]), long_frame.estimates_in(points), strict=True)]
         )
     return marks
 
 
 def curve_csv(curve: pd.DataFrame) -> str:
     """Write the numbers of the curve, one row per training, steps and task."""
-    named = curve[["method", "steps", "task", "metric", *ESTIMATE]].set_axis(
-        ["training", "training_steps", "task", "metric", *ESTIMATE[:-1], "method"], axis=1
+    named = curve[["method", "steps", "task", "metric", *long_frame.ESTIMATE]].set_axis(
+        ["training", "training_steps", "task", "metric", *long_frame.ESTIMATE[:-1], "method"],
+        axis=1,
     )
     return csv_text(named)
 

@@ -8,25 +8,7 @@ from numpy.typing import NDArray
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.records import Estimate, Outcome
-from minitouch_bench.rendering.charts import (
-    Axis,
-    Chart,
-    Dot,
-    Figure,
-    LegendItem,
-    Line,
-    Mark,
-    Plot,
-    estimate_marks,
-    name_axis,
-    run_dot,
-    run_legend,
-    share_axis,
-    short_names,
-    step_histograms,
-    touch_chart,
-    value_axis,
-)
+from minitouch_bench.rendering import charts
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.reporting.labels import RunSection, task_title
@@ -56,29 +38,30 @@ OUTCOME_TONES = {
 }
 
 
-def report_figures(report: Report) -> tuple[Figure, ...]:
+def report_figures(report: Report) -> tuple[charts.Figure, ...]:
     """Return the figures that every report has, of the tasks that have them."""
     sections, runs = report.sections, _run_legend(report.sections)
     goals = [task for task in report.tasks if task in GOAL_TASKS]
     figures = (
-        Figure(
+        charts.Figure(
             "against-the-paper",
             "Against the paper",
             "Filled: this report, with its 95 % interval. Hollow: the paper's own values, from "
             "other episodes and object sets.",
             tuple(_estimate_plot(task, sections) for task in report.tasks),
         ),
-        Figure(
+        charts.Figure(
             "episode-steps",
             "How long episodes last",
             "Share of a run's episodes by number of control steps, and by how they ended.",
             # Playing always lasts until the step limit.
             tuple(_steps_plot(task, sections) for task in goals),
             tuple(
-                LegendItem(OUTCOME_TITLES[outcome], tone) for outcome, tone in OUTCOME_TONES.items()
+                charts.LegendItem(OUTCOME_TITLES[outcome], tone)
+                for outcome, tone in OUTCOME_TONES.items()
             ),
         ),
-        Figure(
+        charts.Figure(
             "touch-over-time",
             "Touch over time",
             "Mean ticks in contact at each control step, over the episodes that reached it; "
@@ -90,7 +73,7 @@ def report_figures(report: Report) -> tuple[Figure, ...]:
     return tuple(figure for figure in figures if figure.plots)
 
 
-def split_figures(report: Report) -> tuple[Figure, ...]:
+def split_figures(report: Report) -> tuple[charts.Figure, ...]:
     """Return held-out beside train shapes, as in the paper's Figure 11, and the families."""
     sections = report.sections
     compared = {
@@ -100,19 +83,19 @@ def split_figures(report: Report) -> tuple[Figure, ...]:
     if not tasks:
         return ()
     legend = (
-        LegendItem("held-out shapes", "muted", "circle"),
-        LegendItem("train shapes", "muted", "circle", is_hollow=True),
+        charts.LegendItem("held-out shapes", "muted", "circle"),
+        charts.LegendItem("train shapes", "muted", "circle", is_hollow=True),
         *_run_legend(sections),
     )
     return (
-        Figure(
+        charts.Figure(
             "held-out-beside-train",
             "Held-out beside train shapes",
             "Each with its 95 % interval, in the manner of the paper's Figure 11.",
             tuple(_split_plot(task, metric, sections) for task in tasks for metric in _pair(task)),
             legend,
         ),
-        Figure(
+        charts.Figure(
             "families",
             "Families of shapes",
             "Success, in Playing touch share, by family. A ring around a dot: no difference.",
@@ -127,30 +110,32 @@ def _pair(task: str) -> tuple[str, str]:
     return (ranking_metric(task), "episode_steps" if task in GOAL_TASKS else "object_movement")
 
 
-def _run_legend(sections: Sequence[RunSection]) -> tuple[LegendItem, ...]:
-    return run_legend([section.name for section in sections]) if len(sections) > 1 else ()
+def _run_legend(sections: Sequence[RunSection]) -> tuple[charts.LegendItem, ...]:
+    return charts.run_legend([section.name for section in sections]) if len(sections) > 1 else ()
 
 
-def _estimate_plot(task: str, sections: Sequence[RunSection]) -> Plot:
+def _estimate_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
     """Draw an estimate of each run with its interval, and the paper's values below."""
     metric = ranking_metric(task)
     printed = [(method, paper_value(task, metric, method)) for method in PAPER_METHODS]
     paper = [(method, v.number) for method, v in printed if v and v.number is not None]
     estimates = [find_estimate(section.run, task, metric) for section in sections]
-    marks: list[Mark] = []
+    marks: list[charts.Mark] = []
     for row, estimate in enumerate(estimates):
         if estimate is not None:
-            marks += estimate_marks(row, row, estimate)
+            marks += charts.estimate_marks(row, row, estimate)
     for row, (_, value) in enumerate(paper, start=len(sections)):
-        marks.append(Dot(value, row, "muted", "diamond", 7, is_hollow=True))
+        marks.append(charts.Dot(value, row, "muted", "diamond", 7, is_hollow=True))
     highest = [e.high for e in estimates if e] + [value for _, value in paper]
-    rows = name_axis(_names(sections), [method for method, _ in paper])
-    chart = Chart(_metric_axis(task, metric, highest), rows, tuple(marks), ROW * len(rows.ticks))
+    rows = charts.name_axis(_names(sections), [method for method, _ in paper])
+    chart = charts.Chart(
+        _metric_axis(task, metric, highest), rows, tuple(marks), ROW * len(rows.ticks)
+    )
     what = f"{task_title(task)}: {METRICS[metric].label} with 95 % intervals"
-    return Plot(task_title(task), what, (chart,))
+    return charts.Plot(task_title(task), what, (chart,))
 
 
-def _steps_plot(task: str, sections: Sequence[RunSection]) -> Plot:
+def _steps_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
     panels = {}
     for name, section in zip(_names(sections), sections, strict=True):
         episodes = [episode for episode in section.run.episodes if episode.task == task]
@@ -161,13 +146,15 @@ def _steps_plot(task: str, sections: Sequence[RunSection]) -> Plot:
     return steps_plot(task, panels)
 
 
-def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]]) -> Plot:
+def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]]) -> charts.Plot:
     """Draw the control steps of a task's episodes, a panel by title, with an array per tone."""
     what = f"{task_title(task)}: distribution of episode steps by ending"
-    return Plot(task_title(task), what, step_histograms(panels, PROTOCOL.task(task).max_steps))
+    return charts.Plot(
+        task_title(task), what, charts.step_histograms(panels, PROTOCOL.task(task).max_steps)
+    )
 
 
-def _touch_plot(task: str, sections: Sequence[RunSection]) -> Plot:
+def _touch_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
     summaries = [task_summary(section.run, task) for section in sections]
     curves = [
         (summary.touch_curve, summary.touch_curve_episodes) if summary else ((), ())
@@ -176,15 +163,17 @@ def _touch_plot(task: str, sections: Sequence[RunSection]) -> Plot:
     return touch_plot(task, curves)
 
 
-def touch_plot(task: str, curves: Sequence[tuple[Sequence[float], Sequence[int]]]) -> Plot:
+def touch_plot(task: str, curves: Sequence[tuple[Sequence[float], Sequence[int]]]) -> charts.Plot:
     """Draw touch curves, each with the episodes that reached its steps."""
     what = f"{task_title(task)}: mean contact ticks at each control step"
-    return Plot(task_title(task), what, (touch_chart(curves, PROTOCOL.task(task).max_steps),))
+    return charts.Plot(
+        task_title(task), what, (charts.touch_chart(curves, PROTOCOL.task(task).max_steps),)
+    )
 
 
-def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> Plot:
+def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> charts.Plot:
     """Draw a metric on held-out shapes (filled) above train shapes (hollow), a row per run."""
-    marks: list[Mark] = []
+    marks: list[charts.Mark] = []
     highest = [0.0]
     for row, section in enumerate(sections):
         result = find_generalization(section.run, task)
@@ -192,25 +181,27 @@ def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> Plot:
         if gap is not None:
             for estimate, offset in ((gap.held_out, -SPLIT_OFFSET), (gap.train, SPLIT_OFFSET)):
                 hollow = offset > 0
-                marks += estimate_marks(row, row + offset, estimate, size=7, is_hollow=hollow)
+                marks += charts.estimate_marks(
+                    row, row + offset, estimate, size=7, is_hollow=hollow
+                )
                 highest.append(estimate.high)
-    rows, x = name_axis(_names(sections)), _metric_axis(task, metric, highest)
+    rows, x = charts.name_axis(_names(sections)), _metric_axis(task, metric, highest)
     label = METRICS[metric].label
-    return Plot(
+    return charts.Plot(
         f"{task_title(task)}: {label.lower()}",
         f"{task_title(task)}: {label} on each split",
-        (Chart(x, rows, tuple(marks), 1.4 * ROW * len(sections)),),
+        (charts.Chart(x, rows, tuple(marks), 1.4 * ROW * len(sections)),),
     )
 
 
-def _family_plot(task: str, sections: Sequence[RunSection]) -> Plot:
+def _family_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
     """Draw each family's value on held-out (filled) and train shapes (hollow)."""
     results = [find_generalization(section.run, task) for section in sections]
     compared = [result for result in results if result is not None]
     families = sorted({family for result in compared for family in result.families})
     # The runs of a family stand close together, so that the families stay apart.
     offsets = (np.arange(len(sections)) - (len(sections) - 1) / 2) * FAMILY_HEIGHT / len(sections)
-    marks: list[Mark] = []
+    marks: list[charts.Mark] = []
     highest = [0.0]
     for index, result in enumerate(results):
         for line, family in enumerate(families):
@@ -219,35 +210,35 @@ def _family_plot(task: str, sections: Sequence[RunSection]) -> Plot:
                 row = line + float(offsets[index])
                 marks += _family_marks(index, row, both.held_out, both.train)
                 highest += [estimate.value for estimate in (both.held_out, both.train) if estimate]
-    rows = name_axis(short_names([printable(family) for family in families]))
+    rows = charts.name_axis(charts.short_names([printable(family) for family in families]))
     x = _metric_axis(task, compared[0].family_metric, highest)
     height = (8 + 12 * len(sections)) * len(families)
     what = f"{task_title(task)}: each family on each split"
-    return Plot(task_title(task), what, (Chart(x, rows, tuple(marks), height),))
+    return charts.Plot(task_title(task), what, (charts.Chart(x, rows, tuple(marks), height),))
 
 
 def _family_marks(
     index: int, row: float, held_out: Estimate | None, train: Estimate | None
-) -> Iterator[Mark]:
+) -> Iterator[charts.Mark]:
     """Mark a family's two values, joined by a line; a ring around a dot means equal."""
     if held_out is not None and train is not None:
         points = ((held_out.value, row), (train.value, row))
-        yield Line(points, series_tone(index), 1.2, 0.4)
+        yield charts.Line(points, series_tone(index), 1.2, 0.4)
     if train is not None:
-        yield run_dot(index, train.value, row, size=9, is_hollow=True)
+        yield charts.run_dot(index, train.value, row, size=9, is_hollow=True)
     if held_out is not None:
-        yield run_dot(index, held_out.value, row, size=5)
+        yield charts.run_dot(index, held_out.value, row, size=5)
 
 
 def _names(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    return short_names([section.name for section in sections])
+    return charts.short_names([section.name for section in sections])
 
 
-def _metric_axis(task: str, metric: str, values: Sequence[float]) -> Axis:
+def _metric_axis(task: str, metric: str, values: Sequence[float]) -> charts.Axis:
     """Name the axis of a metric and start it at 0; a share runs to 1."""
     label = f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
     return (
-        share_axis(label)
+        charts.share_axis(label)
         if METRICS[metric].is_share
-        else value_axis(label, max(values, default=0.0))
+        else charts.value_axis(label, max(values, default=0.0))
     )

@@ -20,19 +20,7 @@ from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import INTERVAL_ENDS, RESAMPLES, stream
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Estimate
-from minitouch_bench.rendering.charts import (
-    Chart,
-    Figure,
-    Line,
-    Mark,
-    Plot,
-    band_lines,
-    estimate_marks,
-    name_axis,
-    run_legend,
-    share_axis,
-    short_names,
-)
+from minitouch_bench.rendering import charts
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.tables import Table, estimate_cell, make_columns, make_row
 from minitouch_bench.reporting.labels import RunOrigin, RunSection, listed, task_title
@@ -140,7 +128,7 @@ def label_methods(
 
 def compare_methods(
     labels: Sequence[RunLabel], sections: Sequence[RunSection]
-) -> tuple[tuple[Table, ...], tuple[Figure, ...]]:
+) -> tuple[tuple[Table, ...], tuple[charts.Figure, ...]]:
     """Return the table and the figure of several methods on the tasks that all of them have.
 
     None where there is nothing to join: one method, or one score each; and where a method has
@@ -198,25 +186,31 @@ def _table(
     )
 
 
-def _figure(scores: Mapping[str, Scores], estimates: Sequence[Estimate]) -> Figure:
-    means: list[Mark] = []
-    profiles: list[Line] = []
+def _figure(scores: Mapping[str, Scores], estimates: Sequence[Estimate]) -> charts.Figure:
+    means: list[charts.Mark] = []
+    profiles: list[charts.Line] = []
     for turn, (method_scores, estimate) in enumerate(zip(scores.values(), estimates, strict=True)):
-        means += estimate_marks(turn, turn, estimate)
-        profiles += band_lines(turn, THRESHOLDS, *performance_profile(method_scores, THRESHOLDS))
+        means += charts.estimate_marks(turn, turn, estimate)
+        profiles += charts.band_lines(
+            turn, THRESHOLDS, *performance_profile(method_scores, THRESHOLDS)
+        )
     label = METRICS[METRIC].label
-    rows = name_axis(short_names([*scores]))
-    mean = Chart(share_axis(label), rows, tuple(means), 23.0 * len(scores))
-    profile = Chart(share_axis(f"{label} τ"), share_axis("Share above τ"), tuple(profiles), HEIGHT)
+    rows = charts.name_axis(charts.short_names([*scores]))
+    mean = charts.Chart(charts.share_axis(label), rows, tuple(means), 23.0 * len(scores))
+    profile = charts.Chart(
+        charts.share_axis(f"{label} τ"), charts.share_axis("Share above τ"), tuple(profiles), HEIGHT
+    )
     title = "Interquartile mean"
-    return Figure(
+    return charts.Figure(
         "over-tasks-and-seeds",
         "Over tasks and seeds",
         "Left: the interquartile mean of success with its 95 % interval. Right: the share of all "
         "scores above each success; faint: its 95 % interval.",
         (
-            Plot(title, f"{title} of success with 95 % intervals", (mean,)),
-            Plot("Performance profile", "Share of the scores above each success", (profile,)),
+            charts.Plot(title, f"{title} of success with 95 % intervals", (mean,)),
+            charts.Plot(
+                "Performance profile", "Share of the scores above each success", (profile,)
+            ),
         ),
-        run_legend([*scores]),
+        charts.run_legend([*scores]),
     )

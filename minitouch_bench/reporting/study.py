@@ -27,6 +27,7 @@ from minitouch_bench.rendering.tables import (
     make_columns,
     make_row,
 )
+from minitouch_bench.reporting import long_frame
 from minitouch_bench.reporting.claims import (
     Claim,
     JudgedClaim,
@@ -35,17 +36,6 @@ from minitouch_bench.reporting.claims import (
     judge_claims,
 )
 from minitouch_bench.reporting.labels import task_title
-from minitouch_bench.reporting.long_frame import (
-    GAP,
-    RunLabel,
-    find_row,
-    frame_row,
-    frame_rows,
-    join_seeds,
-    make_long_frame,
-    select,
-    split_name,
-)
 from minitouch_bench.reporting.paper import PAPER_NOTE
 from minitouch_bench.reporting.study_figures import EXPLORING, MOVEMENT, TOUCH, study_figures
 from minitouch_bench.reporting.tables import TABLE4_METRICS, table_by_task
@@ -70,9 +60,9 @@ class StudyTraining:
     exploration_steps: int
 
     @property
-    def label(self) -> RunLabel:
+    def label(self) -> long_frame.RunLabel:
         """What its runs are in a long frame, whose steps are those of exploration."""
-        return RunLabel(self.method, self.seed, self.exploration_steps)
+        return long_frame.RunLabel(self.method, self.seed, self.exploration_steps)
 
     @property
     def name(self) -> str:
@@ -123,7 +113,7 @@ def write_study(results: StudyResults) -> None:
         for run in runs
         for row in _rows(training, run)
     )
-    estimates, curves = make_long_frame(rows), _curves(results)
+    estimates, curves = long_frame.make_long_frame(rows), _curves(results)
     judged = _judge(results, estimates)
     directory = results.directory
     for name, frame in (
@@ -148,11 +138,13 @@ def write_study(results: StudyResults) -> None:
 
 def _rows(training: StudyTraining, run: Run) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of a run, and what Figure 9 shows of the policy at the end of exploration."""
-    yield from frame_rows(training.label, run)
+    yield from long_frame.frame_rows(training.label, run)
     for metric in (MOVEMENT, TOUCH):
         if values := METRICS[metric].values(run.exploration_episodes):
             estimate = bootstrap_mean(values, np.random.default_rng(0))
-            yield frame_row(training.label, run, training.task, f"{metric}{EXPLORING}", estimate)
+            yield long_frame.frame_row(
+                training.label, run, training.task, f"{metric}{EXPLORING}", estimate
+            )
 
 
 def _judge(results: StudyResults, estimates: pd.DataFrame) -> list[JudgedClaim]:
@@ -160,7 +152,7 @@ def _judge(results: StudyResults, estimates: pd.DataFrame) -> list[JudgedClaim]:
     longest: dict[str, int] = {}
     for one in results.trainings:
         longest[one.task] = max(one.exploration_steps, longest.get(one.task, 0))
-    main = select(estimates, suite=MAIN_SUITE, conditions="")
+    main = long_frame.select(estimates, suite=MAIN_SUITE, conditions="")
     values = main[main["steps"] == main["task"].map(longest)]
     names = values[["task", "method", "seed", "metric"]]
     measured = {*names.itertuples(index=False, name=None)}
@@ -193,19 +185,21 @@ def study_tables(estimates: pd.DataFrame) -> Iterator[Table]:
     shortest one is in the first table, the next one in the second.
     """
     metrics = dict.fromkeys(estimates["metric"])
-    gaps = tuple(name for name in metrics if name.endswith(GAP))
+    gaps = tuple(name for name in metrics if name.endswith(long_frame.GAP))
     for suite, title, shown in (
         (MAIN_SUITE, "Table 4", TABLE4_METRICS),
         (NOVEL_SHAPES, "Novel shapes", gaps),
     ):
-        part = select(estimates, suite=suite, conditions="")
-        joined = join_seeds(part[part["metric"].isin(shown)])
+        part = long_frame.select(estimates, suite=suite, conditions="")
+        joined = long_frame.join_seeds(part[part["metric"].isin(shown)])
         turns = joined.groupby("task")["steps"].rank("dense")
         for turn in sorted({*turns}):
             name = f"{title}, exploration {turn:.0f} of {turns.max():.0f}"
             yield _table(name if turns.max() > 1 else title, shown, joined[turns == turn])
     if estimates["conditions"].any():
-        yield _conditions_table(join_seeds(select(estimates, suite=MAIN_SUITE)))
+        yield _conditions_table(
+            long_frame.join_seeds(long_frame.select(estimates, suite=MAIN_SUITE))
+        )
 
 
 def _conditions_table(joined: pd.DataFrame) -> Table:
@@ -217,7 +211,9 @@ def _conditions_table(joined: pd.DataFrame) -> Table:
         make_row(
             (task_title(task), METRICS[metric].label, conditions or "standard"),
             *(
-                estimate_cell(metric, find_row(shown, task=task, conditions=conditions, method=one))
+                estimate_cell(
+                    metric, long_frame.find_row(shown, task=task, conditions=conditions, method=one)
+                )
                 for one in methods
             ),
         )
@@ -236,9 +232,9 @@ def _table(title: str, metrics: Sequence[str], part: pd.DataFrame) -> Table:
     with_paper = metrics is TABLE4_METRICS
 
     def cell(task: str, index: int, name: str) -> Cell:
-        metric, suffix = split_name(name)
-        estimate = find_row(part, task=task, method=methods[index], metric=name)
-        if estimate is not None and suffix == GAP:
+        metric, suffix = long_frame.split_name(name)
+        estimate = long_frame.find_row(part, task=task, method=methods[index], metric=name)
+        if estimate is not None and suffix == long_frame.GAP:
             return difference_cell(metric.name, estimate)
         return estimate_cell(metric.name, estimate)
 

@@ -14,17 +14,8 @@ from minitouch_bench.records import (
     Outcome,
     TaskSummary,
 )
+from minitouch_bench.rendering import tables
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.tables import (
-    ABSENT,
-    Cell,
-    Column,
-    Row,
-    Table,
-    difference_cell,
-    estimate_cell,
-    metric_head,
-)
 from minitouch_bench.reporting.labels import RunSection, task_title, tasks_in_order
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
 from minitouch_bench.runs.run import Run
@@ -54,11 +45,11 @@ def table_by_task(
     tasks: Sequence[str],
     names: Sequence[str],
     metrics: Sequence[str],
-    cell: Callable[[str, int, str], Cell],
+    cell: Callable[[str, int, str], tables.Cell],
     *,
     notes: tuple[str, ...],
     with_paper: bool = True,
-) -> Table:
+) -> tables.Table:
     """Lay out metrics down and tasks across, a column per name, the paper's values behind them.
 
     ``cell`` writes a task's value of the name at an index in a metric, which is called as in a
@@ -76,21 +67,25 @@ def table_by_task(
                 *(paper_cell(task, metric, method) for method in paper),
             )
         ]
-        rows.append(Row((metric_head(label) + comma + suffix,), tuple(cells), METRICS[label].unit))
+        rows.append(
+            tables.Row(
+                (tables.metric_head(label) + comma + suffix,), tuple(cells), METRICS[label].unit
+            )
+        )
     columns = tuple(
-        Column(name, task_title(task), is_paper=is_paper)
+        tables.Column(name, task_title(task), is_paper=is_paper)
         for task in tasks
         for is_paper, group in ((False, names), (True, paper))
         for name in group
     )
-    return Table(title, ("Metric",), columns, tuple(rows), notes)
+    return tables.Table(title, ("Metric",), columns, tuple(rows), notes)
 
 
-def table4(sections: Sequence[RunSection]) -> Table:
+def table4(sections: Sequence[RunSection]) -> tables.Table:
     """Lay the runs out as Table 4: metrics down, tasks across, a column per policy."""
 
-    def cell(task: str, index: int, metric: str) -> Cell:
-        return estimate_cell(metric, find_estimate(sections[index].run, task, metric))
+    def cell(task: str, index: int, metric: str) -> tables.Cell:
+        return tables.estimate_cell(metric, find_estimate(sections[index].run, task, metric))
 
     notes = (
         *_label_notes(sections),
@@ -121,10 +116,10 @@ def _split_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
     return (f"{over}; a gap between the two needs {MIN_EPISODES} episodes of each.",)
 
 
-def diagnostics(sections: Sequence[RunSection]) -> Table:
+def diagnostics(sections: Sequence[RunSection]) -> tables.Table:
     """Lay out what explains the values of Table 4: contact, time, and how episodes ended."""
     columns = tuple(
-        Column(
+        tables.Column(
             METRICS[metric].label, unit="" if METRICS[metric].task_units else METRICS[metric].unit
         )
         for metric in DIAGNOSTIC_METRICS
@@ -135,14 +130,14 @@ def diagnostics(sections: Sequence[RunSection]) -> Table:
             summary = task_summary(section.run, task)
             if summary is not None and summary.estimates:
                 heads = (task_title(task), section.marked_name)
-                rows.append(Row(heads, _diagnostic_cells(summary)))
-    return Table(
+                rows.append(tables.Row(heads, _diagnostic_cells(summary)))
+    return tables.Table(
         title="Diagnostics",
         corner=("Task", "Policy"),
         columns=(
             *columns,
-            Column("Outcomes", unit="episodes", is_text=True),
-            Column("Policy faults"),
+            tables.Column("Outcomes", unit="episodes", is_text=True),
+            tables.Column("Policy faults"),
         ),
         rows=tuple(rows),
         notes=(
@@ -153,11 +148,11 @@ def diagnostics(sections: Sequence[RunSection]) -> Table:
     )
 
 
-def _diagnostic_cells(summary: TaskSummary) -> tuple[Cell, ...]:
+def _diagnostic_cells(summary: TaskSummary) -> tuple[tables.Cell, ...]:
     cells = []
     for metric in DIAGNOSTIC_METRICS:
-        cell = estimate_cell(metric, summary.estimates.get(metric))
-        if METRICS[metric].task_units and cell.text != ABSENT:
+        cell = tables.estimate_cell(metric, summary.estimates.get(metric))
+        if METRICS[metric].task_units and cell.text != tables.ABSENT:
             cell = replace(cell, text=f"{cell.text} {METRICS[metric].unit_in(summary.task)}")
         cells.append(cell)
     ended = ", ".join(
@@ -166,10 +161,10 @@ def _diagnostic_cells(summary: TaskSummary) -> tuple[Cell, ...]:
         if summary.outcomes.get(outcome)
     )
     faults = str(summary.outcomes.get(Outcome.POLICY_FAULT, 0))
-    return (*cells, Cell(ended or ABSENT), Cell(faults))
+    return (*cells, tables.Cell(ended or tables.ABSENT), tables.Cell(faults))
 
 
-def novel_shapes(sections: Sequence[RunSection]) -> tuple[Table, ...]:
+def novel_shapes(sections: Sequence[RunSection]) -> tuple[tables.Table, ...]:
     """Lay out the gaps and the families of the runs that have both splits; none without one."""
     compared = [section for section in sections if section.run.summary.generalization]
     if not compared:
@@ -177,23 +172,23 @@ def novel_shapes(sections: Sequence[RunSection]) -> tuple[Table, ...]:
     return gap_table(compared), family_table(compared)
 
 
-def gap_table(sections: Sequence[RunSection]) -> Table:
+def gap_table(sections: Sequence[RunSection]) -> tables.Table:
     """Lay out each metric on both splits, the gap and a verdict; a block per policy."""
     runs = [section.run for section in sections]
-    columns: list[Column] = []
+    columns: list[tables.Column] = []
     for section in sections:
         name = section.marked_name
-        columns += [Column(label, name) for label in ("Held-out", "Train", "Gap")]
-        columns.append(Column("Verdict", name, is_text=True))
+        columns += [tables.Column(label, name) for label in ("Held-out", "Train", "Gap")]
+        columns.append(tables.Column("Verdict", name, is_text=True))
     rows = []
     for task in _tasks(runs):
         results = [find_generalization(run, task) for run in runs]
         for metric in _in_order(result.gaps for result in results if result):
             gaps = [result.gaps.get(metric) if result else None for result in results]
             cells = tuple(cell for gap in gaps for cell in gap_cells(task, metric, gap))
-            heads = (task_title(task), metric_head(metric, task))
-            rows.append(Row(heads, cells, METRICS[metric].unit_in(task)))
-    return Table(
+            heads = (task_title(task), tables.metric_head(metric, task))
+            rows.append(tables.Row(heads, cells, METRICS[metric].unit_in(task)))
+    return tables.Table(
         title="Novel shapes",
         corner=("Task", "Metric"),
         columns=tuple(columns),
@@ -210,15 +205,15 @@ def gap_table(sections: Sequence[RunSection]) -> Table:
     )
 
 
-def family_table(sections: Sequence[RunSection]) -> Table:
+def family_table(sections: Sequence[RunSection]) -> tables.Table:
     """Lay out the families' values: families down, tasks across, a row per policy."""
     runs = [section.run for section in sections]
     tasks = _tasks(runs)
-    columns: list[Column] = []
+    columns: list[tables.Column] = []
     for task in tasks:
         group = _family_group(runs, task)
         for split in ("Held-out", "Train"):
-            columns += [Column(split, group), Column("n", group)]
+            columns += [tables.Column(split, group), tables.Column("n", group)]
     single = len(runs) == 1
     rows = []
     results = [result for run in runs for result in run.summary.generalization]
@@ -226,15 +221,15 @@ def family_table(sections: Sequence[RunSection]) -> Table:
         for section in sections:
             heads = (printable(family),) if single else (printable(family), section.marked_name)
             cells = (cell for task in tasks for cell in _family_cells(section.run, task, family))
-            rows.append(Row(heads, tuple(cells)))
-    return Table(
+            rows.append(tables.Row(heads, tuple(cells)))
+    return tables.Table(
         title="Novel shapes by family",
         corner=("Family",) if single else ("Family", "Policy"),
         columns=tuple(columns),
         rows=tuple(rows),
         notes=(
             *_label_notes(sections),
-            f"n: episodes. {ABSENT}: the run has no such shape in that split.",
+            f"n: episodes. {tables.ABSENT}: the run has no such shape in that split.",
         ),
     )
 
@@ -254,27 +249,27 @@ def verdict(task: str, metric: str, difference: Estimate) -> str:
     return f"{'better' if higher == (direction == UP) else 'worse'} on held-out"
 
 
-def gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[Cell, ...]:
+def gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[tables.Cell, ...]:
     """Write one metric's held-out and train values, the gap and the verdict."""
     if gap is None:
-        return (Cell(),) * 4
+        return (tables.Cell(),) * 4
     return (
-        estimate_cell(metric, gap.held_out),
-        estimate_cell(metric, gap.train),
-        difference_cell(metric, gap.difference),
-        Cell(verdict(task, metric, gap.difference)),
+        tables.estimate_cell(metric, gap.held_out),
+        tables.estimate_cell(metric, gap.train),
+        tables.difference_cell(metric, gap.difference),
+        tables.Cell(verdict(task, metric, gap.difference)),
     )
 
 
-def _family_cells(run: Run, task: str, family: str) -> tuple[Cell, ...]:
+def _family_cells(run: Run, task: str, family: str) -> tuple[tables.Cell, ...]:
     result = find_generalization(run, task)
     if result is None:
-        return (Cell(),) * 4
+        return (tables.Cell(),) * 4
     both = result.families.get(family, FamilyResult(None, None))
     cells = []
     for estimate in (both.held_out, both.train):
-        cells.append(estimate_cell(result.family_metric, estimate))
-        cells.append(Cell(str(estimate.count if estimate else 0)))
+        cells.append(tables.estimate_cell(result.family_metric, estimate))
+        cells.append(tables.Cell(str(estimate.count if estimate else 0)))
     return tuple(cells)
 
 

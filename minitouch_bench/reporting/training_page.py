@@ -8,17 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from minitouch_bench.files import PROGRESS_FILE, read_file
-from minitouch_bench.rendering.charts import (
-    Chart,
-    Figure,
-    LegendItem,
-    Line,
-    Mark,
-    Plot,
-    share_axis,
-    upright_line,
-    value_axis,
-)
+from minitouch_bench.rendering import charts
 from minitouch_bench.rendering.pages import render_page
 from minitouch_bench.rendering.palette import series_tone
 
@@ -72,17 +62,19 @@ def training_page(directory: Path) -> str:
     )
 
 
-def _figures(rows: pd.DataFrame) -> tuple[Figure, ...]:
+def _figures(rows: pd.DataFrame) -> tuple[charts.Figure, ...]:
     rows = rows.assign(success=episode_success(rows))
-    both = (LegendItem("training", TRAINING), LegendItem("evaluation", EVALUATION))
+    both = (charts.LegendItem("training", TRAINING), charts.LegendItem("evaluation", EVALUATION))
     figures = (
-        Figure(key, title, text, tuple(_plots(rows, columns)), both if key == "shares" else ())
+        charts.Figure(
+            key, title, text, tuple(_plots(rows, columns)), both if key == "shares" else ()
+        )
         for key, title, text, columns in FIGURES
     )
     return tuple(figure for figure in figures if figure.plots)
 
 
-def _plots(rows: pd.DataFrame, columns: Mapping[str, str]) -> Iterator[Plot]:
+def _plots(rows: pd.DataFrame, columns: Mapping[str, str]) -> Iterator[charts.Plot]:
     """Draw the columns that have values, and where the exploration ends."""
     last = int(rows["step"].iloc[-1])
     exploration = rows.loc[rows["phase"] == "exploration", "step"]
@@ -91,21 +83,21 @@ def _plots(rows: pd.DataFrame, columns: Mapping[str, str]) -> Iterator[Plot]:
         names = (column, f"evaluation_{column}") if is_share else (column,)
         values = [0.0, *rows[column].dropna().tolist()]
         axis = (
-            share_axis(caption)
+            charts.share_axis(caption)
             if is_share
-            else value_axis(caption, max(values), lowest=min(values))
+            else charts.value_axis(caption, max(values), lowest=min(values))
         )
-        marks: list[Mark] = []
+        marks: list[charts.Mark] = []
         for name, tone in zip(names, (TRAINING, EVALUATION), strict=False):
             points = rows[["step", name]].dropna().astype(float)
             if len(points):
-                marks.append(Line(tuple(points.itertuples(index=False, name=None)), tone))
+                marks.append(charts.Line(tuple(points.itertuples(index=False, name=None)), tone))
         if not marks:
             continue
         if 0 < len(exploration) < len(rows):
-            marks.append(upright_line(float(exploration.iloc[-1]), axis))
-        chart = Chart(value_axis("Control steps", last), axis, tuple(marks), HEIGHT)
-        yield Plot(caption, f"{caption} over {last} control steps", (chart,))
+            marks.append(charts.upright_line(float(exploration.iloc[-1]), axis))
+        chart = charts.Chart(charts.value_axis("Control steps", last), axis, tuple(marks), HEIGHT)
+        yield charts.Plot(caption, f"{caption} over {last} control steps", (chart,))
 
 
 def episode_success(rows: pd.DataFrame) -> "pd.Series[float]":

@@ -4,19 +4,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from minitouch_bench.files import (
-    EPISODES_FILE,
-    EXPLORATION_FILE,
-    GENERALIZATION_FILE,
-    REPORT_FILE,
-    REPORT_PAGE,
-    REPORTS,
-    RUN_FILE,
-    SUBMISSION_FILE,
-    SUBMISSIONS,
-    TABLE4_FILE,
-    write_file,
-)
+from minitouch_bench import files
 from minitouch_bench.reporting.frames import episodes_csv, generalization_csv, table4_csv
 from minitouch_bench.reporting.report import ALONE, AcrossRuns, Report, build_report, find_videos
 from minitouch_bench.reporting.writers import to_html, to_markdown
@@ -29,12 +17,12 @@ def write_tables(run: Run, directory: Path) -> None:
     Raises:
         RunDirectoryError: one cannot be written.
     """
-    write_file(directory / EPISODES_FILE, episodes_csv(run.episodes))
-    write_file(directory / TABLE4_FILE, table4_csv([run]))
+    files.write_file(directory / files.EPISODES_FILE, episodes_csv(run.episodes))
+    files.write_file(directory / files.TABLE4_FILE, table4_csv([run]))
     if run.exploration_episodes:
-        write_file(directory / EXPLORATION_FILE, episodes_csv(run.exploration_episodes))
+        files.write_file(directory / files.EXPLORATION_FILE, episodes_csv(run.exploration_episodes))
     if run.summary.generalization:
-        write_file(directory / GENERALIZATION_FILE, generalization_csv([run]))
+        files.write_file(directory / files.GENERALIZATION_FILE, generalization_csv([run]))
 
 
 def write_report(
@@ -51,8 +39,8 @@ def write_report(
         RunDirectoryError: a file cannot be written.
     """
     report = build_report(runs, find_videos(videos, directory), names, across)
-    write_file(directory / REPORT_FILE, to_markdown(report))
-    write_file(directory / REPORT_PAGE, to_html(report))
+    files.write_file(directory / files.REPORT_FILE, to_markdown(report))
+    files.write_file(directory / files.REPORT_PAGE, to_html(report))
     return report
 
 
@@ -62,12 +50,12 @@ def view_directory(run: Path) -> Path:
     Submissions stay as they are: the views of their runs are written to ``reports/NAME/...``, in
     the working directory, or beside the submissions where that is one of them.
     """
-    directory = run.parent if run.name == RUN_FILE else run
+    directory = run.parent if run.name == files.RUN_FILE else run
     submission = directory.resolve().parent.parent
-    if not os.path.lexists(submission / SUBMISSION_FILE):
+    if not os.path.lexists(submission / files.SUBMISSION_FILE):
         return directory
-    reports, place, beside = REPORTS, Path.cwd(), submission.parent
-    is_collection = beside.name == SUBMISSIONS.name
+    reports, place, beside = files.REPORTS, Path.cwd(), submission.parent
+    is_collection = beside.name == files.SUBMISSIONS.name
     if place.is_relative_to(submission) or (is_collection and place == beside):
-        reports = (beside.parent if is_collection else beside) / REPORTS
+        reports = (beside.parent if is_collection else beside) / files.REPORTS
     return reports / directory.resolve().relative_to(beside)

@@ -19,18 +19,8 @@ from minitouch_bench.files import (
     os_errors_as,
     read_file,
 )
+from minitouch_bench.leaderboard import packing
 from minitouch_bench.leaderboard.inventory import MAX_CHECKPOINT
-from minitouch_bench.leaderboard.packing import (
-    Parts,
-    add_seed,
-    aside,
-    begun_submission,
-    check_submittable,
-    copy_run,
-    find_source,
-    swap,
-    with_seed,
-)
 from minitouch_bench.leaderboard.submission import (
     SUBMITTED_SUITES,
     Submission,
@@ -103,7 +93,7 @@ class Packer:
         suites: Collection[str],
         isolation: IsolationOptions,
         engine: EngineOptions,
-    ) -> Parts:
+    ) -> packing.Parts:
         """Run the suites in the submission's directory, where they can be resumed."""
         opening = open_engine(engine, self.callbacks.note)
         setup = prepare_policies(
@@ -115,7 +105,7 @@ class Packer:
         )
         requests = [_request(name, setup) for name in SUBMITTED_SUITES if name in suites]
         runs = {request.plan.suite: self._run_directory(request.plan.suite) for request in requests}
-        parts = Parts(runs, setup.policy, setup.exploration)
+        parts = packing.Parts(runs, setup.policy, setup.exploration)
         self._check_plan(parts, [request.header() for request in requests])
         for request in requests:
             self._check_kept(request)
@@ -124,7 +114,7 @@ class Packer:
                 self._run_suite(request, running)
         return parts
 
-    def finished_runs(self, paths: Sequence[Path]) -> Parts:
+    def finished_runs(self, paths: Sequence[Path]) -> packing.Parts:
         """Look at finished runs, and find their policies."""
         runs = [read_run(path) for path in paths]
         by_suite = {run.plan.suite: (run, path) for run, path in zip(runs, paths, strict=True)}
@@ -132,13 +122,13 @@ class Packer:
             raise UsageError(f"--run needs one run of {MAIN_SUITE}, and at most one of each suite")
         main = by_suite[MAIN_SUITE][0].header
         for suite, (run, path) in by_suite.items():
-            check_submittable(run.header, path, main.policy)
+            packing.check_submittable(run.header, path, main.policy)
             directory = self._run_directory(suite)
             if holds_run(directory) and not self.fresh:
                 raise RunDirectoryError(f"{directory} contains a run.\nAdd --fresh to replace it")
-        explorer = None if main.exploration is None else find_source(main.exploration)
+        explorer = None if main.exploration is None else packing.find_source(main.exploration)
         listed = {suite: by_suite[suite][1] for suite in SUBMITTED_SUITES if suite in by_suite}
-        parts = Parts(listed, find_source(main.policy), explorer)
+        parts = packing.Parts(listed, packing.find_source(main.policy), explorer)
         self._check_replaced(parts)
         return parts
 
@@ -149,7 +139,7 @@ class Packer:
             RunDirectoryError: a submission of this name is there.
             UsageError: see ``StudyRow.parts``.
         """
-        begun = begun_submission(self.directory)
+        begun = packing.begun_submission(self.directory)
         if begun is not None and not self.fresh:
             raise RunDirectoryError(f"{self.directory} is there.\nAdd --fresh to replace it")
         for seed in begun.seeds if begun else ():
@@ -162,7 +152,7 @@ class Packer:
         for number in row.trainings:
             self.callbacks.note(f"training seed {number}")
             packer = replace(self, seed=number)
-            with aside(self.submissions) as folder:
+            with packing.aside(self.submissions) as folder:
                 parts = row.parts(number, folder, self.directory)
                 packer._check_replaced(parts)
                 packed = packer.pack(parts)
@@ -170,26 +160,28 @@ class Packer:
                 break
         return packed
 
-    def pack(self, parts: Parts) -> Packed:
+    def pack(self, parts: packing.Parts) -> Packed:
         """Copy the parts aside and check them; only if they pass, replace those that were there."""
-        with aside(self.submissions) as folder:
+        with packing.aside(self.submissions) as folder:
             copy = folder / "new" / self.about.name
             entry = self._entry(parts, copy, include=self.include)
             for suite, run in parts.runs.items():
-                copy_run(run, copy / entry.runs[suite])
+                packing.copy_run(run, copy / entry.runs[suite])
             for target in parts.gone() if self.include else ():
                 self.callbacks.note(f"{target} is gone: only its SHA-256 is kept")
-            add_seed(copy, None, self.about, entry)
+            packing.add_seed(copy, None, self.about, entry)
             verdict = validate(copy)
             if problems := verdict.problems or self._copies(verdict.runs, entry):
                 return Packed(self.directory, problems)
             with lock_directory(self.submissions, wait=True), interrupts_held():
                 for place in (*entry.runs.values(), f"{CHECKPOINTS}/seed-{entry.seed}"):
-                    swap(copy / place, self.directory / place, folder / "old" / place)
-                add_seed(self.directory, begun_submission(self.directory), self.about, entry)
+                    packing.swap(copy / place, self.directory / place, folder / "old" / place)
+                packing.add_seed(
+                    self.directory, packing.begun_submission(self.directory), self.about, entry
+                )
                 return Packed(self.directory, validate(self.directory).problems)
 
-    def _entry(self, parts: Parts, directory: Path, *, include: bool) -> TrainingSeed:
+    def _entry(self, parts: packing.Parts, directory: Path, *, include: bool) -> TrainingSeed:
         """Return what ``submission.toml`` says of the seed; ``include`` copies checkpoints."""
         places = {suite: run_place(self.seed, suite) for suite in parts.runs}
         files = parts.name_files(directory, self.seed, include=include)
@@ -197,7 +189,7 @@ class Packer:
 
     def _copies(self, runs: Mapping[str, Run], entry: TrainingSeed) -> tuple[Problem, ...]:
         """Return a problem for each run that is another training seed's."""
-        begun, problems = begun_submission(self.directory), Problems()
+        begun, problems = packing.begun_submission(self.directory), Problems()
         others = {
             place: read_run(self.directory / place)
             for other in (begun.seeds if begun else ())
@@ -207,15 +199,15 @@ class Packer:
         check_copies({**others, **runs}, problems)
         return tuple(problems)
 
-    def _check_plan(self, parts: Parts, headers: Sequence[RunHeader]) -> None:
+    def _check_plan(self, parts: packing.Parts, headers: Sequence[RunHeader]) -> None:
         """Refuse before the first episode what would be refused after the last one."""
         self._check_replaced(parts)
         entry = self._entry(parts, self.directory, include=False)
-        whole = with_seed(begun_submission(self.directory), self.about, entry)
+        whole = packing.with_seed(packing.begun_submission(self.directory), self.about, entry)
         for problem in check_planned(whole, entry, headers, self.directory):
             raise UsageError(str(problem))
 
-    def _check_replaced(self, parts: Parts) -> None:
+    def _check_replaced(self, parts: packing.Parts) -> None:
         """Refuse to replace files that are not a run's, or the only copy of a checkpoint.
 
         Raises:

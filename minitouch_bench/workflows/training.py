@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from minitouch_bench import files
 from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE, PICTURES_FILE
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_config
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
@@ -24,16 +25,6 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.evaluation.actors import PolicyActor
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.files import (
-    PROGRESS_FILE,
-    REPORT_PAGE,
-    append_bytes,
-    lock_directory,
-    make_folder,
-    open_plain,
-    os_errors_as,
-    write_file,
-)
 from minitouch_bench.optional import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
@@ -83,7 +74,7 @@ def run_training(request: TrainingRequest) -> bool:
     device = choose_device(request.device)
     keep_freed_memory()
     torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
-    with lock_directory(request.directory):
+    with files.lock_directory(request.directory):
         _prepare(request)
         config = request.config
         environment = MiniTouchEnv(
@@ -105,8 +96,10 @@ def run_training(request: TrainingRequest) -> bool:
         finally:
             evaluator.close()
             environment.close()
-        if (request.directory / PROGRESS_FILE).exists():  # there is a row to draw
-            write_file(request.directory / REPORT_PAGE, training_page(request.directory))
+        if (request.directory / files.PROGRESS_FILE).exists():  # there is a row to draw
+            files.write_file(
+                request.directory / files.REPORT_PAGE, training_page(request.directory)
+            )
     return finished
 
 
@@ -143,7 +136,7 @@ class _Events:
         self._event, self._summary = events.Event, summary.Summary
         self._checksum = require("tensorboardX.record_writer", "train").masked_crc32c
         name = f"events.out.tfevents.{time.time():.0f}.{socket.gethostname()}"
-        self._file = make_folder(folder) / name
+        self._file = files.make_folder(folder) / name
         self._write(file_version="brain.Event:2")
 
     def add(self, row: ProgressRow) -> None:
@@ -160,7 +153,7 @@ class _Events:
         content = self._event(wall_time=time.time(), **fields).SerializeToString()
         length = struct.pack("<Q", len(content))
         parts = (length, self._sum(length), content, self._sum(content))
-        append_bytes(self._file, b"".join(parts))
+        files.append_bytes(self._file, b"".join(parts))
 
     def _sum(self, content: bytes) -> bytes:
         return struct.pack("<I", self._checksum(content))
@@ -197,13 +190,13 @@ def _prepare(request: TrainingRequest) -> None:
     """Write the settings of a new or longer training, or check those of one to resume."""
     directory, config = request.directory, request.config
     file = directory / CONFIG_FILE
-    for name in (PICTURES_FILE, PROGRESS_FILE):
+    for name in (PICTURES_FILE, files.PROGRESS_FILE):
         if os.path.lexists(directory / name):
-            with os_errors_as(RunDirectoryError, directory / name, "written"):
-                os.close(open_plain(directory / name, os.O_RDWR))
+            with files.os_errors_as(RunDirectoryError, directory / name, "written"):
+                os.close(files.open_plain(directory / name, os.O_RDWR))
     if request.resume and not os.path.lexists(file):
         request.callbacks.note(f"{directory} contains no training yet: one is started")
-    if any(os.path.lexists(directory / name) for name in (CHECKPOINT_FILE, PROGRESS_FILE)):
+    if any(os.path.lexists(directory / name) for name in (CHECKPOINT_FILE, files.PROGRESS_FILE)):
         if not request.resume:
             raise RunDirectoryError(
                 f"{directory} contains a training: continue it with --resume, or choose another "
@@ -217,13 +210,13 @@ def _prepare(request: TrainingRequest) -> None:
                 f"{file} has other settings than asked for; resume with the same ones, or with "
                 "more steps in the last phase"
             )
-    write_file(file, write_toml(config))
+    files.write_file(file, write_toml(config))
 
 
 def _keep_policy(file: Path, steps: int) -> None:
     """Name the policy of a training that is made longer by its steps: it is no longer the last."""
     if os.path.lexists(file):
-        with os_errors_as(RunDirectoryError, file, "renamed"):
+        with files.os_errors_as(RunDirectoryError, file, "renamed"):
             file.rename(file.with_stem(f"{file.stem}_{steps}_steps"))
 
 
