@@ -60,7 +60,7 @@ def tasks(as_json: options.AsJson = False) -> None:
 def doctor(workers: options.Workers = options.AUTO, as_json: options.AsJson = False) -> None:
     """Check the installation, the sandbox, and that this machine repeats its own bits."""
     from minitouch_bench.processes import core_count
-    from minitouch_bench.verification.doctor import Verdict, examine
+    from minitouch_bench.verification.doctor import CheckResult, examine
 
     count = options.engine_options("local", workers, None).workers or core_count()
     checks: list[Check] = []
@@ -68,7 +68,7 @@ def doctor(workers: options.Workers = options.AUTO, as_json: options.AsJson = Fa
         for check in examine(count):
             checks.append(check)
             status.update(f"{check.name}: {check.verdict}")
-    failed = [check.name for check in checks if check.verdict is Verdict.FAIL]
+    failed = [check.name for check in checks if check.verdict is CheckResult.FAIL]
     if as_json:
         print(json.dumps({"healthy": not failed, "checks": [asdict(c) for c in checks]}, indent=1))
     else:

@@ -16,14 +16,13 @@ from minitouch_bench.leaderboard.views import (
     PAPER,
     RANKED,
     UNRANKED,
-    View,
+    BoardView,
 )
 from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
 from minitouch_bench.rendering.markdown import escape, table_lines
 from minitouch_bench.rendering.tables import ABSENT, Cell, Column, Row, Table
-from minitouch_bench.reporting.frames import Row as CsvRow
-from minitouch_bench.reporting.frames import rows_csv
+from minitouch_bench.reporting.frames import CsvRow, rows_csv
 from minitouch_bench.reporting.labels import listed
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_values
 
@@ -39,7 +38,7 @@ COLUMNS = (
 """Those of ``leaderboard.csv``, which has a row per value."""
 
 
-def board_markdown(board: Board, tables: Sequence[View]) -> str:
+def board_markdown(board: Board, tables: Sequence[BoardView]) -> str:
     """Write a board and its tables as GitHub's Markdown."""
     parts = [
         "# MiniTouch leaderboard",

@@ -20,7 +20,7 @@ from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel, proof_path, 
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MODALITIES
 from minitouch_bench.leaderboard.validation import Verdict, validate
-from minitouch_bench.leaderboard.views import View, views
+from minitouch_bench.leaderboard.views import BoardView, views
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.rendering.charts import Axis, Chart, Dot, Line, Mark, Plot, Tick, share_axis
 from minitouch_bench.rendering.escaping import printable
@@ -78,7 +78,7 @@ def find_submissions(directory: Path) -> list[Path]:
 
 
 def _write_site(
-    board: Board, tables: Sequence[View], verdicts: Sequence[Verdict], output: Path
+    board: Board, tables: Sequence[BoardView], verdicts: Sequence[Verdict], output: Path
 ) -> None:
     """Write the index, the pages, and the pictures and videos they show; remove old pages."""
     write_file(output / "index.html", index_html(board, tables))
@@ -96,7 +96,7 @@ def _write_site(
             write_file(output / "pictures" / picture.name, picture.read_bytes())
 
 
-def index_html(board: Board, tables: Sequence[View]) -> str:
+def index_html(board: Board, tables: Sequence[BoardView]) -> str:
     """Write the index."""
     suite = PROTOCOL.suite(MAIN_SUITE)
     return render_page(

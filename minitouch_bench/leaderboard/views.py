@@ -22,7 +22,7 @@ EPISODE_VARIANCE = "episode variance only (one training seed)"
 
 
 @dataclass(frozen=True)
-class Line:
+class BoardLine:
     """A line of a view; ``row`` is None for the paper's and for a calibration not yet run."""
 
     kind: str
@@ -34,14 +34,14 @@ class Line:
 
 
 @dataclass(frozen=True)
-class View:
+class BoardView:
     """A table: ``lead`` says what it ranks by."""
 
     key: str
     title: str
     lead: str
     columns: tuple[tables.Column, ...]
-    lines: tuple[Line, ...]
+    lines: tuple[BoardLine, ...]
 
     @property
     def groups(self) -> tuple[tuple[str, int], ...]:
@@ -62,7 +62,7 @@ class View:
         return tables.Table(self.title, ("Rank", "Submission"), self.columns, tuple(rows))
 
 
-def views(board: Board) -> tuple[View, ...]:
+def views(board: Board) -> tuple[BoardView, ...]:
     """Return every table of a board."""
     return (
         _overall(board),
@@ -72,7 +72,7 @@ def views(board: Board) -> tuple[View, ...]:
     )
 
 
-def _overall(board: Board) -> View:
+def _overall(board: Board) -> BoardView:
     goals = [task_title(task) for task in BOARD_GOALS]
     columns = (
         tables.Column("Mean success", unit=f"{len(goals)} tasks ↑"),
@@ -82,10 +82,12 @@ def _overall(board: Board) -> View:
         f"Ordered by the mean success over {listed(goals)}. Rows that do not differ significantly "
         "on the same episodes share a rank."
     )
-    return View(OVERALL, "Overall", lead, columns, _lines(board, OVERALL, [*RANKED_BY.items()]))
+    return BoardView(
+        OVERALL, "Overall", lead, columns, _lines(board, OVERALL, [*RANKED_BY.items()])
+    )
 
 
-def _task(board: Board, task: str) -> View:
+def _task(board: Board, task: str) -> BoardView:
     ranked_by = RANKED_BY[task]
     metrics = dict.fromkeys((ranked_by, *metrics_shown_in(ShownIn.TABLE4, task)))
     columns = tuple(
@@ -96,10 +98,10 @@ def _task(board: Board, task: str) -> View:
     )
     lead = f"Ordered by {_label(task)}. The columns of Table 4."
     lines = _lines(board, task, [(task, metric) for metric in metrics])
-    return View(task, task_title(task), lead, columns, lines)
+    return BoardView(task, task_title(task), lead, columns, lines)
 
 
-def _touch(board: Board) -> View:
+def _touch(board: Board) -> BoardView:
     wanted = [(task, metric) for task in BOARD_TASKS for metric in TOUCH_METRICS]
     columns = tuple(
         tables.Column(METRICS[metric].label, task_title(task), METRICS[metric].unit)
@@ -107,10 +109,10 @@ def _touch(board: Board) -> View:
     )
     meanings = (f"{METRICS[name].label}: {METRICS[name].meaning}." for name in TOUCH_METRICS)
     lead = " ".join(("What the fingers did, in the overall order.", *meanings))
-    return View(TOUCH, "Touch", lead, columns, _lines(board, OVERALL, wanted))
+    return BoardView(TOUCH, "Touch", lead, columns, _lines(board, OVERALL, wanted))
 
 
-def _novel(board: Board) -> View:
+def _novel(board: Board) -> BoardView:
     columns = tuple(
         tables.Column(label, f"{task_title(task)}: {_label(task)}")
         for task in GAP_TASKS
@@ -121,7 +123,7 @@ def _novel(board: Board) -> View:
         "train. In the overall order."
     )
     lines = tuple(replace(line, cells=tuple(_gap_cells(line.row))) for line in _heads(board))
-    return View(NOVEL, "Novel shapes", lead, columns, lines)
+    return BoardView(NOVEL, "Novel shapes", lead, columns, lines)
 
 
 def _gap_cells(row: BoardRow | None) -> Iterator[tables.Cell]:
@@ -129,7 +131,7 @@ def _gap_cells(row: BoardRow | None) -> Iterator[tables.Cell]:
         yield from gap_cells(task, RANKED_BY[task], row.novel_shapes.get(task) if row else None)[:3]
 
 
-def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[Line, ...]:
+def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[BoardLine, ...]:
     """Return the lines with the ``wanted`` metrics by rank, then the paper's with a value."""
     lines = [
         replace(line, cells=tuple(_cell(line.row, *names) for names in wanted))
@@ -138,7 +140,7 @@ def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[L
     for method in PAPER_METHODS:
         cells = tuple(paper_cell(*names, method) for names in wanted)
         if any(cell.text != tables.ABSENT for cell in cells):
-            lines.append(Line(PAPER, method, CAVEAT, None, None, cells))
+            lines.append(BoardLine(PAPER, method, CAVEAT, None, None, cells))
     return tuple(lines)
 
 
@@ -147,7 +149,7 @@ def _cell(row: BoardRow | None, task: str, metric: str) -> tables.Cell:
     return tables.estimate_cell("success" if metric == MEAN_SUCCESS else metric, estimate)
 
 
-def _heads(board: Board, key: str = OVERALL) -> Iterator[Line]:
+def _heads(board: Board, key: str = OVERALL) -> Iterator[BoardLine]:
     """Walk through the rows' lines without their cells, in the order of a ranking."""
     groups = (
         (RANKED, in_order(board.ranked, key)),
@@ -156,9 +158,9 @@ def _heads(board: Board, key: str = OVERALL) -> Iterator[Line]:
     )
     for kind, rows in groups:
         for row in rows:
-            yield Line(kind, row.name, row.method, row.ranks.get(key), row)
+            yield BoardLine(kind, row.name, row.method, row.ranks.get(key), row)
     for name in board.missing_calibration:
-        yield Line(CALIBRATION, name, "not submitted yet", None, None)
+        yield BoardLine(CALIBRATION, name, "not submitted yet", None, None)
 
 
 def _label(task: str) -> str:
@@ -171,5 +173,5 @@ def _rank_text(rank: Rank | None) -> str:
     return f"{rank.best}" + (f" ({rank.best} to {rank.worst})" if rank.worst > rank.best else "")
 
 
-def _kind_text(line: Line) -> str:
+def _kind_text(line: BoardLine) -> str:
     return line.name if line.kind == RANKED else f"{line.name} ({line.kind})"

@@ -13,7 +13,7 @@ from minitouch_bench.regression.gate import NOT_ENOUGH_CODE, Decision, GateResul
 from minitouch_bench.regression.paired_tests import Effect
 from minitouch_bench.regression.pairing import COMPARED_METRICS
 from minitouch_bench.rendering import tables
-from minitouch_bench.rendering.blocks import Block, Heading, Note
+from minitouch_bench.rendering.blocks import Block, Heading, NoteBlock
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import listed, task_title
 from minitouch_bench.reporting.tables import OUTCOME_TITLES
@@ -229,7 +229,7 @@ def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[Block]:
         yield from comparison_tables(pair)
         yield from changes_blocks(pair.changes, (pair.first, pair.second), changes)
     yield ""
-    yield from map(Note, comparison_notes(comparison))
+    yield from map(NoteBlock, comparison_notes(comparison))
 
 
 def result_blocks(result: GateResult) -> Iterator[Block]:
@@ -241,4 +241,4 @@ def result_blocks(result: GateResult) -> Iterator[Block]:
     yield endpoint_table(result)
     yield from task_tables(result)
     yield ""
-    yield from map(Note, gate_notes(result))
+    yield from map(NoteBlock, gate_notes(result))

@@ -26,13 +26,13 @@ class Heading:
 
 
 @dataclass(frozen=True)
-class Note:
+class NoteBlock:
     """A remark on how the values were made."""
 
     text: str
 
 
-Block = Heading | Note | Table | str
+Block = Heading | NoteBlock | Table | str
 """A string is a line; on a page it is an item of a list. An empty one parts what is around it."""
 
 
@@ -53,7 +53,7 @@ def _screen_parts(block: Block) -> tuple[RenderableType, ...]:
     match block:
         case Heading():
             return Text(), Text(block.text, style="bold underline")
-        case Note():
+        case NoteBlock():
             return (Text(block.text, style="dim"),)
         case Table():
             return (draw_table(block),)
@@ -84,7 +84,7 @@ def as_markdown(blocks: Iterable[Block]) -> list[str]:
         match block:
             case Heading():
                 lines += ["", f"## {escape(block.text)}", ""]
-            case Note():
+            case NoteBlock():
                 lines.append(f"- {escape(block.text)}")
             case Table():
                 lines += ["", f"### {escape(block.title)}", "", *table_lines(block)]

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.palette import series_tone
 
-Shape = Literal["circle", "square", "up", "down", "plus", "cross", "diamond"]
-SHAPES: tuple[Shape, ...] = ("circle", "square", "up", "down", "plus", "cross")
+MarkShape = Literal["circle", "square", "up", "down", "plus", "cross", "diamond"]
+MARK_SHAPES: tuple[MarkShape, ...] = ("circle", "square", "up", "down", "plus", "cross")
 """The marks of runs, in the order they are given out."""
 
 BIN = 10
@@ -56,7 +56,7 @@ class Dot:
     x: float
     y: float
     tone: str
-    shape: Shape = "circle"
+    shape: MarkShape = "circle"
     size: float = 8.0
     is_hollow: bool = False
     label: str = ""
@@ -113,7 +113,7 @@ class LegendItem:
 
     text: str
     tone: str
-    shape: Shape = "square"
+    shape: MarkShape = "square"
     is_hollow: bool = False
     title: str = ""
 
@@ -175,7 +175,7 @@ def _round_step(least: float) -> float:
 
 def run_dot(index: int, x: float, row: float, *, size: float = 8.0, is_hollow: bool = False) -> Dot:
     """Return the dot of the run at ``index``, which has a color and a shape of its own."""
-    return Dot(x, row, series_tone(index), SHAPES[index % len(SHAPES)], size, is_hollow)
+    return Dot(x, row, series_tone(index), MARK_SHAPES[index % len(MARK_SHAPES)], size, is_hollow)
 
 
 def estimate_marks(

@@ -31,7 +31,7 @@ TITLE, NUMBERS, LABEL, GAP = 18.0, 18.0, 18.0, 10.0
 
 
 @dataclass(frozen=True)
-class Frame:
+class PlotArea:
     """The area between a chart's axes, y downwards, ``pad`` wider than they are."""
 
     chart: charts.Chart
@@ -59,7 +59,7 @@ class Frame:
 class Layout:
     """The frames of a plot from the top down, its height, and where its x axis is labeled."""
 
-    frames: tuple[Frame, ...]
+    frames: tuple[PlotArea, ...]
     height: float
     label: float
 
@@ -68,12 +68,12 @@ def lay_out(plot: charts.Plot, width: float = WIDTH) -> Layout:
     """Place the charts of a plot below each other, on one left edge."""
     left = max(_left_margin(chart.y) for chart in plot.charts)
     right = width - max(map(_right_margin, plot.charts))
-    frames: list[Frame] = []
+    frames: list[PlotArea] = []
     top = 4.0
     for chart in plot.charts:
         top += TITLE if chart.title else 0.0
         pad = PAD if any(isinstance(mark, charts.Dot) for mark in chart.marks) else 0.0
-        frames.append(Frame(chart, left, right, top, pad, chart is plot.charts[-1]))
+        frames.append(PlotArea(chart, left, right, top, pad, chart is plot.charts[-1]))
         top = frames[-1].bottom + GAP
     label = plot.charts[-1].x.label
     half = text_width(label) / 2
@@ -113,7 +113,7 @@ _PLUS = (
     *((-_A, -_B), (_A, -_B), (_A, -_A), (_B, -_A), (_B, _A), (_A, _A)),
     *((_A, _B), (-_A, _B), (-_A, _A), (-_B, _A), (-_B, -_A), (-_A, -_A)),
 )
-_OUTLINES: Mapping[charts.Shape, tuple[tuple[float, float], ...]] = {
+_OUTLINES: Mapping[charts.MarkShape, tuple[tuple[float, float], ...]] = {
     "square": ((-0.88, -0.88), (0.88, -0.88), (0.88, 0.88), (-0.88, 0.88)),
     "up": ((0, -1.1), (1, 0.85), (-1, 0.85)),
     "down": ((0, 1.1), (1, -0.85), (-1, -0.85)),
@@ -176,7 +176,7 @@ def draw_gauge(gauge: Gauge) -> Markup:
     )
 
 
-def _grid(frame: Frame) -> Iterator[str]:
+def _grid(frame: PlotArea) -> Iterator[str]:
     chart = frame.chart
     for tick in chart.y.ticks:
         at = frame.y(tick.at)
@@ -194,7 +194,7 @@ def _grid(frame: Frame) -> Iterator[str]:
         yield _text(10, (frame.top + frame.bottom) / 2, chart.y.label, "middle", is_upright=True)
 
 
-def _mark(frame: Frame, mark: charts.Mark) -> Iterator[str]:
+def _mark(frame: PlotArea, mark: charts.Mark) -> Iterator[str]:
     match mark:
         case charts.Line():
             faint = "" if mark.opacity == 1 else f' opacity="{mark.opacity:g}"'
@@ -210,7 +210,7 @@ def _mark(frame: Frame, mark: charts.Mark) -> Iterator[str]:
             yield from _dot(frame, mark)
 
 
-def _dot(frame: Frame, dot: charts.Dot) -> Iterator[str]:
+def _dot(frame: PlotArea, dot: charts.Dot) -> Iterator[str]:
     x, y = frame.x(dot.x), frame.y(dot.y)
     drawn = draw_mark(dot, x, y, dot.size)
     if dot.label:

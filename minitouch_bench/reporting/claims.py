@@ -94,7 +94,7 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ClaimComparison:
     """Two methods in one task: the values of their training seeds, and the tests of both orders."""
 
     task: str
@@ -138,7 +138,7 @@ class JudgedClaim:
     """
 
     claim: Claim
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[ClaimComparison, ...]
     p_adjusted: float
     p_reversed_adjusted: float
     detectable: float
@@ -183,12 +183,12 @@ def judge_claims(
     ]  # fmt: skip
 
 
-def _detectable(claim: Claim, compared: Sequence[Comparison], family: int) -> float:
+def _detectable(claim: Claim, compared: Sequence[ClaimComparison], family: int) -> float:
     largest = float(np.max([one.detectable(ALPHA / family) for one in compared]))
     return float("nan") if METRICS[claim.metric].is_share and largest > 1.0 else largest
 
 
-def _compare(claim: Claim, values: pd.DataFrame) -> tuple[Comparison, ...]:
+def _compare(claim: Claim, values: pd.DataFrame) -> tuple[ClaimComparison, ...]:
     compared = []
     for task, worse in product(claim.tasks, claim.worse):
         known = select(values, task=task, metric=claim.metric)
@@ -200,7 +200,7 @@ def _compare(claim: Claim, values: pd.DataFrame) -> tuple[Comparison, ...]:
         if METRICS[claim.metric].direction_in(task) == DOWN:
             sides = ("less", "greater")
         p, p_reversed = (_rank_test(first, second, side) for side in sides)
-        compared.append(Comparison(task, worse, first, second, p, p_reversed))
+        compared.append(ClaimComparison(task, worse, first, second, p, p_reversed))
     return tuple(compared)
 
 

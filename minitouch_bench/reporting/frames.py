@@ -37,7 +37,7 @@ GENERALIZATION_COLUMNS = ("policy", "task", "family", "metric", "split", *ESTIMA
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 """First characters that make a spreadsheet run a cell."""
 
-Row = tuple[Any, ...]
+CsvRow = tuple[Any, ...]
 
 
 def episodes_frame(episodes: Iterable[EpisodeMetrics]) -> "pd.DataFrame":
@@ -57,7 +57,7 @@ def episodes_csv(episodes: Iterable[EpisodeMetrics]) -> str:
     return rows_csv(EPISODE_COLUMNS, map(_episode_row, episodes))
 
 
-def _episode_row(episode: EpisodeMetrics) -> Row:
+def _episode_row(episode: EpisodeMetrics) -> CsvRow:
     return (
         *(getattr(episode, name) for name in _IDENTITY),
         *(metric.cell(episode) for metric in _MEASURED),
@@ -69,7 +69,7 @@ def table4_csv(runs: Sequence[Run]) -> str:
 
     ``source`` carries a run's labels, and what must be known of the paper's values.
     """
-    rows: list[Row] = []
+    rows: list[CsvRow] = []
     for task in tasks_in_order(runs):
         for metric in TABLE4_METRICS:
             rows += _run_rows(runs, task, metric)
@@ -82,7 +82,7 @@ def generalization_csv(runs: Sequence[Run]) -> str:
 
     ``family`` is empty in a row over all families; values that do not exist have no row.
     """
-    rows: list[Row] = []
+    rows: list[CsvRow] = []
     for name, run in zip(run_names(runs), runs, strict=True):
         for result in run.summary.generalization:
             for family, metric, split, estimate in _splits(result):
@@ -136,14 +136,14 @@ def _splits(result: Generalization) -> Iterator[tuple[str, str, str, Estimate]]:
                 yield family, result.family_metric, GAP_PARTS[part], estimate
 
 
-def _run_rows(runs: Sequence[Run], task: str, metric: str) -> Iterator[Row]:
+def _run_rows(runs: Sequence[Run], task: str, metric: str) -> Iterator[CsvRow]:
     for name, run in zip(run_names(runs), runs, strict=True):
         estimate = find_estimate(run, task, metric)
         if estimate is not None:
             yield name, task, metric, *astuple(estimate), _source(run)
 
 
-def _paper_rows(task: str, metric: str) -> Iterator[Row]:
+def _paper_rows(task: str, metric: str) -> Iterator[CsvRow]:
     for method in PAPER_METHODS:
         printed = paper_value(task, metric, method)
         if printed is not None:

@@ -23,7 +23,7 @@ COLUMNS = ("method", "seed", *KEY[1:], *ESTIMATE)
 GAP = f", {DIFFERENCE}"
 """What follows a metric's name where its value is a difference of splits."""
 
-Row = tuple[Any, ...]
+FrameRow = tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class RunLabel:
     steps: int
 
 
-def frame_rows(label: RunLabel, run: Run) -> list[Row]:
+def frame_rows(label: RunLabel, run: Run) -> list[FrameRow]:
     """Return the rows of a run: the estimates of its ``run.json``, unchanged."""
     named = [
         (part.task, metric, estimate)
@@ -51,13 +51,13 @@ def frame_rows(label: RunLabel, run: Run) -> list[Row]:
     return [frame_row(label, run, *row) for row in named]
 
 
-def frame_row(label: RunLabel, run: Run, task: str, metric: str, estimate: Estimate) -> Row:
+def frame_row(label: RunLabel, run: Run, task: str, metric: str, estimate: Estimate) -> FrameRow:
     """Return a row of the frame; ``conditions`` are "" where they are the protocol's own."""
     conditions = ", ".join(run.plan.conditions.in_words())
     return (*astuple(label), run.plan.suite, conditions, task, metric, *astuple(estimate))
 
 
-def make_long_frame(rows: Iterable[Row]) -> pd.DataFrame:
+def make_long_frame(rows: Iterable[FrameRow]) -> pd.DataFrame:
     """Return the frame, with ``COLUMNS``."""
     return pd.DataFrame([*rows], columns=[*COLUMNS])
 

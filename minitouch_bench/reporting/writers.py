@@ -9,7 +9,7 @@ from rich.console import Console
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Estimate
-from minitouch_bench.rendering.blocks import Block, Heading, Note, on_screen
+from minitouch_bench.rendering.blocks import Block, Heading, NoteBlock, on_screen
 from minitouch_bench.rendering.markdown import code_span, escape, table_section
 from minitouch_bench.rendering.pages import image_uri, render_page
 from minitouch_bench.rendering.palette import series_tone
@@ -181,7 +181,7 @@ def report_blocks(report: Report) -> Iterator[Block]:
 
 
 def _notes(table: Table) -> Iterator[Block]:
-    yield from map(Note, table.notes)
+    yield from map(NoteBlock, table.notes)
     yield ""
 
 

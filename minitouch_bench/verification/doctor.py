@@ -43,7 +43,7 @@ Bits = dict[str, str]
 """The digest of each trial episode by its key."""
 
 
-class Verdict(StrEnum):
+class CheckResult(StrEnum):
     """What came of a check; a note is worth knowing and no fault."""
 
     OK = "ok"
@@ -56,7 +56,7 @@ class Check:
     """One thing that was looked at."""
 
     name: str
-    verdict: Verdict
+    verdict: CheckResult
     text: str
 
 
@@ -70,7 +70,7 @@ def examine(workers: int) -> Iterator[Check]:
         ("policy repeats", _policy_repeats),
     ):
         try:
-            yield Check(name, Verdict.OK, look())
+            yield Check(name, CheckResult.OK, look())
         except MiniTouchError as error:
             yield _failed(name, error)
     try:
@@ -118,7 +118,7 @@ class _Crasher(RecordedActor):
 
 
 def _failed(name: str, error: MiniTouchError) -> Check:
-    return Check(name, Verdict.FAIL, str(error).replace("\n", " "))
+    return Check(name, CheckResult.FAIL, str(error).replace("\n", " "))
 
 
 def _packages() -> str:
@@ -215,18 +215,20 @@ def _run(workers: int, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Bit
 def _same(name: str, here: Bits, again: Bits, how: str) -> Check:
     other = sorted(key for key in here if here[key] != again.get(key))
     if other:
-        return Check(name, Verdict.FAIL, f"other bits {how}: {', '.join(other)}")
-    return Check(name, Verdict.OK, f"{len(here)} episodes of {len(TASKS)} tasks, same bits {how}")
+        return Check(name, CheckResult.FAIL, f"other bits {how}: {', '.join(other)}")
+    return Check(
+        name, CheckResult.OK, f"{len(here)} episodes of {len(TASKS)} tasks, same bits {how}"
+    )
 
 
 def _reference() -> Check:
     """Compare with the bits recorded on the machine that this version was released from."""
     other = [task for task, golden in recorded().items() if golden_bits(task) != golden.bits]
     if not other:
-        return Check("reference bits", Verdict.OK, "this machine simulates the recorded bits")
+        return Check("reference bits", CheckResult.OK, "this machine simulates the recorded bits")
     return Check(
         "reference bits",
-        Verdict.NOTE,
+        CheckResult.NOTE,
         f"other bits than recorded in {', '.join(other)}: success rates compare, digests do not",
     )
 
@@ -237,7 +239,7 @@ def _speed(steps_per_s: float, workers: int) -> Check:
     minutes = steps / steps_per_s / workers / 60
     return Check(
         "speed",
-        Verdict.NOTE,
+        CheckResult.NOTE,
         f"{steps_per_s:.0f} control steps/s a worker, start included; {suite.name} "
         f"({steps:,} steps at most) in {minutes:.0f} min at most with {workers} workers",
     )

@@ -2,7 +2,7 @@ import pytest
 
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.verification import doctor
-from minitouch_bench.verification.doctor import Verdict, trial_episodes
+from minitouch_bench.verification.doctor import CheckResult, trial_episodes
 
 
 def test_the_trial_has_contact_and_every_task():
@@ -18,5 +18,5 @@ def test_the_trial_has_contact_and_every_task():
 @pytest.mark.parametrize("found", [{"a": "1"}, {"a": "1", "b": "3"}])
 def test_an_episode_that_is_missing_or_other_is_named(found):
     check = doctor._same("crash", {"a": "1", "b": "2"}, found, "after a crash")
-    assert check.verdict is Verdict.FAIL
+    assert check.verdict is CheckResult.FAIL
     assert check.text == "other bits after a crash: b"
