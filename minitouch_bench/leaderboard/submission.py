@@ -15,7 +15,7 @@ from msgspec import Meta
 from minitouch_bench.documents import parse_toml, read_table
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import CHECKPOINTS, SUBMISSION_FILE
-from minitouch_bench.leaderboard import submission_rules
+from minitouch_bench.leaderboard import submission_rules as rules
 from minitouch_bench.leaderboard.facts import Fact, Place, amount
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL, TASK_NAMES
 from minitouch_bench.records import Role, Sha256
@@ -51,13 +51,11 @@ def _looks_like(description: str, pattern: str, longest: int) -> Meta:
 
 
 def _plain_text(description: str, longest: int) -> Meta:
-    return _looks_like(description, submission_rules.TEXT_PATTERN, longest)
+    return _looks_like(description, rules.TEXT_PATTERN, longest)
 
 
 def _link(description: str) -> Meta:
-    return _looks_like(
-        description, f"(https://{submission_rules.LINK.pattern})?", submission_rules.MAX_LINK
-    )
+    return _looks_like(description, f"(https://{rules.LINK.pattern})?", rules.MAX_LINK)
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,7 @@ class CheckpointFile:
 
     role: Role
     task: Annotated[str, Meta(pattern=f"^({'|'.join((ALL_TASKS, *TASK_NAMES))})$")]
-    file: Annotated[str, _looks_like("Name of the file.", submission_rules.FILE_NAME.pattern, 128)]
+    file: Annotated[str, _looks_like("Name of the file.", rules.FILE_NAME.pattern, 128)]
     sha256: Sha256
     path: str = ""
 
@@ -75,7 +73,7 @@ class CheckpointFile:
 class TrainingSeed:
     """One training run of the method: its seed, its run directory by suite, its files."""
 
-    seed: Annotated[int, Meta(ge=0, le=submission_rules.MAX_SEED)]
+    seed: Annotated[int, Meta(ge=0, le=rules.MAX_SEED)]
     runs: Mapping[str, str]
     checkpoints: tuple[CheckpointFile, ...] = ()
 
@@ -92,18 +90,16 @@ class About:
     nothing is trained. Texts and links are "" where there are none.
     """
 
-    name: Annotated[
-        str, _looks_like("Its name and its directory's.", submission_rules.NAME.pattern, 64)
-    ] = ""
+    name: Annotated[str, _looks_like("Its name and its directory's.", rules.NAME.pattern, 64)] = ""
     method: Annotated[
         str,
-        _plain_text("What the board calls it.", submission_rules.MAX_METHOD),
+        _plain_text("What the board calls it.", rules.MAX_METHOD),
         Meta(extra_json_schema={"minLength": 1}),
         Fact("Method", Place.NAME),
     ] = ""
     authors: Annotated[
-        tuple[Annotated[str, _plain_text("One of the authors.", submission_rules.MAX_AUTHOR)], ...],
-        Meta(max_length=submission_rules.MAX_AUTHORS),
+        tuple[Annotated[str, _plain_text("One of the authors.", rules.MAX_AUTHOR)], ...],
+        Meta(max_length=rules.MAX_AUTHORS),
         Fact("Authors"),
     ] = ()
     paper: Annotated[str, _link("The paper."), Fact("Paper", is_link=True)] = ""
@@ -112,14 +108,14 @@ class About:
         str,
         _looks_like(
             "SPDX expression of the checkpoints' license.",
-            f"({submission_rules.LICENSE.pattern})?",
+            f"({rules.LICENSE.pattern})?",
             63,
         ),
         Fact("License"),
     ] = ""
     training_steps: Annotated[
         int,
-        Meta(ge=0, le=submission_rules.MAX_STEPS),
+        Meta(ge=0, le=rules.MAX_STEPS),
         Fact("Training", Place.COLUMN, "control steps", amount, is_text=False),
     ] = 0
     modalities: Annotated[
@@ -128,7 +124,7 @@ class About:
         Fact("Modalities", Place.NAME),
     ] = ()
     notes: Annotated[
-        str, _plain_text("Anything else, on one line.", submission_rules.MAX_NOTES), Fact("Notes")
+        str, _plain_text("Anything else, on one line.", rules.MAX_NOTES), Fact("Notes")
     ] = ""
 
 
@@ -146,7 +142,7 @@ class Submission(About, FormatMark):
 
     seeds: Annotated[
         tuple[TrainingSeed, ...],
-        Meta(max_length=submission_rules.MAX_SEEDS, extra_json_schema={"minItems": 1}),
+        Meta(max_length=rules.MAX_SEEDS, extra_json_schema={"minItems": 1}),
     ] = ()
 
 
@@ -188,7 +184,7 @@ def read_submission(content: bytes, problems: Problems) -> Submission | None:
 def _texts(submission: Submission) -> Iterator[tuple[str, str]]:
     if not submission.method:
         yield "method", "it is empty"
-    for key, check in submission_rules.TEXT_RULES.items():
+    for key, check in rules.TEXT_RULES.items():
         given = getattr(submission, key)
         for text in given if isinstance(given, tuple) else (given,):
             try:
@@ -238,7 +234,7 @@ def _in_place(seed: TrainingSeed) -> TrainingSeed:
 
 def _file(seed: TrainingSeed, file: CheckpointFile) -> Iterator[str]:
     try:
-        submission_rules.check_file_name(file.file)
+        rules.check_file_name(file.file)
     except UsageError as error:
         yield f"file: {error}"
         return
