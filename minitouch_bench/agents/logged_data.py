@@ -2,6 +2,8 @@
 
 import json
 import os
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +43,42 @@ def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
         UsageError: there is no such dataset, it is of another environment, damaged or larger
             than the memory.
     """
+    for episode in _read_episodes(path, action_size):
+        if replay.rows + len(episode.images) > replay.capacity:
+            raise UsageError(
+                f"{path} contains more than the {replay.capacity:,} steps of the memory: "
+                "set a larger replay_size"
+            )
+        episode.add_to(replay)
+    if not replay.rows:
+        raise UsageError(f"{path} contains no control step")
+
+
+@dataclass(frozen=True)
+class _Episode:
+    """The checked arrays of an episode of T steps: T + 1 images and touch vectors, T of others."""
+
+    images: NDArray[np.uint8]
+    touch: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    rewards: NDArray[np.float64]
+    successes: NDArray[np.bool_]
+    ends: NDArray[np.bool_]
+
+    def add_to(self, replay: Replay) -> None:
+        replay.begin_episode(self.images[0], self.touch[0])
+        for step, action in enumerate(self.actions):
+            replay.add(
+                action,
+                float(self.rewards[step]),
+                self.images[step + 1],
+                self.touch[step + 1],
+                success=bool(self.successes[step]),
+                ended=bool(self.ends[step]),
+            )
+
+
+def _read_episodes(path: Path, action_size: int) -> Iterator[_Episode]:
     h5py = require("h5py", "data")
     try:
         count = _count_episodes(path)
@@ -49,17 +87,10 @@ def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
             if len(file) != count:
                 raise ValueError(f"{METADATA_FILE} counts {count} episodes, the data {len(file)}")
             for index in range(count):
-                _Reader(h5py, file, f"episode_{index}").add_to(replay, action_size)
+                yield _Reader(h5py, file, f"episode_{index}").read(action_size)
     except DAMAGE as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise UsageError(f"{path} is not a Minari dataset of this task: {reason}") from error
-    except _FullError as error:
-        raise UsageError(
-            f"{path} contains more than the {replay.capacity:,} steps of the memory: "
-            "set a larger replay_size"
-        ) from error
-    if not replay.rows:
-        raise UsageError(f"{path} contains no control step")
 
 
 def _count_episodes(path: Path) -> int:
@@ -72,10 +103,6 @@ def _count_episodes(path: Path) -> int:
     return count
 
 
-class _FullError(Exception):
-    """The replay memory has no room for the next episode."""
-
-
 class _Reader:
     """Reads the arrays of one episode, each with the shape that it must have."""
 
@@ -84,8 +111,8 @@ class _Reader:
         self._name = name
         self._group = self._member(file, name, h5py.Group)
 
-    def add_to(self, replay: Replay, action_size: int) -> None:
-        """Add the episode to a replay memory, every number of it checked first."""
+    def read(self, action_size: int) -> _Episode:
+        """Return the episode, every number of it checked."""
         observations = self._member(self._group, "observations", self._h5py.Group)
         given = self._member(self._group, "actions", self._h5py.Dataset).shape
         steps = given[0] if given else 0
@@ -98,23 +125,15 @@ class _Reader:
         if images.dtype != np.uint8:
             raise ValueError(f"{self._name} has images of {images.dtype}, not uint8")
         touch = self._numbers(observations, "touch", (steps + 1, *TOUCH_SHAPE), LARGEST_VALUE)
-        touch = touch.astype(np.float32)
-        actions = self._numbers(self._group, "actions", given, 1.0).astype(np.float32)
         rewards = self._numbers(self._group, "rewards", (steps,), LARGEST_VALUE)
-        successes = self._successes(rewards > 0)
-        ends = self._numbers(self._group, "terminations", (steps,), 1.0) > 0
-        if replay.rows + steps + 1 > replay.capacity:
-            raise _FullError
-        replay.begin_episode(images[0], touch[0])
-        for step in range(steps):
-            replay.add(
-                actions[step],
-                float(rewards[step]),
-                images[step + 1],
-                touch[step + 1],
-                success=bool(successes[step]),
-                ended=bool(ends[step]),
-            )
+        return _Episode(
+            images,
+            touch.astype(np.float32),
+            self._numbers(self._group, "actions", given, 1.0).astype(np.float32),
+            rewards,
+            self._successes(rewards > 0),
+            self._numbers(self._group, "terminations", (steps,), 1.0) > 0,
+        )
 
     def _successes(self, rewarded: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return whether each step reached the goal, (T,): what ``is_success`` in the infos says.

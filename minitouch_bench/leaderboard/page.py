@@ -203,7 +203,7 @@ def submission_figures(verdict: Verdict) -> tuple[Figure, ...]:
             "Touch over time",
             "Mean ticks in contact at each control step, over the episodes that reached it; "
             f"faint where fewer than a tenth are left{several}.",
-            tuple(_touch_plot(verdict, task) for task in BOARD_TASKS),
+            tuple(touch_plot(task, verdict.runs_on(MAIN_SUITE)) for task in BOARD_TASKS),
         ),
     )
 
@@ -213,13 +213,3 @@ def _steps_plot(verdict: Verdict, task: str) -> Plot:
     for episode in chain(*verdict.episodes(MAIN_SUITE, task)):
         panel[ENDINGS[ending_of(episode)].tone].append(episode.steps)
     return steps_plot(task, {"": {tone: np.array(steps) for tone, steps in panel.items()}})
-
-
-def _touch_plot(verdict: Verdict, task: str) -> Plot:
-    curves = [
-        (summary.touch_curve, summary.touch_curve_episodes)
-        for run in verdict.runs_on(MAIN_SUITE)
-        for summary in run.summary.tasks
-        if summary.task == task
-    ]
-    return touch_plot(task, curves)

@@ -78,9 +78,8 @@ def _training(run: Run, origin: RunOrigin) -> str:
 def make_curve(labels: Sequence[long_frame.RunLabel], runs: Sequence[Run]) -> pd.DataFrame:
     """Return what ranks each task after each number of steps, over seeds, in the curve's order."""
     rows = (row for pair in zip(labels, runs, strict=True) for row in long_frame.frame_rows(*pair))
-    frame = long_frame.make_long_frame(rows).assign(
-        suite=""
-    )  # a point is over the runs of every suite
+    # A point is over the runs of every suite.
+    frame = long_frame.make_long_frame(rows).assign(suite="")
     joined = long_frame.join_seeds(frame[frame["metric"] == frame["task"].map(ranking_metric)])
     joined["method"] = pd.Categorical(joined["method"], [*dict.fromkeys(frame["method"])])
     joined["task"] = pd.Categorical(joined["task"], TASKS)

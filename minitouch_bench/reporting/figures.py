@@ -20,6 +20,7 @@ from minitouch_bench.reporting.tables import (
     find_generalization,
     task_summary,
 )
+from minitouch_bench.runs.run import Run
 
 ROW = 23.0
 """Height of a row of dots, drawing units."""
@@ -66,7 +67,7 @@ def report_figures(report: Report) -> tuple[charts.Figure, ...]:
             "Touch over time",
             "Mean ticks in contact at each control step, over the episodes that reached it; "
             "faint where fewer than a tenth of the episodes are left.",
-            tuple(_touch_plot(task, sections) for task in report.tasks),
+            tuple(touch_plot(task, [s.run for s in sections]) for task in report.tasks),
             runs,
         ),
     )
@@ -154,17 +155,13 @@ def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]])
     )
 
 
-def _touch_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
-    summaries = [task_summary(section.run, task) for section in sections]
+def touch_plot(task: str, runs: Sequence[Run]) -> charts.Plot:
+    """Draw a task's touch curve of each run, faint where few episodes reached the step."""
+    summaries = [task_summary(run, task) for run in runs]
     curves = [
         (summary.touch_curve, summary.touch_curve_episodes) if summary else ((), ())
         for summary in summaries
     ]
-    return touch_plot(task, curves)
-
-
-def touch_plot(task: str, curves: Sequence[tuple[Sequence[float], Sequence[int]]]) -> charts.Plot:
-    """Draw touch curves, each with the episodes that reached its steps."""
     what = f"{task_title(task)}: mean contact ticks at each control step"
     return charts.Plot(
         task_title(task), what, (charts.touch_chart(curves, PROTOCOL.task(task).max_steps),)

@@ -121,20 +121,18 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             camera = task.spec.camera
             self._camera = GrayCamera(replace(camera, yaw=camera.yaw + self._world.camera))
         model = self._choose_object(options or {})
+        self.object_name = model.name if model else ""
+        least = OBSERVATION.least_visible_pixels
         for _ in range(OBSERVATION.max_draws):
             self._build(model)
             seen = self._camera.visible_bodies(client)
-            if all(
-                (seen == body).sum() >= OBSERVATION.least_visible_pixels for body in task.landmarks
-            ):
+            if all((seen == body).sum() >= least for body in task.landmarks):
                 break
         else:
             raise UsageError(
-                f"{model.name if model else task.spec.name}: less than "
-                f"{OBSERVATION.least_visible_pixels} pixels are visible in each of "
-                f"{OBSERVATION.max_draws} scenes"
+                f"{self.object_name or task.spec.name}: less than {least} pixels are visible in "
+                f"each of {OBSERVATION.max_draws} scenes"
             )
-        self.object_name = model.name if model else ""
         self._watch = ContactWatch(client, self.arm.body, task.target_body, task.target_links)
         self._steps = 0
         self._is_reset = True

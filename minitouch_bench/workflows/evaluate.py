@@ -115,8 +115,9 @@ def evaluate(
     if output is None:
         with opening as running:
             return Run(playing.play(request, RunUnderWay(request.header()), running, callbacks))
-    is_auto = Path(output) == Path(AUTO_OUTPUT)
-    directory = REPORTS / playing.run_name(request) if is_auto else Path(output)
+    directory = Path(output)
+    if directory == Path(AUTO_OUTPUT):
+        directory = REPORTS / playing.run_name(request)
     with opening as running, lock_directory(directory):
         run = playing.play_in(request, directory, running, callbacks, resume=resume, fresh=fresh)
         if settings:

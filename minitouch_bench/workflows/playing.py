@@ -65,8 +65,7 @@ def play(
     """Play the episodes that are missing, and keep the facts of the run in its directory.
 
     ``turn``: what orders the episodes; by default they are in the suite's order. The callbacks
-    are told of the episodes that are done, too. A run that is finished already is returned as it
-    is.
+    also receive the episodes that are already done. A finished run is returned unchanged.
     """
     if isinstance(opened, Run):
         callbacks.note(f"{opened.directory} contains the finished run: no episode is missing")

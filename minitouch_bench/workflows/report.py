@@ -99,13 +99,14 @@ def find_origin(path: Path, run: "SavedRun") -> "RunOrigin":
     from minitouch_bench.leaderboard.packing import begun_submission
     from minitouch_bench.reporting.labels import RunOrigin
 
-    source = Path(run.header.policy.source)
-    directory = path.resolve()
+    policy = run.header.policy
+    source, directory = Path(policy.source), path.resolve()
     try:
         if submission := begun_submission(directory.parent.parent):
             return RunOrigin(submission.name, submission.training_steps)
-        is_file = bool(run.header.policy.digest)
-        for training in (source.parent, source, directory.parent) if is_file else ():
+        if not policy.digest:  # a built-in policy
+            return RunOrigin()
+        for training in (source.parent, source, directory.parent):
             if (training / CONFIG_FILE).is_file():
                 config = read_config(training / CONFIG_FILE, TrainingConfig(""))
                 explored = source.stem == Role.EXPLORATION
