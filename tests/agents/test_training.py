@@ -99,8 +99,9 @@ def test_every_method_is_resumed_in_both_phases(tmp_path, method):
     directories = [tmp_path / name for name in ("quiet", "stopped")]
     for stops in (14, 24):
         answers = iter([False] * stops + [True])
-        request = TrainingRequest(config, directories[1], resume=True, device="cpu")
-        assert run_training(replace(request, should_stop=answers.__next__)) is False
+        watched = TrainingProgress(should_stop=answers.__next__)
+        request = TrainingRequest(config, directories[1], True, "cpu", callbacks=watched)
+        assert run_training(request) is False
     for directory in directories:
         assert run_training(TrainingRequest(config, directory, resume=True, device="cpu"))
     assert outcome(directories[0]) == outcome(directories[1])

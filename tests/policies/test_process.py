@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import select
 import socket
 import subprocess
 import sys
@@ -35,8 +36,8 @@ LOAD_SLEEPS = 103
 
 HERE = Path(__file__).parent
 OBSERVATION = zero_observation()
-LIMITS = PolicyLimits(load_timeout_s=60.0, act_timeout_s=1.0)
-SOON_S = 0.8
+LIMITS = PolicyLimits(load_timeout_s=60.0, act_timeout_s=60.0)
+SOON_S = 30.0
 """Well before the act's deadline: a death is seen at once, not by waiting for it."""
 
 
@@ -72,6 +73,10 @@ def gone(pid):
             return True
         time.sleep(0.01)
     return False
+
+
+def wait_for_a_packet(policy):
+    assert select.select([policy._channel._ours], [], [], SOON_S)[0]
 
 
 @pytest.mark.parametrize(
@@ -115,7 +120,7 @@ def test_a_fault_is_named_at_once_and_the_next_episode_is_fine(bad, how, error, 
 def test_an_answer_before_the_question_is_a_fault(bad):
     bad.reset(SEEDS["answer_ahead"], "pushing")
     assert bad.act(OBSERVATION).tolist() == [1.0] * 4
-    time.sleep(0.1)  # its other packets are under way
+    wait_for_a_packet(bad)
     with pytest.raises(PolicyExitError, match="answered before it was asked"):
         bad.act(OBSERVATION)
 
@@ -155,7 +160,7 @@ def test_a_stream_shows_an_answer_that_is_too_long_or_too_early(attribute, how, 
     with policy, pytest.raises(faults, match="broke the protocol"):  # noqa: PT012
         policy.reset(SEEDS[how], "pushing")
         policy.act(OBSERVATION)
-        time.sleep(0.1)  # its other packets are under way
+        wait_for_a_packet(policy)
         policy.act(OBSERVATION)
 
 
@@ -169,18 +174,19 @@ def test_a_policy_that_never_reads_hangs_nobody():
         while True:  # until its queue is full
             with contextlib.suppress(TimeoutError):
                 channel.ask(Frame.ACT, bytes(MAX_PAYLOAD), 0.0)
-    assert time.monotonic() - began < 2.0
+    assert time.monotonic() - began < 30.0
     channel.hand_over()
     channel.close()
 
 
 @pytest.mark.parametrize("how", ["sleep", "flood"])
-def test_no_answer_in_time_is_a_timeout(bad, how):
+def test_no_answer_in_time_is_a_timeout(bad, monkeypatch, how):
+    monkeypatch.setattr(bad, "_limits", PolicyLimits(act_timeout_s=1.0))
     bad.reset(SEEDS[how], "pushing")
     began = time.monotonic()
     with pytest.raises(PolicyTimeoutError, match=r"no action within 1 s$"):
         bad.act(OBSERVATION)
-    assert 0.9 < time.monotonic() - began < 3.0
+    assert 0.9 < time.monotonic() - began < 30.0
     with pytest.raises(RuntimeError, match="no episode"):
         bad.act(OBSERVATION)
     bad.reset(SEEDS["fine"], "pushing")

@@ -114,7 +114,7 @@ DEEDS = {
     "exec": lambda: os.execv(sys.executable, ["python", "-c", ""]),
     "run a program": lambda: subprocess.run(["/bin/true"], check=False),
     "kill its parent": lambda: os.kill(os.getppid(), signal.SIGKILL),
-    "kill everything": lambda: os.kill(-1, signal.SIGKILL),
+    "signal everything": lambda: os.kill(-1, 0),  # the filter judges the target alone
     "kill by thread": lambda: call(234, os.getppid(), os.getppid(), 9),
     "kill itself": lambda: os.kill(os.getpid(), signal.SIGKILL),
     "kill its own thread": lambda: signal.raise_signal(signal.SIGKILL),

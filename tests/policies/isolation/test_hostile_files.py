@@ -177,7 +177,7 @@ DEEDS = {
     "run a program": (Deed(subprocess.run, ["/bin/touch", "canary"]), "not permitted|Permission"),
     "run a shell": (Deed(os.system, "touch canary"), "policy"),
     "become a program": (Deed(os.execv, "/bin/touch", ["touch", "canary"]), "Permission|permitted"),
-    "kill everything": (Deed(os.kill, -1, 9), "not permitted"),
+    "signal everything": (Deed(os.kill, -1, 0), "not permitted"),
     "start a thread": (Deed(_thread.start_new_thread, int, ()), "start new thread"),
     "allocate 10 GB": (Deed(bytearray, 10 * 10**9), "MemoryError"),
     "map 10 GB": (Deed(mmap.mmap, -1, 10 * 10**9), "Cannot allocate"),
