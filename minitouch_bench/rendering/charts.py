@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -24,6 +24,9 @@ BIN = 10
 FEW = 0.1
 """Share of the episodes below which a touch curve is drawn faintly."""
 
+THOUSANDS_FROM = 10_000
+"""Highest value from which an axis counts in thousands, as "2.5k"."""
+
 LONGEST_NAME = 16
 """Characters of a name that fit beside a chart."""
 
@@ -36,6 +39,16 @@ class Line:
     tone: str
     width: float = 1.6
     opacity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Band:
+    """An interval along a line: a faint area between two lines through the same places."""
+
+    low: tuple[tuple[float, float], ...]
+    high: tuple[tuple[float, float], ...]
+    tone: str
+    opacity: float = 0.18
 
 
 @dataclass(frozen=True)
@@ -64,7 +77,7 @@ class Dot:
     title: str = ""
 
 
-Mark = Line | Bar | Dot
+Mark = Line | Band | Bar | Dot
 
 
 @dataclass(frozen=True)
@@ -144,7 +157,10 @@ def value_axis(label: str, highest: float, intervals: int = 4, lowest: float = 0
     step = _round_step((highest - lowest) / intervals)
     first = math.floor(lowest / step + 1e-9)
     last = max(first + 1, math.ceil(highest / step - 1e-9))
-    ticks = tuple(Tick(step * i, f"{step * i:.12g}") for i in range(first, last + 1))
+    size, unit = (1000, "k") if step * last >= THOUSANDS_FROM else (1, "")
+    ticks = tuple(
+        Tick(step * i, f"{step * i / size:.12g}{unit if i else ''}") for i in range(first, last + 1)
+    )
     return Axis(label, step * first, step * last, ticks)
 
 
@@ -199,13 +215,20 @@ def step_marks(index: int, points: Sequence[tuple[float, Estimate]]) -> Iterator
         yield run_dot(index, x, estimate.value, size=7)
 
 
-def band_lines(
+def line_with_band(
     index: int, x: NDArray[np.float64], middle: ArrayLike, low: ArrayLike, high: ArrayLike
-) -> Iterator[Line]:
-    """Yield a line of the run at ``index`` over ``x``, and faint ones at the interval's ends."""
-    for values, width, opacity in ((middle, 1.6, 1.0), (low, 0.8, 0.35), (high, 0.8, 0.35)):
-        points = zip(x.tolist(), np.asarray(values).tolist(), strict=True)
-        yield Line(tuple(points), series_tone(index), width, opacity)
+) -> tuple[Line, Band]:
+    """Return a line of the run at ``index`` over ``x``, and its interval."""
+    through, below, above = (
+        tuple(zip(x.tolist(), np.asarray(values).tolist(), strict=True))
+        for values in (middle, low, high)
+    )
+    return Line(through, series_tone(index)), Band(below, above, series_tone(index))
+
+
+def bands_first(marks: Iterable[Mark]) -> tuple[Mark, ...]:
+    """Return the marks with the bands below all others."""
+    return tuple(sorted(marks, key=lambda mark: not isinstance(mark, Band)))
 
 
 def upright_line(x: float, axis: Axis) -> Line:

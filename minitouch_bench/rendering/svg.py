@@ -201,6 +201,9 @@ def _mark(frame: PlotArea, mark: charts.Mark) -> Iterator[str]:
             more = f' stroke-width="{mark.width:g}"{faint}'
             points = [(frame.x(x), frame.y(y)) for x, y in mark.points]
             yield _path(f"line {mark.tone}", points, more)
+        case charts.Band():
+            ends = [(frame.x(x), frame.y(y)) for x, y in (*mark.low, *reversed(mark.high))]
+            yield _path(f"area {mark.tone}", ends, f' opacity="{mark.opacity:g}"')
         case charts.Bar():
             left, right = frame.x(mark.left), frame.x(mark.right)
             bottom, top = frame.y(mark.bottom), frame.y(mark.top)

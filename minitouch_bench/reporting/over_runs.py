@@ -188,24 +188,27 @@ def _table(
 
 def _figure(scores: Mapping[str, Scores], estimates: Sequence[Estimate]) -> charts.Figure:
     means: list[charts.Mark] = []
-    profiles: list[charts.Line] = []
+    profiles: list[charts.Mark] = []
     for turn, (method_scores, estimate) in enumerate(zip(scores.values(), estimates, strict=True)):
         means += charts.estimate_marks(turn, turn, estimate)
-        profiles += charts.band_lines(
+        profiles += charts.line_with_band(
             turn, THRESHOLDS, *performance_profile(method_scores, THRESHOLDS)
         )
     label = METRICS[METRIC].label
     rows = charts.name_axis(charts.short_names([*scores]))
     mean = charts.Chart(charts.share_axis(label), rows, tuple(means), 23.0 * len(scores))
     profile = charts.Chart(
-        charts.share_axis(f"{label} τ"), charts.share_axis("Share above τ"), tuple(profiles), HEIGHT
+        charts.share_axis(f"{label} τ"),
+        charts.share_axis("Share above τ"),
+        charts.bands_first(profiles),
+        HEIGHT,
     )
     title = "Interquartile mean"
     return charts.Figure(
         "over-tasks-and-seeds",
         "Over tasks and seeds",
         "Left: the interquartile mean of success with its 95 % interval. Right: the share of all "
-        "scores above each success; faint: its 95 % interval.",
+        "scores above each success, and its 95 % interval.",
         (
             charts.Plot(title, f"{title} of success with 95 % intervals", (mean,)),
             charts.Plot(

@@ -5,7 +5,6 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-import scipy
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import bootstrap_mean
@@ -13,14 +12,16 @@ from minitouch_bench.metrics.summary import HELD_OUT, TRAIN
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.rendering.charts import (
     Axis,
+    Band,
     Chart,
     Dot,
     Figure,
     Line,
     Mark,
     Plot,
-    band_lines,
+    bands_first,
     estimate_marks,
+    line_with_band,
     name_axis,
     run_legend,
     share_axis,
@@ -31,7 +32,6 @@ from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.reporting.curve import marks_over_steps
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.long_frame import find_row, join_seeds, select
-from minitouch_bench.reporting.over_runs import TRIMMED
 
 MOVEMENT: Final = "object_movement"
 TOUCH: Final = "touch_share"
@@ -40,8 +40,8 @@ EXPLORING: Final = ", exploring"
 """What follows a metric's name where it is of the policy at the end of exploration."""
 
 HEIGHT = 150
-SEEDS_FOR_TRIMMED = 4
-"""With fewer seeds their interquartile mean is their mean, or one seed."""
+POINTS = 40
+"""Of a learning curve, at most: each is a mean over 1/40 of the control steps."""
 
 ENDS = ("value", "low", "high")
 RESAMPLES = 1000
@@ -68,46 +68,46 @@ def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
     plots = []
     for task, steps, part in study_parts(curves):
         column = "success" if task in GOAL_TASKS else TOUCH
-        marks = [
-            line
+        last = float(part["step"].max())
+        marks: list[Mark] = [
+            mark
             for turn, method in enumerate(methods)
-            for line in _lines(select(part, method=method), column, turn)
+            for mark in _curve(select(part, method=method), column, last / POINTS, turn)
         ]
         if marks:
-            last = float(part["step"].max())
             label = METRICS[column].label
             y = share_axis(label)
             if steps < last:
                 marks.append(upright_line(steps, y))
-            chart = Chart(value_axis("Control steps", last), y, tuple(marks), HEIGHT)
+            chart = Chart(value_axis("Control steps", last), y, bands_first(marks), HEIGHT)
             plots.append(_plot(task, steps, f"{label} over control steps", chart))
     if plots:
         text = (
-            "While training: success over at least 20 episodes, touch share between two rows. "
-            "Strong: the mean over training seeds; thin: their interquartile mean, from four seeds "
-            "on; faint: the mean's 95 % interval, a bootstrap over the seeds, of few seeds too "
-            "narrow; as far as all seeds have come. Upright: the end of exploration."
+            "While training: success over at least 20 episodes, touch share between two rows of "
+            f"progress.csv, both averaged over 1/{POINTS} of the control steps. Line: the mean "
+            "over training seeds, as far as all of them have come. Band: its 95 % interval, a "
+            "bootstrap over the seeds, too narrow with few seeds. Upright line: the end of "
+            "exploration."
         )
         yield Figure("curves", "Learning curves", text, tuple(plots), run_legend(methods))
 
 
-def _lines(curves: pd.DataFrame, column: str, turn: int) -> Iterator[Line]:
+def _curve(curves: pd.DataFrame, column: str, width: float, turn: int) -> Iterator[Line | Band]:
+    """Yield a method's mean over seeds, a point per ``width`` control steps, and its interval."""
     known = curves.dropna(subset=[column])
-    number = known["seed"].nunique()
-    whole = known[known.groupby("step")["seed"].transform("nunique") == number]
-    by_step = {step: values.to_numpy() for step, values in whole.groupby("step")[column]}
-    if len(by_step) < 2:
+    slots = np.ceil(known["step"] / width)
+    by_seed = known.groupby([slots, "seed"])[column].mean().unstack().dropna()
+    if len(by_seed) < 2:
         return
-    steps = np.array([*by_step], float)
+    steps = known.groupby(slots)["step"].max()[by_seed.index].to_numpy(float)
     rng = np.random.default_rng(0)
-    means = [bootstrap_mean(values, rng, RESAMPLES) for values in by_step.values()]
-    lines = band_lines(turn, steps, *([getattr(mean, end) for mean in means] for end in ENDS))
-    yield next(lines)
-    if number >= SEEDS_FOR_TRIMMED:
-        trimmed = [float(scipy.stats.trim_mean(values, TRIMMED)) for values in by_step.values()]
-        yield Line(tuple(zip(steps.tolist(), trimmed, strict=True)), series_tone(turn), 0.8)
-    if number >= 2:
-        yield from lines
+    means = [bootstrap_mean(values, rng, RESAMPLES) for values in by_seed.to_numpy()]
+    line, band = line_with_band(
+        turn, steps, *([getattr(one, end) for one in means] for end in ENDS)
+    )
+    yield line
+    if by_seed.shape[1] >= 2:
+        yield band
 
 
 def movement_and_touch(main: pd.DataFrame, methods: Sequence[str]) -> Iterator[Figure]:

@@ -51,6 +51,14 @@ def test_an_axis_ends_at_a_round_number(highest, end, step):
     assert axis.ticks[-1].at == axis.high
 
 
+@pytest.mark.parametrize(
+    ("highest", "texts"),
+    [(10_000, ["0", "2.5k", "5k", "7.5k", "10k"]), (2000, ["0", "500", "1000", "1500", "2000"])],
+)
+def test_an_axis_of_large_values_counts_in_thousands(highest, texts):
+    assert [tick.text for tick in value_axis("x", highest).ticks] == texts
+
+
 def test_shares_run_from_0_to_1_and_rows_from_the_top():
     assert (share_axis("x").low, share_axis("x").high) == (0, 1)
     rows = name_axis(["a", "b"], ["paper"])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.rendering.charts import (
+    Band,
     Bar,
     Chart,
     Dot,
@@ -75,6 +76,17 @@ def test_bars_rest_on_the_axis_and_charts_below_each_other_share_one():
     assert [max(own) - min(own) for own in heights] == [40, 40, 40, 40]
     assert max(heights[1]) == min(heights[0])
     assert drawing.count(">x</text>") == 1
+
+
+def test_a_band_is_a_faint_area_between_its_ends():
+    band = Band(((0, 1), (4, 2)), ((0, 3), (4, 4)), "series-1")
+    drawing = draw_plot(Plot("", "", (Chart(value_axis("x", 4), value_axis("y", 4), (band,), 80),)))
+    path = re.search(r'class="area series-1" opacity="0.18" d="M([^Z]+)Z"', drawing)[1]
+    corners = [tuple(map(float, corner.split())) for corner in path.split("L")]
+    left, right = corners[0][0], corners[1][0]
+    bottom = max(y for _, y in corners) + 20
+    assert [x for x, _ in corners] == [left, right, right, left]
+    assert [bottom - y for _, y in corners] == [20, 40, 80, 60]
 
 
 def test_a_share_bar_is_as_wide_as_its_place():

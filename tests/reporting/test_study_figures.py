@@ -6,11 +6,11 @@ import pandas as pd
 import pytest
 
 from minitouch_bench.metrics.intervals import wilson
-from minitouch_bench.rendering.charts import Dot, Line
+from minitouch_bench.rendering.charts import Band, Dot, Line
 from minitouch_bench.rendering.figure_files import write_figures
 from minitouch_bench.reporting.long_frame import GAP, estimates_in, join_seeds
 from minitouch_bench.reporting.study import study_tables
-from minitouch_bench.reporting.study_figures import learning_curves, study_figures
+from minitouch_bench.reporting.study_figures import POINTS, learning_curves, study_figures
 
 METHODS = ("hac", "rnd")
 
@@ -74,7 +74,7 @@ def test_a_mean_ends_where_the_first_seed_does():
     assert {line.points[-1][0] for line in marks(figure, Line)} == {200.0}
 
 
-def test_from_four_seeds_on_the_interquartile_mean_stands_beside_the_mean():
+def test_a_curve_is_a_mean_over_seeds_with_its_interval():
     frame = pd.DataFrame(
         {
             "task": "opening", "method": "hac", "seed": seed, "steps": 1000,
@@ -84,12 +84,22 @@ def test_from_four_seeds_on_the_interquartile_mean_stands_beside_the_mean():
         for seed, success in enumerate((0.0, 0.4, 0.4, 0.4, 1.0))
     )  # fmt: skip
     (figure,) = learning_curves(frame)
-    heights = [dict(line.points)[100.0] for line in marks(figure, Line)]
-    assert heights[:2] == [pytest.approx(0.44), pytest.approx(0.4)]
-    low, high = heights[2:]
+    (line,), (band,) = marks(figure, Line), marks(figure, Band)
+    assert dict(line.points) == {100.0: pytest.approx(0.44), 200.0: pytest.approx(0.44)}
+    low, high = dict(band.low)[100.0], dict(band.high)[100.0]
     assert 0.0 < low < 0.44 < high < 1.0
-    (figure,) = learning_curves(frame[frame["seed"] < 3])
-    assert len(marks(figure, Line)) == 3
+    (figure,) = learning_curves(frame[frame["seed"] == 0])
+    assert len(marks(figure, Line)) == 1
+    assert not marks(figure, Band)
+
+
+def test_a_point_of_a_long_curve_is_a_mean_over_several_rows():
+    steps = range(1, 401)
+    frame = pd.DataFrame({"step": steps, "success": [step % 2 for step in steps]})
+    frame = frame.assign(task="opening", method="hac", seed=0, steps=400, touch_share=0.0)
+    (figure,) = learning_curves(frame)
+    (line,) = marks(figure, Line)
+    assert line.points == tuple((10.0 * (point + 1), 0.5) for point in range(POINTS))
 
 
 def test_movement_is_shown_as_of_the_end_of_exploration(figures):
