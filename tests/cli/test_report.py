@@ -7,7 +7,7 @@ import pytest
 
 from tests.cli.command import run
 
-SUBMISSION = Path(__file__).parents[2] / "submissions" / "hac-first" / "submission.toml"
+SUBMISSION = Path(__file__).parents[2] / "submissions" / "open-loop" / "submission.toml"
 
 
 def test_one_run_is_shown_and_drawn_again(scripted, tmp_path):
@@ -89,4 +89,4 @@ def test_the_seeds_of_a_submission_are_one_method(scripted, tmp_path):
     done = run("report", *runs, scripted[1], "--output", "both", directory=tmp_path)
     assert done.code == 0, done.err
     rows = [line.split() for line in done.out.splitlines() if line.endswith("training seeds ")]
-    assert [row[0] for row in rows] == ["hac-first"]
+    assert [row[0] for row in rows] == ["open-loop"]
