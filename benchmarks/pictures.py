@@ -1,4 +1,7 @@
-"""Draw the pictures that reports and the README show, from the tasks themselves."""
+"""Draw the pictures that reports and the README show, from the tasks themselves.
+
+The video is of policies that were trained by ``hac`` in the stored study: it replays their actions.
+"""
 
 from pathlib import Path
 
@@ -6,17 +9,23 @@ import numpy as np
 from PIL import Image
 
 from minitouch_bench.policies.scripted import make_controller
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import Role
+from minitouch_bench.runs.run import read_run
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registry import TASKS
 
 REPORT_PICTURES = Path("minitouch_bench/rendering/pictures")
 DOCUMENT_PICTURES = Path("docs/pictures")
+STUDY = Path("docs/studies/table4")
 WIDTH, HEIGHT = 640, 480
 SMOOTHING = 2
 """Pixels drawn for each one kept, in both directions."""
 VIDEO_WIDTH, VIDEO_HEIGHT = 240, 180
-VIDEO_STEPS = 24
+VIDEO_STEPS = 30
 """Control steps of the video; a task that ends earlier stays as it ended."""
+FILMED = "{task}-hac-*-0/table4"
+"""The run whose episodes are in the video: of training seed 0."""
 FRAME_MS = 160
 
 MOMENTS = {"playing": (3, 6), "pushing": (5, 8), "opening": (1, 15), "pick-up": (2, 9)}
@@ -44,7 +53,7 @@ def main() -> None:
 
 
 def write_video(file: Path) -> None:
-    """Write a video of the scripted policy at all tasks side by side."""
+    """Write a video of a trained policy at each task, side by side."""
     videos = [frames_of(task) for task in TASKS]
     frames = [Image.fromarray(np.concatenate(row, axis=1)) for row in zip(*videos, strict=True)]
     palette = frames[len(frames) // 2].quantize(96)
@@ -53,22 +62,32 @@ def write_video(file: Path) -> None:
 
 
 def frames_of(task: str) -> list[np.ndarray]:
-    """Return an image of each control step of an episode of the scripted policy."""
+    """Return an image of each control step of the longest episode that the video has room for.
+
+    In a task with a goal it is one of those that succeed.
+    """
+    (directory,) = STUDY.glob(FILMED.format(task=task))
+    run = read_run(directory)
+    fitting = [
+        (spec, row)
+        for spec, row in run.rows()
+        if spec.role is Role.FINAL
+        and (task not in GOAL_TASKS or (row.success and row.steps < VIDEO_STEPS))
+    ]
+    spec, _ = max(fitting, key=lambda pair: pair[1].steps)
     environment = MiniTouchEnv(task, width=VIDEO_WIDTH * SMOOTHING, height=VIDEO_HEIGHT * SMOOTHING)
-    environment.reset(seed=MOMENTS.get(task, (0, 5))[0])
-    controller = make_controller(environment)
-    images = []
-    ended = False
-    for _ in range(VIDEO_STEPS):
-        large = Image.fromarray(environment.picture())
-        images.append(
-            np.asarray(large.resize((VIDEO_WIDTH, VIDEO_HEIGHT), Image.Resampling.LANCZOS))
-        )
-        if not ended:
-            _, _, terminated, truncated, _ = environment.step(controller.act())
-            ended = terminated or truncated
+    environment.reset(seed=spec.seed, options={"object": spec.shape} if spec.shape else None)
+    images = [_small_picture(environment)]
+    for action in run.actions_of(spec.key)[: VIDEO_STEPS - 1]:
+        environment.step(action)
+        images.append(_small_picture(environment))
     environment.close()
-    return images
+    return images + images[-1:] * (VIDEO_STEPS - len(images))
+
+
+def _small_picture(environment: MiniTouchEnv) -> np.ndarray:
+    large = Image.fromarray(environment.picture())
+    return np.asarray(large.resize((VIDEO_WIDTH, VIDEO_HEIGHT), Image.Resampling.LANCZOS))
 
 
 def draw(task: str) -> tuple[Image.Image, np.ndarray]:
