@@ -6,6 +6,9 @@ from collections.abc import Iterable
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.tables import Table
 
+WIDEST = 20
+"""Columns that fit beside each other."""
+
 _SPECIAL = str.maketrans({mark: f"\\{mark}" for mark in "\\`*_{}[]<>#|~&$"})
 _LIST_START = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")
 
@@ -47,10 +50,13 @@ def table_lines(table: Table) -> list[str]:
 
 
 def table_section(table: Table, level: int = 2) -> list[str]:
-    """Write a table below its title, and its notes below it."""
+    """Write a table below its title, and its notes below it; of a wide one a table per block."""
     notes = [f"- {escape(note)}" for note in table.notes]
-    head = ["", f"{'#' * level} {escape(table.title)}", ""]
-    return [*head, *table_lines(table), *(["", *notes] if notes else [])]
+    blocks = [table]
+    if len(table.columns) > WIDEST:
+        blocks = [table.block(group).filled_columns() for group, _ in table.groups]
+    lines = [line for block in blocks for line in ["", *table_lines(block)]]
+    return ["", f"{'#' * level} {escape(table.title)}", *lines, *(["", *notes] if notes else [])]
 
 
 def _line(cells: Iterable[str]) -> str:

@@ -93,14 +93,26 @@ class Table:
 
     def block(self, group: str) -> "Table":
         """Return one block of columns, without the rows that have no value in it."""
-        kept = [index for index, column in enumerate(self.columns) if column.group == group]
-        rows = [replace(row, cells=tuple(row.cells[index] for index in kept)) for row in self.rows]
-        return replace(
-            self,
-            title=group,
-            columns=tuple(self.columns[index] for index in kept),
-            rows=tuple(row for row in rows if any(cell.text != ABSENT for cell in row.cells)),
+        block = self._select(
+            [index for index, column in enumerate(self.columns) if column.group == group]
         )
+        rows = tuple(row for row in block.rows if any(cell.text != ABSENT for cell in row.cells))
+        return replace(block, title=group, rows=rows)
+
+    def filled_columns(self) -> "Table":
+        """Return the table without the columns that have no value."""
+        return self._select(
+            [
+                index
+                for index in range(len(self.columns))
+                if any(row.cells[index].text != ABSENT for row in self.rows)
+            ]
+        )
+
+    def _select(self, kept: Sequence[int]) -> "Table":
+        rows = (replace(row, cells=tuple(row.cells[index] for index in kept)) for row in self.rows)
+        columns = tuple(self.columns[index] for index in kept)
+        return replace(self, columns=columns, rows=tuple(rows))
 
 
 def column_groups(columns: tuple[Column, ...]) -> tuple[tuple[str, int], ...]:
