@@ -7,6 +7,7 @@ from torch import nn
 from minitouch_bench.agents import METHODS
 from minitouch_bench.agents.config import HAPTICS, CuriosityConfig
 from minitouch_bench.agents.curiosity import make_curiosity
+from minitouch_bench.agents.curiosity.curiosity import Whitening
 from tests.agents.batches import random_batch
 
 CONFIG = CuriosityConfig(width=0.25, bfloat16=False, learning_rate=1e-3)
@@ -32,7 +33,7 @@ def test_sac_has_none():
 def test_what_is_learned_from_surprises_less(method):
     curiosity, batch = make(method), random_batch()
     before = surprise(curiosity, batch)
-    losses = [float(curiosity.update(batch).loss) for _ in range(15)]
+    losses = [float(curiosity.update(batch).loss) for _ in range(60)]
     assert before.shape == (8,)
     assert (before >= 0).all()
     assert losses[-1] < losses[0]
@@ -110,6 +111,32 @@ def test_rewards_are_divided_by_their_standard_deviation_so_far():
     rewards = [curiosity.reward(one) for one in surprises]
     deviation = torch.cat(surprises).double().std(correction=0).float()
     torch.testing.assert_close(rewards[-1], surprises[-1] / deviation)
+
+
+@pytest.mark.parametrize("method", CURIOUS)
+def test_large_first_surprises_are_forgotten_but_by_haptic_curiosity(method):
+    curiosity = make(method)
+    values = torch.linspace(0.5, 1.5, 128)
+    for _ in range(10):
+        curiosity.reward(1000 * values)
+    for _ in range(2000):
+        reward = curiosity.reward(values)
+    deviation = float(values.std(correction=0) / reward.std(correction=0))
+    if method == "hac":
+        assert deviation > 50
+    else:
+        assert deviation == pytest.approx(float(values.std(correction=0)), rel=0.01)
+
+
+def test_whitened_pixels_have_unit_variance_and_a_limit():
+    whitening = Whitening()
+    images = torch.randint(0, 100, (512, 1, 84, 84), dtype=torch.uint8)
+    for half in images.split(256):
+        whitening.watch(half)
+    whitened = whitening(images)
+    torch.testing.assert_close(whitened.mean(dim=0), torch.zeros(1, 84, 84), atol=1e-3, rtol=0)
+    torch.testing.assert_close(whitened.std(dim=0), torch.ones(1, 84, 84), atol=0.01, rtol=0)
+    assert whitening(torch.full((1, 1, 84, 84), 255, dtype=torch.uint8)).max() == 5.0
 
 
 def test_disagreement_of_copies_is_zero():

@@ -1,5 +1,7 @@
 """Haptics-based curiosity: touch that an image does not predict (the paper's method)."""
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -32,7 +34,10 @@ class HapticCuriosity(Predictor):
       normal distribution (Kendall and Gal 2017), and r = mean_k min((f_k - h'_k)^2 / s_k^2, 25):
       forces that are always random, as when the door is pressed, do not outweigh rare ones.
     - ``from_previous``: the prediction sees the image before the action, and the action.
+    - The standard deviation is that of all surprises, which grow as the policy finds contacts.
     """
+
+    window = math.inf
 
     def __init__(self, config: CuriosityConfig, action_size: int) -> None:
         super().__init__(config)

@@ -4,15 +4,18 @@ import torch
 from torch import Tensor, nn
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Errors, Predictor
+from minitouch_bench.agents.curiosity.curiosity import (
+    Errors,
+    Predictor,
+    Whitening,
+    initialize,
+)
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import TOUCH_SIZE, ImageConvolutions
 from minitouch_bench.policies.policy import IMAGE_SHAPE
 
 OUTPUTS = 512
 """Numbers that the target network gives (Burda et al. 2019)."""
-WHITENED_LIMIT = 5.0
-"""Whitened pixels are clipped to this (Burda et al. 2019)."""
 
 
 class RandomDistillation(Predictor):
@@ -30,24 +33,23 @@ class RandomDistillation(Predictor):
         self.target_maps = _convolutions(config.width).requires_grad_(False)
         flat = self.target_maps(torch.zeros(1, *IMAGE_SHAPE)).shape[1]
         inputs = flat + (TOUCH_SIZE if self.uses_touch else 0)
-        self.target_head = nn.Linear(inputs, OUTPUTS).requires_grad_(False)
+        self.target_head = self._target_head(inputs).requires_grad_(False)
         self.maps = _convolutions(config.width)
         self.hidden = nn.Sequential(
             nn.Linear(inputs, OUTPUTS), nn.ReLU(), nn.Linear(OUTPUTS, OUTPUTS), nn.ReLU()
         )
         self.head = nn.Linear(OUTPUTS, OUTPUTS)
-        self.images_seen: Tensor
-        self.pixel_mean: Tensor
-        self.pixel_square: Tensor
-        self.register_buffer("images_seen", torch.zeros(()))
-        self.register_buffer("pixel_mean", torch.zeros(IMAGE_SHAPE))
-        self.register_buffer("pixel_square", torch.zeros(IMAGE_SHAPE))
+        self.whitening = Whitening()
+        self.apply(initialize)
+
+    @staticmethod
+    def _target_head(inputs: int) -> nn.Module:
+        return nn.Linear(inputs, OUTPUTS)
 
     def errors(self, batch: Batch) -> Errors:
         """Learn the pixels' statistics, and return the predictor's squared errors."""
-        image = batch.next_image.float()
-        self._watch(image)
-        image = self._whitened(image)
+        self.whitening.watch(batch.next_image)
+        image = self.whitening(batch.next_image)
         target: Tensor = self.target_head(self._seen(self.target_maps, image, batch.next_touch))
         seen = self._seen(self.maps, image, batch.next_touch)
         guess: Tensor = self.head(self.encode(self.hidden, seen))
@@ -58,27 +60,19 @@ class RandomDistillation(Predictor):
         features = self.encode(maps, image)
         return torch.cat((features, touch), dim=1) if self.uses_touch else features
 
-    @torch.no_grad()
-    def _watch(self, images: Tensor) -> None:
-        """Add a batch to the running mean and mean square of each pixel."""
-        self.images_seen += len(images)
-        rate = len(images) / self.images_seen
-        self.pixel_mean += rate * (images.mean(dim=0) - self.pixel_mean)
-        self.pixel_square += rate * (images.square().mean(dim=0) - self.pixel_square)
-
-    def _whitened(self, images: Tensor) -> Tensor:
-        variance = (self.pixel_square - self.pixel_mean.square()).clamp_min(1.0)
-        whitened = (images - self.pixel_mean) / variance.sqrt()
-        return whitened.clamp(-WHITENED_LIMIT, WHITENED_LIMIT)
-
 
 class TouchDistillation(RandomDistillation):
-    """The same on image and touch, concatenated before the last layers of both networks.
+    """The same on image features and touch, concatenated as the input of both networks.
 
-    Source: supplement, 7.5.
+    The target has a hidden layer after them: without it touch would be mapped linearly, and new
+    touch hardly be new. Source: supplement, 7.5.
     """
 
     uses_touch = True
+
+    @staticmethod
+    def _target_head(inputs: int) -> nn.Module:
+        return nn.Sequential(nn.Linear(inputs, OUTPUTS), nn.ReLU(), nn.Linear(OUTPUTS, OUTPUTS))
 
 
 def _convolutions(width: float) -> ImageConvolutions:
