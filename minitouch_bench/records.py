@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-Count = Annotated[int, Meta(ge=0)]
+Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+Seed = Annotated[int, Meta(ge=0)]
+"""Of episodes and runs; fresh episodes have 256 bits."""
 Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 Sha256OrNone = Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")]
 
@@ -118,7 +120,7 @@ class EpisodeMetrics:
 
     task: str
     index: Count
-    seed: Count
+    seed: Seed
     shape: str
     family: str
     split: str

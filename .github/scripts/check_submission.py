@@ -14,6 +14,7 @@ import argparse
 import json
 import os
 import re
+import secrets
 import shutil
 import subprocess
 import sys
@@ -110,7 +111,8 @@ def run(command: Sequence[str], folder: str) -> tuple[int, str]:
         command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
     )
     text = done.stdout.decode("utf-8", "backslashreplace")
-    print(text, end="", flush=True)
+    token = secrets.token_hex(16)  # until it is repeated the runner obeys no line of the text
+    print(f"::stop-commands::{token}\n{text}\n::{token}::", flush=True)
     return done.returncode, text
 
 

@@ -82,10 +82,12 @@ def comment(number: int, base: str, checked: Path) -> str:
         )
     (name,) = names
     outcome, text = findings(checked, name, head)
+    is_new = all(one["status"] == "added" for one in files)
+    what = "" if is_new else ", **a change of a submission that exists: is it its owner's?**"
     return (
-        f"{start}`{name}`: **{outcome}**\n\n{as_code(text)}\n\nReplayed, re-run and run on fresh "
-        "episodes in the sandbox, with the program of the target branch. This is a preview: the "
-        "proof is made again with new seeds, and signed, after the merge. A policy that leaves "
+        f"{start}`{name}`: **{outcome}**{what}\n\n{as_code(text)}\n\nReplayed, re-run and run on "
+        "fresh episodes in the sandbox, with the program of the target branch. This is a preview: "
+        "the proof is made again with new seeds, and signed, after the merge. A policy that leaves "
         f"the sandbox could forge this text; see SECURITY.md.{end}"
     )
 

@@ -111,8 +111,8 @@ class CuriosityConfig:
     """How the intrinsic reward is computed.
 
     ``width`` scales the channels of the curiosity's own encoder. ``normalize`` divides the
-    reward by its running standard deviation. ``haptics``, ``standardize`` and
-    ``from_previous`` are ``hac``'s alone.
+    reward by its standard deviation over the last 100 batches, ``hac``'s over all.
+    ``haptics``, ``standardize`` and ``from_previous`` are ``hac``'s alone.
     """
 
     learning_rate: float = 3e-4

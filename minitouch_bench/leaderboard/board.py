@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from minitouch_bench.leaderboard.endings import Ending, count_endings
 from minitouch_bench.leaderboard.facts import Fact, Place, facts_of
-from minitouch_bench.leaderboard.proof import RANKED_LEVELS, FreshProof, ProofLevel
+from minitouch_bench.leaderboard.proof import PROVED_LEVELS, RANKED_LEVELS, FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank, rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY, score, score_gaps
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, About
@@ -204,17 +204,22 @@ def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
 
 
 def _same_episodes(verdicts: Mapping[str, Verdict]) -> dict[str, set[str]]:
-    """Return by name the others with a main run of the same episodes."""
+    """Return by name the others with a main run of the same episodes.
+
+    A row is not called a copy of one that is proved less well.
+    """
     runs = {
         (name, seed): run
         for name, verdict in verdicts.items()
         for seed, run in enumerate(verdict.runs_on(MAIN_SUITE))
     }
     others: dict[str, set[str]] = {}
-    for (name, _), (other, _) in find_copies(runs):
-        if name != other:
-            others.setdefault(name, set()).add(other)
-            others.setdefault(other, set()).add(name)
+    strength = {level: number for number, level in enumerate(PROVED_LEVELS, 1)}
+    for (first, _), (second, _) in find_copies(runs):
+        for name, other in ((first, second), (second, first)):
+            less, more = (strength.get(verdicts[row].level, 0) for row in (name, other))
+            if name != other and less <= more:
+                others.setdefault(name, set()).add(other)
     return others
 
 

@@ -1,7 +1,8 @@
 """How well a submission's figures are proved, and the maintainer's note that says so.
 
 A proof lies beside the submissions, in ``_proofs/NAME.json``, never inside one: a change that
-adds a submission has no reason to touch it. It binds a level to the bytes of each run.
+adds a submission has no reason to touch it. It binds a level to the bytes of each run and of
+``submission.toml``, which has the digests of the checkpoints.
 """
 
 import os
@@ -81,27 +82,13 @@ class Proof:
 
 
 def make_proof(
-    runs: Mapping[str, Run],
+    files: Mapping[str, str],
     level: ProofLevel,
     rerun_episodes: int = 0,
     fresh: FreshProof | None = None,
 ) -> Proof:
-    """Bind a level to the bytes of a submission's runs, as they were read and checked."""
-    package = version("minitouch-bench")
-    return Proof(level, file_digests(runs), rerun_episodes, package, fresh)
-
-
-def file_digests(runs: Mapping[str, Run]) -> dict[str, str]:
-    """Return the SHA-256 of the files that a proof is about, by their path in the submission.
-
-    Raises:
-        UnreadableFileError: one of them cannot be read.
-    """
-    return {
-        f"{folder}/{name}": digest
-        for folder, run in runs.items()
-        for name, digest in run.file_digests().items()
-    }
+    """Bind a level to a submission's ``Verdict.files``."""
+    return Proof(level, files, rerun_episodes, version("minitouch-bench"), fresh)
 
 
 def proof_path(directory: Path) -> Path:
@@ -144,14 +131,13 @@ def read_proof(path: Path) -> Proof | None:
     return proof
 
 
-def find_proof(directory: Path, runs: Mapping[str, Run]) -> Proof | None:
-    """Return the proof of a submission's runs as they were read, None where none can be read."""
+def find_proof(directory: Path, files: Mapping[str, str]) -> Proof | None:
+    """Return the proof of a submission's ``Verdict.files``, None where none can be read."""
     try:
         proof = read_proof(proof_path(directory.resolve()))
-        holds = proof and proof.files == file_digests(runs)
     except RunDirectoryError:
         return None
-    return proof if holds else None
+    return proof if proof and files and proof.files == files else None
 
 
 def level_of(runs: Mapping[str, Run], proof: Proof | None) -> ProofLevel:

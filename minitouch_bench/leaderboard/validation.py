@@ -3,11 +3,13 @@
 import hashlib
 from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
+from minitouch_bench.errors import UnreadableFileError
 from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE, list_videos
 from minitouch_bench.leaderboard.inventory import (
     MAX_CHECKPOINT,
@@ -48,13 +50,15 @@ COPIED_SHARE = 0.5
 class Verdict:
     """What a check found; ``runs`` by the path of their directory in the submission.
 
-    ``submission`` is empty where it cannot be read. ``proof``: that of these runs, if there is one.
+    ``submission`` is empty where it cannot be read. ``files``: the SHA-256 of each file that a
+    proof is about, by its path; empty where one cannot be read. ``proof``: theirs, if there is one.
     """
 
     directory: Path
     submission: Submission
     runs: Mapping[str, Run]
     problems: tuple[Problem, ...]
+    files: Mapping[str, str] = field(default_factory=dict)
     proof: Proof | None = None
 
     @property
@@ -96,35 +100,50 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> Verdict:
     """Check a submission's directory and collect every problem.
 
     All that follows from the episodes is computed again. With ``trust_proofs`` it is not where a
-    maintainer's proof is about these very bytes, and checkpoints are not read: a leaderboard
-    shows what was proved before.
+    maintainer's proof is about these very bytes: a leaderboard shows what was proved before.
     """
     problems = Problems()
     if not directory.is_dir():
         problems.add("", "it is not a directory", "give a submission's directory")
         return Verdict(directory, Submission(), {}, tuple(problems))
     files = list_files(directory, problems)
-    submission = _read_submission(directory, files, problems)
+    content = _read_content(directory, files, problems)
+    submission = None if content is None else read_submission(content, problems)
     runs: dict[str, Run] = {}
+    proved: dict[str, str] = {}
     proof = None
-    if submission is not None:
+    if content is not None and submission is not None:
         check_files(submission, files, problems)
         for seed in submission.seeds:
             for folder in seed.runs.values():
                 if (run := _read_run(directory, folder, files, problems)) is not None:
                     runs[folder] = run
-        proof = find_proof(directory, runs)
+        with suppress(UnreadableFileError):
+            proved = _file_digests(content, runs)
+        proof = find_proof(directory, proved)
         recompute = not (trust_proofs and proof)
         for seed in submission.seeds:
             for suite, folder in seed.runs.items():
                 if run := runs.get(folder):
                     check_submitted(run, suite, seed, folder, problems, recompute=recompute)
-            if not trust_proofs:
-                _check_checkpoints(directory, seed, files, problems)
+            _check_checkpoints(directory, seed, files, problems)
         headers = [run.header for run in runs.values()]
         _check_about(submission, headers, directory, problems)
         check_copies(runs, problems)
-    return Verdict(directory, submission or Submission(), runs, tuple(problems), proof)
+    return Verdict(directory, submission or Submission(), runs, tuple(problems), proved, proof)
+
+
+def _file_digests(content: bytes, runs: Mapping[str, Run]) -> dict[str, str]:
+    """Return the SHA-256 of ``submission.toml`` and of each run's files, by path.
+
+    Raises:
+        UnreadableFileError: one of them cannot be read.
+    """
+    return {SUBMISSION_FILE: hashlib.sha256(content).hexdigest()} | {
+        f"{folder}/{name}": digest
+        for folder, run in runs.items()
+        for name, digest in run.file_digests().items()
+    }
 
 
 def check_planned(
@@ -138,9 +157,8 @@ def check_planned(
     return tuple(problems)
 
 
-def _read_submission(
-    directory: Path, files: Mapping[str, int], problems: Problems
-) -> Submission | None:
+def _read_content(directory: Path, files: Mapping[str, int], problems: Problems) -> bytes | None:
+    """Return the bytes of ``submission.toml``, None where it cannot be read."""
     if SUBMISSION_FILE not in files:
         problems.add(
             SUBMISSION_FILE,
@@ -151,7 +169,7 @@ def _read_submission(
     content = None
     with problems.caught(SUBMISSION_FILE):
         content = read_plain(directory, SUBMISSION_FILE, MAX_SUBMISSION_FILE)
-    return None if content is None else read_submission(content, problems)
+    return content  # noqa: RET504 - mypy does not see that the block catches errors
 
 
 def _read_run(
@@ -202,11 +220,13 @@ def find_copies(runs: Mapping[Key, Run]) -> dict[tuple[Key, Key], int]:
     """Return the pairs of runs, in their order, that share episodes, and how many they share.
 
     They share at least COPIED_SHARE of the final policy's episodes of the smaller one, bit for
-    bit: a copy that acts a little otherwise in most of its episodes is not seen.
+    bit: a copy that acts a little otherwise in most of its episodes is not seen. Episodes without
+    a step are equal in every run and do not count.
     """
     owners: dict[tuple[str, int, str], list[Key]] = {}
     for key, run in runs.items():
-        for episode in dict.fromkeys((row.task, row.index, row.digest) for row in run.episodes):
+        played = ((row.task, row.index, row.digest) for row in run.episodes if row.steps)
+        for episode in dict.fromkeys(played):
             owners.setdefault(episode, []).append(key)
     shared = Counter(pair for keys in owners.values() for pair in combinations(keys, 2))
     return {

@@ -7,9 +7,8 @@ its ``run.json``.
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any
 
 import numpy as np
 import scipy
@@ -27,6 +26,8 @@ NORMAL_QUANTILE = 1.959963984540054
 """The 97.5 % point of the standard normal distribution."""
 
 RESAMPLES = 10_000
+SEED_RESAMPLES = 100_000
+"""More, as the percentiles over training seeds lie further out."""
 DRAWS_PER_BLOCK = 2**20
 """Episodes drawn at a time, so that memory stays at some 16 MB however many there are."""
 
@@ -88,12 +89,7 @@ def bootstrap_mean(
 
     Source: B. Efron, "Better bootstrap confidence intervals", J. Am. Stat. Assoc. 82 (1987).
     """
-    sample = _as_sample(values)
-    if _is_constant(sample):
-        constant = float(sample[0])
-        return Estimate(constant, constant, constant, sample.size, BOOTSTRAP)
-    resampled = scipy.stats.bootstrap((sample,), np.mean, **_options(sample.size, rng, resamples))
-    return _around(float(sample.mean()), resampled, sample.size)
+    return _bootstrap((values,), _mean, rng, resamples)
 
 
 def bootstrap_difference(
@@ -113,45 +109,72 @@ def bootstrap_difference(
     Source: B. Efron and R. J. Tibshirani, "An introduction to the bootstrap" (1993), ch. 8
     and 14.
     """
-    samples = _as_sample(first), _as_sample(second)
-    count = sum(sample.size for sample in samples)
-    if all(map(_is_constant, samples)):
-        constant = float(samples[0][0] - samples[1][0])
-        return Estimate(constant, constant, constant, count, BOOTSTRAP)
-    resampled = scipy.stats.bootstrap(samples, _mean_difference, **_options(count, rng, resamples))
-    return _around(float(samples[0].mean() - samples[1].mean()), resampled, count)
+    return _bootstrap((first, second), _mean_difference, rng, resamples)
 
 
-def _as_sample(values: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
-    sample = np.asarray(values, dtype=np.float64)
-    if sample.ndim != 1 or sample.size == 0:
-        raise ValueError("the bootstrap needs a one-dimensional, non-empty sample")
-    return sample
-
-
-def _is_constant(sample: NDArray[np.float64]) -> bool:
-    """Tell whether all values are equal; rounding would give their mean a width of 1e-17."""
-    return bool(np.all(sample == sample[0]))
+def _mean(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    mean: NDArray[np.float64] = values.mean(axis)
+    return mean
 
 
 def _mean_difference(
     first: NDArray[np.float64], second: NDArray[np.float64], axis: int
 ) -> NDArray[np.float64]:
-    difference: NDArray[np.float64] = first.mean(axis) - second.mean(axis)
-    return difference
+    return _mean(first, axis) - _mean(second, axis)
 
 
-def _options(size: int, rng: np.random.Generator, resamples: int) -> dict[str, Any]:
-    """Return how to resample ``size`` episodes."""
-    batch = max(1, DRAWS_PER_BLOCK // size)
-    return {"n_resamples": resamples, "batch": batch, "method": "BCa", "rng": rng}
+def _bootstrap(
+    samples: Sequence[Sequence[float] | NDArray[np.float64]],
+    statistic: Callable[..., NDArray[np.float64]],
+    rng: np.random.Generator,
+    resamples: int,
+    *,
+    method: str = "BCa",
+    level: float = 0.95,
+) -> Estimate:
+    """Estimate a statistic of one or two samples; an end that is NaN becomes the value."""
+    arrays = [np.asarray(sample, dtype=np.float64) for sample in samples]
+    if any(array.ndim != 1 or array.size == 0 for array in arrays):
+        raise ValueError("the bootstrap needs one-dimensional, non-empty samples")
+    count = sum(array.size for array in arrays)
+    if all(np.ptp(array) == 0.0 for array in arrays):
+        # Rounding would give the mean of equal values a width of 1e-17.
+        constant = float(statistic(*(array[:1] for array in arrays), axis=0))
+        return Estimate(constant, constant, constant, count, BOOTSTRAP)
+    interval = scipy.stats.bootstrap(
+        arrays, statistic, n_resamples=resamples, batch=max(1, DRAWS_PER_BLOCK // count),
+        method=method, confidence_level=level, rng=rng,
+    ).confidence_interval  # fmt: skip
+    value = float(statistic(*arrays, axis=0))
+    return Estimate(
+        value,
+        float(np.fmin(interval.low, value)),
+        float(np.fmax(interval.high, value)),
+        count,
+        BOOTSTRAP,
+    )
 
 
-def _around(value: float, resampled: Any, count: int) -> Estimate:
-    """Return an estimate whose interval holds its value; an end that is NaN becomes the value."""
-    low, high = map(float, resampled.confidence_interval)
-    ends = float(np.fmin(low, value)), float(np.fmax(high, value))
-    return Estimate(value, *ends, count, BOOTSTRAP)
+def bootstrap_seeds(values: Sequence[float] | NDArray[np.float64], *names: str) -> Estimate:
+    """Estimate a mean over training seeds, of one value each.
+
+    Percentiles of the resampled means, further out than 2.5 and 97.5 %: so far that they are
+    where Student's interval of as many normal values is. BCa's hold 84 % with five seeds. The ends
+    stay inside the range of the values, so two or three seeds are too few.
+
+    ``names``: what is estimated, as a task and a metric, for the random stream.
+
+    Source: T. C. Hesterberg, "What teachers should know about the bootstrap", Am. Stat. 69
+    (2015), the expanded percentile interval.
+    """
+    number = len(values)
+    if number < 2:
+        raise ValueError("an interval over training seeds needs two of them")
+    quantile = scipy.stats.t.ppf(INTERVAL_ENDS[1], number - 1) * math.sqrt(number / (number - 1))
+    return _bootstrap(
+        (values,), _mean, stream(SEEDS_ROOT, "over seeds", *names), SEED_RESAMPLES,
+        method="percentile", level=1.0 - 2.0 * float(scipy.stats.norm.sf(quantile)),
+    )  # fmt: skip
 
 
 Root = tuple[int, ...]
@@ -175,7 +198,7 @@ def over_seeds(
     """Estimate a figure over training seeds from the estimate that each seed's run has of it.
 
     One seed's estimate is returned unchanged; without a seed there is None. Several seeds give
-    their mean with ``bootstrap_mean`` over them, whose interval never goes beyond their range: a
+    their mean with ``bootstrap_seeds``, whose interval never goes beyond their range: a
     few seeds that agree would have none. So it is no narrower than that ``over_episodes`` of all
     seeds together: by default ``pooled_share`` of shares, and otherwise ``quadrature``.
 
@@ -184,7 +207,7 @@ def over_seeds(
     if len(estimates) < 2:
         return estimates[0] if estimates else None
     values = [estimate.value for estimate in estimates]
-    seeds = bootstrap_mean(values, stream(SEEDS_ROOT, "over seeds", *names))
+    seeds = bootstrap_seeds(values, *names)
     if over_episodes is None:
         are_shares = all(estimate.method == WILSON for estimate in estimates)
         over_episodes = (pooled_share if are_shares else quadrature)(estimates)

@@ -49,10 +49,12 @@ NOTES: Final = (
     "unequally. A claim with several comparisons has the largest of their p-values. p: adjusted "
     f"by Holm's method over all claims of this table. Confirmed: p ≤ {ALPHA}. Contradicted: the "
     f"reverse of every comparison has p ≤ {ALPHA}, with the same correction. The chance of any "
-    "false verdict is at most 5 % for either word. With fewer than "
-    f"{LEAST_SEEDS} seeds of a method nothing is decided.",
+    "false verdict is at most 5 % for either word where equal methods have equal distributions; "
+    "where one varies ten times as much as another, a test errs up to five times as often as its "
+    f"level says. With fewer than {LEAST_SEEDS} seeds of a method nothing is decided.",
     f"Detectable: the difference of means that one comparison shows in {100 * POWER:.0f} % of "
-    "studies at the strictest level of the correction, if the values are normal and vary as here.",
+    "studies at the strictest level of the correction, if the values are normal and vary as here; "
+    "a dash where the worse method leaves no room for it.",
     f"{WAITING.capitalize()}: not every training of the claim has a value yet.",
 )
 
@@ -134,7 +136,7 @@ class JudgedClaim:
     """A claim with its comparisons, its two p-values after correction, and the verdict.
 
     ``detectable``: the largest of its comparisons', at the level that the correction leaves to the
-    smallest p-value; NaN where a metric cannot differ so much.
+    smallest p-value; NaN where a share cannot be so much better.
     """
 
     claim: Claim
@@ -184,8 +186,14 @@ def judge_claims(
 
 
 def _detectable(claim: Claim, compared: Sequence[ClaimComparison], family: int) -> float:
-    largest = float(np.max([one.detectable(ALPHA / family) for one in compared]))
-    return float("nan") if METRICS[claim.metric].is_share and largest > 1.0 else largest
+    """Return the largest detectable difference; NaN where one is beyond what a share can reach."""
+    differences = []
+    for one in compared:
+        difference = one.detectable(ALPHA / family)
+        if METRICS[claim.metric].is_share and one.means[1] + difference > 1.0:
+            return float("nan")
+        differences.append(difference)
+    return float(np.max(differences))
 
 
 def _compare(claim: Claim, values: pd.DataFrame) -> tuple[ClaimComparison, ...]:

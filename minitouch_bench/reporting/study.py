@@ -45,8 +45,9 @@ from minitouch_bench.runs.run import Run
 TEMPLATE = Path(__file__).parent / "templates" / "study.html.j2"
 TIME_NOTE = "Time: of the training alone, without its evaluation, beside whatever else ran."
 SEEDS_NOTE = (
-    f"95 % intervals: {OVER_SEEDS}. With few seeds they are too narrow, as a bootstrap never "
-    "goes beyond their range. With one training seed they are over episodes only."
+    f"95 % intervals: {OVER_SEEDS}. They describe training seeds on the suite's scenes. Where few "
+    "seeds fail and others succeed they are too narrow. With one training seed they are over "
+    "episodes only."
 )
 
 
@@ -258,11 +259,19 @@ def state_lines(results: StudyResults) -> list[str]:
 
 
 def _time_left(results: StudyResults) -> str:
-    """Say how long the rest will take, by the trainings that are done, without evaluations."""
+    """Say how long the rest will take, without evaluations.
+
+    A training takes the mean of those of its task that are done, of all where there is none.
+    """
     if not results.done or not results.left:
         return ""
-    seconds = [last_progress(results.directory, training)[1] for training in results.done]
-    minutes = float(np.mean(seconds)) * len(results.left) / 60
+    seconds = {one: last_progress(results.directory, one)[1] for one in results.done}
+    of_task = {
+        task: float(np.mean([taken for one, taken in seconds.items() if one.task == task]))
+        for task in {one.task for one in seconds}
+    }
+    usual = float(np.mean([*seconds.values()]))
+    minutes = sum(of_task.get(one.task, usual) for one in results.left) / 60
     time = f"{minutes:.0f} minutes" if minutes < 120 else f"{minutes / 60:.0f} hours"
     return f"; those left train for about {time}, one at a time"
 

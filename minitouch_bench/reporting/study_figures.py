@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
-from minitouch_bench.metrics.intervals import bootstrap_mean
+from minitouch_bench.metrics.intervals import bootstrap_seeds
 from minitouch_bench.metrics.summary import HELD_OUT, TRAIN
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.rendering.charts import (
@@ -44,8 +44,6 @@ POINTS = 40
 """Of a learning curve, at most: each is a mean over 1/40 of the control steps."""
 
 ENDS = ("value", "low", "high")
-RESAMPLES = 1000
-"""Of the bootstrap at each point of a curve."""
 
 
 def study_figures(estimates: pd.DataFrame, curves: pd.DataFrame) -> Iterator[Figure]:
@@ -86,8 +84,7 @@ def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
             "While training: success over at least 20 episodes, touch share between two rows of "
             f"progress.csv, both averaged over 1/{POINTS} of the control steps. Line: the mean "
             "over training seeds, as far as all of them have come. Band: its 95 % interval, a "
-            "bootstrap over the seeds, too narrow with few seeds. Upright line: the end of "
-            "exploration."
+            "bootstrap over the seeds. Upright line: the end of exploration."
         )
         yield Figure("curves", "Learning curves", text, tuple(plots), run_legend(methods))
 
@@ -100,14 +97,11 @@ def _curve(curves: pd.DataFrame, column: str, width: float, turn: int) -> Iterat
     if len(by_seed) < 2:
         return
     steps = known.groupby(slots)["step"].max()[by_seed.index].to_numpy(float)
-    rng = np.random.default_rng(0)
-    means = [bootstrap_mean(values, rng, RESAMPLES) for values in by_seed.to_numpy()]
-    line, band = line_with_band(
-        turn, steps, *([getattr(one, end) for one in means] for end in ENDS)
-    )
-    yield line
-    if by_seed.shape[1] >= 2:
-        yield band
+    if by_seed.shape[1] < 2:
+        yield line_with_band(turn, steps, *[by_seed.mean(axis=1)] * len(ENDS))[0]
+        return
+    means = [bootstrap_seeds(values) for values in by_seed.to_numpy()]
+    yield from line_with_band(turn, steps, *([getattr(one, end) for one in means] for end in ENDS))
 
 
 def movement_and_touch(main: pd.DataFrame, methods: Sequence[str]) -> Iterator[Figure]:

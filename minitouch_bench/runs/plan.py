@@ -14,7 +14,7 @@ from minitouch_bench.policies.limits import USUAL_LIMITS, PolicyLimits
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.protocol.seeds import episode_seed, policy_seed, suite_generator
 from minitouch_bench.protocol.spec import CUBE, SuiteSpec
-from minitouch_bench.records import Count, EpisodeSpec, Role
+from minitouch_bench.records import Count, EpisodeSpec, Role, Seed
 from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
 
 NAMED = 6
@@ -106,7 +106,7 @@ class Plan:
     suite: str
     tasks: tuple[str, ...]
     episodes: Count
-    seed: Count
+    seed: Seed
     chosen: tuple[str, ...] = ()
     conditions: Conditions = STANDARD
     limits: PolicyLimits = USUAL_LIMITS

@@ -6,17 +6,24 @@ The seed of fresh ones follows from the checkpoint and from a draw made after it
 
 import hashlib
 import secrets
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
+import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.records import EpisodeMetrics, Role
 
 SIGNIFICANCE = 0.01
 """Chance at most that an honest submission is refused. Half of it is for single comparisons
-(Bonferroni), half for the drops of a training seed together."""
+(Bonferroni), half for the drops of all ranked tasks together."""
+
+ORDERS = 200_000
+"""Orders of the episodes that a permutation test counts."""
 
 
 def new_draw() -> str:
@@ -45,19 +52,50 @@ class FreshResult:
     p: float
 
 
-def compare_fresh(
-    official: Sequence[EpisodeMetrics], fresh: Sequence[EpisodeMetrics], role: Role, task: str
-) -> FreshResult:
-    """Compare a task's episodes, one-sided, by Fisher's or Mann and Whitney's test."""
-    metric = METRICS[ranking_metric(task)]
-    before, after = metric.values(official), metric.values(fresh)
-    if {*before, *after} <= {0.0, 1.0}:
-        table = [[sum(values), len(values) - sum(values)] for values in (before, after)]
-        p = scipy.stats.fisher_exact(table, alternative="greater").pvalue
-    else:
-        p = scipy.stats.mannwhitneyu(before, after, alternative="greater").pvalue
+@dataclass(frozen=True)
+class Values:
+    """What ranks a task: the values of a policy's official episodes, and those of fresh ones."""
+
+    official: tuple[float, ...]
+    fresh: tuple[float, ...]
+
+    @classmethod
+    def of(
+        cls, task: str, official: Sequence[EpisodeMetrics], fresh: Sequence[EpisodeMetrics]
+    ) -> Self:
+        """Take the metric that ranks a task from its episodes."""
+        metric = METRICS[ranking_metric(task)]
+        return cls(tuple(metric.values(official)), tuple(metric.values(fresh)))
+
+    @property
+    def p(self) -> float:
+        """How likely the mean drops as much where both are draws of the same episodes.
+
+        One-sided: Fisher's exact test of shares, a permutation test of other means.
+        """
+        before, after = self.official, self.fresh
+        if {*before, *after} <= {0.0, 1.0}:
+            table = [[sum(values), len(values) - sum(values)] for values in (before, after)]
+            return float(scipy.stats.fisher_exact(table, alternative="greater").pvalue)
+        test = scipy.stats.permutation_test(
+            (before, after), _mean_drop, n_resamples=ORDERS, batch=2_000, vectorized=True,
+            alternative="greater", rng=np.random.default_rng(0),
+        )  # fmt: skip
+        return float(test.pvalue)
+
+
+def _mean_drop(
+    before: NDArray[np.float64], after: NDArray[np.float64], axis: int
+) -> NDArray[np.float64]:
+    drop: NDArray[np.float64] = before.mean(axis) - after.mean(axis)
+    return drop
+
+
+def compare_fresh(values: Values, role: Role, task: str) -> FreshResult:
+    """Compare a policy's official and fresh episodes of a task."""
+    before, after = values.official, values.fresh
     means = (sum(before) / len(before), sum(after) / len(after))
-    return FreshResult(role, task, metric.name, *means, len(after), float(p))
+    return FreshResult(role, task, ranking_metric(task), *means, len(after), values.p)
 
 
 def significant_drops(results: Sequence[FreshResult], planned: int) -> tuple[FreshResult, ...]:
@@ -65,18 +103,31 @@ def significant_drops(results: Sequence[FreshResult], planned: int) -> tuple[Fre
     return tuple(result for result in results if result.p < SIGNIFICANCE / 2 / planned)
 
 
-def drop_together(by_seed: Sequence[Sequence[FreshResult]]) -> float | None:
-    """Return the p-value of a training seed's drops together if they are significant.
+def drop_together(by_task: Iterable[Sequence[Values]]) -> float | None:
+    """Return the p-value of the ranked tasks' drops together if they are significant.
 
-    ``by_seed``: each training seed's comparisons in the tasks that are ranked. A small drop in
-    every task is seen so. Tasks have different episodes; training seeds play the same scenes, so
-    they are corrected for their number (Bonferroni).
+    ``by_task``: of each task, the values of every training seed. A small drop in every task or
+    in every seed is seen so.
 
     Source: R. A. Fisher, "Statistical Methods for Research Workers" (1932), combined p-values.
     """
-    tests = (
-        scipy.stats.combine_pvalues([result.p for result in results], method="fisher")
-        for results in by_seed
-    )
-    p = len(by_seed) * min(float(test.pvalue) for test in tests)
+    p_values = [max(_seeds_drop(seeds), sys.float_info.min) for seeds in by_task]
+    p = float(scipy.stats.combine_pvalues(p_values, method="fisher").pvalue)
     return p if p < SIGNIFICANCE / 2 else None
+
+
+def _seeds_drop(seeds: Sequence[Values]) -> float:
+    """Return the p-value of the drop of what a task is ranked by, the mean over training seeds.
+
+    All seeds play the same official scenes, and each its own fresh ones, so an observation is the
+    mean of the seeds' episodes of one number (Welch's one-sided test).
+    """
+    if len(seeds) == 1:
+        return seeds[0].p
+    before = np.mean([values.official for values in seeds], axis=0)
+    after = np.mean([values.fresh for values in seeds], axis=0)
+    if np.ptp(before) == np.ptp(after) == 0.0:  # Welch's test has no variance to compare with
+        return float(before[0] <= after[0])
+    moments = (m for side in (before, after) for m in (side.mean(), side.std(ddof=1), side.size))
+    welch = scipy.stats.ttest_ind_from_stats(*moments, equal_var=False, alternative="greater")
+    return float(welch.pvalue)

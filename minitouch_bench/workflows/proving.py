@@ -33,10 +33,18 @@ from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
-from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EpisodeSpec, PolicyIdentity, Role
+from minitouch_bench.records import (
+    EpisodeMetrics,
+    EpisodeRecord,
+    EpisodeSpec,
+    Outcome,
+    PolicyIdentity,
+    Role,
+)
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.fresh import (
     FreshResult,
+    Values,
     compare_fresh,
     drop_together,
     fresh_seed,
@@ -52,6 +60,10 @@ RERUN_BEFORE_FRESH = 50
 
 TIME_LIMIT_S = 6 * 3600.0
 """How long the check of one submission may take: a policy may use minutes in each episode."""
+
+MORE_FAULTS = 0.05
+"""Share of policy faults among fresh episodes, above that of the official ones, from which nothing
+is concluded: a slow machine gives them too."""
 
 NOT_REPLAYED = "the recorded actions do not give these values"
 NOT_REPEATED = "the checkpoint does not act as recorded"
@@ -93,12 +105,12 @@ def validate_submission(
     verdict = validate(directory)
     if problems := verdict.problems or (proving(verdict) if proving else ()):
         return _failed(verdict, problems)
-    return Validation((), level_of(verdict.runs, find_proof(verdict.directory, verdict.runs)))
+    return Validation((), level_of(verdict.runs, find_proof(verdict.directory, verdict.files)))
 
 
 def _failed(verdict: Verdict, problems: tuple[Problem, ...]) -> Validation:
     """Withdraw the proof of a submission in which something differs, if it has one."""
-    proof = find_proof(verdict.directory, verdict.runs)
+    proof = find_proof(verdict.directory, verdict.files)
     if proof is None or all(one.is_unchecked or one.is_other_protocol for one in problems):
         return Validation(problems)
     found = Problems()
@@ -125,11 +137,11 @@ def prove(
     fixed. Fewer than MIN_FRESH_EPISODES give no level. After ``time_limit_s`` no more episodes are
     played.
     """
-    known = find_proof(verdict.directory, verdict.runs)
+    known = find_proof(verdict.directory, verdict.files)
 
     def keep(level: ProofLevel, rerun: int = 0, fresh: FreshProof | None = None) -> None:
         if known is None or PROVED_LEVELS.index(known.level) <= PROVED_LEVELS.index(level):
-            proof = make_proof(verdict.runs, level, rerun, fresh)
+            proof = make_proof(verdict.files, level, rerun, fresh)
             write_proof(proof, proof_path(verdict.directory.resolve()))
 
     again = rerun or (RERUN_BEFORE_FRESH if fresh_episodes else 0)
@@ -223,7 +235,12 @@ class Prover:
                     self.problems.add_below(place, replace(problem, remedy=NOT_REPLAYED))
 
     def run_again(self, count: int) -> None:
-        """Run ``count`` drawn episodes of each policy of each run, held in the sandbox."""
+        """Run ``count`` drawn episodes of each policy of each run, held in the sandbox.
+
+        Raises:
+            IncompleteCheckError: the policy fails here, as on a slower machine, and did not there.
+        """
+        failed = []
         for seed in self.verdict.submission.seeds:
             for place in seed.runs.values():
                 with self.problems.caught(place):
@@ -232,8 +249,16 @@ class Prover:
                     setup = self._setup(seed, run)
                     for record, differing in rerun(run, setup, specs, self.engine):
                         self.on_record(record)
+                        if differing and record.fault:
+                            failed.append(f"{place}, {record.spec.key}: {record.fault}")
+                            continue
                         for problem in differing:
                             self.problems.add_below(place, replace(problem, remedy=NOT_REPEATED))
+        if failed:
+            raise IncompleteCheckError(
+                f"{len(failed)} episodes end by a policy fault only when run again; "
+                f"the first: {failed[0]}"
+            )
 
     def run_fresh(self, count: int, draw: str) -> FreshProof:
         """Run ``count`` new episodes of each task of each run, and compare with the official ones.
@@ -242,7 +267,7 @@ class Prover:
         its shapes in its order, in new scenes.
         """
         seeds: dict[str, int] = {}
-        results: dict[str, tuple[FreshResult, ...]] = {}
+        played: dict[str, dict[tuple[Role, str], Values]] = {}
         try:
             for seed in self.verdict.submission.seeds:
                 for place in seed.runs.values():
@@ -250,12 +275,20 @@ class Prover:
                         run = self.verdict.runs[place]
                         seeds[place] = fresh_seed(run.header.policy.digest, draw)
                         specs = _fresh_specs(run, count, seeds[place])
-                        results[place] = self._fresh_results(run, self._setup(seed, run), specs)
+                        played[place] = self._play_fresh(run, self._setup(seed, run), specs)
         finally:  # also where the time is up before the last run
-            self._judge_drops(results)
+            results = {
+                place: tuple(compare_fresh(one, *key) for key, one in values.items())
+                for place, values in played.items()
+            }
+            self._judge_drops(results, played)
         return FreshProof(draw, count, seeds, results)
 
-    def _judge_drops(self, results: Mapping[str, Sequence[FreshResult]]) -> None:
+    def _judge_drops(
+        self,
+        results: Mapping[str, Sequence[FreshResult]],
+        played: Mapping[str, Mapping[tuple[Role, str], Values]],
+    ) -> None:
         """Add the drops that an honest submission would hardly have."""
         policies = {
             (place, spec.role, spec.task)
@@ -265,27 +298,41 @@ class Prover:
         for place, compared in results.items():
             for drop in significant_drops(compared, planned=len(policies)):
                 self.problems.add_below(place, _drop_problem(drop))
-        ranked = [
-            [result for result in results[place] if result.role is Role.FINAL]
-            for seed in self.verdict.submission.seeds
-            if (place := seed.runs.get(MAIN_SUITE, "")) in results
-        ]
-        if ranked and not self.problems and (p := drop_together(ranked)) is not None:
-            what = f"fresh episodes are worse over the tasks of a training seed (p = {p:.2g})"
+        ranked: dict[str, list[Values]] = {}
+        for seed in self.verdict.submission.seeds:
+            for (role, task), values in played.get(seed.runs.get(MAIN_SUITE, ""), {}).items():
+                if role is Role.FINAL:
+                    ranked.setdefault(task, []).append(values)
+        if ranked and not self.problems and (p := drop_together(ranked.values())) is not None:
+            what = f"fresh episodes are worse over the tasks and training seeds (p = {p:.2g})"
             self.problems.add("", what, FITS_OFFICIAL)
 
-    def _fresh_results(
+    def _play_fresh(
         self, run: Run, setup: PolicySetup, specs: Sequence[EpisodeSpec]
-    ) -> tuple[FreshResult, ...]:
-        measured: dict[tuple[Role, str], list[EpisodeMetrics]] = {}
+    ) -> dict[tuple[Role, str], Values]:
+        """Play fresh episodes; return by role and task what the policy is ranked by.
+
+        Raises:
+            IncompleteCheckError: policy faults end many more of them than of the official ones.
+        """
+        fresh: dict[tuple[Role, str], list[EpisodeMetrics]] = {}
+        faults = []
         for record in self.engine.run(setup, specs):
             self.on_record(record)
-            measured.setdefault((record.spec.role, record.spec.task), []).append(measure(record))
+            fresh.setdefault((record.spec.role, record.spec.task), []).append(measure(record))
+            if record.fault:
+                faults.append(f"{record.spec.key}: {record.fault}")
+        usual = np.mean([row.outcome is Outcome.POLICY_FAULT for _, row in run.rows()])
+        if len(faults) / len(specs) > usual + MORE_FAULTS:
+            raise IncompleteCheckError(
+                f"{len(faults)} of {len(specs)} fresh episodes end by a policy fault, "
+                f"{100 * usual:.0f} % of the official ones; the first: {faults[0]}"
+            )
         official = dict(run.by_role())
-        return tuple(
-            compare_fresh([row for row in official[role] if row.task == task], fresh, role, task)
-            for (role, task), fresh in measured.items()
-        )
+        return {
+            (role, task): Values.of(task, [row for row in official[role] if row.task == task], rows)
+            for (role, task), rows in fresh.items()
+        }
 
     def _setup(self, seed: TrainingSeed, run: Run) -> PolicySetup:
         header = run.header

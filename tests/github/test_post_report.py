@@ -41,10 +41,10 @@ def github(tmp_path, monkeypatch):
         monkeypatch.setenv(name, str(value))
     (tmp_path / "checked").mkdir()
 
-    def post(files=("submissions/mine/submission.toml",), head=HEAD, comments=()):
+    def post(files=("submissions/mine/submission.toml",), head=HEAD, comments=(), status="added"):
         answers = {
             "pulls": [{"number": 7, "head": {"sha": head}, "base": {"ref": "main"}}],
-            "pulls/7/files": [[{"filename": name} for name in files]],
+            "pulls/7/files": [[{"filename": name, "status": status} for name in files]],
             "issues/7/comments": [list(comments)],
         }
         (tmp_path / "answers").write_text(json.dumps(answers))
@@ -72,6 +72,12 @@ def test_outcome_and_output_are_posted(github, tmp_path):
     assert "`mine`: **valid**" in body
     assert "```text\nmine: valid, fresh-verified\n```" in body
     assert "[log and leaderboard with its row](https://example.org/run)" in body
+
+
+def test_a_change_of_an_existing_submission_is_named(github, tmp_path):
+    leave(tmp_path)
+    assert "is it its owner's?" in github(status="modified")[2]
+    assert "is it its owner's?" not in github()[2]
 
 
 def test_a_second_report_replaces_the_first_and_no_other_comment(github, tmp_path):

@@ -122,7 +122,7 @@ def make_submission(
         told = replace(about, name=name, modalities=modalities)
         add_seed(directory, begun_submission(directory), told, entry)
     if level in PROVED_LEVELS:
-        write_proof(make_proof(validate(directory).runs, level, 5), proof_path(directory))
+        write_proof(make_proof(validate(directory).files, level, 5), proof_path(directory))
     return directory
 
 

@@ -5,12 +5,13 @@ from types import SimpleNamespace
 from minitouch_bench.leaderboard.validation import find_copies
 
 
-def episodes(name, changed=0, number=400):
+def episodes(name, changed=0, number=400, steps=30):
     """Return a run whose first ``changed`` episodes are played in another way."""
     digests = [f"{name}{' otherwise' if i < changed else ''}" for i in range(number)]
     return SimpleNamespace(
         episodes=[
-            SimpleNamespace(task="pushing", index=i, digest=one) for i, one in enumerate(digests)
+            SimpleNamespace(task="pushing", index=i, digest=one, steps=steps)
+            for i, one in enumerate(digests)
         ]
     )
 
@@ -33,6 +34,10 @@ def test_half_of_the_smaller_run_is_enough():
         (episodes("a", number=10), {("a", "b"): 10}),
     ):
         assert find_copies({"a": episodes("a"), "b": other}) == shared
+
+
+def test_episodes_without_a_step_are_no_copies():
+    assert find_copies({"a": episodes("a", steps=0), "b": episodes("a", steps=0)}) == {}
 
 
 def test_a_row_that_is_repeated_counts_once():

@@ -23,7 +23,7 @@ from minitouch_bench.leaderboard.proof import (
 )
 from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict, validate
-from minitouch_bench.records import Role
+from minitouch_bench.records import Outcome, Role
 from minitouch_bench.runs.run import read_run, run_json
 from minitouch_bench.verification.fresh import FreshResult
 from minitouch_bench.verification.problems import Problem
@@ -54,7 +54,7 @@ def verdict(finished, tmp_path):
         modalities=("state",),
         seeds=(TrainingSeed(0, {"table4": PLACE}),),
     )
-    return Verdict(directory, submission, {PLACE: read_run(place)}, ())
+    return Verdict(directory, submission, {PLACE: read_run(place)}, (), {"run.json": "0" * 64})
 
 
 @pytest.fixture
@@ -93,6 +93,23 @@ def test_episodes_run_again_with_the_policy_give_the_same_actions(prover):
     assert not prover.problems
 
 
+class SlowEngine(LocalEngine):
+    """A machine on which every episode of a policy is late; replays are not."""
+
+    def run(self, source, specs, attempts=None):
+        for record in super().run(source, specs, attempts):
+            yield dataclasses.replace(record, outcome=Outcome.POLICY_FAULT, fault="it is late")
+
+
+def test_a_policy_that_fails_on_a_slower_machine_is_not_accused(verdict):
+    slow = Prover(verdict, SlowEngine(1), np.random.default_rng(3))
+    with pytest.raises(IncompleteCheckError, match=r"1 episodes end .* opening/[01]: it is late"):
+        slow.run_again(1)
+    with pytest.raises(IncompleteCheckError, match=r"3 of 3 fresh episodes .* 0 % of the official"):
+        slow.run_fresh(3, "a phrase")
+    assert not slow.problems
+
+
 def with_policy(verdict, **changes):
     """Return the submission with another policy in its run."""
     run = verdict.runs[PLACE]
@@ -119,7 +136,7 @@ def test_what_was_replayed_is_proved_where_the_checkpoint_is_missing(verdict):
     changed = with_policy(verdict, kind="native", digest="0" * 64)
     with pytest.raises(IncompleteCheckError, match="not in the submission"):
         prove(changed, rerun=1, engine=EngineOptions(workers=1))
-    assert find_proof(changed.directory, changed.runs).level is ProofLevel.REPLAYED
+    assert find_proof(changed.directory, changed.files).level is ProofLevel.REPLAYED
 
 
 # Proofs
@@ -127,7 +144,7 @@ def test_what_was_replayed_is_proved_where_the_checkpoint_is_missing(verdict):
 
 def test_a_proof_counts_for_the_very_bytes_alone(sound, tmp_path):
     verdict = validate(sound)
-    proof = make_proof(verdict.runs, ProofLevel.REPLAYED)
+    proof = make_proof(verdict.files, ProofLevel.REPLAYED)
     path = tmp_path / "_proofs" / "hac.json"
     write_proof(proof, path)
     assert read_proof(path) == proof
@@ -137,29 +154,30 @@ def test_a_proof_counts_for_the_very_bytes_alone(sound, tmp_path):
 
 def test_a_proof_that_an_older_version_wrote_is_read(sound, tmp_path):
     """It holds sketches of the actions, which nothing uses now."""
-    proof, path = make_proof(validate(sound).runs, ProofLevel.RERUN, 50), tmp_path / "hac.json"
+    proof, path = make_proof(validate(sound).files, ProofLevel.RERUN, 50), tmp_path / "hac.json"
     document = {**json.loads(write_json(proof)), "sketches": {PLACE: [0.25, -1.5]}}
     path.write_text(json.dumps(document))
     assert read_proof(path) == proof
 
 
-def test_a_proof_of_other_bytes_is_ignored(submission):
+@pytest.mark.parametrize("other", [f"{PLACE}/run.json", "submission.toml"])
+def test_a_proof_of_other_bytes_is_ignored(submission, other):
     verdict = validate(submission)
-    proof = make_proof(verdict.runs, ProofLevel.RERUN, 5)
+    proof = make_proof(verdict.files, ProofLevel.RERUN, 5)
     write_proof(proof, proof_path(submission))
-    assert find_proof(verdict.directory, verdict.runs) == proof
+    assert find_proof(verdict.directory, verdict.files) == proof
     assert level_of(verdict.runs, proof) is ProofLevel.RERUN
-    file = submission / PLACE / "run.json"
+    file = submission / other
     file.write_bytes(file.read_bytes() + b"\n")
-    assert find_proof(submission, validate(submission).runs) is None
+    assert find_proof(submission, validate(submission).files) is None
 
 
 @pytest.mark.parametrize("known", [ProofLevel.REPLAYED, ProofLevel.RERUN])
 def test_a_weaker_proof_does_not_replace_a_stronger_one(verdict, known):
     """The second time by a maintainer who only replays."""
-    write_proof(make_proof(verdict.runs, known, rerun_episodes=5), proof_path(verdict.directory))
+    write_proof(make_proof(verdict.files, known, rerun_episodes=5), proof_path(verdict.directory))
     assert prove(verdict, engine=EngineOptions(workers=1)) == ()
-    proof = find_proof(verdict.directory, verdict.runs)
+    proof = find_proof(verdict.directory, verdict.files)
     assert proof.level is known
     assert proof.rerun_episodes == (5 if known is ProofLevel.RERUN else 0)
 
@@ -168,7 +186,7 @@ def fresh_proof(verdict, places, episodes):
     drop = FreshResult(Role.FINAL, "pushing", "success", 0.9, 0.88, episodes, 0.4)
     seeds, results = dict.fromkeys(places, 1), dict.fromkeys(places, (drop,))
     fresh = FreshProof("a phrase", episodes, seeds, results)
-    return make_proof(verdict.runs, ProofLevel.FRESH, 50, fresh)
+    return make_proof(verdict.files, ProofLevel.FRESH, 50, fresh)
 
 
 @pytest.mark.parametrize(
@@ -194,7 +212,7 @@ def test_a_few_fresh_episodes_give_no_level(verdict, monkeypatch, count, level):
     monkeypatch.setattr(Prover, "run_fresh", lambda *_: fresh)
     engine = EngineOptions(workers=1)
     assert prove(verdict, rerun=1, fresh_episodes=count, engine=engine) == ()
-    proof = find_proof(verdict.directory, verdict.runs)
+    proof = find_proof(verdict.directory, verdict.files)
     assert (proof.level, proof.fresh) == (level, fresh if count == 20 else None)
 
 
@@ -208,19 +226,19 @@ UNREAD = Problem("seed-0/table4", "it cannot be read", is_unchecked=True)
 )
 def test_a_failed_check_withdraws_an_older_proof(submission, monkeypatch, problems, is_withdrawn):
     level = ProofLevel.RERUN
-    write_proof(make_proof(validate(submission).runs, level, 5), proof_path(submission))
+    write_proof(make_proof(validate(submission).files, level, 5), proof_path(submission))
     found = validate_submission(submission, lambda _: problems)
     assert found.problems == problems
     assert found.withdrawn == (level if is_withdrawn else None)
     runs = validate(submission).runs
-    assert level_of(runs, find_proof(submission, runs)) == (
+    assert level_of(runs, validate(submission).proof) == (
         ProofLevel.SELF_REPORTED if is_withdrawn else level
     )
 
 
 def test_a_check_that_could_not_be_made_leaves_the_proof(verdict, monkeypatch):
     """The checkpoint is gone; the proof was made when it was there."""
-    write_proof(make_proof(verdict.runs, ProofLevel.RERUN, 5), proof_path(verdict.directory))
+    write_proof(make_proof(verdict.files, ProofLevel.RERUN, 5), proof_path(verdict.directory))
 
     def gone(*_):
         raise IncompleteCheckError("the final checkpoint of seed 0 is not in the submission")
@@ -228,7 +246,7 @@ def test_a_check_that_could_not_be_made_leaves_the_proof(verdict, monkeypatch):
     monkeypatch.setattr(Prover, "run_again", gone)
     with pytest.raises(IncompleteCheckError):
         prove(verdict, rerun=1, engine=EngineOptions(workers=1))
-    assert find_proof(verdict.directory, verdict.runs).level is ProofLevel.RERUN
+    assert find_proof(verdict.directory, verdict.files).level is ProofLevel.RERUN
 
 
 def test_what_differs_counts_though_the_check_could_not_be_finished(verdict, monkeypatch):
@@ -252,7 +270,7 @@ def test_a_check_ends_when_its_time_is_up(verdict):
             callbacks=Callbacks(episode=played.append),
         )
     assert len(played) == 1
-    assert find_proof(verdict.directory, verdict.runs) is None
+    assert find_proof(verdict.directory, verdict.files) is None
 
 
 def test_what_was_replayed_in_time_is_proved(verdict, monkeypatch):
@@ -262,7 +280,7 @@ def test_what_was_replayed_in_time_is_proved(verdict, monkeypatch):
     monkeypatch.setattr(Prover, "run_again", too_slow)
     with pytest.raises(IncompleteCheckError, match="--time-limit"):
         prove(verdict, rerun=1, engine=EngineOptions(workers=1))
-    assert find_proof(verdict.directory, verdict.runs).level is ProofLevel.REPLAYED
+    assert find_proof(verdict.directory, verdict.files).level is ProofLevel.REPLAYED
 
 
 def test_a_proof_lies_beside_the_submissions(submission):
@@ -274,7 +292,7 @@ def test_a_remote_policy_stays_remote(verdict):
     policy = dataclasses.replace(saved.header.policy, kind="remote")
     saved = dataclasses.replace(saved, header=dataclasses.replace(saved.header, policy=policy))
     remote = dataclasses.replace(verdict, runs={PLACE: saved})
-    assert level_of(remote.runs, make_proof(remote.runs, ProofLevel.RERUN)) is ProofLevel.REMOTE
+    assert level_of(remote.runs, make_proof(remote.files, ProofLevel.RERUN)) is ProofLevel.REMOTE
 
 
 def test_a_proof_inside_a_submission_is_an_unknown_file(submission):

@@ -53,7 +53,7 @@ def board(tmp_path_factory) -> Path:
     drop = FreshResult(Role.FINAL, "pushing", "success", 0.9, 0.88, 50, 0.4)
     places = [f"seed-0/{suite}" for suite in both]
     fresh = FreshProof("a phrase", 50, dict.fromkeys(places, 1234), dict.fromkeys(places, (drop,)))
-    write_proof(make_proof(verdict.runs, ProofLevel.FRESH, 5, fresh), proof_path(best))
+    write_proof(make_proof(verdict.files, ProofLevel.FRESH, 5, fresh), proof_path(best))
     build_board(submissions, root / "board")
     return root / "board"
 

@@ -465,6 +465,19 @@ def test_a_checkpoint_that_runs_code_when_read_is_never_read(submission):
     assert not Path("executed").exists()
 
 
+def test_a_checkpoint_that_was_replaced_after_its_proof(submission):
+    """A leaderboard trusts what was proved of the runs, and looks at the checkpoints again."""
+    (submission / "checkpoints/seed-0/final/hac.safetensors").write_bytes(b"another policy")
+    (problem,) = validate(submission, trust_proofs=True).problems
+    assert "SHA-256 is not that of submission.toml" in str(problem)
+
+
+@pytest.mark.parametrize("field", ["clipped_actions", "ticks", "touch_onsets", "first_touch_tick"])
+def test_a_count_that_no_computer_can_hold(submission, field):
+    edit_run(submission, lambda run: run["episodes"][0].update({field: 10**400}))
+    refused(submission, RUN, f"episodes[0].{field}: expected int <= 9223372036854775807")
+
+
 def test_a_checkpoint_that_was_not_evaluated(submission):
     edit_run(submission, lambda run: run["header"]["policy"].update(digest="0" * 64))
     refused(submission, RUN, "is not the checkpoints of submission.toml")

@@ -1,5 +1,6 @@
 from collections import Counter
 from fractions import Fraction
+from itertools import product
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy import stats
 from minitouch_bench.metrics.intervals import (
     bootstrap_difference,
     bootstrap_mean,
+    bootstrap_seeds,
     newcombe,
     over_seeds,
     quadrature,
@@ -271,8 +273,51 @@ def test_seeds_are_resampled_and_a_share_is_no_narrower_than_over_all_episodes()
     assert (equal.value, equal.low, equal.high, equal.count) == (0.5, pooled.low, pooled.high, 3)
     apart = [wilson(10, 100), wilson(50, 100), wilson(90, 100)]
     wide = over_seeds(apart, "pushing", "success")
-    plain = bootstrap_mean([0.1, 0.5, 0.9], np.random.default_rng(0))
-    assert (wide.low, wide.high) == pytest.approx((plain.low, plain.high), abs=0.02)
+    assert (wide.low, wide.high) == pytest.approx((0.1, 0.9))
+
+
+@pytest.mark.parametrize(
+    "values", [(0.74, 0.64, 0.72, 0.69, 0.6), (0.94, 0.82, 0.06, 0.92, 0.86), (1, 0, 1, 1, 1)]
+)
+def test_five_seeds_have_the_percentiles_of_all_their_resamples(values):
+    """0.096 % at each end: 2.776 (Student, four degrees of freedom) times the root of 5/4."""
+    means = np.sort([np.mean(drawn) for drawn in product(values, repeat=5)])
+    estimate = bootstrap_seeds(values)
+    assert estimate.low == pytest.approx(means[3], abs=0.01)
+    assert estimate.high == pytest.approx(means[-4], abs=0.01)
+
+
+def seeds_that_fail(share):
+    """Each training seed succeeds in 0.9 of the episodes, or fails and succeeds in 0.05."""
+    return (lambda rng: np.where(rng.random(5) < share, 0.05, 0.9)), 0.9 - 0.85 * share
+
+
+SEEDS = {
+    "vary by 0.05": ((lambda rng: rng.normal(0.68, 0.05, 5)), 0.68),
+    "vary by 0.15": ((lambda rng: rng.normal(0.5, 0.15, 5)), 0.5),
+    "a tenth fail": seeds_that_fail(0.1),
+    "a fifth fail": seeds_that_fail(0.2),
+    "three tenths fail": seeds_that_fail(0.3),
+    "half fail": seeds_that_fail(0.5),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("draw", SEEDS)
+def test_five_seeds_cover_the_truth_where_none_is_apart(draw):
+    """Where a tenth fails, five seeds without a failure do not show that there are any."""
+    make, truth = SEEDS[draw]
+    rng = np.random.default_rng(7)
+    drawn = [rng.binomial(100, np.clip(make(rng), 0, 1)) for _ in range(2000)]
+    found = [over_seeds([wilson(int(won), 100) for won in seeds], "a", "b") for seeds in drawn]
+    covered = np.mean([one.low <= truth <= one.high for one in found])
+    print(f"{draw}: {covered:.3f}")
+    assert covered >= (0.91 if "vary" in draw else 0.38)
+
+
+def test_an_interval_over_seeds_needs_two_of_them():
+    with pytest.raises(ValueError, match="needs two"):
+        bootstrap_seeds([0.5])
 
 
 def test_means_over_seeds_are_no_narrower_than_over_all_episodes():

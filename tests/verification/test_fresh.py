@@ -1,5 +1,4 @@
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 import pytest
@@ -7,6 +6,7 @@ from scipy import stats
 
 from minitouch_bench.records import Outcome, Role
 from minitouch_bench.verification.fresh import (
+    Values,
     compare_fresh,
     drop_together,
     fresh_seed,
@@ -29,6 +29,10 @@ def shares(successes, number):
     return [Episode(success=turn < successes) for turn in range(number)]
 
 
+def compare(official, fresh, task="opening"):
+    return compare_fresh(Values.of(task, official, fresh), Role.FINAL, task)
+
+
 def test_the_seed_follows_from_checkpoint_and_draw_alone():
     seed = fresh_seed("ab" * 32, "phrase")
     assert seed == fresh_seed("ab" * 32, "phrase")
@@ -38,14 +42,14 @@ def test_the_seed_follows_from_checkpoint_and_draw_alone():
 
 
 def test_a_table_of_stored_actions_drops_beyond_doubt():
-    found = compare_fresh(shares(100, 100), shares(0, 20), Role.FINAL, "opening")
+    found = compare(shares(100, 100), shares(0, 20))
     assert (found.metric, found.official, found.fresh, found.episodes) == ("success", 1.0, 0.0, 20)
     assert significant_drops([found] * 8, 8) == (found,) * 8
 
 
 def test_an_honest_policy_stays_and_a_better_one_too():
     for successes in (17, 20):
-        found = compare_fresh(shares(90, 100), shares(successes, 20), Role.FINAL, "opening")
+        found = compare(shares(90, 100), shares(successes, 20))
         assert significant_drops([found], 1) == ()
 
 
@@ -58,7 +62,7 @@ def test_an_honest_submission_is_refused_in_one_of_a_hundred_at_most(rate, tasks
         for second in range(21):
             likely = official.pmf(first) * fresh.pmf(second)
             if likely > 1e-9:
-                found = compare_fresh(shares(first, 100), shares(second, 20), Role.FINAL, "opening")
+                found = compare(shares(first, 100), shares(second, 20))
                 refused += likely * bool(significant_drops([found] * tasks, tasks))
     assert 1 - (1 - refused) ** tasks <= 0.01
 
@@ -66,37 +70,53 @@ def test_an_honest_submission_is_refused_in_one_of_a_hundred_at_most(rate, tasks
 def test_playing_is_compared_by_its_touch_share():
     held = [Episode(touch_steps=100 + turn) for turn in range(100)]
     lost = [Episode(touch_steps=4 + turn) for turn in range(20)]
-    found = compare_fresh(held, lost, Role.FINAL, "playing")
+    found = compare(held, lost, "playing")
     assert found.metric == "touch_share"
     assert significant_drops([found], 1) == (found,)
-    assert significant_drops([compare_fresh(held, held[::5], Role.FINAL, "playing")], 1) == ()
+    assert significant_drops([compare(held, held[::5], "playing")], 1) == ()
+
+
+def test_a_few_stored_episodes_of_playing_are_seen_in_the_mean_that_ranks():
+    """A quarter of the official episodes is stored; the rank of most says nothing of them."""
+    rng = np.random.default_rng(0)
+    honest = [Episode(touch_steps=int(steps)) for steps in rng.geometric(0.1, 125)]
+    stored = [Episode(touch_steps=198)] * 25
+    found = compare(stored + honest[:75], honest[75:], "playing")
+    assert found.p < 1e-4
+    assert significant_drops([found] * 35, 35)
 
 
 def test_a_small_drop_in_every_task_is_seen_where_no_single_one_is():
-    small = [compare_fresh(shares(100, 100), shares(46, 50), Role.FINAL, "opening")] * 3
-    assert significant_drops(small, 3) == ()
-    assert drop_together([small]) < 0.001
-    assert drop_together([small[:1]]) is None
+    assert significant_drops([compare(shares(100, 100), shares(46, 50))] * 3, 3) == ()
+    small = [Values.of("opening", shares(100, 100), shares(46, 50))]
+    assert drop_together([small] * 3) < 0.001
+    assert drop_together([small]) is None
+
+
+def test_a_small_drop_in_every_training_seed_is_seen():
+    rng = np.random.default_rng(0)
+    play = lambda rate, number: tuple((rng.random(number) < rate).astype(float).tolist())  # noqa: E731
+    seeds = [Values(play(0.9, 100), play(0.8, 50)) for _ in range(20)]
+    assert drop_together([seeds]) < 1e-4
+    assert drop_together([[values] for values in seeds[:1]]) is None
+
+
+def test_seeds_without_any_variation_have_a_verdict():
+    same, worse = Values((1.0,) * 100, (1.0,) * 50), Values((1.0,) * 100, (0.0,) * 50)
+    assert drop_together([[same] * 5] * 3) is None
+    assert drop_together([[worse] * 5]) < 1e-300
 
 
 @pytest.mark.parametrize("rate", [0.5, 0.9, 0.99])
 def test_honest_training_seeds_on_the_same_scenes_are_hardly_ever_refused(rate):
-    """Five seeds, three tasks; half of an episode's variance is that of its scene."""
-    rng, compare = np.random.default_rng(0), cache(compare_counts)
+    """Five seeds, three tasks; half of an official episode's variance is that of its scene."""
+    rng = np.random.default_rng(0)
 
-    def play(episodes):
-        scene, own = rng.random((3, episodes)) < rate, rng.random((5, 3, episodes)) < rate
-        return np.where(rng.random(own.shape) < 0.5, scene, own).sum(axis=2).tolist()
+    def play():
+        scene, own = rng.random(100) < rate, rng.random((5, 100)) < rate
+        official = np.where(rng.random((5, 100)) < 0.5, scene, own).astype(float)
+        fresh = (rng.random((5, 50)) < rate).astype(float)
+        return [Values(*map(tuple, pair)) for pair in zip(official, fresh, strict=True)]
 
-    refused = 0
-    for _ in range(1000):
-        by_seed = [
-            [compare(*counts) for counts in zip(*tasks, strict=True)]
-            for tasks in zip(play(100), play(50), strict=True)
-        ]
-        refused += drop_together(by_seed) is not None
+    refused = sum(drop_together([play() for _ in range(3)]) is not None for _ in range(1000))
     assert refused <= 13  # of 1,000 at 0.5 %: more are seen once in a thousand times
-
-
-def compare_counts(first, second):
-    return compare_fresh(shares(first, 100), shares(second, 50), Role.FINAL, "opening")
