@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from minitouch_bench.evaluation.video import replay_frames
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Role
@@ -75,19 +76,18 @@ def frames_of(task: str) -> list[np.ndarray]:
         and (task not in GOAL_TASKS or (row.success and row.steps < VIDEO_STEPS))
     ]
     spec, _ = max(fitting, key=lambda pair: pair[1].steps)
-    environment = MiniTouchEnv(task, width=VIDEO_WIDTH * SMOOTHING, height=VIDEO_HEIGHT * SMOOTHING)
-    environment.reset(seed=spec.seed, options={"object": spec.shape} if spec.shape else None)
-    images = [_small_picture(environment)]
-    for action in run.actions_of(spec.key)[: VIDEO_STEPS - 1]:
-        environment.step(action)
-        images.append(_small_picture(environment))
-    environment.close()
+    actions = run.actions_of(spec.key)[: VIDEO_STEPS - 1]
+    size = {"width": VIDEO_WIDTH * SMOOTHING, "height": VIDEO_HEIGHT * SMOOTHING}
+    images = [
+        np.asarray(shrink(image, VIDEO_WIDTH, VIDEO_HEIGHT))
+        for image in replay_frames(spec, actions, run.plan.conditions, **size)
+    ]
     return images + images[-1:] * (VIDEO_STEPS - len(images))
 
 
-def _small_picture(environment: MiniTouchEnv) -> np.ndarray:
-    large = Image.fromarray(environment.picture())
-    return np.asarray(large.resize((VIDEO_WIDTH, VIDEO_HEIGHT), Image.Resampling.LANCZOS))
+def shrink(image: np.ndarray, width: int, height: int) -> Image.Image:
+    """Return an image that was drawn larger, in the size in which it is shown."""
+    return Image.fromarray(image).resize((width, height), Image.Resampling.LANCZOS)
 
 
 def draw(task: str) -> tuple[Image.Image, np.ndarray]:
@@ -100,9 +100,9 @@ def draw(task: str) -> tuple[Image.Image, np.ndarray]:
         observation, _, terminated, _, _ = environment.step(controller.act())
         if terminated:
             break
-    large = Image.fromarray(environment.picture())
+    picture = shrink(environment.picture(), WIDTH, HEIGHT)
     environment.close()
-    return large.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS), observation["image"][0]
+    return picture, observation["image"][0]
 
 
 if __name__ == "__main__":

@@ -28,8 +28,8 @@ def main() -> None:
         for task in run.plan.tasks:
             for key in best_and_worst(run, task):
                 spec, _ = run.find(key)
-                path = write_video(spec, run.actions_of(key), folder / video_name(key))
-                print(path)
+                path = folder / video_name(key)
+                print(write_video(spec, run.actions_of(key), path, run.plan.conditions))
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ def write_video(
         raise UsageError(f"a video is an .mp4 or a .gif, not '{path.name}'")
     with os_errors_as(RunDirectoryError, path, "written"), TemporaryDirectory() as folder:
         unfinished = Path(folder) / f"video{path.suffix}"
-        writers[path.suffix](_frames(spec, actions, conditions), unfinished)
+        writers[path.suffix](replay_frames(spec, actions, conditions), unfinished)
         write_file(path, unfinished.read_bytes())
     return path
 
@@ -73,8 +73,17 @@ def _write_gif(frames: Frames, path: Path) -> None:
     pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=milliseconds, loop=0)
 
 
-def _frames(spec: EpisodeSpec, actions: NDArray[np.float32], conditions: Conditions) -> Frames:
-    environment = MiniTouchEnv(spec.task, render_mode="rgb_array", conditions=conditions)
+def replay_frames(
+    spec: EpisodeSpec,
+    actions: NDArray[np.float32],
+    conditions: Conditions = STANDARD,
+    **size: int,
+) -> Frames:
+    """Replay one episode and yield an image of its start and of each control step.
+
+    ``size``: ``width`` and ``height`` in pixels, by default the environment's.
+    """
+    environment = MiniTouchEnv(spec.task, render_mode="rgb_array", conditions=conditions, **size)
     try:
         environment.reset(seed=spec.seed, options={"object": spec.shape} if spec.shape else None)
         yield environment.picture()

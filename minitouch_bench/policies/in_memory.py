@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.policies.policy import Checkpoint, Observation, Policy
+from minitouch_bench.policies.policy import Checkpoint, Observation, Policy, close_policy
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.policies.wire import describe
 from minitouch_bench.records import IN_MEMORY
@@ -30,7 +30,10 @@ CLASS_ID = re.compile(rb"\x8c\x20[0-9a-f]{32}")
 
 
 class ObjectPolicy:
-    """Anything with ``act(observation)``; ``reset(seed, task)`` is called where there is one."""
+    """Anything with ``act(observation)``.
+
+    ``reset(seed, task)`` and ``close()`` are called where there is one.
+    """
 
     def __init__(self, policy: Any) -> None:
         self._policy = policy
@@ -43,6 +46,10 @@ class ObjectPolicy:
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the object's action."""
         return self._policy.act(observation)  # type: ignore[no-any-return]
+
+    def close(self) -> None:
+        """Close the object."""
+        close_policy(self._policy)
 
 
 def keep_in_memory(policy: object) -> PolicySource:

@@ -54,13 +54,15 @@ class InProcessPolicy:
         self._size = 0
 
     def reset(self, seed: int, task: str) -> None:
-        """Load the policy and begin an episode.
+        """End the episode before, load the policy again and begin an episode.
 
         Raises:
             PolicyLoadError: the checkpoint cannot be loaded, or is not trusted.
             MissingExtraError: an optional package is not installed.
             PolicyRaisedError: the policy's own ``reset`` raised.
         """
+        with contextlib.suppress(Exception):  # a server ends old episodes by itself, too
+            self.close()
         part = self._source.for_task(task)
         check_permitted(part.kind, part.target, Isolation.NONE, trust=self._trust)
         content = part.content

@@ -39,7 +39,10 @@ class RemotePolicy:
         self._end()
         question = {"seed": seed, "task": task, "deterministic": self._deterministic}
         answer = self._call("POST", "/episodes", json.dumps(question).encode())
-        self._episode = urllib.parse.quote(str(answer.get("episode")), safe="")
+        episode = answer.get("episode")
+        if not isinstance(episode, str | int):
+            raise PolicyFaultError("the policy server's answer has no 'episode'")
+        self._episode = urllib.parse.quote(str(episode), safe="")
 
     def act(self, observation: Observation) -> NDArray[np.float64]:
         """Return the server's action; JSON knows one kind of number, so 0 counts as 0.0."""

@@ -132,7 +132,7 @@ def split_p_value(
     """
     spread = descriptors.std(axis=0)
     features = (descriptors - descriptors.mean(axis=0)) / np.where(spread > 0, spread, np.inf)
-    # 32 strongly dependent bins of one histogram must not drown mass, volume and sides.
+    # The strongly dependent bins of one histogram must not drown mass, volume and sides.
     features[:, 6:] /= np.sqrt(8.0)
     squares = (features**2).sum(axis=1)
     distances = np.maximum(squares[:, None] + squares - 2.0 * features @ features.T, 0.0)

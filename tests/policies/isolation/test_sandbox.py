@@ -4,10 +4,12 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from minitouch_bench.errors import IsolationError
 from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.policies.in_memory import keep_in_memory
 from minitouch_bench.policies.isolate import InProcessPolicy, effective_level, isolate, try_policy
 from minitouch_bench.policies.isolation import landlock, sandbox
 from minitouch_bench.policies.isolation.kernel import ProcessLimits
@@ -138,6 +140,28 @@ def test_level_none_is_this_process(observation):
     assert policy.act(observation).tolist() == [0.0] * 5
     policy.close()
     try_policy(parse_source("random"), ["pushing"], IsolationOptions(Isolation.NONE))
+
+
+class Closing:
+    """A policy that needs to be told the end of its episode."""
+
+    def __init__(self, file):
+        self.file = file
+
+    def act(self, observation):
+        return np.zeros(4, np.float32)
+
+    def close(self):
+        with self.file.open("a") as closed:
+            closed.write("closed ")
+
+
+def test_a_policy_of_this_process_is_closed_after_each_episode(tmp_path):
+    policy = isolate(keep_in_memory(Closing(tmp_path / "closed")), IsolationOptions(Isolation.NONE))
+    for seed in range(3):
+        policy.reset(seed, "pushing")
+    policy.close()
+    assert (tmp_path / "closed").read_text() == "closed closed closed "
 
 
 def test_packages_of_another_environment_may_be_read_and_other_folders_of_the_path_not(
