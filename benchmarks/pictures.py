@@ -77,10 +77,10 @@ def frames_of(task: str) -> list[np.ndarray]:
     ]
     spec, _ = max(fitting, key=lambda pair: pair[1].steps)
     actions = run.actions_of(spec.key)[: VIDEO_STEPS - 1]
-    size = {"width": VIDEO_WIDTH * SMOOTHING, "height": VIDEO_HEIGHT * SMOOTHING}
+    size = (VIDEO_WIDTH * SMOOTHING, VIDEO_HEIGHT * SMOOTHING)
     images = [
         np.asarray(shrink(image, VIDEO_WIDTH, VIDEO_HEIGHT))
-        for image in replay_frames(spec, actions, run.plan.conditions, **size)
+        for image in replay_frames(spec, actions, run.plan.conditions, size)
     ]
     return images + images[-1:] * (VIDEO_STEPS - len(images))
 

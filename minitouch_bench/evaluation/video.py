@@ -19,6 +19,9 @@ from minitouch_bench.tasks.environment import MiniTouchEnv
 FRAMES_PER_SECOND = 8
 """A control step lasts about a quarter of a second: videos run at twice real time."""
 
+VIDEO_SIZE = (480, 480)
+"""Pixels, width and height."""
+
 Frames = Iterator[NDArray[np.uint8]]
 
 
@@ -77,13 +80,16 @@ def replay_frames(
     spec: EpisodeSpec,
     actions: NDArray[np.float32],
     conditions: Conditions = STANDARD,
-    **size: int,
+    size: tuple[int, int] = VIDEO_SIZE,
 ) -> Frames:
     """Replay one episode and yield an image of its start and of each control step.
 
-    ``size``: ``width`` and ``height`` in pixels, by default the environment's.
+    ``size``: width and height in pixels.
     """
-    environment = MiniTouchEnv(spec.task, render_mode="rgb_array", conditions=conditions, **size)
+    width, height = size
+    environment = MiniTouchEnv(
+        spec.task, render_mode="rgb_array", conditions=conditions, width=width, height=height
+    )
     try:
         environment.reset(seed=spec.seed, options={"object": spec.shape} if spec.shape else None)
         yield environment.picture()
