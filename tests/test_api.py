@@ -233,7 +233,7 @@ def test_wrong_options_are_refused():
         mt.evaluate("zero", isolation="strong")
     with pytest.raises(UsageError, match="no task 'flying'"):
         mt.evaluate("zero", tasks=["flying"])
-    with pytest.raises(UsageError, match="no engine 'cloud' here; there are local"):
+    with pytest.raises(UsageError, match="no engine 'cloud'; there are local"):
         mt.evaluate("zero", engine="cloud")
     for options in ({"episodes": 0}, {"episodes": 10**6}, {"seed": -1}, {"workers": 0}):
         with pytest.raises(UsageError, match=r"can be|a number from 1 to"):

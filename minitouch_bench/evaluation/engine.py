@@ -3,11 +3,12 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.optional import look_up
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 if TYPE_CHECKING:
@@ -59,52 +60,20 @@ Yields each job that has ended with what went wrong, "" if nothing did. ``str(jo
 
 @dataclass(frozen=True)
 class EngineEntry:
-    """What an engine runs by, as ``module:name``, and what users read of it.
-
-    ``episodes`` takes ``EngineOptions`` and a ``Note``, and returns a context manager that yields
-    the ``Engine`` and ends what was started for it. ``jobs`` is a ``RunJobs``, for the trainings
-    of a study; "" where it runs none. ``address`` says what ``--address`` is to it; "" where it
-    has none.
-    """
+    """What users read of an engine; ``address``: what ``--address`` is to it, "" for nothing."""
 
     about: str
-    episodes: str
-    jobs: str = ""
     address: str = ""
 
 
 ENGINES: Mapping[str, EngineEntry] = {
-    "local": EngineEntry(
-        "on this machine",
-        episodes="minitouch_bench.evaluation.local_engine:open_local",
-        jobs="minitouch_bench.evaluation.local_engine:run_jobs",
-    ),
+    "local": EngineEntry("on this machine"),
     "ray": EngineEntry(
         "on a Ray cluster, see docs/how-to/ray.md",
-        episodes="minitouch_bench.evaluation.ray_engine:open_ray",
-        jobs="minitouch_bench.evaluation.ray_engine:run_jobs",
         address="the cluster; without it Ray starts here",
     ),
 }
-STUDY_ENGINES = tuple(name for name, entry in ENGINES.items() if entry.jobs)
-
-
-def find_engine(options: EngineOptions, names: Sequence[str] = tuple(ENGINES)) -> EngineEntry:
-    """Return the engine asked for, one of ``names``.
-
-    Raises:
-        UsageError: there is none of that name, or an option has no meaning for it.
-    """
-    if options.name not in names:
-        raise UsageError(f"no engine '{options.name}' here; there are {', '.join(names)}")
-    workers = options.workers
-    if workers is not None and not (isinstance(workers, int) and workers >= 1):
-        raise UsageError(f"workers are {workers!r}; there can be 1 or more")
-    entry = ENGINES[options.name]
-    if options.address is not None and not entry.address:
-        having = " or ".join(name for name in names if ENGINES[name].address)
-        raise UsageError(f"--address is for another engine: add --engine {having}")
-    return entry
+"""Each is a module ``evaluation/NAME_engine.py`` with ``open_engine`` and ``run_jobs``."""
 
 
 def open_engine(
@@ -118,8 +87,7 @@ def open_engine(
     Raises:
         UsageError: no such engine, or an option has no meaning for it.
     """
-    opener: Any = look_up(find_engine(options).episodes)
-    return opener(options, note)  # type: ignore[no-any-return]
+    return _find_module(options).open_engine(options, note)  # type: ignore[no-any-return]
 
 
 def find_job_runner(options: EngineOptions) -> RunJobs[Any]:
@@ -128,5 +96,16 @@ def find_job_runner(options: EngineOptions) -> RunJobs[Any]:
     Raises:
         UsageError: no such engine, or an option has no meaning for it.
     """
-    runner: Any = look_up(find_engine(options, STUDY_ENGINES).jobs)
-    return runner  # type: ignore[no-any-return]
+    return _find_module(options).run_jobs  # type: ignore[no-any-return]
+
+
+def _find_module(options: EngineOptions) -> ModuleType:
+    if options.name not in ENGINES:
+        raise UsageError(f"no engine '{options.name}'; there are {', '.join(ENGINES)}")
+    workers = options.workers
+    if workers is not None and not (isinstance(workers, int) and workers >= 1):
+        raise UsageError(f"workers are {workers!r}; there can be 1 or more")
+    if options.address is not None and not ENGINES[options.name].address:
+        having = " or ".join(name for name, entry in ENGINES.items() if entry.address)
+        raise UsageError(f"--address is for another engine: add --engine {having}")
+    return import_module(f"{__package__}.{options.name}_engine")

@@ -13,11 +13,11 @@ from minitouch_bench.processes import ONE_THREAD, core_count, run_in_workers
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 
-def open_local(
+def open_engine(
     options: EngineOptions,
     note: Note,  # noqa: ARG001 - an opener's signature
 ) -> contextlib.AbstractContextManager[Engine]:
-    """Open the engine of this machine: see ``engine.ENGINES``."""
+    """Open the engine of this machine."""
     return contextlib.nullcontext(LocalEngine(options.workers or core_count()))
 
 

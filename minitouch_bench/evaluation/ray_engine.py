@@ -17,8 +17,8 @@ from minitouch_bench.processes import MAX_ATTEMPTS, ONE_THREAD
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 
-def open_ray(options: EngineOptions, note: Note) -> AbstractContextManager[Engine]:
-    """Open an engine on a Ray cluster: see ``engine.ENGINES``."""
+def open_engine(options: EngineOptions, note: Note) -> AbstractContextManager[Engine]:
+    """Open an engine on a Ray cluster."""
     if options.address is not None:
         check_address(options.address)
     return _joined(options, note)

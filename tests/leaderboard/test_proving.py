@@ -28,7 +28,8 @@ from minitouch_bench.runs.run import read_run, run_json
 from minitouch_bench.verification.fresh import FreshResult
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows import Callbacks, ignore
-from minitouch_bench.workflows.proving import Prover, prove, validate_submission, within
+from minitouch_bench.workflows.prover import Prover
+from minitouch_bench.workflows.proving import prove, validate_submission, within
 from tests.altered import edit_actions
 from tests.evaluation.runs import request, run
 

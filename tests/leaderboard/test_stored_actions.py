@@ -20,7 +20,7 @@ from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
 from minitouch_bench.records import Role
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.fresh import fresh_seed
-from minitouch_bench.workflows.proving import Prover
+from minitouch_bench.workflows.prover import Prover
 from tests.evaluation.runs import request as wanted_run
 from tests.evaluation.runs import run
 

@@ -257,7 +257,7 @@ class DyingWorker:
 def test_there_are_two_engines(tmp_path):
     (tmp_path / "s.toml").write_text(STUDY)
     config = read_study(tmp_path / "s.toml")
-    with pytest.raises(UsageError, match="no engine 'slurm' here; there are local, ray"):
+    with pytest.raises(UsageError, match="no engine 'slurm'; there are local, ray"):
         run_study(config, tmp_path / "out", EngineOptions("slurm"))
 
 

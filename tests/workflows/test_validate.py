@@ -11,7 +11,7 @@ from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.runs.actions import parse_actions
 from minitouch_bench.runs.run import parse_run
-from minitouch_bench.workflows import proving
+from minitouch_bench.workflows import prover, proving
 from minitouch_bench.workflows.proving import prove, validate_submission
 from tests.leaderboard.synthetic import make_submission, official_run
 from tests.reporting.synthetic import make_record
@@ -35,7 +35,7 @@ class Played:
 def engine(monkeypatch):
     played = Played()
     monkeypatch.setattr(proving, "open_engine", lambda *_: contextlib.nullcontext(played))
-    monkeypatch.setattr(proving, "prepare_rerun", lambda *_: None)
+    monkeypatch.setattr(prover, "prepare_rerun", lambda *_: None)
     return played
 
 
