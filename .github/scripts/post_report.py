@@ -82,7 +82,8 @@ def comment(number: int, base: str, checked: Path) -> str:
         )
     (name,) = names
     outcome, text = findings(checked, name, head)
-    is_new = all(one["status"] == "added" for one in files)
+    added = {one["filename"] for one in files if one["status"] == "added"}
+    is_new = f"submissions/{name}/submission.toml" in added
     what = "" if is_new else ", **a change of a submission that exists: is it its owner's?**"
     return (
         f"{start}`{name}`: **{outcome}**{what}\n\n{as_code(text)}\n\nReplayed, re-run and run on "

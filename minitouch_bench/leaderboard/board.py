@@ -206,7 +206,7 @@ def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
 def _same_episodes(verdicts: Mapping[str, Verdict]) -> dict[str, set[str]]:
     """Return by name the others with a main run of the same episodes.
 
-    A row is not called a copy of one that is proved less well.
+    A proved row is not called a copy of one that is not.
     """
     runs = {
         (name, seed): run
@@ -214,11 +214,10 @@ def _same_episodes(verdicts: Mapping[str, Verdict]) -> dict[str, set[str]]:
         for seed, run in enumerate(verdict.runs_on(MAIN_SUITE))
     }
     others: dict[str, set[str]] = {}
-    strength = {level: number for number, level in enumerate(PROVED_LEVELS, 1)}
+    proved = {name for name, verdict in verdicts.items() if verdict.level in PROVED_LEVELS}
     for (first, _), (second, _) in find_copies(runs):
         for name, other in ((first, second), (second, first)):
-            less, more = (strength.get(verdicts[row].level, 0) for row in (name, other))
-            if name != other and less <= more:
+            if name != other and (other in proved or name not in proved):
                 others.setdefault(name, set()).add(other)
     return others
 

@@ -224,15 +224,15 @@ def find_copies(runs: Mapping[Key, Run]) -> dict[tuple[Key, Key], int]:
     a step are equal in every run and do not count.
     """
     owners: dict[tuple[str, int, str], list[Key]] = {}
-    for key, run in runs.items():
-        played = ((row.task, row.index, row.digest) for row in run.episodes if row.steps)
-        for episode in dict.fromkeys(played):
+    played = {key: [row for row in run.episodes if row.steps] for key, run in runs.items()}
+    for key, rows in played.items():
+        for episode in dict.fromkeys((row.task, row.index, row.digest) for row in rows):
             owners.setdefault(episode, []).append(key)
     shared = Counter(pair for keys in owners.values() for pair in combinations(keys, 2))
     return {
         (first, other): count
         for (first, other), count in shared.items()
-        if count >= COPIED_SHARE * min(len(runs[first].episodes), len(runs[other].episodes))
+        if count >= COPIED_SHARE * min(len(played[first]), len(played[other]))
     }
 
 

@@ -160,7 +160,7 @@ def bootstrap_seeds(values: Sequence[float] | NDArray[np.float64], *names: str) 
 
     Percentiles of the resampled means, further out than 2.5 and 97.5 %: so far that they are
     where Student's interval of as many normal values is. BCa's hold 84 % with five seeds. The ends
-    stay inside the range of the values, so two or three seeds are too few.
+    stay inside the range of the values, so two to four seeds are too few.
 
     ``names``: what is estimated, as a task and a metric, for the random stream.
 

@@ -61,8 +61,7 @@ class InProcessPolicy:
             MissingExtraError: an optional package is not installed.
             PolicyRaisedError: the policy's own ``reset`` raised.
         """
-        with contextlib.suppress(Exception):  # a server ends old episodes by itself, too
-            self.close()
+        self.close()
         part = self._source.for_task(task)
         check_permitted(part.kind, part.target, Isolation.NONE, trust=self._trust)
         content = part.content
@@ -99,9 +98,10 @@ class InProcessPolicy:
         return fit_action(raw, self._size)
 
     def close(self) -> None:
-        """Forget the policy."""
-        close_policy(self._policy)
-        self._policy = None
+        """Forget the policy; what goes wrong at its end changes no episode."""
+        policy, self._policy = self._policy, None
+        with contextlib.suppress(Exception):
+            close_policy(policy)
 
 
 def effective_level(source: PolicySource, asked: Isolation) -> Isolation:

@@ -133,7 +133,7 @@ class VisualEncoder(nn.Module):
         )
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return features float32 (N, 256) of images uint8 (N, C, H, W)."""
+        """Return features float32 (N, 256) of images (N, C, H, W): see ``ImageConvolutions``."""
         maps = self.convolutions(image)
         features: Tensor = self.projection(maps.flatten(1))
         return features

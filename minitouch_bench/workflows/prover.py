@@ -37,10 +37,6 @@ from minitouch_bench.verification.problems import Problem, Problems
 from minitouch_bench.verification.verify import draw_episodes, prepare_rerun, replay_run, rerun
 from minitouch_bench.workflows import ignore
 
-MORE_FAULTS = 0.05
-"""Share of policy faults among fresh episodes, above that of the official ones, from which nothing
-is concluded: a slow machine gives them too."""
-
 NOT_REPLAYED = "the recorded actions do not give these values"
 NOT_REPEATED = "the checkpoint does not act as recorded"
 FITS_OFFICIAL = "the checkpoint fits the official episodes"
@@ -52,12 +48,12 @@ def fresh_specs(run: Run, count: int, seed: int) -> tuple[EpisodeSpec, ...]:
     return plan.specs(exploration=run.header.exploration is not None)
 
 
-def _drop_problem(drop: FreshResult) -> Problem:
+def _drop_problem(place: str, drop: FreshResult) -> Problem:
     what = (
         f"{drop.metric} {drop.official:.3f} officially, {drop.fresh:.3f} in "
         f"{drop.episodes} fresh episodes (p = {drop.p:.2g})"
     )
-    return Problem(f"{drop.role} {drop.task}", what, FITS_OFFICIAL)
+    return Problem(f"{place}, {drop.role} {drop.task}", what, FITS_OFFICIAL)
 
 
 @dataclass(frozen=True)
@@ -84,7 +80,8 @@ class Prover:
         """Run ``count`` drawn episodes of each policy of each run, held in the sandbox.
 
         Raises:
-            IncompleteCheckError: the policy fails here, as on a slower machine, and did not there.
+            IncompleteCheckError: the policy fails here and did not there, or the other way round,
+                as on a slower machine.
         """
         failed = []
         for seed in self.verdict.submission.seeds:
@@ -92,17 +89,19 @@ class Prover:
                 with self.problems.caught(place):
                     run = self.verdict.runs[place]
                     specs = draw_episodes(run, count, self.rng)
-                    setup = self._setup(seed, run)
+                    setup, rows = self._setup(seed, run), dict(run.rows())
                     for record, differing in rerun(run, setup, specs, self.engine):
                         self.on_record(record)
-                        if differing and record.fault:
-                            failed.append(f"{place}, {record.spec.key}: {record.fault}")
+                        faults = (record.outcome, rows[record.spec].outcome)
+                        if differing and Outcome.POLICY_FAULT in faults:
+                            what = record.fault or "the recorded one"
+                            failed.append(f"{place}, {record.spec.key}: {what}")
                             continue
                         for problem in differing:
                             self.problems.add_below(place, replace(problem, remedy=NOT_REPEATED))
         if failed:
             raise IncompleteCheckError(
-                f"{len(failed)} episodes end by a policy fault only when run again; "
+                f"{len(failed)} episodes end by a policy fault in only one of both runs; "
                 f"the first: {failed[0]}"
             )
 
@@ -111,9 +110,14 @@ class Prover:
 
         A significant drop is a problem. On novel shapes they are the first ``count`` of the suite:
         its shapes in its order, in new scenes.
+
+        Raises:
+            IncompleteCheckError: there is a drop, and the policy fails in more of them than of the
+                official ones, as on a slower machine.
         """
         seeds: dict[str, int] = {}
         played: dict[str, dict[tuple[Role, str], Values]] = {}
+        faults: list[str] = []
         try:
             for seed in self.verdict.submission.seeds:
                 for place in seed.runs.values():
@@ -121,46 +125,29 @@ class Prover:
                         run = self.verdict.runs[place]
                         seeds[place] = fresh_seed(run.header.policy.digest, draw)
                         specs = fresh_specs(run, count, seeds[place])
-                        played[place] = self._play_fresh(run, self._setup(seed, run), specs)
+                        played[place], failed = self._play_fresh(run, self._setup(seed, run), specs)
+                        usual = [row.outcome is Outcome.POLICY_FAULT for _, row in run.rows()]
+                        if len(failed) / len(specs) > np.mean(usual):
+                            faults += (f"{place}, {fault}" for fault in failed)
         finally:  # also where the time is up before the last run
             results = {
                 place: tuple(compare_fresh(one, *key) for key, one in values.items())
                 for place, values in played.items()
             }
-            self._judge_drops(results, played)
+            drops = [] if self.problems else self._drops(results, played)
+            if drops and faults:
+                raise IncompleteCheckError(
+                    f"{len(faults)} fresh episodes end by a policy fault, more than official ones; "
+                    f"the first: {faults[0]}"
+                )
+            for drop in drops:
+                self.problems.add(drop.place, drop.what, drop.remedy)
         return FreshProof(draw, count, seeds, results)
-
-    def _judge_drops(
-        self,
-        results: Mapping[str, Sequence[FreshResult]],
-        played: Mapping[str, Mapping[tuple[Role, str], Values]],
-    ) -> None:
-        """Add the drops that an honest submission would hardly have."""
-        policies = {
-            (place, spec.role, spec.task)
-            for place, run in self.verdict.runs.items()
-            for spec in run.header.specs()
-        }
-        for place, compared in results.items():
-            for drop in significant_drops(compared, planned=len(policies)):
-                self.problems.add_below(place, _drop_problem(drop))
-        ranked: dict[str, list[Values]] = {}
-        for seed in self.verdict.submission.seeds:
-            for (role, task), values in played.get(seed.runs.get(MAIN_SUITE, ""), {}).items():
-                if role is Role.FINAL:
-                    ranked.setdefault(task, []).append(values)
-        if ranked and not self.problems and (p := drop_together(ranked.values())) is not None:
-            what = f"fresh episodes are worse over the tasks and training seeds (p = {p:.2g})"
-            self.problems.add("", what, FITS_OFFICIAL)
 
     def _play_fresh(
         self, run: Run, setup: PolicySetup, specs: Sequence[EpisodeSpec]
-    ) -> dict[tuple[Role, str], Values]:
-        """Play fresh episodes; return by role and task what the policy is ranked by.
-
-        Raises:
-            IncompleteCheckError: policy faults end many more of them than of the official ones.
-        """
+    ) -> tuple[dict[tuple[Role, str], Values], list[str]]:
+        """Play fresh episodes; return by role and task what ranks, and the policy's faults."""
         fresh: dict[tuple[Role, str], list[EpisodeMetrics]] = {}
         faults = []
         for record in self.engine.run(setup, specs):
@@ -168,17 +155,38 @@ class Prover:
             fresh.setdefault((record.spec.role, record.spec.task), []).append(measure(record))
             if record.fault:
                 faults.append(f"{record.spec.key}: {record.fault}")
-        usual = np.mean([row.outcome is Outcome.POLICY_FAULT for _, row in run.rows()])
-        if len(faults) / len(specs) > usual + MORE_FAULTS:
-            raise IncompleteCheckError(
-                f"{len(faults)} of {len(specs)} fresh episodes end by a policy fault, "
-                f"{100 * usual:.0f} % of the official ones; the first: {faults[0]}"
-            )
         official = dict(run.by_role())
-        return {
+        values = {
             (role, task): Values.of(task, [row for row in official[role] if row.task == task], rows)
             for (role, task), rows in fresh.items()
         }
+        return values, faults
+
+    def _drops(
+        self,
+        results: Mapping[str, Sequence[FreshResult]],
+        played: Mapping[str, Mapping[tuple[Role, str], Values]],
+    ) -> list[Problem]:
+        """Return the drops that an honest submission would hardly have."""
+        policies = {
+            (place, spec.role, spec.task)
+            for place, run in self.verdict.runs.items()
+            for spec in run.header.specs()
+        }
+        drops = [
+            _drop_problem(place, drop)
+            for place, compared in results.items()
+            for drop in significant_drops(compared, planned=len(policies))
+        ]
+        ranked: dict[str, list[Values]] = {}
+        for seed in self.verdict.submission.seeds:
+            for (role, task), values in played.get(seed.runs.get(MAIN_SUITE, ""), {}).items():
+                if role is Role.FINAL:
+                    ranked.setdefault(task, []).append(values)
+        if ranked and not drops and (p := drop_together(ranked.values())) is not None:
+            what = f"fresh episodes are worse over the tasks and training seeds (p = {p:.2g})"
+            drops.append(Problem("", what, FITS_OFFICIAL))
+        return drops
 
     def _setup(self, seed: TrainingSeed, run: Run) -> PolicySetup:
         header = run.header

@@ -143,3 +143,9 @@ def test_a_link_is_not_followed(github, tmp_path):
     (tmp_path / "checked" / "output.txt").unlink()
     (tmp_path / "checked" / "output.txt").symlink_to(secret)
     assert "token" not in github()[2]
+
+
+def test_a_file_added_to_an_existing_submission_is_a_change_of_it(github, tmp_path):
+    leave(tmp_path)
+    video = "submissions/mine/seed-0/table4/videos/pushing-1.mp4"
+    assert "is it its owner's?" in github(files=(video,))[2]

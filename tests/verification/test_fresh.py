@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from minitouch_bench.records import Outcome, Role
+from minitouch_bench.verification import fresh
 from minitouch_bench.verification.fresh import (
     Values,
     compare_fresh,
@@ -104,19 +105,23 @@ def test_a_small_drop_in_every_training_seed_is_seen():
 def test_seeds_without_any_variation_have_a_verdict():
     same, worse = Values((1.0,) * 100, (1.0,) * 50), Values((1.0,) * 100, (0.0,) * 50)
     assert drop_together([[same] * 5] * 3) is None
-    assert drop_together([[worse] * 5]) < 1e-300
+    assert drop_together([[worse] * 5]) < 1e-30
 
 
-@pytest.mark.parametrize("rate", [0.5, 0.9, 0.99])
-def test_honest_training_seeds_on_the_same_scenes_are_hardly_ever_refused(rate):
-    """Five seeds, three tasks; half of an official episode's variance is that of its scene."""
+@pytest.mark.parametrize("rate", [0.02, 0.1, 0.5, 0.99])
+@pytest.mark.parametrize(("number", "episodes"), [(2, 20), (5, 50)])
+def test_honest_training_seeds_on_the_same_scenes_are_hardly_ever_refused(
+    monkeypatch, rate, number, episodes
+):
+    """Three tasks; half of an official episode's variance is that of its scene."""
+    monkeypatch.setattr(fresh, "ORDERS", 2000)
     rng = np.random.default_rng(0)
 
     def play():
-        scene, own = rng.random(100) < rate, rng.random((5, 100)) < rate
-        official = np.where(rng.random((5, 100)) < 0.5, scene, own).astype(float)
-        fresh = (rng.random((5, 50)) < rate).astype(float)
-        return [Values(*map(tuple, pair)) for pair in zip(official, fresh, strict=True)]
+        scene, own = rng.random(100) < rate, rng.random((number, 100)) < rate
+        official = np.where(rng.random((number, 100)) < 0.5, scene, own).astype(float)
+        new = (rng.random((number, episodes)) < rate).astype(float)
+        return [Values(*map(tuple, pair)) for pair in zip(official, new, strict=True)]
 
-    refused = sum(drop_together([play() for _ in range(3)]) is not None for _ in range(1000))
-    assert refused <= 13  # of 1,000 at 0.5 %: more are seen once in a thousand times
+    refused = sum(drop_together([play() for _ in range(3)]) is not None for _ in range(200))
+    assert refused <= 5  # of 200 at 0.5 %: more are seen once in two thousand times

@@ -154,6 +154,7 @@ class Closing:
     def close(self):
         with self.file.open("a") as closed:
             closed.write("closed ")
+        raise RuntimeError("it cannot end")  # which changes no episode
 
 
 def test_a_policy_of_this_process_is_closed_after_each_episode(tmp_path):
