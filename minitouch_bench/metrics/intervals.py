@@ -109,7 +109,7 @@ def bootstrap_difference(
     Source: B. Efron and R. J. Tibshirani, "An introduction to the bootstrap" (1993), ch. 8
     and 14.
     """
-    return _bootstrap((first, second), _mean_difference, rng, resamples)
+    return _bootstrap((first, second), mean_difference, rng, resamples)
 
 
 def _mean(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
@@ -117,9 +117,10 @@ def _mean(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     return mean
 
 
-def _mean_difference(
+def mean_difference(
     first: NDArray[np.float64], second: NDArray[np.float64], axis: int
 ) -> NDArray[np.float64]:
+    """Return the difference of the means along an axis, first minus second."""
     return _mean(first, axis) - _mean(second, axis)
 
 

@@ -14,9 +14,9 @@ from typing import Self
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
+from minitouch_bench.metrics.intervals import mean_difference
 from minitouch_bench.records import EpisodeMetrics, Role
 
 SIGNIFICANCE = 0.01
@@ -79,17 +79,10 @@ class Values:
             table = [[sum(values), len(values) - sum(values)] for values in (before, after)]
             return float(scipy.stats.fisher_exact(table, alternative="greater").pvalue)
         test = scipy.stats.permutation_test(
-            (before, after), _mean_drop, n_resamples=ORDERS, batch=2_000, vectorized=True,
+            (before, after), mean_difference, n_resamples=ORDERS, batch=2_000, vectorized=True,
             alternative="greater", rng=np.random.default_rng(0),
         )  # fmt: skip
         return float(test.pvalue)
-
-
-def _mean_drop(
-    before: NDArray[np.float64], after: NDArray[np.float64], axis: int
-) -> NDArray[np.float64]:
-    drop: NDArray[np.float64] = before.mean(axis) - after.mean(axis)
-    return drop
 
 
 def compare_fresh(values: Values, role: Role, task: str) -> FreshResult:

@@ -15,6 +15,7 @@ from minitouch_bench.policies.networks import HIDDEN_UNITS, VisualEncoder
 from minitouch_bench.policies.policy import IMAGE_SHAPE
 
 WHITENED_LIMIT = 5.0
+"""Standard deviations."""
 
 
 @dataclass(frozen=True)
