@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from torch import nn
@@ -8,6 +9,7 @@ from minitouch_bench.agents import METHODS
 from minitouch_bench.agents.config import HAPTICS, CuriosityConfig
 from minitouch_bench.agents.curiosity import make_curiosity
 from minitouch_bench.agents.curiosity.curiosity import Whitening
+from minitouch_bench.tasks.environment import MiniTouchEnv
 from tests.agents.batches import random_batch
 
 CONFIG = CuriosityConfig(width=0.25, bfloat16=False, learning_rate=1e-3)
@@ -65,6 +67,40 @@ def test_touch_counts_where_the_name_says_so(method):
     curiosity, batch = make(method), random_batch()
     other = replace(batch, next_touch=batch.next_touch + 1.0)
     assert not torch.equal(surprise(curiosity, batch), surprise(curiosity, other))
+
+
+def test_touch_and_image_change_the_random_target_alike():
+    images, touch = observations("opening")
+    for seed in range(3):
+        torch.manual_seed(seed)
+        curiosity = make_curiosity("rnd-touch", CONFIG, 5)
+        curiosity.whitening.watch(images)
+        whitened = curiosity.whitening(images)
+        order = torch.randperm(len(images))
+
+        def target(image, felt, of=curiosity):
+            return of.target_head(of._seen(of.target_maps, image, felt))
+
+        with torch.no_grad():
+            true = target(whitened, touch)
+            by_touch = (target(whitened, touch[order]) - true).square().mean()
+            by_image = (target(whitened[order], touch) - true).square().mean()
+        assert 0.3 < by_touch / (by_touch + by_image) < 0.7
+
+
+def observations(task):
+    """Return images and normalized touch of random actions."""
+    environment = MiniTouchEnv(task)
+    environment.action_space.seed(0)
+    seen = []
+    for seed in range(4):
+        environment.reset(seed=seed)
+        seen += [environment.step(environment.action_space.sample())[0] for _ in range(25)]
+    environment.close()
+    images, touch = (
+        torch.as_tensor(np.array([one[key] for one in seen])) for key in ("image", "touch")
+    )
+    return images, (touch - touch.mean(dim=0)) / (touch.std(dim=0) + 1e-6)
 
 
 @pytest.mark.parametrize("method", ["icm", "disagreement", "rnd"])
