@@ -127,6 +127,17 @@ def test_the_detectable_shift_has_a_power_of_80_percent(level):
     assert np.mean(p_values <= level) == pytest.approx(0.8, abs=0.03)
 
 
+def test_where_equal_methods_vary_unequally_a_strict_test_errs_up_to_five_times_as_often():
+    """As NOTES says: five seeds each, equal means, and the smallest p-value that there is."""
+    rng = np.random.default_rng(3)
+    equal, wide = (spread * rng.standard_normal((200_000, 5)) for spread in (1, 10))
+    errors = [np.mean(one.min(axis=1) > other.max(axis=1)) for one, other in
+              ((wide, equal), (equal, wide), (equal, wide / 10))]  # fmt: skip
+    level = 1 / 252
+    assert errors[2] == pytest.approx(level, rel=0.1)
+    assert errors[:2] == [pytest.approx(5 * level, rel=0.1)] * 2
+
+
 def test_a_test_that_can_never_reject_detects_nothing():
     assert np.isnan(detectable_shift(3, 3, 0.01))  # its smallest p-value is 0.05
 
