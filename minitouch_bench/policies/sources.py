@@ -308,7 +308,9 @@ def _fetch(asked: HubFile, *, contact: bool) -> tuple[Path, HubFile]:
     """
     library = require("huggingface_hub", "hub")
     try:
-        if contact and not COMMIT.fullmatch(asked.revision):
+        kept = library.try_to_load_from_cache(asked.repository, asked.file, revision=asked.revision)
+        is_kept = COMMIT.fullmatch(asked.revision) and isinstance(kept, str)
+        if contact and not is_kept:
             url = library.hf_hub_url(asked.repository, asked.file, revision=asked.revision)
             remote = library.get_hf_file_metadata(url)
             if (remote.size or 0) > MAX_FILE_BYTES:

@@ -31,9 +31,9 @@ needs_library = pytest.mark.skipif(
 @pytest.fixture
 def hub(tmp_path, monkeypatch):
     """A server with one file at one commit, called main and v1: what it serves and was asked."""
-    asked = []
     save_native(TouchActor(action_size=4).eval(), tmp_path / "served.safetensors")
     content = (tmp_path / "served.safetensors").read_bytes()
+    served = SimpleNamespace(content=content, size=len(content), asked=[])
 
     class Handler(BaseHTTPRequestHandler):
         def do_HEAD(self):
@@ -44,7 +44,7 @@ def hub(tmp_path, monkeypatch):
                 self.wfile.write(content)
 
         def answer(self):
-            asked.append(self.path)
+            served.asked.append(self.path)
             paths = {
                 f"/somebody/touch/resolve/{one}/nets/pushing.safetensors"
                 for one in ("main", "v1", COMMIT)
@@ -53,7 +53,7 @@ def hub(tmp_path, monkeypatch):
             self.send_response(200 if is_there else 404)
             self.send_header("X-Repo-Commit", COMMIT)
             self.send_header("ETag", f'"{hashlib.sha256(content).hexdigest()}"')
-            self.send_header("Content-Length", str(len(content) if is_there else 0))
+            self.send_header("Content-Length", str(served.size if is_there else 0))
             if not is_there:
                 self.send_header("X-Error-Code", "EntryNotFound")
             self.end_headers()
@@ -66,7 +66,7 @@ def hub(tmp_path, monkeypatch):
     threading.Thread(target=server.serve_forever, daemon=True).start()
     monkeypatch.setenv("HF_ENDPOINT", f"http://127.0.0.1:{server.server_port}")
     monkeypatch.setenv("HF_HOME", str(tmp_path / "home"))
-    yield SimpleNamespace(content=content, asked=asked)
+    yield served
     server.shutdown()
     server.server_close()
 
@@ -115,6 +115,15 @@ def test_the_commit_and_the_main_branch_are_the_same_policy(hub, tmp_path):
     pinned = (f"{ADDRESS}@{COMMIT}", *ONE, "--output", "run", "--resume")
     done = run("evaluate", *pinned, directory=tmp_path)
     assert done.code == 0, done.err  # another policy would not resume it
+
+
+@needs_library
+@pytest.mark.parametrize("revision", ["main", COMMIT])
+def test_a_file_that_is_too_large_is_not_fetched(hub, tmp_path, revision):
+    hub.size = 10**12
+    done = run("evaluate", f"{ADDRESS}@{revision}", *ONE, directory=tmp_path)
+    done.refused(3, "1000000000000 bytes", "too large")
+    assert sum("/resolve/" in path for path in hub.asked) == 1
 
 
 @needs_library
