@@ -60,8 +60,8 @@ class RandomDistillation(Predictor):
         features = self.encode(maps, image)
         if not self.uses_touch:
             return features
-        share = (features.shape[1] / TOUCH_SIZE) ** 0.5
-        return torch.cat((features, share * touch), dim=1)
+        weight = (features.shape[1] / TOUCH_SIZE) ** 0.5
+        return torch.cat((features, weight * touch), dim=1)
 
 
 class TouchDistillation(RandomDistillation):
