@@ -38,9 +38,6 @@ def main() -> None:
     code: object = 0
     try:
         # Not at the top: loading takes a second in which Ctrl-C must be caught as well.
-        from minitouch_bench.processes import ARITHMETIC
-
-        os.environ.update(ARITHMETIC)  # before numpy: a report's sums round as a worker's do
         from minitouch_bench.cli.app import main as run_application
 
         run_application()
