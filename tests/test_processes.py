@@ -12,6 +12,7 @@ import pytest
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.processes import (
     ARITHMETIC,
+    ONE_THREAD,
     START,
     interrupts_held,
     run_in_workers,
@@ -45,6 +46,31 @@ def test_numpy_heeds_them_without_a_word():
         newer = "avx512f" in file.read()
     if newer:  # else the settings are what this processor does anyway
         assert results[0].stdout != results[2].stdout
+
+
+TRAINING_WORKER = """
+import contextlib, os, sys
+from minitouch_bench.cli.entry import main
+from minitouch_bench.evaluation.engine import EngineOptions
+from minitouch_bench.evaluation.local_engine import run_jobs
+sys.argv = ["minitouch-bench", "--version"]
+with contextlib.suppress(SystemExit):
+    main()
+[(_, names)] = run_jobs(EngineOptions(workers=1), lambda _: " ".join(os.environ), [0])
+print(names)
+"""
+
+
+def test_a_training_has_one_thread_and_the_processors_own_kernels():
+    environment = {name: value for name, value in os.environ.items() if name not in ARITHMETIC}
+    done = subprocess.run(
+        [sys.executable, "-c", TRAINING_WORKER],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert set(ARITHMETIC).intersection(done.stdout.split()) == set(ONE_THREAD)
 
 
 # Workers: these functions run in them, and files tell one process from the next.

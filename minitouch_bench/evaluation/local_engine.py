@@ -64,7 +64,11 @@ class _RunEpisode:
 def run_jobs(
     options: EngineOptions, function: Callable[[Job], str], jobs: Sequence[Job]
 ) -> Iterator[tuple[Job, str]]:
-    """Run jobs in worker processes; one whose worker died three times has failed."""
+    """Run jobs in worker processes; one whose worker died three times has failed.
+
+    The jobs are trainings, and use all that the processor has: with the kernels of ``ARITHMETIC``
+    one of ``icm`` took five times as long where the processor computes in bfloat16.
+    """
     ended = run_in_workers(
         function,
         jobs,
