@@ -67,7 +67,7 @@ def run_jobs(
     """Run jobs in worker processes; one whose worker died three times has failed.
 
     The jobs are trainings, and use all that the processor has: with the kernels of ``ARITHMETIC``
-    one of ``icm`` took five times as long where the processor computes in bfloat16.
+    a control step of ``icm`` took 108 ms in place of 25 where the processor computes in bfloat16.
     """
     ended = run_in_workers(
         function,
