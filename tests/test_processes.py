@@ -18,6 +18,9 @@ from minitouch_bench.processes import (
     run_in_workers,
 )
 
+UNSET = {name: value for name, value in os.environ.items() if name not in ARITHMETIC}
+"""The environment without them."""
+
 SINES = """
 import hashlib, numpy as np
 x = np.random.default_rng(0).uniform(-3, 3, 100_000)
@@ -29,11 +32,10 @@ print(hashlib.sha256((m @ m).tobytes()).hexdigest())
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="settings of x86-64")
 def test_numpy_heeds_them_without_a_word():
-    environment = {name: value for name, value in os.environ.items() if name not in ARITHMETIC}
     results = [
         subprocess.run(
             [sys.executable, "-c", SINES],
-            env={**environment, **extra},
+            env={**UNSET, **extra},
             capture_output=True,
             text=True,
             check=True,
@@ -62,15 +64,9 @@ print(names)
 
 
 def test_a_training_has_one_thread_and_the_processors_own_kernels():
-    environment = {name: value for name, value in os.environ.items() if name not in ARITHMETIC}
-    done = subprocess.run(
-        [sys.executable, "-c", TRAINING_WORKER],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert set(ARITHMETIC).intersection(done.stdout.split()) == set(ONE_THREAD)
+    command = [sys.executable, "-c", TRAINING_WORKER]
+    names = subprocess.check_output(command, env=UNSET, text=True).split()
+    assert set(ARITHMETIC).intersection(names) == set(ONE_THREAD)
 
 
 # Workers: these functions run in them, and files tell one process from the next.
