@@ -1,4 +1,4 @@
-"""Ranks with their uncertainty: rows that do not differ significantly share one.
+"""Ranks with their uncertainty: 1 + the number of rows that are significantly better.
 
 All rows face the same episodes, so every two of them are compared episode by episode.
 """

@@ -79,8 +79,8 @@ def _overall(board: Board) -> BoardView:
         *(tables.Column(task_title(task), unit=f"{_label(task)} ↑") for task in BOARD_TASKS),
     )
     lead = (
-        f"Ordered by the mean success over {listed(goals)}. Rows that do not differ significantly "
-        "on the same episodes share a rank."
+        f"Ordered by the mean success over {listed(goals)}. The rank is 1 + the number of rows that "
+        "are significantly better on the same episodes."
     )
     return BoardView(
         OVERALL, "Overall", lead, columns, _lines(board, OVERALL, [*RANKED_BY.items()])
