@@ -51,8 +51,8 @@ class PhaseConfig:
     ``initial_temperature``, so that the policy's entropy is ``target_entropy`` (nats per
     action number). Over the phase's first ``entropy_steps`` control steps the target moves
     linearly to ``final_target_entropy``; with 0 it is constant. ``n_step``: rewards summed before
-    the critic's estimate. ``success_share``: share of each batch that comes from the last steps
-    before a success.
+    the critic's estimate; exploration always uses 1. ``success_share``: share of each batch that
+    comes from the last steps before a success.
     """
 
     steps: int
@@ -174,11 +174,16 @@ class TrainingConfig:
 
     def __post_init__(self) -> None:
         _check_ranges(
-            self, seed=ANY, episode_steps=ANY, random_steps=ANY, updates_per_step=(0, 1000),
-            replay_size=(LEAST_REPLAY, math.inf), force_scale=ABOVE_ZERO, log_every=POSITIVE,
-            evaluate_every=ANY,
+            self, seed=(0, 2**63 - 1), episode_steps=ANY, random_steps=ANY,
+            updates_per_step=(0, 1000), replay_size=(LEAST_REPLAY, math.inf),
+            force_scale=ABOVE_ZERO, log_every=POSITIVE, evaluate_every=ANY,
             evaluate_episodes=POSITIVE, checkpoint_every=POSITIVE,
         )  # fmt: skip
+        if self.episode_steps >= self.replay_size:
+            raise UsageError(
+                f"'episode_steps' is {self.episode_steps}; it must be smaller than 'replay_size', "
+                f"which is {self.replay_size}"
+            )
         _check("method", self.method, tuple(METHODS))
         for part in self.carry:
             _check("part to carry", part, PARTS)
@@ -248,7 +253,7 @@ def make_config(
 ) -> TrainingConfig:
     """Return a preset's settings for a task, changed by a TOML file, then by ``settings``.
 
-    The phases have the lengths of PHASE_STEPS.
+    The phases have the lengths of PHASE_STEPS, or the preset's for a task that is not in it.
 
     A ``task`` in either changes nothing, so that a training's own ``config.toml`` serves another
     one. ``settings`` are nested as in the file: ``{"seed": 1, "task_phase": {"steps": 80_000}}``.
@@ -259,7 +264,7 @@ def make_config(
     PROTOCOL.task(task)
     _check("preset", preset, tuple(PRESETS))
     base = PRESETS[preset](task)
-    explored, learned = PHASE_STEPS[task]
+    explored, learned = PHASE_STEPS.get(task, (base.exploration.steps, base.task_phase.steps))
     base = replace(
         base,
         exploration=replace(base.exploration, steps=explored),

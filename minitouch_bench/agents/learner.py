@@ -101,7 +101,9 @@ class Learner:
 
     def begin_task_phase(self) -> None:
         """Seed the task's networks with the exploration's; drop those not carried over."""
-        with _weights_drawn_from(self.config.seed + 1):
+        # Not seed + 1: the training with that seed starts from those weights.
+        (seed,) = np.random.SeedSequence(self.config.seed).generate_state(1, np.uint64).tolist()
+        with _weights_drawn_from(seed):
             fresh = _new_sac(self.sac.config, self.sac.action_size)
         if "encoder" not in self.config.carry:
             self.sac.encoder.load_state_dict(fresh.encoder.state_dict())

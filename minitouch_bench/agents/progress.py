@@ -29,8 +29,8 @@ class ProgressRow:
     phase: str
     episodes: int
     intrinsic_reward: float | None
-    task_reward: float
-    touch_share: float
+    task_reward: float | None
+    touch_share: float | None
     success: float | None
     curiosity_loss: float | None
     critic_loss: float | None
@@ -116,8 +116,8 @@ class Tally:
             step=step,
             phase=phase,
             episodes=self.episodes,
-            task_reward=self.task_reward / max(1, self.steps),
-            touch_share=self.touched / max(1, self.steps),
+            task_reward=self.task_reward / self.steps if self.steps else None,
+            touch_share=self.touched / self.steps if self.steps else None,
             success=self.successes / self.episodes if self.episodes else None,
             evaluation_success=evaluation.success if evaluation else None,
             evaluation_touch_share=evaluation.touch_share if evaluation else None,

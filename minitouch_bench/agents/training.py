@@ -169,8 +169,8 @@ class Training:
         """Write what is due after a control step: a row, an evaluation in it, a checkpoint."""
         due = self.config.evaluate_every
         is_evaluated = bool(due) and self.step % due == 0
-        is_last = self.step == self.config.steps
-        if is_evaluated or is_last or self.step % self.config.log_every == 0:
+        is_last_of_phase = self.step in (self.config.exploration_steps, self.config.steps)
+        if is_evaluated or is_last_of_phase or self.step % self.config.log_every == 0:
             self._write_row(self._evaluate() if is_evaluated else None)
         if self.step % self.config.checkpoint_every == 0:
             self._save()
@@ -196,9 +196,9 @@ class Training:
         return self._seconds
 
     def _finish(self) -> None:
-        save_native(self._learner.actor(), self._directory / TRAINED_FILE)
         if self._learner.exploring:
             save_native(self._learner.actor(), self._directory / EXPLORED_FILE)
+        save_native(self._learner.actor(), self._directory / TRAINED_FILE)
         self._save()
 
     def _save(self) -> None:

@@ -6,6 +6,7 @@ split holds out one fifth, evenly over families, chosen by hash and by nobody.
 
 import hashlib
 import json
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,6 +33,7 @@ PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,199}")
 """A shape's name and its family are names of files too."""
 MEASURED = ("genus", "misfit", "outside_m", "wall_m", "convexity", "volume_m3", "density", "lifted")
 """What the manifest tells of a shape beyond what its record holds."""
+COUNTED = ("hulls", "faces", "hull_vertices")
 SALT = "minitouch split 1"
 GROUP = 5
 """Of so many shapes of a family in a row one is held out, outside the canonical set."""
@@ -124,7 +126,8 @@ class ShapeSet:
         """
         shapes = tuple(shape for shape in self.shapes if shape.split == name)
         if not shapes:
-            raise UsageError(f"shape set '{self.name}' has no split '{name}': train or held-out")
+            known = ", ".join(sorted({shape.split for shape in self.shapes}))
+            raise UsageError(f"shape set '{self.name}' has no split '{name}'; it has {known}")
         return shapes
 
     def by_name(self, name: str) -> Shape:
@@ -156,7 +159,7 @@ def load_shape_set(path: Path | str) -> ShapeSet:
         document = json.loads(read_file(folder / MANIFEST, GIB, follow=True))
     except FileNotFoundError as error:
         raise UsageError(f"{folder} contains no shape set: {MANIFEST} is missing") from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise UsageError(f"{folder / MANIFEST} cannot be read: {error}") from error
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         raise UsageError(f"{folder / MANIFEST} is not of schema {SCHEMA}")
@@ -165,7 +168,7 @@ def load_shape_set(path: Path | str) -> ShapeSet:
         for key, kind in (("name", str), ("count", int), ("pack_sha256", str)):
             if type(document[key]) is not kind:
                 raise ValueError(f"its {key} is no {kind.__name__}")
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise UsageError(f"{folder / MANIFEST} is damaged: {error!r}") from error
     return ShapeSet(document["name"], content_digest(document), shapes, document, folder)
 
@@ -198,14 +201,14 @@ def _shape(entry: Mapping[str, Any], pack: Path) -> Shape:
             raise ValueError(f"{str(entry[key])[:80]!a} is no plain {key}")
     if entry["split"] not in (TRAIN, HELD_OUT):
         raise ValueError(f"{str(entry['split'])[:80]!a} is no split")
-    for key in ("offset", "length", "hulls"):
-        if type(entry[key]) is not int or entry[key] < 0:
+    for key in ("offset", "length", *COUNTED):
+        if type(entry[key]) is not int or not 0 <= entry[key] <= GIB:
             raise ValueError(f"its {key} is no number of them")
     for key in MEASURED:
-        if type(entry[key]) not in (int, float):
+        if type(entry[key]) not in (int, float) or not math.isfinite(entry[key]):
             raise ValueError(f"its {key} is no number")
     x, y, z = (float(side) for side in entry["extents_m"])
-    poses = tuple(_pose(pose) for pose in entry["poses"])
+    poses = tuple(read_pose(pose) for pose in entry["poses"])
     return Shape(
         name=str(entry["name"]),
         family=str(entry["family"]),
@@ -220,7 +223,12 @@ def _shape(entry: Mapping[str, Any], pack: Path) -> Shape:
     )
 
 
-def _pose(pose: Mapping[str, Any]) -> RestPose:
+def read_pose(pose: Mapping[str, Any]) -> RestPose:
+    """Return a pose of a manifest's entry.
+
+    Raises:
+        KeyError, TypeError, ValueError, OverflowError: it is damaged.
+    """
     x, y, z, w = (float(number) for number in pose["quaternion"])
     return RestPose((x, y, z, w), float(pose["height_m"]), float(pose["probability"]))
 
@@ -251,27 +259,14 @@ def splits_of(seed: int | None, families: Sequence[str], digests: Sequence[str])
 def split_by_hash(families: Sequence[str], digests: Sequence[str]) -> tuple[str, ...]:
     """Return the split of every shape of a whole set from its record's digest.
 
-    In each family the shapes whose salted hash is lowest are held out. Quotas are the family's
-    fifth, rounded so that they add up to a fifth of the whole (largest remainder).
+    In each family the fifth whose salted hash is lowest is held out.
     """
-    quotas = held_out_quotas({name: families.count(name) for name in sorted(set(families))})
-    ranks = [_hash(digest) for digest in digests]
     held: set[int] = set()
-    for name, quota in quotas.items():
+    for name in set(families):
         members = [i for i, family in enumerate(families) if family == name]
-        held.update(sorted(members, key=lambda i: ranks[i])[:quota])
+        members.sort(key=lambda i: _hash(digests[i]))
+        held.update(members[: round(len(members) * HELD_OUT_SHARE)])
     return tuple(HELD_OUT if i in held else TRAIN for i in range(len(families)))
-
-
-def held_out_quotas(counts: Mapping[str, int]) -> dict[str, int]:
-    """Return how many of each family are held out; their sum is the rounded fifth of all."""
-    exact = {name: count * HELD_OUT_SHARE for name, count in counts.items()}
-    quotas = {name: int(value) for name, value in exact.items()}
-    missing = round(sum(counts.values()) * HELD_OUT_SHARE) - sum(quotas.values())
-    by_remainder = sorted(exact, key=lambda name: (quotas[name] - exact[name], name))
-    for name in by_remainder[:missing]:
-        quotas[name] += 1
-    return quotas
 
 
 def _canonical_splits(families: Sequence[str], digests: Sequence[str]) -> tuple[str, ...]:

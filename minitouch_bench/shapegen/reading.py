@@ -11,7 +11,7 @@ import trimesh
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MIB, read_file
-from minitouch_bench.shapegen.mesh import Mesh
+from minitouch_bench.shapegen.mesh import Mesh, Points
 
 SUFFIXES = (".urdf", ".obj", ".stl", ".glb")
 """Read in this order: a URDF claims the meshes it names, which then do not count again."""
@@ -50,11 +50,11 @@ def read_object(path: Path) -> Mesh:
         UnreadableError: it is no mesh, too large, empty, or has vertices that are not finite.
     """
     if path.suffix.lower() == ".urdf":
-        meshes = [(read_object(name), scale) for name, scale in _urdf_meshes(path)]
+        meshes = [(read_object(name), placed) for name, placed in _urdf_meshes(path)]
         if not meshes:
             raise UnreadableError("the URDF names no mesh")
         joined: Any = trimesh.util.append_faces(
-            [mesh.vertices * np.array(scale) for mesh, scale in meshes],
+            [trimesh.transform_points(mesh.vertices, placed) for mesh, placed in meshes],
             [mesh.faces for mesh, _ in meshes],
         )
         return Mesh(joined[0], joined[1].astype(np.int32))
@@ -98,11 +98,11 @@ def _welded(mesh: Mesh) -> Mesh:
     return Mesh(points, faces[kept])
 
 
-def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, tuple[float, ...]]]:
-    """Return the collision meshes of a one-link URDF, with their scales.
+def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, Points]]:
+    """Return the collision meshes of a one-link URDF, each with its transform into the link.
 
     Raises:
-        UnreadableError: ``strict`` and it is no URDF of a single link.
+        UnreadableError: ``strict`` and it is not a URDF of a single link made of meshes.
     """
     try:
         text = read_file(path, MIB, follow=True).decode(errors="replace")
@@ -116,17 +116,42 @@ def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, tuple[floa
     links = root.findall("link")
     if strict and len(links) != 1:
         raise UnreadableError(f"a URDF of {len(links)} links, not one")
-    meshes: list[tuple[Path, tuple[float, ...]]] = []
+    meshes: list[tuple[Path, Points]] = []
     for link in links:
-        for mesh in link.findall("collision/geometry/mesh") or link.findall("visual/geometry/mesh"):
-            name = mesh.get("filename", "").removeprefix("package://")
+        kind = "visual" if link.find("collision/geometry/mesh") is None else "collision"
+        for element in link.findall(kind):
             try:
-                scale = tuple(float(part) for part in mesh.get("scale", "1 1 1").split())
-            except ValueError as error:
+                meshes.append(_placed_mesh(path, element))
+            except UnreadableError:
                 if strict:
-                    raise UnreadableError("the URDF's scale is no three numbers") from error
-                continue
-            meshes.append((path.parent / name, scale if len(scale) == 3 else (1.0, 1.0, 1.0)))
+                    raise
     if strict and any(file.suffix.lower() == ".urdf" for file, _ in meshes):
         raise UnreadableError("the URDF names a URDF as its mesh")
     return meshes
+
+
+def _placed_mesh(path: Path, element: ElementTree.Element) -> tuple[Path, Points]:
+    """Return the mesh of a collision or visual element, and its transform, float64 (4, 4).
+
+    Raises:
+        UnreadableError: it is another geometry, or its scale or origin is damaged.
+    """
+    mesh, origin = element.find("geometry/mesh"), element.find("origin")
+    if mesh is None:
+        raise UnreadableError("a geometry of the URDF is not a mesh")
+    name = mesh.get("filename", "").removeprefix("package://")
+    placed: Points = trimesh.transformations.compose_matrix(  # type: ignore[no-untyped-call]
+        scale=_three(mesh, "scale", "1 1 1"),
+        angles=_three(origin, "rpy", "0 0 0"),
+        translate=_three(origin, "xyz", "0 0 0"),
+    )
+    return path.parent / name, placed
+
+
+def _three(element: ElementTree.Element | None, key: str, default: str) -> tuple[float, ...]:
+    text = default if element is None else element.get(key, default)
+    try:
+        x, y, z = (float(part) for part in text.split())
+    except ValueError as error:
+        raise UnreadableError(f"the URDF's {key} is not three numbers") from error
+    return x, y, z

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from minitouch_bench.agents import METHODS
-from minitouch_bench.agents.config import PHASE_STEPS, TrainingConfig, apply_settings, make_config
+from minitouch_bench.agents.config import TrainingConfig, apply_settings, make_config
 from minitouch_bench.conditions import STANDARD, parse_conditions
 from minitouch_bench.documents import read_toml, take_table
 from minitouch_bench.errors import UsageError
@@ -94,7 +94,8 @@ class StudyConfig:
             StudyTraining(task, method, seed, steps)
             for seed in self.seeds
             for task in self.tasks
-            for steps in self.in_task(task).exploration_steps or PHASE_STEPS[task][:1]
+            for steps in self.in_task(task).exploration_steps
+            or (make_config(task, self.preset).exploration.steps,)
             for method in self.in_task(task).methods
         )
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.agents import METHODS
+from minitouch_bench.agents import config as config_module
 from minitouch_bench.agents.config import (
     PRESETS,
     PhaseConfig,
@@ -15,7 +16,7 @@ from minitouch_bench.agents.config import (
 )
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
-from minitouch_bench.workflows.study_config import read_study
+from minitouch_bench.workflows.study_config import StudyConfig, read_study
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -85,13 +86,21 @@ def test_a_training_is_as_long_as_in_the_study_of_table_4(preset):
         assert ours.task_phase.steps == theirs.task_phase.steps
 
 
+def test_a_new_task_s_training_is_as_long_as_its_preset(monkeypatch):
+    monkeypatch.setattr(config_module, "PHASE_STEPS", {})
+    assert make_config("opening", "paper") == PRESETS["paper"]("opening")
+    (training,) = StudyConfig(("hac",), ("opening",), (0,)).trainings()
+    assert training.exploration_steps == TrainingConfig("opening").exploration.steps
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
         ({"checkpoint_every": 0}, "'checkpoint_every' is 0; it can be 1 or more"),
         ({"log_every": 0}, "1 or more"),
         ({"evaluate_episodes": 0}, "1 or more"),
-        ({"seed": -1}, "0 or more"),
+        ({"seed": -1}, "0 to 9223372036854775807"),
+        ({"seed": 2**64}, "0 to 9223372036854775807"),
         ({"updates_per_step": math.nan}, "'updates_per_step' is nan"),
         ({"task_phase": {"success_share": 1.5}}, "it can be 0 to 1"),
         ({"exploration": {"steps": -1}}, "0 or more"),
@@ -104,6 +113,7 @@ def test_a_training_is_as_long_as_in_the_study_of_table_4(preset):
         ({"task_phase": {"target_entropy": -math.inf}}, "'target_entropy' is -inf"),
         ({"force_scale": 0}, "'force_scale' is 0"),
         ({"replay_size": 1}, "1000 or more"),
+        ({"replay_size": 2000, "episode_steps": 2000}, "smaller than 'replay_size', which is 2000"),
     ],
 )
 def test_settings_have_ranges(settings, words):

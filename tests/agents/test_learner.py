@@ -3,10 +3,17 @@
 import copy
 
 import numpy as np
+import pytest
 import torch
 
 from minitouch_bench.agents import learner as learners
-from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
+from minitouch_bench.agents.config import (
+    PARTS,
+    CuriosityConfig,
+    PhaseConfig,
+    SacConfig,
+    TrainingConfig,
+)
 from minitouch_bench.agents.curiosity.curiosity import Curiosity, Errors
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
@@ -61,6 +68,25 @@ def test_a_target_entropy_far_below_the_policys_lowers_the_temperature():
     )
     assert risen > first
     assert last < risen
+
+
+@pytest.mark.parametrize("carried", [True, False])
+def test_weights_are_carried_over_or_those_of_no_other_training(carried):
+    carry = PARTS if carried else ()
+    first, other = (
+        Learner(
+            TrainingConfig("pushing", seed=seed, carry=carry),
+            PROTOCOL.task("pushing"),
+            torch.device("cpu"),
+        )
+        for seed in (0, 1)
+    )
+    before = copy.deepcopy(first.sac.actor.state_dict())
+    first.begin_task_phase()
+    weight = "trunk.0.weight"
+    after = first.sac.actor.state_dict()[weight]
+    assert torch.equal(after, before[weight]) is carried
+    assert not torch.equal(after, other.sac.actor.state_dict()[weight])
 
 
 class TouchCounts(Curiosity):

@@ -197,7 +197,7 @@ def config_with_log(tmp_path, method="hac"):
         log_every=5,
         evaluate_every=0,
         checkpoint_every=4,
-        exploration=PhaseConfig(10),
+        exploration=PhaseConfig(8),
         task_phase=PhaseConfig(5),
         sac=SacConfig(batch_size=4),
         curiosity=CuriosityConfig(width=0.25),
@@ -211,8 +211,11 @@ def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_p
         config, tmp_path / "run", device="cpu", callbacks=TrainingProgress(row=rows.append)
     )
     assert run_training(once)
-    assert [row.phase for row in rows] == ["exploration", "exploration", "task"]
+    assert [row.step for row in rows] == [5, 8, 10, 13]  # no row is of both phases
+    assert [row.phase for row in rows] == ["exploration"] * 2 + ["task"] * 2
     assert all(row.critic_loss is not None for row in rows)
+    for row in rows:
+        assert [row.touch_share is None, row.task_reward is None] == [row.phase != "task"] * 2
 
     asked = iter([False] * 7 + [True])
     broken = replace(

@@ -10,14 +10,14 @@ import pytest
 from tensorboardX.proto import event_pb2
 
 import minitouch_bench as mt
-from minitouch_bench.agents import METHODS
+from minitouch_bench.agents import METHODS, training
 from minitouch_bench.agents.config import PhaseConfig
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.policies.native import load_native
+from minitouch_bench.policies.native import load_native, save_native
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.workflows import TrainingProgress
 from minitouch_bench.workflows.training import TrainingRequest, run_training
-from tests.agents.trainings import CONFIG
+from tests.agents.trainings import CONFIG, stop_at_once
 
 
 def outcome(directory):
@@ -125,7 +125,14 @@ def test_killed_before_the_first_checkpoint_it_starts_over(tmp_path, undisturbed
     assert outcome(tmp_path) == outcome(undisturbed)
 
 
-def test_exploration_alone_leaves_both_policies_too(tmp_path):
+def test_exploration_alone_leaves_both_policies_the_final_one_last(tmp_path, monkeypatch):
+    saved = []
+
+    def save(actor, file):
+        saved.append(file.stem)
+        save_native(actor, file)
+
+    monkeypatch.setattr(training, "save_native", save)
     short = {
         "random_steps": 4,
         "exploration": {"steps": 8},
@@ -134,9 +141,8 @@ def test_exploration_alone_leaves_both_policies_too(tmp_path):
     }
     found = mt.train("playing", "rnd", settings=short, output=tmp_path, device="cpu")
     assert found == tmp_path
-    final, exploration = (
-        (tmp_path / f"{n}.safetensors").read_bytes() for n in ("final", "exploration")
-    )
+    assert saved == ["exploration", "final"]
+    exploration, final = ((tmp_path / f"{name}.safetensors").read_bytes() for name in saved)
     assert final == exploration
 
 
@@ -159,11 +165,7 @@ def test_other_settings_are_not_mixed_in(undisturbed):
 
 
 def test_a_training_that_was_killed_before_it_began_is_begun_by_resume(tmp_path):
-    notes = []
-    request = TrainingRequest(CONFIG, tmp_path / "run", resume=True, device="cpu")
-    assert not run_training(
-        replace(request, callbacks=TrainingProgress(note=notes.append, should_stop=lambda: True))
-    )
+    notes = stop_at_once(tmp_path / "run")
     assert "contains no training yet: one is started" in notes[0]
     assert (tmp_path / "run" / "config.toml").exists()
 
@@ -200,26 +202,12 @@ def test_a_mistake_leaves_the_directory_free(tmp_path):
         run_training(TrainingRequest(replace(CONFIG, objects="typo"), tmp_path, device="cpu"))
     with pytest.raises(UsageError, match="is not a Minari dataset"):
         run_training(TrainingRequest(replace(CONFIG, log="typo"), tmp_path, device="cpu"))
-    assert (
-        run_training(
-            TrainingRequest(
-                CONFIG, tmp_path, device="cpu", callbacks=TrainingProgress(should_stop=lambda: True)
-            )
-        )
-        is False
-    )
+    stop_at_once(tmp_path)
 
 
 def test_stopped_before_its_first_row_it_leaves_no_page(tmp_path):
     break_off(tmp_path, 6, kill=True, resume=False)
-    stopped = TrainingRequest(
-        CONFIG,
-        tmp_path,
-        resume=True,
-        device="cpu",
-        callbacks=TrainingProgress(should_stop=lambda: True),
-    )
-    assert run_training(stopped) is False
+    stop_at_once(tmp_path)
     assert not (tmp_path / "progress.csv").exists()
     assert not (tmp_path / "report.html").exists()
 
@@ -228,14 +216,6 @@ def test_the_policy_of_a_shorter_training_does_not_stand_for_the_longer(undistur
     directory = tmp_path / "longer"
     shutil.copytree(undisturbed, directory)
     policy = (directory / "final.safetensors").read_bytes()
-    longer = replace(CONFIG, task_phase=replace(CONFIG.task_phase, steps=30))
-    request = TrainingRequest(
-        longer,
-        directory,
-        resume=True,
-        device="cpu",
-        callbacks=TrainingProgress(should_stop=lambda: True),
-    )
-    assert run_training(request) is False
+    stop_at_once(directory, replace(CONFIG, task_phase=replace(CONFIG.task_phase, steps=30)))
     assert not (directory / "final.safetensors").exists()
     assert (directory / "final_50_steps.safetensors").read_bytes() == policy

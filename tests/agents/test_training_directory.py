@@ -14,10 +14,9 @@ import torch
 
 from minitouch_bench.agents import checkpoint, progress
 from minitouch_bench.errors import InfrastructureError, MiniTouchError, RunDirectoryError
-from minitouch_bench.workflows import TrainingProgress
 from minitouch_bench.workflows.training import TrainingRequest, run_training
 from tests.agents.test_training import break_off, outcome
-from tests.agents.trainings import CONFIG
+from tests.agents.trainings import CONFIG, stop_at_once
 
 
 @pytest.fixture(scope="module")
@@ -45,18 +44,6 @@ def nobody_waits():
     yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)
-
-
-def resume(directory):
-    return run_training(
-        TrainingRequest(
-            CONFIG,
-            directory,
-            resume=True,
-            device="cpu",
-            callbacks=TrainingProgress(should_stop=lambda: True),
-        )
-    )
 
 
 def mine(directory):
@@ -102,7 +89,7 @@ def test_events_are_written_into_no_other_folder(prepared):
     shutil.rmtree(prepared / "events", ignore_errors=True)
     (prepared / "events").symlink_to(mine(prepared).parent)
     with pytest.raises(RunDirectoryError, match="events"):
-        resume(prepared)
+        stop_at_once(prepared)
     assert [file.name for file in mine(prepared).parent.iterdir()] == ["letter.txt"]
 
 
@@ -216,7 +203,7 @@ def test_a_checkpoint_that_unpacks_to_more_is_refused(prepared, tmp_path):
         for name, content in members.items():
             archive.writestr(name, content)
     with pytest.raises(RunDirectoryError, match="checkpoint"):
-        resume(prepared)
+        stop_at_once(prepared)
 
 
 def test_a_flipped_bit_is_found(prepared):
@@ -227,7 +214,7 @@ def test_a_flipped_bit_is_found(prepared):
             content[place] ^= 16
             (prepared / name).write_bytes(content)
             try:
-                resume(prepared)
+                stop_at_once(prepared)
             except RunDirectoryError:
                 continue
             # Between the members of the archive a bit means nothing.
@@ -245,4 +232,4 @@ def test_pictures_that_unpack_to_more_are_refused(prepared):
     state["images"] += len(bomb) - first
     torch.save(state, prepared / "checkpoint.pt")
     with pytest.raises(RunDirectoryError, match="checkpoint"):
-        resume(prepared)
+        stop_at_once(prepared)

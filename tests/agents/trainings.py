@@ -1,6 +1,10 @@
 """A training that takes seconds."""
 
+from pathlib import Path
+
 from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
+from minitouch_bench.workflows import TrainingProgress
+from minitouch_bench.workflows.training import TrainingRequest, run_training
 
 CONFIG = TrainingConfig(
     "pushing",
@@ -15,3 +19,12 @@ CONFIG = TrainingConfig(
     sac=SacConfig(batch_size=4),
     curiosity=CuriosityConfig(width=0.25),
 )
+
+
+def stop_at_once(directory: Path, config: TrainingConfig = CONFIG) -> list[str]:
+    """Begin or resume a training that is asked to stop before its next step; return its notes."""
+    notes: list[str] = []
+    callbacks = TrainingProgress(note=notes.append, should_stop=lambda: True)
+    request = TrainingRequest(config, directory, resume=True, device="cpu", callbacks=callbacks)
+    assert run_training(request) is False
+    return notes

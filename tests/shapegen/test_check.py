@@ -35,9 +35,24 @@ def test_a_whole_set_holds(small_set: Path) -> None:
 
 
 def test_soundness_is_proven_again(tiny_set: Path) -> None:
-    edit_document(tiny_set / "manifest.json", lambda d: d["shapes"][1].update(misfit=0.5))
-    (problem,) = check_set(tiny_set).problems
-    assert problem.startswith("shape-0001: misfit measures")
+    wrong = {"misfit": 0.5, "volume_m3": 1.2e-4, "density": 9e3, "lifted": 0.5, "faces": 401}
+
+    def negate(document: dict[str, Any]) -> None:
+        for pose in (pose for shape in document["shapes"] for pose in shape["poses"]):
+            pose["quaternion"] = [-number for number in pose["quaternion"]]  # the same rotation
+
+    def falsify(document: dict[str, Any]) -> None:
+        first, second = document["shapes"]
+        first["poses"][1]["quaternion"] = [1.0, 0.0, 0.0, 0.0]
+        second["poses"][1]["probability"] += 0.1
+        second.update(wrong)
+
+    edit_document(tiny_set / "manifest.json", negate)
+    assert check_set(tiny_set).problems == ()
+    edit_document(tiny_set / "manifest.json", falsify)
+    problems = {tuple(text.split()[:2]) for text in check_set(tiny_set).problems}
+    names = {("shape-0001:", key) for key in (*wrong, "poses")}
+    assert problems == names | {("shape-0000:", "poses")}
 
 
 def test_a_flipped_byte_is_found_and_named(small_set: Path) -> None:

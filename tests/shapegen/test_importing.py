@@ -9,7 +9,7 @@ from minitouch_bench.shapegen import importing
 from minitouch_bench.shapegen.exporting import export
 from minitouch_bench.shapegen.importing import ImportConfig, import_objects, import_one
 from minitouch_bench.shapegen.manifest import load_shape_set
-from minitouch_bench.shapegen.reading import find_objects
+from minitouch_bench.shapegen.reading import find_objects, read_object
 from tests.shapegen.bodies import BLOCK
 
 
@@ -39,6 +39,21 @@ def test_a_urdf_brings_its_mesh_and_scale(tmp_path: Path) -> None:
     )
     assert find_objects(tmp_path) == [tmp_path / "thing.urdf"]
     assert refusal(tmp_path / "thing.urdf") == ""
+
+
+def test_a_urdf_places_its_meshes(tmp_path: Path) -> None:
+    block(8.0, 4.0, 2.0).export(str(tmp_path / "mesh.obj"))
+    collision = (
+        '<collision>%s<geometry><mesh filename="mesh.obj" scale="1 1 0.5"/></geometry></collision>'
+    )
+    origin = f'<origin xyz="10 20 30" rpy="{np.pi / 2} 0 {np.pi / 2}"/>'
+    parts = collision % "" + collision % origin
+    (tmp_path / "two.urdf").write_text(f"<robot><link>{parts}</link></robot>")
+    vertices = read_object(tmp_path / "two.urdf").vertices
+    assert np.abs(vertices[:8]).max(axis=0) == pytest.approx([4.0, 2.0, 0.5])
+    assert vertices[8:].mean(axis=0) == pytest.approx([10.0, 20.0, 30.0])
+    # The roll turns y into z, then the yaw x into y and z's -y into x.
+    assert np.ptp(vertices[8:], axis=0) == pytest.approx([1.0, 8.0, 4.0])
 
 
 def test_holes_are_filled_faces_turned_and_parts_joined(tmp_path: Path) -> None:
@@ -95,16 +110,22 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     urdf = '<robot><link><collision><geometry><mesh filename="%s" scale="%s"/></geometry>'
     urdf += "</collision></link></robot>"
     (tmp_path / "scale.urdf").write_text(urdf % ("good.stl", "1,1,1"))
+    (tmp_path / "single.urdf").write_text(urdf % ("good.stl", "0.001"))
+    beside = "</collision><collision><geometry><box size='1 1 1'/></geometry></collision>"
+    boxed = (urdf % ("gone.stl", "1 1 1")).replace("</collision>", beside)
+    (tmp_path / "boxed.urdf").write_text(boxed)
     (tmp_path / "loop.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))  # a mesh, if of itself
     (tmp_path / "outer.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))
     result = import_objects(tmp_path, tmp_path.parent / "out", ImportConfig())
     assert result.accepted == 1
     assert result.refused.keys() == {
         "nan.obj", "text.obj", "empty.stl", "huge.stl", "broken.urdf", "bomb.urdf", "scale.urdf",
-        "outer.urdf",
+        "single.urdf", "boxed.urdf", "outer.urdf",
     }  # fmt: skip
     assert "not a finite number" in result.refused["nan.obj"]
     assert "more than 500000 faces" in result.refused["huge.stl"]
+    assert result.refused["single.urdf"] == "the URDF's scale is not three numbers"
+    assert result.refused["boxed.urdf"] == "a geometry of the URDF is not a mesh"
     assert all("\n" not in reason for reason in result.refused.values())
     shapes = load_shape_set(result.folder)
     assert shapes.shapes[0].name == "good"
