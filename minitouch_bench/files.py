@@ -179,7 +179,7 @@ def _lock(path: Path, *, wait: bool) -> int:
                 fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
             except BlockingIOError as error:
                 raise RunDirectoryError(
-                    f"{path.parent} is in use by another process; choose another --output"
+                    f"{path.parent} is in use by another process; choose another directory"
                 ) from error
             with suppress(FileNotFoundError):  # its last holder may have removed it meanwhile
                 if os.path.samestat(os.fstat(handle), os.lstat(path)):
@@ -204,13 +204,13 @@ def write_file(path: Path, content: bytes | str, *, durable: bool = True) -> Non
 def replace_file(path: Path, content: bytes, *, durable: bool = True) -> None:
     """Write a file in one step: others see the old one or the new one, never a part.
 
-    A link is replaced, its target is not touched. What lies below ``/dev`` is written to: only
-    the user can have meant it.
+    A link is replaced, its target is not touched. A device below ``/dev`` is written to: only
+    the user can have meant it. ``/dev/shm`` holds plain files.
 
     Raises:
         OSError: the disk is full, permission is missing, or the path is not a plain file.
     """
-    if Path("/dev") in path.parents:
+    if Path("/dev") in path.parents and Path("/dev/shm") not in path.parents:
         path.write_bytes(content)
         return
     with suppress(FileNotFoundError):

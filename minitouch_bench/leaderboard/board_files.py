@@ -60,7 +60,8 @@ def notes() -> tuple[str, ...]:
         "A rank is 1 + the number of rows that are significantly better; the range behind it "
         "contains the true rank with 95 % confidence.",
         "Brackets: 95 % interval. One training seed: Wilson for shares, bootstrap over episodes "
-        f"for means; {EPISODE_VARIANCE}. Several: bootstrap over training seeds.",
+        f"for means; {EPISODE_VARIANCE}. Several: bootstrap over training seeds, which contains "
+        "the true mean less often where there are fewer than five.",
         f"Calibration rows are the built-in policies: {CEILING} reads the simulator's state and "
         f"solves each task, {listed(FLOORS)} are floors. They are never ranked.",
         f"{PAPER_NOTE} They are never ranked.",

@@ -3,6 +3,7 @@
 The site is an index and a page per submission, each complete in itself.
 """
 
+import json
 import math
 import shutil
 from collections.abc import Callable, Collection, Sequence
@@ -19,6 +20,7 @@ from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, submission_page,
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel, proof_path, read_proof
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MODALITIES
+from minitouch_bench.leaderboard.submission_rules import NAME
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.leaderboard.views import BoardView, views
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
@@ -28,6 +30,8 @@ from minitouch_bench.rendering.pages import PICTURES, render_page
 
 WIDE, NARROW = 1124, 340
 """Widths of the plot of all submissions, on a desk and on a phone."""
+
+BOARD_FILE = "leaderboard.json"
 
 PAGES = "submission"
 """Directory of the submissions' pages in the site."""
@@ -55,9 +59,10 @@ def build_board(
             log(f"{printable(directory.name)} is listed without a proof: {error}")
     board = make_board(verdicts)
     tables = views(board)
+    _remove_pages(output, {row.name for row in board.rows})
     write_file(output / "leaderboard.md", board_markdown(board, tables))
     write_file(output / "leaderboard.csv", board_csv(board))
-    write_file(output / "leaderboard.json", write_json(board))
+    write_file(output / BOARD_FILE, write_json(board))
     _write_site(board, tables, [verdict for verdict in verdicts if verdict.passed], output)
     return board
 
@@ -80,7 +85,7 @@ def find_submissions(directory: Path) -> list[Path]:
 def _write_site(
     board: Board, tables: Sequence[BoardView], verdicts: Sequence[Verdict], output: Path
 ) -> None:
-    """Write the index, the pages, and the pictures and videos they show; remove old pages."""
+    """Write the index, the pages, and the pictures and videos they show."""
     write_file(output / "index.html", index_html(board, tables))
     pages = output / PAGES
     rows = {row.name: row for row in board.rows}
@@ -89,7 +94,6 @@ def _write_site(
         page = submission_page(verdict, rows[name], len(board.ranked))
         write_file(pages / f"{name}.html", page, durable=False)
         _copy_videos(verdict, pages)
-    _remove_others(pages, rows.keys())
     for task in BOARD_TASKS:
         picture = PICTURES / f"{task}.png"
         if picture.exists():  # a new task may have none yet
@@ -164,11 +168,14 @@ def _copy_videos(verdict: Verdict, pages: Path) -> None:
             other.unlink()
 
 
-def _remove_others(pages: Path, names: Collection[str]) -> None:
-    if not pages.is_dir():
+def _remove_pages(output: Path, kept: Collection[str]) -> None:
+    """Remove the pages and videos of rows that the leaderboard in a directory had before."""
+    try:
+        board = json.loads((output / BOARD_FILE).read_bytes())
+        rows = (*board["ranked"], *board["unranked"], *board["calibration"])
+        names = {row["name"] for row in rows if NAME.fullmatch(row["name"])}
+    except (OSError, ValueError, LookupError, TypeError):  # there is none, or another file
         return
-    for path in pages.iterdir():
-        if path.is_dir() and path.name not in names:
-            shutil.rmtree(path, ignore_errors=True)
-        elif path.suffix == ".html" and path.stem not in names:
-            path.unlink()
+    for name in names.difference(kept):
+        (output / PAGES / f"{name}.html").unlink(missing_ok=True)
+        shutil.rmtree(output / PAGES / name, ignore_errors=True)

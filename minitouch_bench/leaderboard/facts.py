@@ -30,9 +30,10 @@ def in_words(value: object) -> str:
 
 def amount(number: int) -> str:
     """Write a large number short: 2 M, 1.5 k; one that is not exact with three digits."""
-    for size, unit in ((10**12, "T"), (10**9, "G"), (10**6, "M"), (10**3, "k")):
-        if number >= size:
-            return f"{number / size:.3g}\u202f{unit}"
+    rounded = float(f"{number:.3g}")
+    for size, unit in ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if rounded >= size:
+            return f"{rounded / size:.3g}\u202f{unit}"
     return str(number) if number else "none"
 
 

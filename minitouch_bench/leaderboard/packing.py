@@ -2,7 +2,7 @@
 
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -52,29 +52,28 @@ def begun_submission(directory: Path) -> Submission | None:
     return _checked(read_plain(directory, files.SUBMISSION_FILE, MAX_SUBMISSION_FILE))
 
 
-def with_seed(begun: Submission | None, about: Submission, seed: TrainingSeed) -> Submission:
-    """Return ``about`` with the seeds begun and this one, added or in place of its old entry.
+def with_seeds(
+    begun: Submission | None, about: Submission, seeds: Sequence[TrainingSeed]
+) -> Submission:
+    """Return ``about`` with the seeds begun and these, added or in place of their old entries.
 
     Raises:
         UsageError: ``validate`` would refuse the result.
     """
-    others = [other for other in (begun.seeds if begun else ()) if other.seed != seed.seed]
-    seeds = tuple(sorted((*others, seed), key=lambda entry: entry.seed))
-    submission = replace(about, seeds=seeds)
+    by_number = {seed.seed: seed for seed in (*(begun.seeds if begun else ()), *seeds)}
+    submission = replace(about, seeds=tuple(by_number[number] for number in sorted(by_number)))
     check_submission(submission)
     return submission
 
 
-def add_seed(
-    directory: Path, begun: Submission | None, about: Submission, seed: TrainingSeed
-) -> Submission:
-    """Write ``with_seed`` into a submission's directory.
+def add_seeds(directory: Path, about: Submission, seeds: Sequence[TrainingSeed]) -> Submission:
+    """Write ``with_seeds`` of the submission that a directory holds into it.
 
     Raises:
         UsageError: ``validate`` would refuse the result.
         RunDirectoryError: it cannot be written.
     """
-    submission = with_seed(begun, about, seed)
+    submission = with_seeds(begun_submission(directory), about, seeds)
     files.write_file(directory / files.SUBMISSION_FILE, write_toml(submission))
     return submission
 

@@ -11,6 +11,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from pathlib import Path
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
@@ -19,7 +20,7 @@ from minitouch_bench.metrics.intervals import Root
 from minitouch_bench.metrics.metric import NO_DIRECTION
 from minitouch_bench.metrics.significance import holm
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import Outcome
+from minitouch_bench.records import Outcome, Role
 from minitouch_bench.regression.comparison import (
     ComparedRun,
     OutcomeChange,
@@ -38,12 +39,14 @@ from minitouch_bench.regression.pairing import (
     PairedValues,
     are_identical,
     collect_values,
+    count_pairs,
     pair_runs,
 )
 from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
+from minitouch_bench.reporting.views import view_directory
 from minitouch_bench.runs.run import Run, RunHeader
 
 
@@ -160,7 +163,7 @@ def judge_runs(
         per_task=per_task,
         changes=changes,
         notes=differences_of_making(baseline, candidate),
-        next_command=_next_command(endpoint, changes, (baseline.header, candidate.header), paths),
+        next_command=_next_command(endpoint, changes, (baseline, candidate), paths, settings),
         wall_s=candidate.environment.wall_s,
     )
 
@@ -199,16 +202,26 @@ def endpoint_values(
     """Return the values that decide, of all tasks in which the metric can get worse.
 
     Raises:
-        UsageError: there are none.
+        UsageError: there are none, or the tasks have unequal numbers of episodes.
     """
     goals = [task for task in tasks if task in GOAL_TASKS]
     name = settings.metric or ranking_metric((goals or list(tasks))[0])
     metric = METRICS[name]
     deciding = tuple(task for task in tasks if metric.is_in(task) and metric.direction_in(task))
     title = MEAN_TASK if len(deciding) > 1 else "".join(deciding)
+    counts = count_pairs(pairs, deciding, name)
+    if len({*counts.values()}) > 1:
+        numbers = ", ".join(f"{printable(task)} {count}" for task, count in counts.items())
+        raise UsageError(
+            f"no mean over tasks with unequal numbers of episodes ({numbers}): make the baseline "
+            "again with equally many episodes of each task"
+        )
     values = PairedValues.of(pairs, title, name, deciding)
     if not len(values.first):
-        raise UsageError(f"nothing to judge: in {', '.join(tasks)} {name} cannot get worse")
+        why = f"in {', '.join(tasks)} {name} cannot get worse"
+        if deciding and metric.role is Role.EXPLORATION:
+            why = "POLICY plays no exploration episodes; give --candidate, a run that has them"
+        raise UsageError(f"nothing to judge: {why}")
     return values
 
 
@@ -274,8 +287,9 @@ def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) 
 def _next_command(
     endpoint: Endpoint,
     changes: Sequence[OutcomeChange],
-    headers: tuple[RunHeader, RunHeader],
+    runs: tuple[Run, Run],
     paths: tuple[str, str],
+    settings: GateSettings,
 ) -> str:
     """Return the command line that leads on from here.
 
@@ -285,17 +299,20 @@ def _next_command(
     lost = [change for change in changes if change.first is Outcome.SUCCESS]
     if endpoint.decision is Decision.REGRESSION and lost:
         return lost[0].replays[1]
-    if endpoint.episodes_needed and not headers[0].plan.chosen:
-        return _longer_gate(headers, paths[0], endpoint.episodes_needed)
+    # A policy plays no exploration episodes.
+    can_play = METRICS[endpoint.effect.metric].role is Role.FINAL and not runs[0].plan.chosen
+    if endpoint.episodes_needed and can_play:
+        directory = view_directory(runs[0].directory or Path(paths[0]))
+        output = printable(f"{directory}-{endpoint.episodes_needed}")
+        return _longer_gate(runs, output, endpoint.episodes_needed, settings)
     return shlex.join(["minitouch-bench", "compare", *map(printable, paths)])
 
 
-def _longer_gate(headers: tuple[RunHeader, RunHeader], path: str, episodes: int) -> str:
-    """Return the commands that make a longer baseline and hold the candidate to it."""
-    baseline, candidate = headers
-    output = printable(f"{path.rstrip('/')}-{episodes}")
+def _longer_gate(runs: tuple[Run, Run], output: str, episodes: int, settings: GateSettings) -> str:
+    """Return the commands that make a longer baseline and compare the candidate with it."""
+    baseline, candidate = (run.header for run in runs)
     plan = replace(baseline.plan, episodes=episodes)
     evaluate = reproduce_command(replace(baseline, plan=plan))
     regress = ["minitouch-bench", "regress", candidate.policy.source, "--baseline", output]
-    regress += policy_options(candidate)
+    regress += [*settings.as_options(), *policy_options(candidate)]
     return f"{evaluate} {shlex.join(['--output', output])} && {shlex.join(map(printable, regress))}"

@@ -1,5 +1,6 @@
 """Two runs laid side by side, episode by episode; what cannot be paired is refused."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -147,19 +148,29 @@ def are_identical(first: Run, second: Run, pairs: Sequence[EpisodePair]) -> bool
 
 
 def collect_values(pairs: Sequence[EpisodePair], tasks: Sequence[str]) -> tuple[PairedValues, ...]:
-    """Return the values of each task and metric that has episodes, task by task, then the mean."""
+    """Return the values of each task and metric that has episodes, task by task, then the mean.
+
+    Where tasks have unequal numbers of episodes there is no mean: it would be one over episodes.
+    """
     wanted: list[tuple[str, str, tuple[str, ...]]] = [
         (task, metric, (task,))
         for task in tasks
         for metric in COMPARED_METRICS
         if METRICS[metric].is_in(task)
     ]
-    present = {pair.first.task for pair in pairs}
-    goals = tuple(task for task in tasks if task in GOAL_TASKS and task in present)
-    if len(goals) > 1:
+    counts = count_pairs(pairs, [task for task in tasks if task in GOAL_TASKS], MEAN_METRIC)
+    goals = tuple(task for task, count in counts.items() if count)
+    if len(goals) > 1 and len({counts[task] for task in goals}) == 1:
         wanted.append((MEAN_TASK, MEAN_METRIC, goals))
     collected = (PairedValues.of(pairs, *names) for names in wanted)
     return tuple(values for values in collected if len(values.first))
+
+
+def count_pairs(pairs: Sequence[EpisodePair], tasks: Sequence[str], metric: str) -> dict[str, int]:
+    """Return how many pairs each task has, of the role whose episodes the metric counts."""
+    role = METRICS[metric].role
+    present = Counter(pair.first.task for pair in pairs if pair.role is role)
+    return {task: present[task] for task in tasks}
 
 
 def _bits_of(episode: EpisodeMetrics) -> tuple[object, ...]:

@@ -30,7 +30,12 @@ from minitouch_bench.regression.gate import (
     measure_tasks,
 )
 from minitouch_bench.regression.paired_tests import is_binary
-from minitouch_bench.regression.pairing import EpisodePair, episode_key, refuse_other_episode
+from minitouch_bench.regression.pairing import (
+    EpisodePair,
+    PairedValues,
+    episode_key,
+    refuse_other_episode,
+)
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.reporting.labels import reproduce_command
 from minitouch_bench.runs.run import Run, RunHeader
@@ -150,7 +155,8 @@ class SequentialGate:
     ) -> GateResult:
         """Return the result of a gate that is certain; ``header`` is the candidate's."""
         assert self.decision is not None
-        seen = endpoint_values(self._pairs, self._tasks, self.settings)
+        planned = self._baseline
+        seen = PairedValues.of(self._pairs, planned.task, planned.metric, planned.tasks)
         judged = judge_endpoint(seen, self.settings, self._root)
         endpoint = replace(
             judged, decision=self.decision, tolerance=self._allowed, episodes_needed=None

@@ -74,6 +74,14 @@ class GateSettings:
         """Return the tolerance of the endpoint's metric."""
         return self.tolerance or DEFAULT_TOLERANCES.get(metric, OTHER_TOLERANCE)
 
+    def as_options(self) -> list[str]:
+        """Return the options of ``regress`` for what differs from STANDARD."""
+        words = []
+        for name, value in vars(self).items():
+            if value != getattr(STANDARD, name):
+                words += [f"--{name}"] if value is True else [f"--{name}", str(value)]
+        return words
+
 
 STANDARD = GateSettings()
 """What the gate asks for where nobody says otherwise."""

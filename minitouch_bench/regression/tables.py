@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.regression.comparison import (
     ComparedRun,
@@ -154,7 +155,8 @@ def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
         "p adjusted and verdict: over all rows of the metric (its tasks and runs) by Holm's "
         f"method, judged at {percent}. Not clear once adjusted: the row alone would show a "
         "difference, among so many rows it may be chance.",
-        "Mean: over the tasks with a goal. A metric without an arrow has no better direction.",
+        "Mean: over the tasks with a goal, if they have equally many episodes. A metric without an "
+        "arrow has no better direction.",
         "Episodes to resolve: for a power of 80 % at 5 %, if the difference is as observed. "
         "Detectable: the difference that the present episodes show with that power.",
     )
@@ -178,7 +180,8 @@ def _reason(result: GateResult) -> str:
     if endpoint.decision is Decision.NO_REGRESSION:
         return f"{change}, a worsening beyond the tolerance is excluded"
     if endpoint.episodes_needed is None:
-        return f"{seen}; no number of episodes would settle it if the difference is as observed"
+        most = f"even {MAX_EPISODES:,} episodes per task, the maximum, would not settle it"
+        return f"{seen}; {most} if the difference is as observed"
     return f"{seen}; {endpoint.episodes_needed:,} episodes per task would settle it"
 
 

@@ -20,6 +20,11 @@ _ESCAPES = str.maketrans(
         "\u2193": r"$\downarrow$",
         "\u2020": r"\textdagger{}",
         "\u00b2": r"\textsuperscript{2}",
+        "\u2264": r"$\leq$",
+        "\u2265": r"$\geq$",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
     }
 )
 

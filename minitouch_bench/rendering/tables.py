@@ -161,7 +161,8 @@ def difference_cell(metric: str, difference: Estimate) -> Cell:
 
 
 def _method(estimate: Estimate) -> str:
-    counted = "training seeds" if "seeds" in estimate.method else "episodes"
+    units = (unit for unit in ("scores", "training seeds") if unit in estimate.method)
+    counted = next(units, "episodes")
     return f"{estimate.count} {counted}, 95 % interval: {estimate.method}"
 
 

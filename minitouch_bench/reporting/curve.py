@@ -1,7 +1,6 @@
 """A learning curve over runs: what each task reaches after how many training steps."""
 
 import re
-from collections import Counter
 from collections.abc import Sequence
 
 import pandas as pd
@@ -13,7 +12,7 @@ from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell
 from minitouch_bench.reporting import long_frame
 from minitouch_bench.reporting.frames import csv_text
-from minitouch_bench.reporting.labels import TASKS, RunOrigin, task_title
+from minitouch_bench.reporting.labels import TASKS, RunOrigin, run_names, task_title
 from minitouch_bench.runs.run import Run
 
 STEPS = re.compile(r"[-_ ]?(?:(\d+)[-_ ]?steps?|steps?[-_ ]?(\d+))", re.IGNORECASE)
@@ -34,9 +33,10 @@ def label_curve(
 
     ``steps`` and ``names`` (of the trainings, equal names for the runs of one training) are the
     user's, one per run. Otherwise the steps are those of the training's directory or submission,
-    or of the policy's name, and the training has that name without them. Names that are all
-    different do not tell trainings apart: the runs are then of a single one. Runs under other
-    conditions than the protocol's are another training.
+    or of the policy's name, and the training has the name of its method, or of the policy
+    without steps. Such names of policies that are all different do not tell trainings apart: the
+    runs are then of a single one. Runs of another suite or under other conditions are another
+    training, and so is another run of the same policy.
 
     Raises:
         UsageError: they are not one per run, or no steps are known of a run.
@@ -45,16 +45,18 @@ def label_curve(
         if given and len(given) != len(runs):
             raise UsageError(f"{what} has {len(given)} values for {len(runs)} runs")
     known = steps or [_steps(*pair) for pair in zip(runs, origins, strict=True)]
-    trainings = names or [_training(*pair) for pair in zip(runs, origins, strict=True)]
-    if names is None and len(set(trainings)) == len(runs):
-        trainings = [ONE_TRAINING] * len(runs)
+    trainings = names or _trainings(runs, origins)
     if len({*known}) < 2:
         raise UsageError("a learning curve needs runs after different numbers of steps")
-    seeds: Counter[tuple[str, int]] = Counter()
+    seeds: dict[tuple[str, int], list[Run]] = {}
     labels = []
-    for training, number in zip(trainings, known, strict=True):
-        labels.append(long_frame.RunLabel(printable(training), seeds[training, number], number))
-        seeds[training, number] += 1
+    for run, name, training, number in zip(runs, run_names(runs), trainings, known, strict=True):
+        others = seeds.get((training, number), [])
+        is_seed = not any(long_frame.repeats_policy(run, other) for other in others)
+        line = training if is_seed else f"{training}, {name}"
+        of_point = seeds.setdefault((line, number), [])
+        labels.append(long_frame.RunLabel(printable(line), len(of_point), number))
+        of_point.append(run)
     return tuple(labels)
 
 
@@ -69,16 +71,23 @@ def _steps(run: Run, origin: RunOrigin) -> int:
     )
 
 
-def _training(run: Run, origin: RunOrigin) -> str:
-    name = run.header.policy.name
-    training = origin.method or STEPS.sub("", name).strip("-_ ") or name
-    return ", ".join((training, *run.plan.conditions.in_words()))
+def _trainings(runs: Sequence[Run], origins: Sequence[RunOrigin]) -> list[str]:
+    policies = [run.header.policy.name for run in runs]
+    names = [STEPS.sub("", policy).strip("-_ ") or policy for policy in policies]
+    methods = [origin.method for origin in origins]
+    if not any(methods) and len({*names}) == len(runs):
+        names = [ONE_TRAINING] * len(runs)
+    several = len({run.plan.suite for run in runs}) > 1
+    return [
+        ", ".join((method or name, *[run.plan.suite] * several, *run.plan.conditions.in_words()))
+        for run, method, name in zip(runs, methods, names, strict=True)
+    ]
 
 
 def make_curve(labels: Sequence[long_frame.RunLabel], runs: Sequence[Run]) -> pd.DataFrame:
     """Return what ranks each task after each number of steps, over seeds, in the curve's order."""
     rows = (row for pair in zip(labels, runs, strict=True) for row in long_frame.frame_rows(*pair))
-    # A point is over the runs of every suite.
+    # Under the user's names a point is over the runs of every suite.
     frame = long_frame.make_long_frame(rows).assign(suite="")
     joined = long_frame.join_seeds(frame[frame["metric"] == frame["task"].map(ranking_metric)])
     joined["method"] = pd.Categorical(joined["method"], [*dict.fromkeys(frame["method"])])

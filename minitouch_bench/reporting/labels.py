@@ -114,7 +114,11 @@ def _checked(names: Sequence[str], count: int) -> tuple[str, ...]:
 
 def run_labels(run: Run) -> tuple[str, ...]:
     """Return what a reader must know of a run: notes on the policy, and why it is unofficial."""
-    header = run.header
+    return header_labels(run.header, len(run.faults))
+
+
+def header_labels(header: RunHeader, faults: int) -> tuple[str, ...]:
+    """Return ``run_labels`` of a run with this header and so many policy faults."""
     labels = list(header.policy.notes)
     if header.exploration is not None:
         labels += [
@@ -125,8 +129,8 @@ def run_labels(run: Run) -> tuple[str, ...]:
     if not header.official:
         reasons = "; ".join(header.unofficial_because)
         labels.append(f"unofficial: {reasons}" if reasons else "unofficial")
-    if run.faults:
-        labels.append(f"{len(run.faults)} policy {'fault' if len(run.faults) == 1 else 'faults'}")
+    if faults:
+        labels.append(f"{faults} policy {'fault' if faults == 1 else 'faults'}")
     return tuple(printable(label) for label in labels)
 
 

@@ -35,6 +35,12 @@ class RunLabel:
     steps: int
 
 
+def repeats_policy(run: Run, other: Run) -> bool:
+    """Tell whether two runs are of one policy in a task of both: they are not two seeds."""
+    policies = {one.header.policy.digest or one.header.policy.source for one in (run, other)}
+    return len(policies) == 1 and not {*run.plan.tasks}.isdisjoint(other.plan.tasks)
+
+
 def frame_rows(label: RunLabel, run: Run) -> list[FrameRow]:
     """Return the rows of a run: the estimates of its ``run.json``, unchanged."""
     named = [

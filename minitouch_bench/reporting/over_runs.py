@@ -29,6 +29,7 @@ from minitouch_bench.reporting.long_frame import (
     estimates_in,
     frame_rows,
     make_long_frame,
+    repeats_policy,
     select,
 )
 
@@ -77,7 +78,7 @@ def interquartile_mean(scores: Scores) -> Estimate:
     means = [scipy.stats.trim_mean(resampled, TRIMMED, axis=1) for resampled in scores.resampled]
     ends = np.array([np.quantile(sample, INTERVAL_ENDS) for sample in means])
     low, high = min(value, float(ends[:, 0].min())), max(value, float(ends[:, 1].max()))
-    return Estimate(value, low, high, scores.values.size, f"bootstrap over {scores.over}")
+    return Estimate(value, low, high, scores.values.size, f"bootstrap of scores over {scores.over}")
 
 
 def performance_profile(scores: Scores, thresholds: Floats) -> Floats:
@@ -98,7 +99,8 @@ def label_methods(
     """Say of each run which method it is of, and which training seed of it.
 
     Runs of one method, steps, suite and conditions are its training seeds. A run whose origin is
-    unknown is a method alone, and so is another run of the same policy.
+    unknown is a method alone, and so is another run of the same policy; where a method has its
+    name, "(run)" follows it.
     """
     seeds: dict[tuple[str, ...], list[RunSection]] = {}
     keys = []
@@ -112,16 +114,17 @@ def label_methods(
             *conditions,
         )
         is_seed = origin.method and not any(
-            other.run.header.policy.digest == header.policy.digest
-            and {*other.run.plan.tasks} & {*header.plan.tasks}
-            for other in seeds.get(key, ())
+            repeats_policy(section.run, other.run) for other in seeds.get(key, ())
         )
         keys.append(key if is_seed else ("", section.name))
         seeds.setdefault(keys[-1], []).append(section)
     same = Counter(key[0] for key in seeds)
     labels = []
     for section, origin, key in zip(sections, origins, keys, strict=True):
-        name = key[1] if not key[0] else key[0] if same[key[0]] == 1 else ", ".join(key)
+        if not key[0]:
+            name = f"{key[1]} (run)" if key[1] in same else key[1]
+        else:
+            name = key[0] if same[key[0]] == 1 else ", ".join(key)
         labels.append(RunLabel(printable(name), seeds[key].index(section), origin.steps))
     return tuple(labels)
 

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from urllib.parse import quote
 
@@ -144,8 +145,7 @@ def find_videos(files: Sequence[Path], directory: Path) -> tuple[Video, ...]:
 
 
 def _check_protocols(runs: Sequence[Run]) -> None:
-    first = runs[0]
-    for other in runs[1:]:
+    for first, other in combinations(runs, 2):
         if tasks := first.header.rules_differ(other.header):
             raise UsageError(
                 f"{_protocol_of(first)} and {_protocol_of(other)} cannot be in one table: "

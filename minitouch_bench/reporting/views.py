@@ -50,12 +50,11 @@ def view_directory(run: Path) -> Path:
     Submissions stay as they are: the views of their runs are written to ``reports/NAME/...``, in
     the working directory, or beside the submissions where that is one of them.
     """
-    directory = run.parent if run.name == files.RUN_FILE else run
-    submission = directory.resolve().parent.parent
+    submission = run.resolve().parent.parent
     if not os.path.lexists(submission / files.SUBMISSION_FILE):
-        return directory
+        return run
     reports, place, beside = files.REPORTS, Path.cwd(), submission.parent
     is_collection = beside.name == files.SUBMISSIONS.name
     if place.is_relative_to(submission) or (is_collection and place == beside):
         reports = (beside.parent if is_collection else beside) / files.REPORTS
-    return reports / directory.resolve().relative_to(beside)
+    return reports / run.resolve().relative_to(beside)

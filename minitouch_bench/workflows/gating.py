@@ -12,7 +12,7 @@ from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, open_run
 from minitouch_bench.files import REPORTS, lock_directory
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.isolation.options import IsolationOptions
-from minitouch_bench.records import EpisodeRecord, Outcome, PolicyIdentity, Role
+from minitouch_bench.records import EpisodeRecord, Outcome, Role
 from minitouch_bench.regression.comparison import ComparedRun
 from minitouch_bench.regression.gate import (
     EpisodesUsed,
@@ -25,7 +25,7 @@ from minitouch_bench.regression.pairing import EpisodePair, episode_key
 from minitouch_bench.regression.sequential import SequentialGate, play_order
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.labels import tasks_in_order
+from minitouch_bench.reporting.labels import header_labels, tasks_in_order
 from minitouch_bench.runs.run import Run, read_run, run_digest
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.playing import play, run_name, write_views
@@ -89,7 +89,8 @@ def play_gate(
         used = EpisodesUsed(gate.planned, gate.planned, "no answer was certain before the end")
         return replace(result, episodes_used=used)
     header = request.header()
-    name, labels = printable(header.policy.name), _labels(header.policy, gate)
+    faults = sum(pair.second.outcome is Outcome.POLICY_FAULT for pair in gate.pairs)
+    name, labels = printable(header.policy.name), header_labels(header, faults)
     candidate = ComparedRun("candidate", name, str(directory), labels)
     return gate.result(baseline, path, candidate, header, round(time.monotonic() - clock, 3))
 
@@ -161,12 +162,3 @@ def _play(
     with suppress(_EnoughError):
         return play(request, opened, engine, replace(callbacks, episode=take), turn=gate.turn)
     return None
-
-
-def _labels(policy: PolicyIdentity, gate: SequentialGate) -> tuple[str, ...]:
-    """Return what must be known of a policy whose run was stopped."""
-    faults = sum(pair.second.outcome is Outcome.POLICY_FAULT for pair in gate.pairs)
-    found = [printable(note) for note in policy.notes]
-    if faults:
-        found.append(f"{faults} policy {'fault' if faults == 1 else 'faults'}")
-    return tuple(found)

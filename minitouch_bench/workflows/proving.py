@@ -8,7 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from minitouch_bench.errors import IncompleteCheckError, MiniTouchError
+from minitouch_bench.errors import (
+    IncompleteCheckError,
+    InfrastructureError,
+    IsolationError,
+    MiniTouchError,
+    MissingExtraError,
+)
 from minitouch_bench.evaluation.engine import LOCAL, EngineOptions, open_engine
 from minitouch_bench.leaderboard.proof import (
     MIN_FRESH_EPISODES,
@@ -32,6 +38,9 @@ from minitouch_bench.workflows.prover import Prover, fresh_specs
 
 RERUN_BEFORE_FRESH = 50
 """Drawn episodes of each policy of a run that are run before fresh ones, unless N is asked."""
+
+UNCHECKED = (IncompleteCheckError, MissingExtraError, IsolationError, InfrastructureError)
+"""What ends a check without a verdict on the submission."""
 
 TIME_LIMIT_S = 6 * 3600.0
 """How long the check of one submission may take: a policy may use minutes in each episode."""
@@ -62,15 +71,16 @@ def validate_submission(
 ) -> Validation:
     """Check a submission without trusting it; ``proving`` plays its episodes if the rest passes.
 
-    An older proof is withdrawn if anything fails. A check that could not be made leaves it.
+    An older proof is withdrawn if an episode differs. Problems of the files leave it, and the
+    leaderboard refuses the row because of them; so does a check that could not be made.
 
     Raises:
-        InfrastructureError: an episode could not be run.
-        IncompleteCheckError: the checkpoint is not in it, or the time is up; what was replayed is
-            proved.
+        IncompleteCheckError: see ``prove``.
     """
     verdict = validate(directory)
-    if problems := verdict.problems or (proving(verdict) if proving else ()):
+    if verdict.problems:
+        return Validation(verdict.problems)
+    if problems := proving(verdict) if proving else ():
         return _failed(verdict, problems)
     return Validation((), level_of(verdict.runs, find_proof(verdict.directory, verdict.files)))
 
@@ -78,7 +88,7 @@ def validate_submission(
 def _failed(verdict: Verdict, problems: tuple[Problem, ...]) -> Validation:
     """Withdraw the proof of a submission in which something differs, if it has one."""
     proof = find_proof(verdict.directory, verdict.files)
-    if proof is None or all(one.is_unchecked or one.is_other_protocol for one in problems):
+    if proof is None or all(one.is_unchecked for one in problems):
         return Validation(problems)
     found = Problems()
     with found.caught(PROOFS, "remove the proof yourself"):
@@ -103,6 +113,10 @@ def prove(
     seeds follow from ``draw``, by default random bits: nobody may know it before the checkpoint is
     fixed. Fewer than MIN_FRESH_EPISODES give no level. After ``time_limit_s`` no more episodes are
     played.
+
+    Raises:
+        IncompleteCheckError: the checkpoint is not in the submission, the time is up, or this
+            machine cannot play its episodes; what was replayed is proved.
     """
     known = find_proof(verdict.directory, verdict.files)
 
@@ -125,11 +139,11 @@ def prove(
                 prover.run_again(again)
             if not prover.problems and fresh_episodes:
                 fresh = prover.run_fresh(fresh_episodes, draw or new_draw())
-        except IncompleteCheckError:  # what differs counts all the same, and so does the replay
+        except UNCHECKED as error:  # what differs counts all the same, and so does the replay
             if not prover.problems:
                 if is_replayed:
                     keep(ProofLevel.REPLAYED)
-                raise
+                raise IncompleteCheckError(str(error)) from error
     if not prover.problems:
         if fresh and fresh_episodes >= MIN_FRESH_EPISODES:
             keep(ProofLevel.FRESH, again, fresh)

@@ -28,8 +28,9 @@ class ReplayedEpisode:
 
     @property
     def is_same(self) -> bool:
-        """Whether its bits are those that were recorded."""
-        return self.record.trace.digest() == self.row.digest
+        """Whether its bits and its outcome are those that were recorded."""
+        recorded = (self.row.digest, self.row.outcome)
+        return (self.record.trace.digest(), self.record.outcome) == recorded
 
 
 def replay(

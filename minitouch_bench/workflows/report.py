@@ -70,8 +70,8 @@ def report(
     trained = options.whole_numbers("--steps", steps)
     if trained and not curve:
         raise UsageError("--steps places runs on a curve: add --curve")
-    paths = tuple(map(Path, runs))
-    opened = [read_run(path) for path in paths]
+    opened = [read_run(Path(run)) for run in runs]
+    paths = [run.directory or Path() for run in opened]
     single = len(opened) == 1
     usual = view_directory(paths[0]) if single else COMPARISON
     directory = usual if output is None else Path(output)

@@ -49,7 +49,7 @@ class StudyRow:
         The runs name the policies where they will be: in the ``submission``.
 
         Raises:
-            UsageError: the runs have different plans.
+            UsageError: the runs have different plans, or some goal tasks no exploration policy.
             PolicyLoadError, RunDirectoryError: a file cannot be read or written.
         """
         places = self.trainings[seed]
@@ -61,6 +61,11 @@ class StudyRow:
                 if task in GOAL_TASKS and (place / TRAINED[Role.EXPLORATION]).is_file()
             },
         }
+        if 0 < len(policies[Role.EXPLORATION]) < len(GOAL_TASKS):
+            raise UsageError(
+                f"{self.method} explored in {', '.join(policies[Role.EXPLORATION])} alone: "
+                f"a submission has exploration policies of {', '.join(GOAL_TASKS)}, or none"
+            )
         sources = {
             role: self._collect(of_task, role, seed, folder, submission)
             for role, of_task in policies.items()

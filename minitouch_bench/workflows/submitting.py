@@ -11,11 +11,11 @@ from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.run import RunRequest, open_run
 from minitouch_bench.files import (
     CHECKPOINTS,
-    RUN_FILE,
     foreign_entries,
     holds_run,
     is_folder,
     lock_directory,
+    make_folder,
     os_errors_as,
     read_file,
 )
@@ -117,7 +117,7 @@ class Packer:
     def finished_runs(self, paths: Sequence[Path]) -> packing.Parts:
         """Look at finished runs, and find their policies."""
         runs = [read_run(path) for path in paths]
-        by_suite = {run.plan.suite: (run, path) for run, path in zip(runs, paths, strict=True)}
+        by_suite = {run.plan.suite: (run, run.directory or Path()) for run in runs}
         if MAIN_SUITE not in by_suite or len(by_suite) != len(runs):
             raise UsageError(f"--run needs one run of {MAIN_SUITE}, and at most one of each suite")
         main = by_suite[MAIN_SUITE][0].header
@@ -148,38 +148,44 @@ class Packer:
                     f"{self.directory} has training seed {seed.seed}, which the study lacks.\n"
                     "Choose another --name"
                 )
-        packed = Packed(self.directory, ())
-        for number in row.trainings:
-            self.callbacks.note(f"training seed {number}")
-            packer = replace(self, seed=number)
-            with packing.aside(self.submissions) as folder:
-                parts = row.parts(number, folder, self.directory)
+        with packing.aside(self.submissions) as folder:
+            seeds = []
+            for number in row.trainings:
+                self.callbacks.note(f"training seed {number}")
+                packer = replace(self, seed=number)
+                parts = row.parts(number, make_folder(folder / str(number)), self.directory)
                 packer._check_replaced(parts)
-                packed = packer.pack(parts)
-            if packed.problems:
-                break
-        return packed
+                seeds.append((packer, parts))
+            return self._pack(seeds)
 
     def pack(self, parts: packing.Parts) -> Packed:
         """Copy the parts aside and check them; only if they pass, replace those that were there."""
+        return self._pack([(self, parts)])
+
+    def _pack(self, seeds: Sequence[tuple["Packer", packing.Parts]]) -> Packed:
+        """Pack the parts of some training seeds, all or none of them."""
         with packing.aside(self.submissions) as folder:
             copy = folder / "new" / self.about.name
-            entry = self._entry(parts, copy, include=self.include)
-            for suite, run in parts.runs.items():
-                packing.copy_run(run, copy / entry.runs[suite])
-            for target in parts.gone() if self.include else ():
-                self.callbacks.note(f"{target} is gone: only its SHA-256 is kept")
-            packing.add_seed(copy, None, self.about, entry)
+            entries = [packer._fill(copy, parts) for packer, parts in seeds]
+            packing.add_seeds(copy, self.about, entries)
             verdict = validate(copy)
-            if problems := verdict.problems or self._copies(verdict.runs, entry):
+            if problems := verdict.problems or self._copies(verdict.runs, entries):
                 return Packed(self.directory, problems)
             with lock_directory(self.submissions, wait=True), interrupts_held():
-                for place in (*entry.runs.values(), f"{CHECKPOINTS}/seed-{entry.seed}"):
-                    packing.swap(copy / place, self.directory / place, folder / "old" / place)
-                packing.add_seed(
-                    self.directory, packing.begun_submission(self.directory), self.about, entry
-                )
+                for entry in entries:
+                    for place in (*entry.runs.values(), f"{CHECKPOINTS}/seed-{entry.seed}"):
+                        packing.swap(copy / place, self.directory / place, folder / "old" / place)
+                packing.add_seeds(self.directory, self.about, entries)
                 return Packed(self.directory, validate(self.directory).problems)
+
+    def _fill(self, copy: Path, parts: packing.Parts) -> TrainingSeed:
+        """Copy the runs and the checkpoints of this training seed."""
+        entry = self._entry(parts, copy, include=self.include)
+        for suite, run in parts.runs.items():
+            packing.copy_run(run, copy / entry.runs[suite])
+        for target in parts.gone() if self.include else ():
+            self.callbacks.note(f"{target} is gone: only its SHA-256 is kept")
+        return entry
 
     def _entry(self, parts: packing.Parts, directory: Path, *, include: bool) -> TrainingSeed:
         """Return what ``submission.toml`` says of the seed; ``include`` copies checkpoints."""
@@ -187,13 +193,16 @@ class Packer:
         files = parts.name_files(directory, self.seed, include=include)
         return TrainingSeed(self.seed, places, files)
 
-    def _copies(self, runs: Mapping[str, Run], entry: TrainingSeed) -> tuple[Problem, ...]:
+    def _copies(
+        self, runs: Mapping[str, Run], entries: Sequence[TrainingSeed]
+    ) -> tuple[Problem, ...]:
         """Return a problem for each run that is another training seed's."""
         begun, problems = packing.begun_submission(self.directory), Problems()
+        replaced = {entry.seed for entry in entries}
         others = {
             place: read_run(self.directory / place)
             for other in (begun.seeds if begun else ())
-            if other.seed != entry.seed
+            if other.seed not in replaced
             for place in other.runs.values()
         }
         check_copies({**others, **runs}, problems)
@@ -203,7 +212,7 @@ class Packer:
         """Refuse before the first episode what would be refused after the last one."""
         self._check_replaced(parts)
         entry = self._entry(parts, self.directory, include=False)
-        whole = packing.with_seed(packing.begun_submission(self.directory), self.about, entry)
+        whole = packing.with_seeds(packing.begun_submission(self.directory), self.about, [entry])
         for problem in check_planned(whole, entry, headers, self.directory):
             raise UsageError(str(problem))
 
@@ -235,11 +244,9 @@ class Packer:
         return self.directory / run_place(self.seed, suite)
 
     def _run_suite(self, request: RunRequest, engine: Engine) -> None:
-        """Run one suite alone in its directory, or keep the finished run that is there."""
+        """Run one suite in its directory, or keep the finished run that is there."""
         directory = self._run_directory(request.plan.suite)
         with lock_directory(directory):
-            if _is_finished(directory) and not self.fresh:
-                return
             opened = open_run(request, directory, resume=self.resume, fresh=self.fresh)
             self.callbacks.note(f"suite {request.plan.suite}")
             play(request, opened, engine, self.callbacks)
@@ -249,25 +256,16 @@ class Packer:
         directory = self._run_directory(request.plan.suite)
         if self.fresh or not holds_run(directory):
             return
-        if not _is_finished(directory):
-            with lock_directory(directory):
-                open_run(request, directory, resume=self.resume, fresh=False)
-        elif not self.resume:
+        if not self.resume:
             raise RunDirectoryError(
-                f"{directory} contains a finished run.\nAdd --resume to keep it, --fresh to "
+                f"{directory} already contains a run.\nAdd --resume to keep it, --fresh to "
                 "replace it, or another --training-seed"
             )
-        elif read_run(directory).header != request.header():
-            raise RunDirectoryError(
-                f"{directory} contains another policy's run; --fresh replaces it"
-            )
+        with lock_directory(directory):
+            open_run(request, directory, resume=True, fresh=False)
 
 
 def _request(name: str, setup: PolicySetup) -> RunRequest:
     # The exploration metric is one of Table 4 alone.
     setup = setup if name == MAIN_SUITE else replace(setup, exploration=None)
     return RunRequest(make_plan(name), setup)
-
-
-def _is_finished(directory: Path) -> bool:
-    return (directory / RUN_FILE).exists()

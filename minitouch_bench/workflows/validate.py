@@ -45,7 +45,6 @@ def validate(
 
     Raises:
         UsageError: the draw is too short.
-        InfrastructureError: an episode could not be run.
     """
     from minitouch_bench.leaderboard.proof import MIN_FRESH_EPISODES
     from minitouch_bench.verification.fresh import new_draw

@@ -210,7 +210,7 @@ def test_every_suite_s_directory_is_checked_before_the_first_is_run(tmp_path, mo
     place = Path("submissions/zero/seed-0")
     write_official(official_run("novel-shapes", kind="zero"), place / "novel-shapes")
     both = {"policy": "zero", "suites": ("table4", "novel-shapes")}
-    with pytest.raises(RunDirectoryError, match="novel-shapes contains a finished run"):
+    with pytest.raises(RunDirectoryError, match="novel-shapes already contains a run"):
         submit(**both)
     (place / "novel-shapes" / "run.json").unlink()
     (place / "novel-shapes" / "unfinished").mkdir()
@@ -238,12 +238,12 @@ def test_three_commands_lead_from_a_policy_to_a_row(tmp_path):
     assert 'href="submission/hopeless.html"' in page
     assert "Not ranked: nobody has run them again yet" in page
     again = run(*HOPELESS, directory=tmp_path)
-    again.refused(6, "finished run", "--training-seed")
+    again.refused(6, "already contains a run", "--training-seed")
     kept = run(*HOPELESS, "--resume", directory=tmp_path)
     assert kept.code == 0, kept.err
     other = run("submit", "strangers:Policy", *HOPELESS[2:], "--resume", directory=tmp_path)
     assert other.code == 6
-    assert "another policy" in other.err
+    assert "holds another run" in other.err
 
 
 @pytest.mark.slow

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import pytest
 
+from minitouch_bench.records import Outcome
+from minitouch_bench.workflows.replay import replay
 from tests.cli.command import run
 from tests.leaderboard.synthetic import official_run, write_official
 
@@ -103,6 +105,13 @@ def test_an_episode_is_recorded_on_video_beside_its_run(copy):
     assert "success after" in done.err
     assert "the same bits as recorded" in done.err
     assert run("verify", copy, directory=copy.parent).code == 0  # a video changes no report
+
+
+def test_another_recorded_outcome_is_not_what_was_replayed(scripted):
+    replayed = replay(scripted[1], "opening/0")
+    assert replayed.is_same
+    edited = replace(replayed.row, outcome=Outcome.STEP_LIMIT)
+    assert not replace(replayed, row=edited).is_same
 
 
 def test_an_episode_is_printed_step_by_step(scripted):

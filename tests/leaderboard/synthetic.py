@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.leaderboard.packing import add_seed, begun_submission
+from minitouch_bench.leaderboard.packing import add_seeds
 from minitouch_bench.leaderboard.proof import (
     PROVED_LEVELS,
     ProofLevel,
@@ -120,7 +120,7 @@ def make_submission(
         files = _files(directory, seed, exploration, include) if kind == "native" else ()
         entry = TrainingSeed(seed, {s: run_place(seed, s) for s in suites}, files)
         told = replace(about, name=name, modalities=modalities)
-        add_seed(directory, begun_submission(directory), told, entry)
+        add_seeds(directory, told, [entry])
     if level in PROVED_LEVELS:
         write_proof(make_proof(validate(directory).files, level, 5), proof_path(directory))
     return directory

@@ -16,6 +16,7 @@ from minitouch_bench.leaderboard.board import CALIBRATION, in_order, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.build import build_board, find_submissions, index_html
 from minitouch_bench.leaderboard.endings import Ending
+from minitouch_bench.leaderboard.facts import amount
 from minitouch_bench.leaderboard.proof import (
     MAX_PROOF,
     ProofLevel,
@@ -275,6 +276,29 @@ def test_an_empty_board_still_has_its_reference_rows(tmp_path):
     assert "No ranked submission yet" in page
     assert page.count("not submitted yet") >= 3
     assert "0.891" in page
+
+
+def test_pages_of_rows_that_left_are_removed_and_nothing_else(tmp_path):
+    (tmp_path / "submissions").mkdir()
+    build_board(tmp_path / "submissions", tmp_path)
+    file, pages = tmp_path / "leaderboard.json", tmp_path / "submission"
+    document = json.loads(file.read_text())
+    file.write_text(json.dumps({**document, "unranked": [{"name": "gone"}]}))
+    for name in ("gone", "mine"):
+        (pages / name).mkdir(parents=True)
+        (pages / name / "a.mp4").touch()
+        (pages / f"{name}.html").touch()
+    build_board(tmp_path / "submissions", tmp_path)
+    assert sorted(os.listdir(pages)) == ["mine", "mine.html"]
+    assert os.listdir(pages / "mine") == ["a.mp4"]
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [(0, "none"), (999, "999"), (1500, "1.5 k"), (999_936, "1 M"), (2_000_000, "2 M")],
+)
+def test_a_large_number_is_short(number, text):
+    assert amount(number) == text.replace(" ", "\u202f")
 
 
 def test_csv_has_a_row_a_figure_and_guards_formulas(board):

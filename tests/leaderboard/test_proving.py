@@ -29,7 +29,7 @@ from minitouch_bench.verification.fresh import FreshResult
 from minitouch_bench.verification.problems import Problem
 from minitouch_bench.workflows import Callbacks, ignore
 from minitouch_bench.workflows.prover import Prover
-from minitouch_bench.workflows.proving import prove, validate_submission, within
+from minitouch_bench.workflows.proving import UNCHECKED, prove, validate_submission, within
 from tests.altered import edit_actions
 from tests.evaluation.runs import request, run
 
@@ -239,15 +239,25 @@ def test_a_failed_check_withdraws_an_older_proof(submission, monkeypatch, proble
     )
 
 
-def test_a_check_that_could_not_be_made_leaves_the_proof(verdict, monkeypatch):
-    """The checkpoint is gone; the proof was made when it was there."""
+def test_a_file_too_many_leaves_the_proof(submission):
+    write_proof(make_proof(validate(submission).files, ProofLevel.RERUN, 5), proof_path(submission))
+    (submission / ".DS_Store").write_bytes(b"of a file manager")
+    found = validate_submission(submission, lambda _: ())
+    assert ".DS_Store" in str(found.problems[0])
+    assert found.withdrawn is None
+    assert read_proof(proof_path(submission)).level is ProofLevel.RERUN
+
+
+@pytest.mark.parametrize("error", UNCHECKED)
+def test_a_check_that_could_not_be_made_leaves_the_proof(verdict, monkeypatch, error):
+    """Such as of a checkpoint that is gone; the proof was made when it was there."""
     write_proof(make_proof(verdict.files, ProofLevel.RERUN, 5), proof_path(verdict.directory))
 
-    def gone(*_):
-        raise IncompleteCheckError("the final checkpoint of seed 0 is not in the submission")
+    def fail(*_):
+        raise error("why")
 
-    monkeypatch.setattr(Prover, "run_again", gone)
-    with pytest.raises(IncompleteCheckError):
+    monkeypatch.setattr(Prover, "run_again", fail)
+    with pytest.raises(IncompleteCheckError, match="why"):
         prove(verdict, rerun=1, engine=EngineOptions(workers=1))
     assert find_proof(verdict.directory, verdict.files).level is ProofLevel.RERUN
 

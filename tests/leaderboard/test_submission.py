@@ -12,7 +12,7 @@ from benchmarks.schemas import board_schema, submission_schema
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
 from minitouch_bench.leaderboard.build import build_board
-from minitouch_bench.leaderboard.packing import add_seed, check_submission
+from minitouch_bench.leaderboard.packing import add_seeds, check_submission
 from minitouch_bench.leaderboard.submission import (
     CheckpointFile,
     Submission,
@@ -136,10 +136,10 @@ def test_the_board_s_json_is_as_its_schema_says(tmp_path):
 
 
 def test_another_training_seed_is_added_and_the_same_one_replaced(tmp_path):
-    first = add_seed(tmp_path, None, ABOUT, SEEDS[1])
-    both = add_seed(tmp_path, first, ABOUT, SEEDS[0])
+    add_seeds(tmp_path, ABOUT, [SEEDS[1]])
+    both = add_seeds(tmp_path, ABOUT, [SEEDS[0]])
     assert [seed.seed for seed in both.seeds] == [0, 3]
-    again = add_seed(tmp_path, both, ABOUT, replace(SEEDS[0], checkpoints=()))
+    again = add_seeds(tmp_path, ABOUT, [replace(SEEDS[0], checkpoints=())])
     assert [len(seed.checkpoints) for seed in again.seeds] == [0, 0]
 
 

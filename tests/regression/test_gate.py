@@ -95,6 +95,44 @@ def test_what_chance_explains_is_not_enough_and_fails_where_it_is_beyond(lost, o
     assert f"--episodes {result.endpoint.episodes_needed}" in result.next_command
 
 
+OPTIONS = {
+    "--metric episode_steps": {"metric": "episode_steps"},
+    "--tolerance 10%": {"tolerance": Tolerance(0.1, relative=True)},
+    "--alpha 0.01 --tolerance 0.1 --lenient": {
+        "alpha": 0.01, "tolerance": Tolerance(0.1), "lenient": True
+    },
+    "--strict": {"strict": True},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", OPTIONS)
+def test_the_longer_gate_has_the_same_settings_and_leaves_submissions_alone(
+    words, tmp_path, monkeypatch
+):
+    (tmp_path / "submissions" / "mine").mkdir(parents=True)
+    (tmp_path / "submissions" / "mine" / "submission.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    paths = ("submissions/mine/seed-0/table4", "new")
+    base, settings = make_saved(FEW, "base"), GateSettings(**OPTIONS[words])
+    result = judge_runs(base, few(4), paths, settings)
+    output = f"reports/mine/seed-0/table4-{result.endpoint.episodes_needed}"
+    evaluate, regress = result.next_command.split(" && ")
+    assert evaluate.endswith(f" --output {output}")
+    assert regress.endswith(f" --baseline {output} {words}")
+
+
+def test_exploration_is_not_gated_again_by_a_policy():
+    runs = [replace(run, exploration_episodes=run.episodes) for run in (few(0), few(4))]
+    result = judged(runs[1], GateSettings(metric="exploration"), runs[0])
+    assert result.endpoint.episodes_needed
+    assert result.next_command == "minitouch-bench compare runs/base runs/new"
+
+
+def test_what_the_most_episodes_would_not_settle_is_called_so():
+    result = judged(replace(few(0), digest="other"), GateSettings(tolerance=Tolerance(0.0)), few(0))
+    assert "even 10,000 episodes per task, the maximum, would not settle" in result_line(result)
+
+
 def test_an_improvement_is_no_regression():
     result = judged(candidate(100, 100))
     assert (result.decision, result.exit_code) == (Decision.NO_REGRESSION, 0)
@@ -153,10 +191,22 @@ def test_few_equal_values_are_not_enough_for_a_mean():
         assert judged(replace(base, digest="other"), baseline=base).decision is decision
 
 
-def test_a_metric_that_cannot_get_worse_is_a_mistake():
-    for metric in ("exploration", "touch_interaction"):
-        with pytest.raises(UsageError, match=f"{metric} cannot get worse"):
-            judged(candidate(70), GateSettings(metric=metric))
+@pytest.mark.parametrize(
+    ("metric", "why"),
+    [
+        ("exploration", "POLICY plays no exploration episodes; give --candidate"),
+        ("touch_interaction", "touch_interaction cannot get worse"),
+    ],
+)
+def test_a_metric_that_decides_nothing_is_a_mistake(metric, why):
+    with pytest.raises(UsageError, match=why):
+        judged(candidate(70), GateSettings(metric=metric))
+
+
+def test_tasks_with_unequal_numbers_of_episodes_have_no_mean_to_judge():
+    run = make_saved({"pushing": values(flags(3, 3)), "opening": values(flags(1, 1))})
+    with pytest.raises(UsageError, match=r"\(pushing 3, opening 1\): make the baseline again"):
+        judged(run, baseline=run)
 
 
 def test_holm_is_over_every_metric_of_every_task():

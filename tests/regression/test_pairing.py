@@ -47,6 +47,9 @@ def test_several_tasks_with_a_goal_have_a_mean_over_all_their_episodes():
     *_, mean = collect_values(pair_runs(one, other), ("playing", "pushing", "pick-up"))
     assert (mean.task, mean.metric, mean.tasks) == ("mean", "success", ("pushing", "pick-up"))
     np.testing.assert_array_equal(mean.differences, [0, 0, 0, 0, 0, 0, 1, 1, 0, 0])
+    more = make_saved({**goals, "pick-up": values(flags(1, 6))})
+    unequal = collect_values(pair_runs(more, more), ("pushing", "pick-up"))
+    assert "mean" not in {values.task for values in unequal}
 
 
 def test_exploration_episodes_are_paired_by_their_role():

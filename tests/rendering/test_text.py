@@ -39,6 +39,8 @@ def test_markdown_is_escaped(text, escaped):
         (r"\input{x}", r"\textbackslash{}input\{x\}"),
         ("$x^2$ ~#", r"\$x\textasciicircum{}2\$ \textasciitilde{}\#"),
         ("Success ↑ — m²", r"Success $\uparrow$ --- m\textsuperscript{2}"),
+        ("hac > rnd | p ≤ 0.05", r"hac \textgreater{} rnd \textbar{} p $\leq$ 0.05"),
+        ("< 0.001 ≥", r"\textless{} 0.001 $\geq$"),
     ],
 )
 def test_latex_is_escaped(text, escaped):

@@ -23,6 +23,8 @@ from minitouch_bench.reporting.report import AcrossRuns, build_report
 from minitouch_bench.reporting.writers import to_html, to_markdown
 from tests.reporting.synthetic import make_run, save
 
+BLIND = {"conditions": Conditions(without=("vision",))}
+
 
 def make(name, skill=0.5, seed=0, tasks=("pushing", "opening"), policy="", **plan):
     run = make_run(name, tasks=tasks, episodes=10, skill=skill, seed=seed, exploration=False)
@@ -54,6 +56,13 @@ def test_two_runs_of_one_policy_are_not_two_seeds():
     assert Counter(one.method for one in labels) == {"hac": 2, "b": 1}
 
 
+def test_a_run_that_is_called_as_a_method_is_not_a_seed_of_it():
+    runs = [make("a"), make("b", seed=1), make("c", seed=2)]
+    sections = describe_runs(runs, ("a", "b", "hac"))
+    labels = label_methods(sections, (*[RunOrigin("hac", 5000)] * 2, RunOrigin()))
+    assert [(one.method, one.seed) for one in labels] == [("hac", 0), ("hac", 1), ("hac (run)", 0)]
+
+
 def test_a_task_with_more_runs_does_not_count_for_more(seeds):
     runs, origins = seeds
     more = [*runs, make("d", tasks=("pushing",))]
@@ -72,6 +81,22 @@ def test_a_curve_does_not_mix_conditions():
     }
 
 
+def test_another_run_of_a_policy_is_another_line_of_a_curve():
+    plans = ({}, {"suite": "novel-shapes"}, {"seed": 1})
+    runs = [make(f"{n}", policy="a", **plan) for n, plan in enumerate(plans)]
+    runs += [make("b"), make("3", policy="c")]
+    labels = label_curve(runs, (RunOrigin("hac"),) * 5, (10, 10, 10, 10, 20))
+    assert [(one.method, one.seed) for one in labels] == [
+        ("hac, table4", 0),
+        ("hac, novel-shapes", 0),
+        ("hac, table4, 2", 0),
+        ("hac, table4", 1),
+        ("hac, table4", 0),
+    ]
+    of_names = label_curve(runs, (RunOrigin(),) * 5, (10, 10, 10, 10, 20), ("x",) * 5)
+    assert [one.method for one in of_names] == ["x", "x, 1", "x, 2", "x", "x"]
+
+
 def test_a_report_of_several_runs_has_their_interquartile_means(seeds):
     runs, origins = seeds
     report = build_report(runs, across=AcrossRuns(origins))
@@ -79,6 +104,9 @@ def test_a_report_of_several_runs_has_their_interquartile_means(seeds):
     assert [row.heads for row in table.rows] == [("hac",), ("c",)]
     assert [str(row.cells[2]) for row in table.rows] == ["4", "2"]
     assert [str(row.cells[3]) for row in table.rows] == ["training seeds", "episodes"]
+    titles = [row.cells[0].title for row in table.rows]
+    assert titles[0] == "4 scores, 95 % interval: bootstrap of scores over training seeds"
+    assert titles[1] == "2 scores, 95 % interval: bootstrap of scores over episodes"
     assert "## Over tasks and seeds" in to_markdown(report)
     assert to_html(report).count('id="over-tasks-and-seeds"') == 1
     assert build_report(runs[:1]).over_runs.tables == ()
@@ -97,13 +125,21 @@ def test_steps_and_trainings_are_read_off_the_policies_names():
     assert found == [("hac", 10000), ("hac", 20000), ("rnd", 10000), ("rnd", 20000)]
 
 
-def test_steps_that_are_given_win_and_different_names_are_one_training():
-    runs = [make("early_7_steps"), make("late_8_steps")]
-    labels = label_curve(runs, (RunOrigin(), RunOrigin()), (100, 200))
-    assert [(one.method, one.steps) for one in labels] == [
-        (ONE_TRAINING, 100),
-        (ONE_TRAINING, 200),
-    ]
+@pytest.mark.parametrize(
+    ("methods", "conditions", "trainings"),
+    [
+        (("", ""), {}, (ONE_TRAINING, ONE_TRAINING)),
+        (("", ""), BLIND, (ONE_TRAINING, f"{ONE_TRAINING}, without vision")),
+        (("hac", "rnd"), {}, ("hac", "rnd")),
+        (("hac", ""), {}, ("hac", "late")),
+    ],
+)
+def test_steps_that_are_given_win_and_different_names_alone_are_one_training(
+    methods, conditions, trainings
+):
+    runs = [make("early_7_steps"), make("late_8_steps", **conditions)]
+    labels = label_curve(runs, [*map(RunOrigin, methods)], (100, 200))
+    assert [(one.method, one.steps) for one in labels] == [*zip(trainings, (100, 200), strict=True)]
 
 
 def test_runs_of_one_training_after_the_same_steps_are_seeds():

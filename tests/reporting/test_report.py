@@ -5,13 +5,15 @@ import pytest
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.reporting.report import build_report, find_videos
+from tests.reporting.synthetic import make_run, save
 
 
-def test_runs_of_different_protocols_never_share_a_table(hac, scripted):
+@pytest.mark.parametrize("before", [(), ("opening",)])  # a first run that shares no task with them
+def test_runs_of_different_protocols_never_share_a_table(hac, scripted, before):
     digests = {**scripted.header.task_digests, "pushing": "f" * 64}
     other = replace(scripted, header=replace(scripted.header, task_digests=digests))
     with pytest.raises(UsageError) as raised:
-        build_report([hac, other])
+        build_report([*(save(make_run(task, tasks=(task,))) for task in before), hac, other])
     assert "'hac-seed1'" in str(raised.value)
     assert "'scripted-smoke'" in str(raised.value)
 

@@ -95,7 +95,14 @@ def edited(document, place, value):
     return broken
 
 
-@pytest.mark.parametrize(("place", "value", "message"), MISTAKES)
+LIMITS = ("header", "plan", "limits")
+TOO_MUCH = [
+    ((*LIMITS, "act_timeout_s"), 1e300, "run.json: a time limit is above 0 and at most 86400 s"),
+    ((*LIMITS, "memory_mb"), 2**60, "run.json: a limit of memory is 1 to 16777216 MiB"),
+]
+
+
+@pytest.mark.parametrize(("place", "value", "message"), [*MISTAKES, *TOO_MUCH])
 def test_a_malformed_document_gives_one_clear_line(document, place, value, message):
     with pytest.raises(RunDirectoryError) as raised:
         read(edited(document, place, value))

@@ -7,8 +7,8 @@ import pytest
 from minitouch_bench.agents.config import TrainingConfig
 from minitouch_bench.documents import write_toml
 from minitouch_bench.reporting.labels import RunOrigin
-from minitouch_bench.workflows.report import find_origin
-from tests.reporting.synthetic import make_run, save
+from minitouch_bench.workflows.report import find_origin, report
+from tests.reporting.synthetic import make_run, save, write
 
 
 @pytest.fixture
@@ -35,6 +35,15 @@ def test_a_policy_of_a_training_directory_has_its_method_and_steps(training, tmp
 
 def test_a_run_inside_a_training_directory_is_of_it(training):
     assert find_origin(training / "table4", run_of("gone.onnx")) == RunOrigin("rnd", 50_000)
+
+
+def test_the_videos_of_a_run_are_in_its_report_however_it_is_named(tmp_path):
+    write(make_run("a", tasks=("pushing",), episodes=2, exploration=False), tmp_path)
+    (tmp_path / "videos").mkdir()
+    (tmp_path / "videos" / "pushing-1.mp4").write_bytes(b"a video")
+    for path in (tmp_path, tmp_path / "run.json"):
+        assert report(path).directory == tmp_path
+        assert "videos/pushing-1.mp4" in (tmp_path / "report.html").read_text()
 
 
 def test_a_built_in_policy_comes_from_no_training(training, tmp_path, monkeypatch):

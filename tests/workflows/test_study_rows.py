@@ -1,6 +1,7 @@
 """A study's method as a submission: nothing is played again, and every check passes."""
 
 import hashlib
+import shutil
 import tomllib
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ from minitouch_bench.documents import write_json, write_toml
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
-from minitouch_bench.workflows.study_config import STUDY_FILE, StudyConfig
+from minitouch_bench.workflows.study_config import STUDY_FILE, StudyConfig, TaskGrid
 from minitouch_bench.workflows.submit import submit
 from tests.cli.command import run
 from tests.leaderboard.synthetic import make_submission, official_run, task_run, write_official
@@ -39,7 +40,8 @@ def make_study(directory, config=CONFIG):
         played = task_run(official_run(seed=training.seed, exploration=True), task)
         header = replace(played.header, exploration=None)
         for role, name in (("policy", "final"), ("exploration", "exploration")):
-            if role == "exploration" and (training.method == "sac" or task not in GOAL_TASKS):
+            explores = training.method != "sac" and training.exploration_steps
+            if role == "exploration" and not (explores and task in GOAL_TASKS):
                 continue
             content = f"{name} of {training.name}".encode()
             (place / f"{name}.safetensors").write_bytes(content)
@@ -97,6 +99,21 @@ def test_a_submission_that_is_there_is_replaced_as_a_whole(study, tmp_path):
     assert told["training_steps"] == 4 * 10_000 + 3 * 500
 
 
+def test_a_submission_is_replaced_by_all_training_seeds_or_by_none(tmp_path):
+    study = make_study(tmp_path / "s", replace(CONFIG, methods=("hac",)))
+    submit(str(study), method="hac", directory=tmp_path)
+    before = {file: file.read_bytes() for file in (tmp_path / "hac").rglob("*") if file.is_file()}
+    for training in study.glob("*-1"):  # seed 1 becomes a copy of seed 0
+        config = (training / CONFIG_FILE).read_bytes()
+        shutil.rmtree(training)
+        shutil.copytree(f"{str(training)[:-1]}0", training)
+        (training / CONFIG_FILE).write_bytes(config)
+    with pytest.raises(RunDirectoryError, match="no other copy of it is known"):
+        submit(str(study), method="hac", directory=tmp_path, fresh=True, notes="new")
+    after = {file: file.read_bytes() for file in (tmp_path / "hac").rglob("*") if file.is_file()}
+    assert after == before
+
+
 def test_a_submission_with_other_training_seeds_is_not_mixed_in(study, tmp_path):
     make_submission(tmp_path, "hac", seeds=(7,))
     with pytest.raises(RunDirectoryError, match="training seed 7, which the study lacks"):
@@ -128,6 +145,13 @@ def refused(study, tmp_path):
         submit(str(study), method="hac", directory=tmp_path / "submissions")
     assert not [*tmp_path.rglob("submission.toml")]
     return str(caught.value)
+
+
+def test_exploration_in_some_goal_tasks_alone_is_refused(tmp_path):
+    tasks = {"pushing": TaskGrid(exploration_steps=(0,))}
+    config = replace(CONFIG, methods=("hac",), seeds=(0,), per_task=tasks)
+    with pytest.raises(UsageError, match="hac explored in .*opening.* alone"):
+        submit(str(make_study(tmp_path / "s", config)), method="hac", directory=tmp_path)
 
 
 def test_a_training_that_was_changed_is_refused(small, tmp_path):
