@@ -78,10 +78,7 @@ def _overall(board: Board) -> BoardView:
         tables.Column("Mean success", unit=f"{len(goals)} tasks ↑"),
         *(tables.Column(task_title(task), unit=f"{_label(task)} ↑") for task in BOARD_TASKS),
     )
-    lead = (
-        f"Ordered by the mean success over {listed(goals)}. The rank is 1 + the number of rows that "
-        "are significantly better on the same episodes."
-    )
+    lead = f"Ordered by the mean success over {listed(goals)}."
     return BoardView(
         OVERALL, "Overall", lead, columns, _lines(board, OVERALL, [*RANKED_BY.items()])
     )
