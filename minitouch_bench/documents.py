@@ -34,7 +34,7 @@ def read_json(content: bytes, kind: type[Document], name: str) -> Document:
     """
     try:
         return msgspec.json.decode(content, type=kind)
-    except msgspec.ValidationError as error:
+    except (msgspec.ValidationError, UsageError) as error:
         raise RunDirectoryError(fault_in_words(error, name)) from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise RunDirectoryError(f"{name} is not JSON: {error}") from error
@@ -59,7 +59,7 @@ def plain(document: object) -> Any:
     return msgspec.to_builtins(document)
 
 
-def fault_in_words(error: msgspec.ValidationError, name: str) -> str:
+def fault_in_words(error: Exception, name: str) -> str:
     """Say where in a document a fault is, and which: ``run.json.header.seed: expected int, …``."""
     what, _, place = str(error).partition(" - at ")
     place = place.replace("`", "").removeprefix("key in ").removeprefix("$")

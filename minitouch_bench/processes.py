@@ -124,10 +124,10 @@ def core_count() -> int:
 def watch(pid: int) -> int:
     """Return a descriptor that becomes readable when a process ends.
 
-    Where the system has none, as on macOS, a thread looks, and sees the end of a child only
-    after it was reaped.
+    Where the system has none, as on macOS, or forbids it, as some containers do, a thread looks,
+    and sees the end of a child only after it was reaped.
     """
-    if hasattr(os, "pidfd_open"):
+    with contextlib.suppress(AttributeError, OSError):
         return os.pidfd_open(pid)
     reader, writer = os.pipe()
     threading.Thread(target=_close_after, args=(pid, writer), daemon=True).start()

@@ -235,6 +235,8 @@ def test_wrong_options_are_refused():
         mt.evaluate("zero", tasks=["flying"])
     with pytest.raises(UsageError, match="no engine 'cloud'; there are local"):
         mt.evaluate("zero", engine="cloud")
+    with pytest.raises(UsageError, match="at most 86400 s, not 1e\\+300"):
+        mt.evaluate("zero", act_timeout=1e300)
     for options in ({"episodes": 0}, {"episodes": 10**6}, {"seed": -1}, {"workers": 0}):
         with pytest.raises(UsageError, match=r"can be|a number from 1 to"):
             mt.evaluate("zero", **options)

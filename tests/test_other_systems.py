@@ -10,7 +10,10 @@ import pytest
 WITHOUT = """
 import ctypes, os, platform, socket
 platform.system = lambda: "Darwin"
-del os.pidfd_open, os.sched_getaffinity, socket.MSG_CMSG_CLOEXEC
+del os.pidfd_open, os.sched_getaffinity, os.waitid, socket.MSG_CMSG_CLOEXEC
+def killpg(group, number):
+    raise PermissionError("all of it have exited")
+os.killpg = killpg
 pair = socket.socketpair
 def socketpair(family=None, kind=socket.SOCK_STREAM, *rest):
     if kind == socket.SOCK_SEQPACKET:
@@ -67,6 +70,23 @@ def test_a_run_in_a_process_has_the_same_digest_and_is_unofficial(elsewhere, tmp
     assert found["header"]["official"] is False
     assert found["header"]["isolation"] == "process"
     assert "isolation: process" in found["header"]["unofficial_because"]
+
+
+END = """
+import time
+from minitouch_bench.policies.host import Host
+host = Host(None)
+for act, grace_s in ((lambda: os._exit(7), 60.0), (lambda: time.sleep(1000), 0.1)):
+    host._child = os.fork()
+    if not host._child:
+        act()
+    print(host._end_child(grace_s), host._end_child(grace_s))
+"""
+
+
+def test_how_a_policys_process_ended_is_known():
+    said = subprocess.check_output([sys.executable, "-c", WITHOUT + END], text=True)
+    assert said.splitlines() == ["(7, False) (0, False)", "(-9, True) (0, False)"]
 
 
 @pytest.mark.parametrize("module", ["api", "workflows.train", "verification.doctor"])

@@ -1,6 +1,8 @@
+import errno
 import multiprocessing
 import os
 import platform
+import select
 import signal
 import subprocess
 import sys
@@ -16,6 +18,7 @@ from minitouch_bench.processes import (
     START,
     interrupts_held,
     run_in_workers,
+    watch,
 )
 
 UNSET = {name: value for name, value in os.environ.items() if name not in ARITHMETIC}
@@ -164,6 +167,20 @@ def test_a_job_that_fails_can_be_a_result_and_the_others_go_on(tmp_path):
 def test_an_error_of_the_user_is_not_tried_again(tmp_path):
     with pytest.raises(UsageError, match=r"^no such thing$"):
         run_named(blame_the_user, [str(tmp_path / "a")])
+
+
+@pytest.mark.parametrize("number", [0, errno.ENOSYS, errno.EPERM])
+def test_the_end_of_a_process_is_seen_where_the_system_call_is_missing(monkeypatch, number):
+    def refuse(_):
+        raise OSError(number, os.strerror(number))
+
+    if number:
+        monkeypatch.setattr(os, "pidfd_open", refuse)
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
+        watched = watch(child.pid)
+        assert select.select([watched], [], [], 0) == ([], [], [])
+    assert select.select([watched], [], [], 60) == ([watched], [], [])
+    os.close(watched)
 
 
 PARENT = """

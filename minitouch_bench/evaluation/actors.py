@@ -152,6 +152,10 @@ class PolicySetup:
     isolation: IsolationOptions = SANDBOXED
     conditions: Conditions = STANDARD
 
+    def sources(self) -> tuple[PolicySource, ...]:
+        """Return the final policy, and the exploration policy where there is one."""
+        return (self.policy,) if self.exploration is None else (self.policy, self.exploration)
+
     def source(self, role: Role) -> PolicySource:
         """Return the policy of a role."""
         if role is Role.FINAL:
@@ -165,8 +169,7 @@ class PolicySetup:
 
     def isolation_level(self) -> Isolation:
         """Return the weakest level at which a policy of the run is isolated."""
-        sources = [self.policy, *([self.exploration] if self.exploration else [])]
-        return weakest(effective_level(source, self.isolation.level) for source in sources)
+        return weakest(effective_level(one, self.isolation.level) for one in self.sources())
 
     def make_actor(self, role: Role) -> Actor:
         """Return a new actor of a role; exploration policies act stochastically."""
@@ -200,17 +203,18 @@ def prepare_policies(
         raise UsageError("--isolation none runs the policy in this very process: add --trust")
     isolation = replace(isolation, limits=plan.limits)
     source = _find_policy(policy, plan.tasks, isolation, note, Role.FINAL)
-    if source.kind == "scripted" and plan.conditions.change_the_senses:
-        raise UsageError("the scripted policy has no senses to change: it reads the simulator")
     if name is not None:
         source = replace(source, name=name)
-    if exploration is None:
-        return PolicySetup(source, isolation=isolation, conditions=plan.conditions)
-    goals = tuple(task for task in plan.tasks if task in GOAL_TASKS)
-    if not goals:
-        raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
-    explorer = _find_policy(exploration, goals, isolation, note, Role.EXPLORATION)
-    return PolicySetup(source, explorer, isolation, plan.conditions)
+    explorer = None
+    if exploration is not None:
+        goals = tuple(task for task in plan.tasks if task in GOAL_TASKS)
+        if not goals:
+            raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
+        explorer = _find_policy(exploration, goals, isolation, note, Role.EXPLORATION)
+    setup = PolicySetup(source, explorer, isolation, plan.conditions)
+    if plan.conditions.change_the_senses and "scripted" in {one.kind for one in setup.sources()}:
+        raise UsageError("the scripted policy has no senses to change: it reads the simulator")
+    return setup
 
 
 def _find_policy(

@@ -72,7 +72,7 @@ def open_run(
     header, unfinished = request.header(), UnfinishedRun(directory)
     if fresh:
         clear_run(directory)
-    if not holds_run(directory):
+    if fresh or not holds_run(directory):
         if not fresh:
             _check_empty(directory)
         unfinished.begin(header, package_versions())
@@ -80,7 +80,7 @@ def open_run(
     if not resume:
         raise RunDirectoryError(
             f"{directory} already contains a run.\n"
-            "Add --resume to continue it, --fresh to replace it, or --output for another directory"
+            "Add --resume to continue it, --fresh to replace it, or choose another directory"
         )
     if (directory / RUN_FILE).exists():
         run = read_run(directory)
@@ -97,7 +97,7 @@ def _check_empty(directory: Path) -> None:
         more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""
         raise RunDirectoryError(
             f"{directory} is not empty and does not contain a run: {entries[0]!a}{more}.\n"
-            "Choose another --output; or add --fresh: files called as a run's are then replaced"
+            "Choose another directory; or add --fresh: files called as a run's are then replaced"
         )
 
 

@@ -116,14 +116,15 @@ class Host:
         if not self._child:
             return 0, False
         deadline = time.monotonic() + grace_s
-        while not (exited := _has_exited(self._child)) and time.monotonic() < deadline:
+        while (end := _find_end(self._child)) is None and time.monotonic() < deadline:
             time.sleep(POLL_S)
         for kill in (os.killpg, os.kill):  # right after the fork it has no group yet
-            with contextlib.suppress(ProcessLookupError):
+            # macOS says of a group whose processes have all exited that it is not permitted.
+            with contextlib.suppress(ProcessLookupError, PermissionError):
                 kill(self._child, signal.SIGKILL)
-        _, status = os.waitpid(self._child, 0)
+        _, status = end or os.waitpid(self._child, 0)
         self._child = 0
-        return os.waitstatus_to_exitcode(status), not exited
+        return os.waitstatus_to_exitcode(status), end is None
 
 
 def _take_streams(output: int) -> None:
@@ -135,8 +136,13 @@ def _take_streams(output: int) -> None:
     os.close(output)
 
 
-def _has_exited(child: int) -> bool:
-    return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+def _find_end(child: int) -> tuple[int, int] | tuple[()] | None:
+    """Return None while a child runs, then what ``waitpid`` says, or () if it is not yet reaped."""
+    if hasattr(os, "waitid"):
+        options = os.WEXITED | os.WNOHANG | os.WNOWAIT
+        return None if os.waitid(os.P_PID, child, options) is None else ()
+    end = os.waitpid(child, os.WNOHANG)  # macOS before Python 3.13 cannot look without reaping
+    return end if end[0] else None
 
 
 def _prepare(order: wire.StartOrder) -> Episode:

@@ -60,6 +60,8 @@ def keep_in_memory(policy: object) -> PolicySource:
     """
     try:
         content = cloudpickle.dumps(_without_training(policy))
+    except PolicyLoadError:
+        raise
     except Exception as error:  # whatever an object raises when it is pickled
         raise PolicyLoadError(
             f"the policy {type(policy).__name__} cannot be copied for each episode: "
@@ -88,11 +90,20 @@ def _without_training(policy: object) -> object:
     """Return what acts: of a model of Stable-Baselines3 its policy, on the CPU as any module."""
     if _has_act(policy):
         return policy
-    module = policy.policy if _is_sb3_model(policy) else policy  # type: ignore[attr-defined]
+    module = _policy_of_sb3(policy) if _is_sb3_model(policy) else policy
     torch = sys.modules.get("torch")
     if torch is None or not isinstance(module, torch.nn.Module):
         raise PolicyLoadError(f"{type(policy).__name__} is not a policy: {WANTED}")
     return copy.deepcopy(module).cpu().eval()
+
+
+def _policy_of_sb3(model: Any) -> object:
+    from minitouch_bench.policies.sb3 import refuse_normalized  # noqa: PLC0415  imports torch
+
+    normalizer = model.get_vec_normalize_env()
+    if normalizer is None or normalizer.norm_obs:
+        refuse_normalized(vars(model))  # what its zip holds
+    return model.policy
 
 
 def _has_act(policy: object) -> bool:

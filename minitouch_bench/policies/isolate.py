@@ -13,6 +13,7 @@ from minitouch_bench.errors import (
     InfrastructureError,
     MiniTouchError,
     PolicyFaultError,
+    PolicyKilledError,
     PolicyLoadError,
     PolicyRaisedError,
 )
@@ -141,7 +142,7 @@ def try_policy(
         PolicyLoadError: it cannot be loaded or reset.
         IsolationError: this machine cannot isolate it as asked.
         MissingExtraError: an optional package is not installed.
-        InfrastructureError: its host process ended again and again.
+        InfrastructureError: its process or its host was killed again and again.
     """
     if source.kind == "scripted":
         return
@@ -181,6 +182,8 @@ def _kept_generators() -> Iterator[None]:
 def _try_once(policy: PolicyProcess | InProcessPolicy, part: PolicySource, task: str) -> None:
     try:
         policy.reset(0, task)
+    except PolicyKilledError as error:  # by the kernel where memory ran out, say
+        raise InfrastructureError(f"{part.target} cannot be tried: {error}") from error
     except PolicyFaultError as fault:
         raise PolicyLoadError(f"{part.target} cannot be reset: {fault}") from fault
     with contextlib.suppress(PolicyFaultError):

@@ -14,6 +14,9 @@ from minitouch_bench.protocol.minitouch import (
     PROTOCOL,
 )
 
+MAX_TIMEOUT_S = 86400.0
+MAX_MEMORY_MB = 2**24
+
 Seconds = Annotated[float, Meta(gt=0)]
 
 MAX_ACTS = max(task.max_steps for task in PROTOCOL.tasks)
@@ -38,8 +41,12 @@ class PolicyLimits:
 
     def __post_init__(self) -> None:
         for limit in (self.load_timeout_s, self.act_timeout_s, self.episode_timeout_s):
-            if not 0 < limit < math.inf:
-                raise UsageError(f"a time limit is a number of seconds above 0, not {limit}")
+            if not 0 < limit <= MAX_TIMEOUT_S:
+                raise UsageError(
+                    f"a time limit is above 0 and at most {MAX_TIMEOUT_S:g} s, not {limit}"
+                )
+        if not 0 < self.memory_mb <= MAX_MEMORY_MB:
+            raise UsageError(f"a memory limit is 1 to {MAX_MEMORY_MB} MiB, not {self.memory_mb}")
 
     def as_options(self) -> tuple[str, ...]:
         """Return the command line's options for the times that are not the protocol's."""

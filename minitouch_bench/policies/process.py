@@ -16,6 +16,7 @@ from minitouch_bench.policies.isolation.kernel import ProcessLimits
 from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
 from minitouch_bench.policies.policy import Observation, action_size
 from minitouch_bench.policies.sources import PolicySource
+from minitouch_bench.processes import core_count
 from minitouch_bench.tasks.action import fit_action
 
 EXIT_GRACE_S = 0.2
@@ -91,21 +92,23 @@ class PolicyProcess:
         """
         part = self._source.for_task(task)
         options, limits = self._options, self._limits
-        allowed = ProcessLimits(limits.memory_mb * 2**20, limits.cpu_s)
+        threads = core_count() if options.trust else 1  # the sandbox forbids others to start any
+        allowed = ProcessLimits(limits.memory_mb * 2**20, limits.cpu_s * threads)
         order = wire.StartOrder(
             kind=part.kind, target=part.target, digest=part.digest, task=task, seed=seed,
             deterministic=self._deterministic, isolation=options.level, trust=options.trust,
             private=options.private, limits=allowed,
         )  # fmt: skip
-        deadline = time.monotonic() + self._limits.load_timeout_s
         self._end_episode()
         self._target = part.target
         self._size = action_size(task)
         self._left_s = self._limits.episode_timeout_s
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
-        self._start(order, deadline)
+        self._start(order)
+        deadline = time.monotonic() + limits.load_timeout_s
+        self._await_confined(deadline)
         self._load(deadline)
-        late = f"reset did not return within {self._limits.load_timeout_s:g} s"
+        late = f"reset did not return within {limits.load_timeout_s:g} s"
         self._ask(wire.Frame.RESET, b"", wire.Frame.READY, deadline, late)
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
@@ -146,8 +149,8 @@ class PolicyProcess:
             self._channel.close()
             self._channel = None
 
-    def _start(self, order: wire.StartOrder, deadline: float) -> None:
-        """Have a child forked and confined; a host that has ended is replaced, once."""
+    def _start(self, order: wire.StartOrder) -> None:
+        """Have a child forked; a host that has ended is replaced, once."""
         for _ in range(2):
             if self._host is None:
                 self._host = HostConnection(self._options.level)
@@ -167,7 +170,6 @@ class PolicyProcess:
             self._close_channel()
             raise REFUSALS.get(answer["class"], errors.PolicyLoadError)(answer["error"])
         channel.watch(answer["pid"])
-        self._await_confined(deadline)
 
     def _await_confined(self, deadline: float) -> None:
         """Wait for the child's first word, which it says before it looks at the checkpoint."""

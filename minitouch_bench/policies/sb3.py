@@ -102,7 +102,7 @@ def _build(settings: dict[str, Any], weights: bytes) -> Any:
     _check_observation(observed)
     if getattr(acted, "shape", None) not in [(size,) for size in ACTION_SIZES]:
         raise PolicyLoadError(f"its actions have shape {acted.shape}, not (4,) or (5,)")
-    _refuse_normalized(settings)
+    refuse_normalized(settings)
     arguments = {**settings["policy_kwargs"], "optimizer_class": NoOptimizer}
     if ON_POLICY in settings:
         arguments["use_sde"] = settings["use_sde"]
@@ -131,7 +131,7 @@ def _check_observation(space: Any) -> None:
         )
 
 
-def _refuse_normalized(settings: dict[str, Any]) -> None:
+def refuse_normalized(settings: dict[str, Any]) -> None:
     """Refuse a model that saw observations through VecNormalize: its zip lacks their statistics.
 
     The settings hold the last observation, and its original. PPO and A2C have an original

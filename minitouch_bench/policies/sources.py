@@ -38,6 +38,8 @@ MAX_RATIO = 100
 """Weights hardly shrink, and torch stores them unpacked."""
 
 MAX_MEMBERS = 10_000
+ENTRY_MARK = b"PK\x01\x02"
+"""What each entry of a ZIP file's list begins with."""
 
 SERVERS = ("http://", "https://")
 HUB = "hf://"
@@ -210,6 +212,9 @@ def _parse_submission(path: Path, role: Role) -> PolicySource:
     folder = min(folders, key=lambda path: (len(path.parent.name), path.parent.name), default=None)
     if folder is None:
         raise PolicyLoadError(f"{path} is a submission without {role} checkpoints")
+    for part in (path / CHECKPOINTS, folder.parent, folder):
+        if part.is_symlink():
+            raise PolicyLoadError(f"{part} cannot be read: it is a symbolic link")
     with os_errors_as(PolicyLoadError, folder, "read"):
         files = [file for file in folder.iterdir() if file.suffix in KIND_BY_SUFFIX]
     is_one_for_all = len(files) == 1 and files[0].stem not in TASK_NAMES
@@ -220,10 +225,10 @@ def _parse_submission(path: Path, role: Role) -> PolicySource:
 
 
 def _parse_directory(path: Path, role: Role) -> PolicySource:
-    if (path / SUBMISSION_FILE).is_file():
-        return _parse_submission(path, role)
     parts: dict[str, PolicySource] = {}
     with os_errors_as(PolicyLoadError, path, "read"):
+        if (path / SUBMISSION_FILE).is_file():
+            return _parse_submission(path, role)
         files = sorted(path.iterdir())
     for file in files:
         if file.stem not in TASK_NAMES or file.suffix not in KIND_BY_SUFFIX:
@@ -233,9 +238,9 @@ def _parse_directory(path: Path, role: Role) -> PolicySource:
             raise PolicyLoadError(f"{path} has two policies for one task: {other}, {file.name}")
         parts[file.stem] = _parse_file(file, follow=False)
     trained = path / TRAINED[role]
-    if not parts and trained.is_file():
+    if not parts and trained in files:
         return replace(_parse_file(trained, follow=False), name=path.resolve().name)
-    if not parts and (path / TRAINED_FILE).is_file():
+    if not parts and path / TRAINED_FILE in files:
         raise PolicyLoadError(f"{path} has no {trained.name}: nothing was explored there")
     if not parts:
         raise PolicyLoadError(
@@ -251,13 +256,14 @@ def check_zip(content: bytes, target: str) -> None:
     Raises:
         PolicyLoadError: saying by how much.
     """
+    # Half a kilobyte of memory for each entry, before the first can be looked at.
+    if (entries := content.count(ENTRY_MARK)) > MAX_MEMBERS:
+        raise PolicyLoadError(f"{target} contains {entries} files; the limit is {MAX_MEMBERS}")
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = archive.infolist()
     except (zipfile.BadZipFile, ValueError, NotImplementedError):
         return
-    if len(members) > MAX_MEMBERS:
-        raise PolicyLoadError(f"{target} contains {len(members)} files; the limit is {MAX_MEMBERS}")
     check_bytes(sum(member.file_size for member in members), len(content), target)
 
 

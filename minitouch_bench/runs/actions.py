@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import ACTIONS_FILE, KIB, write_file
+from minitouch_bench.policies.sources import ENTRY_MARK
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
@@ -20,9 +21,6 @@ MAX_ARRAY = 256 * KIB
 """Bytes of an episode's largest array: 200 steps take 10."""
 
 Actions = NDArray[np.float32]
-
-ENTRY_MARK = b"PK\x01\x02"
-"""What each entry of a ZIP file's list begins with."""
 
 CHANCE_MARKS = 100
 """How often packed data may hold the same four bytes by chance."""

@@ -19,7 +19,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import ENGINES, EngineOptions
 from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
-from minitouch_bench.policies.limits import PolicyLimits
+from minitouch_bench.policies.limits import MAX_TIMEOUT_S, PolicyLimits
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
 
 StrPath = str | PathLike[str]
@@ -43,7 +43,6 @@ COMMAND_TYPES: Mapping[Any, Any] = {
 """How the command line reads a parameter that can be more in Python."""
 
 MAX_WORKERS = 1024
-MAX_ACT_TIMEOUT_S = 86400.0
 AUTO = "auto"
 SETTING: Any = bool | int | float | str | tuple[str | int, ...]
 """What an option can be in a file."""
@@ -52,7 +51,7 @@ episodes_option = partial(typer.Option, rich_help_panel="Episodes")
 output_option = partial(typer.Option, rich_help_panel="Output")
 engine_option = partial(typer.Option, rich_help_panel="Engine")
 isolation_option = partial(typer.Option, rich_help_panel="Isolation")
-timeout_option = partial(isolation_option, metavar="S", min=0.01, max=MAX_ACT_TIMEOUT_S)
+timeout_option = partial(isolation_option, metavar="S", min=0.01, max=MAX_TIMEOUT_S)
 """Options of a group in a command's help."""
 
 POLICIES = (

@@ -146,6 +146,9 @@ def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, conditions):
     assert (again.problems, again.reran) == ((), 1)
 
 
-def test_the_scripted_policy_has_no_senses_to_change():
+@pytest.mark.parametrize(
+    "policies", [{"policy": "scripted"}, {"policy": "zero", "exploration": "scripted"}]
+)
+def test_the_scripted_policy_has_no_senses_to_change(policies):
     with pytest.raises(UsageError, match="reads the simulator"):
-        evaluate("scripted", without="vision")
+        evaluate(**policies, without="vision")

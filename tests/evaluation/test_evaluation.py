@@ -109,14 +109,17 @@ def test_a_directory_that_holds_a_run_is_neither_resumed_nor_replaced_unasked(fi
 
 def test_a_fresh_run_replaces_the_old_one_and_leaves_the_rest(finished, tmp_path):
     begin(finished[1], tmp_path, 6)
-    (tmp_path / "notes.txt").write_text("mine")
+    others = (tmp_path / "notes.txt", tmp_path / UNFINISHED / "notes.txt")
+    for file in others:
+        file.write_text("mine")
     done = run(request(tasks=("opening",), episodes=1), tmp_path, fresh=True)
     assert [spec.key for spec, _ in done.rows()] == ["opening/0"]
     assert sorted(path.name for path in (tmp_path / UNFINISHED).iterdir()) == [
         "header.unit",
+        "notes.txt",
         "opening-0.unit",
     ]
-    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert [file.read_text() for file in others] == ["mine", "mine"]
 
 
 @pytest.mark.parametrize("name", ["notes.txt", "report.md", "actions.npz", "videos"])

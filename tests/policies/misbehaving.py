@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -139,6 +140,15 @@ def exiting_factory():
 
 def sleeping_factory():
     sleep()
+
+
+def killed_factory():
+    """Be killed as often as a file says."""
+    deaths = Path("deaths")
+    if left := int(deaths.read_text()):
+        deaths.write_text(str(left - 1))
+        ACTS["kill"]()
+    return Misbehaving()
 
 
 def claiming_factory():

@@ -21,7 +21,7 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
-from minitouch_bench.policies.connection import EpisodeChannel
+from minitouch_bench.policies.connection import EpisodeChannel, HostConnection
 from minitouch_bench.policies.isolate import try_policy
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.policies.limits import PolicyLimits
@@ -258,6 +258,20 @@ def test_loading_and_reset_have_a_deadline(bad, monkeypatch, seed, error, text):
         bad.reset(seed, "pushing")
 
 
+def test_our_own_start_is_not_of_the_time_to_load(bad, monkeypatch):
+    order, now, late = HostConnection.order, time.monotonic, []
+
+    def order_slowly(*arguments):
+        answer = order(*arguments)
+        late.append(LIMITS.load_timeout_s)
+        return answer
+
+    monkeypatch.setattr(time, "monotonic", lambda: now() + sum(late))
+    monkeypatch.setattr(HostConnection, "order", order_slowly)
+    bad.reset(SEEDS["fine"], "pushing")
+    assert late
+
+
 @pytest.mark.parametrize(
     ("attribute", "text"),
     [
@@ -330,6 +344,20 @@ def test_probe_refuses_a_bad_file_but_leaves_faults_to_episodes(tmp_path, light)
 
 def test_a_policy_that_fails_at_probing_may_still_be_loadable():
     try_policy(factory("Misbehaving"), ["pushing"], IsolationOptions(trust=True, limits=LIMITS))
+
+
+@pytest.mark.parametrize("deaths", [2, 3])
+def test_a_process_that_is_killed_at_the_first_look_is_tried_three_times(
+    tmp_path, monkeypatch, deaths
+):
+    (tmp_path / "deaths").write_text(str(deaths))
+    monkeypatch.chdir(tmp_path)
+    killed = pytest.raises(InfrastructureError, match="killed by SIGKILL")
+    with killed if deaths == 3 else contextlib.nullcontext():
+        try_policy(
+            factory("killed_factory"), ["pushing"], IsolationOptions(Isolation.PROCESS, trust=True)
+        )
+    assert (tmp_path / "deaths").read_text() == "0"
 
 
 def test_nothing_a_policy_sends_at_the_first_look_is_our_failure():

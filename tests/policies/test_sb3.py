@@ -12,6 +12,7 @@ import torch
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies import sb3
 from minitouch_bench.policies.formats import load_policy
+from minitouch_bench.policies.in_memory import keep_in_memory
 from minitouch_bench.policies.policy import Checkpoint
 from tests.policies.recipes import StillEnvironment, run_recipes
 
@@ -206,6 +207,10 @@ def test_a_model_trained_under_vec_normalize_is_refused(algorithm, observation):
     assert load(saved(model)).act(observation).shape == (4,)
     model = make(algorithm, VecNormalize(plain, norm_obs_keys=["touch"]), net_arch=[8]).learn(16)
     refused(saved(model), "trained under VecNormalize")
+    with pytest.raises(PolicyLoadError, match=r"^it was trained under VecNormalize"):
+        keep_in_memory(model)
+    model = make(algorithm, VecNormalize(plain, norm_obs=False), net_arch=[8]).learn(16)
+    keep_in_memory(type(model).load(io.BytesIO(saved(model)), model.env))
 
 
 def test_many_environments_are_no_sign_of_vec_normalize(observation):

@@ -1,3 +1,4 @@
+import errno
 import hashlib
 from pathlib import Path
 
@@ -140,6 +141,26 @@ def test_a_link_in_a_directory_is_not_followed(tmp_path, place):
         parse_source(str(tmp_path / "policy"))
     if link.suffix != ".pt":
         assert parse_source(str(link)).digest  # the user named the link
+
+
+@pytest.mark.parametrize("place", ["checkpoints", "checkpoints/seed-0", "checkpoints/seed-0/final"])
+def test_a_linked_directory_in_a_submission_is_not_followed(tmp_path, place):
+    (tmp_path / "submission.toml").touch()
+    (tmp_path / "checkpoints" / "seed-0" / "final").mkdir(parents=True)
+    (tmp_path / "checkpoints" / "seed-0" / "final" / "a.onnx").write_bytes(b"of another project")
+    (tmp_path / place).rename(tmp_path / "secret")
+    (tmp_path / place).symlink_to(tmp_path / "secret")
+    with pytest.raises(PolicyLoadError, match=f"{place} cannot be read: it is a symbolic link"):
+        parse_source(str(tmp_path))
+
+
+def test_a_directory_whose_files_cannot_be_looked_at_is_named(folder, monkeypatch):
+    def refuse(_):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(Path, "is_file", refuse)
+    with pytest.raises(PolicyLoadError, match="cannot be read: Permission denied"):
+        parse_source(str(folder))
 
 
 def test_a_training_without_exploration_has_no_policy_of_it(tmp_path):

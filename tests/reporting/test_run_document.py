@@ -98,7 +98,7 @@ def edited(document, place, value):
 LIMITS = ("header", "plan", "limits")
 TOO_MUCH = [
     ((*LIMITS, "act_timeout_s"), 1e300, "run.json: a time limit is above 0 and at most 86400 s"),
-    ((*LIMITS, "memory_mb"), 2**60, "run.json: a limit of memory is 1 to 16777216 MiB"),
+    ((*LIMITS, "memory_mb"), 2**60, "run.json: a memory limit is 1 to 16777216 MiB"),
 ]
 
 

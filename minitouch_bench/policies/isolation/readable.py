@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import minitouch_bench
+from minitouch_bench.errors import IsolationError
 from minitouch_bench.files import RUN_ENTRIES
 from minitouch_bench.processes import ARITHMETIC
 
@@ -75,6 +76,9 @@ def factory_paths(target: str, private: str = "") -> FactoryPaths:
     That is what lies in the working directory, in every folder of ``sys.path``, and where its
     package lies if an editable installation put it elsewhere. Hidden entries are left out, and
     the run's directory ``private``. What is made later cannot be read.
+
+    Raises:
+        IsolationError: one of these folders is the root folder or /etc.
     """
     folders = [os.getcwd(), *(path for path in sys.path if path)]
     try:
@@ -89,6 +93,12 @@ def factory_paths(target: str, private: str = "") -> FactoryPaths:
         for path in dict.fromkeys(Path(folder).resolve() for folder in folders)
         if not any(path.is_relative_to(folder) for folder in known)
     ]
+    for path in others:
+        if Path("/etc").is_relative_to(path):
+            raise IsolationError(
+                f"a factory could read what lies in {path}, which is the working directory or on "
+                "PYTHONPATH.\nRun the command in another directory"
+            )
     run = Path(private).resolve() if private else None
     readable = [str(part) for path in others for part in _parts(path, run)]
     return FactoryPaths(tuple(readable), tuple(str(path) for path in others if path.is_dir()))

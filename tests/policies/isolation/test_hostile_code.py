@@ -1,6 +1,7 @@
 """Code that wants out: a Python factory and TorchScript modules, in real children."""
 
 import errno
+import resource
 import shutil
 import signal
 from pathlib import Path
@@ -177,6 +178,14 @@ def test_processor_time_is_limited_too(scripts, tmp_path, monkeypatch):
         begin(policy, hostile_modules.Loops(""), tmp_path, monkeypatch, short)
         with pytest.raises(PolicyExitError, match=signal.SIGXCPU.name):
             policy.act(zero_observation())
+
+
+def test_who_may_start_threads_has_processor_time_for_every_core(factory, monkeypatch):
+    monkeypatch.setattr("minitouch_bench.policies.process.core_count", lambda: 7)
+    factory.reset(0, "pushing")
+    host = factory._host.pid
+    child = int(Path(f"/proc/{host}/task/{host}/children").read_text())
+    assert resource.prlimit(child, resource.RLIMIT_CPU)[0] == 7 * LIMITS.cpu_s
 
 
 def test_a_module_that_allocates_10_gb_gets_none(scripts, tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import pytest
 
+from minitouch_bench.errors import IsolationError
 from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.isolation.readable import factory_paths
 from minitouch_bench.policies.policy import zero_observation
@@ -61,6 +62,13 @@ def test_no_part_that_is_named_holds_the_run(home, run):
     assert str(home / ".env") not in readable
     assert str(home / "data") in readable
     assert (str(home / "reports") in readable) == (run in {".", ""})
+
+
+@pytest.mark.parametrize("folder", ["/", "/etc"])
+def test_a_factory_is_not_started_in_a_folder_of_the_system(monkeypatch, folder):
+    monkeypatch.chdir(folder)
+    with pytest.raises(IsolationError, match=f"in {folder}, .*\nRun the command in another"):
+        factory_paths("reader:Reader")
 
 
 def test_a_run_in_the_working_directory_itself_is_left_out(home):
