@@ -4,7 +4,6 @@ The object is copied by pickle. Every episode starts with a new copy, in whateve
 runs, so that no episode can depend on another one.
 """
 
-import copy
 import hashlib
 import pickle
 import re
@@ -90,20 +89,17 @@ def _without_training(policy: object) -> object:
     """Return what acts: of a model of Stable-Baselines3 its policy, on the CPU as any module."""
     if _has_act(policy):
         return policy
-    module = _policy_of_sb3(policy) if _is_sb3_model(policy) else policy
+    module = policy
+    if _is_sb3_model(policy):
+        from minitouch_bench.policies.sb3 import refuse_normalized  # noqa: PLC0415  imports torch
+
+        refuse_normalized(vars(policy))
+        module = policy.policy  # type: ignore[attr-defined]
     torch = sys.modules.get("torch")
     if torch is None or not isinstance(module, torch.nn.Module):
         raise PolicyLoadError(f"{type(policy).__name__} is not a policy: {WANTED}")
-    return copy.deepcopy(module).cpu().eval()
-
-
-def _policy_of_sb3(model: Any) -> object:
-    from minitouch_bench.policies.sb3 import refuse_normalized  # noqa: PLC0415  imports torch
-
-    normalizer = model.get_vec_normalize_env()
-    if normalizer is None or normalizer.norm_obs:
-        refuse_normalized(vars(model))  # what its zip holds
-    return model.policy
+    # Not deepcopy, which refuses what a trained PPO keeps of its last gradient.
+    return pickle.loads(cloudpickle.dumps(module)).cpu().eval()
 
 
 def _has_act(policy: object) -> bool:

@@ -134,16 +134,14 @@ def _check_observation(space: Any) -> None:
 def refuse_normalized(settings: dict[str, Any]) -> None:
     """Refuse a model that saw observations through VecNormalize: its zip lacks their statistics.
 
-    The settings hold the last observation, and its original. PPO and A2C have an original
-    under VecNormalize only. The others always have one, but there the last finger openings are
-    out of their range: normalized numbers are as often negative as positive.
+    The settings hold the last observation. In a normalized one the image is not of bytes, or the
+    finger openings are out of their range: normalized numbers are as often negative as positive.
     """
-    last, original = settings.get("_last_obs"), settings.get("_last_original_obs")
-    openings = np.zeros(0)
-    if isinstance(last, dict) and "touch" in last:
-        openings = last["touch"][..., PROTOCOL.observation.openings]
-    is_original_kept = ON_POLICY in settings and original is not None
-    if is_original_kept or (openings < 0).any() or (openings > 1).any():
+    last = settings.get("_last_obs")
+    if not isinstance(last, dict) or last.keys() != {"image", "touch"}:
+        return
+    openings = last["touch"][..., PROTOCOL.observation.openings]
+    if last["image"].dtype != np.uint8 or (openings < 0).any() or (openings > 1).any():
         raise PolicyLoadError(
             "it was trained under VecNormalize, whose statistics are not in the zip. Train with "
             "VecNormalize(norm_obs=False), or put the normalization into the network"

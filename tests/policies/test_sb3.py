@@ -12,7 +12,7 @@ import torch
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies import sb3
 from minitouch_bench.policies.formats import load_policy
-from minitouch_bench.policies.in_memory import keep_in_memory
+from minitouch_bench.policies.in_memory import keep_in_memory, load_object
 from minitouch_bench.policies.policy import Checkpoint
 from tests.policies.recipes import StillEnvironment, run_recipes
 
@@ -199,18 +199,23 @@ def test_a_policy_with_a_state_keeps_it_for_the_episode(observation):
 
 
 @pytest.mark.parametrize("algorithm", ["SAC", "PPO"])
-def test_a_model_trained_under_vec_normalize_is_refused(algorithm, observation):
+def test_a_model_whose_observations_were_normalized_is_refused(algorithm, observation):
     from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-    plain = DummyVecEnv([lambda: Sinking(4)])
-    model = make(algorithm, plain, net_arch=[8]).learn(16)
-    assert load(saved(model)).act(observation).shape == (4,)
-    model = make(algorithm, VecNormalize(plain, norm_obs_keys=["touch"]), net_arch=[8]).learn(16)
-    refused(saved(model), "trained under VecNormalize")
-    with pytest.raises(PolicyLoadError, match=r"^it was trained under VecNormalize"):
-        keep_in_memory(model)
-    model = make(algorithm, VecNormalize(plain, norm_obs=False), net_arch=[8]).learn(16)
-    keep_in_memory(type(model).load(io.BytesIO(saved(model)), model.env))
+    def plain():  # VecNormalize changes the space of what it wraps
+        return DummyVecEnv([lambda: Sinking(4)])
+
+    for key, words in (("touch", "under VecNormalize"), ("image", "on another observation")):
+        model = make(algorithm, VecNormalize(plain(), norm_obs_keys=[key]), net_arch=[8]).learn(16)
+        refused(saved(model), words)
+        with pytest.raises(PolicyLoadError, match=r"^it was trained under VecNormalize"):
+            keep_in_memory(model)
+    for environment in (plain(), VecNormalize(plain(), norm_obs=False)):
+        model = make(algorithm, environment, net_arch=[8]).learn(16)
+        assert load(saved(model)).act(observation).shape == (4,)
+        policy = load_object(Checkpoint("", keep_in_memory(model).content))
+        policy.reset(0, "pushing")
+        assert policy.act(observation).shape == (4,)
 
 
 def test_many_environments_are_no_sign_of_vec_normalize(observation):
