@@ -14,7 +14,6 @@ from minitouch_bench.policies.sources import PolicySource, identify
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EpisodeSpec, PolicyIdentity, Role
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run
-from minitouch_bench.verification.checks import check_run
 from minitouch_bench.verification.problems import Problem
 
 
@@ -33,10 +32,10 @@ class Verification:
         return not self.problems
 
 
-def verify_run(
+def replay_run(
     run: Run, engine: Engine, on_record: Callable[[EpisodeRecord], None] = lambda _: None
 ) -> Verification:
-    """Check what a run says by itself; if that holds, replay every episode.
+    """Replay every episode of a run that ``check_run`` passes; ``on_record`` takes them.
 
     The episodes come from the plan, the actions from ``actions.npz``. Every estimate is computed
     again and compared up to ROUNDING, every metric and digest of the replayed trajectories bit
@@ -45,18 +44,6 @@ def verify_run(
 
     Raises:
         RunDirectoryError: a file of it is missing or damaged.
-        InfrastructureError: an episode could not be replayed.
-    """
-    problems = check_run(run)
-    return Verification(0, problems) if problems else replay_run(run, engine, on_record)
-
-
-def replay_run(
-    run: Run, engine: Engine, on_record: Callable[[EpisodeRecord], None] = lambda _: None
-) -> Verification:
-    """Replay a run that ``check_run`` passes (see ``verify_run``); ``on_record`` takes episodes.
-
-    Raises:
         InfrastructureError: an episode could not be replayed.
     """
     records: dict[EpisodeSpec, EpisodeRecord] = {}

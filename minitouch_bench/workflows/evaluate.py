@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 from minitouch_bench.conditions import CHANGES, SENSES, parse_conditions
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
-from minitouch_bench.files import MAX_EPISODES, REPORTS, SETTINGS_FILE, lock_directory, write_file
+from minitouch_bench.files import (
+    MAX_EPISODES,
+    REPORTS,
+    SETTINGS_FILE,
+    holds_run,
+    lock_directory,
+    write_file,
+)
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 from minitouch_bench.workflows import SILENT, Callbacks, options
@@ -88,7 +95,7 @@ def evaluate(
     # Not at the top: the simulator and scipy take a second, and --help shall not.
     from minitouch_bench.evaluation.actors import prepare_policies
     from minitouch_bench.evaluation.engine import open_engine
-    from minitouch_bench.evaluation.run import RunRequest, RunUnderWay
+    from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, open_run
     from minitouch_bench.runs.plan import make_plan
     from minitouch_bench.workflows import playing
     from minitouch_bench.workflows.experiment_log import log_run
@@ -119,7 +126,10 @@ def evaluate(
     if directory == Path(AUTO_OUTPUT):
         directory = REPORTS / playing.run_name(request)
     with opening as running, lock_directory(directory):
-        run = playing.play_in(request, directory, running, callbacks, resume=resume, fresh=fresh)
+        if resume and not holds_run(directory):
+            callbacks.note(f"there is no run in {directory} to resume: a new one begins")
+        opened = open_run(request, directory, resume=resume, fresh=fresh)
+        run = playing.play(request, opened, running, callbacks)
         if settings:
             text = f"# minitouch-bench evaluate --config {SETTINGS_FILE}\n"
             write_file(directory / SETTINGS_FILE, text + write_toml(settings))

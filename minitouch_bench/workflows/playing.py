@@ -8,9 +8,9 @@ from pathlib import Path
 
 from minitouch_bench.errors import HopelessRunError, InfrastructureError, InterruptedRunError
 from minitouch_bench.evaluation.engine import Engine
-from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, open_run, play_missing
+from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, play_missing
 from minitouch_bench.evaluation.video import require_video, video_name, write_video
-from minitouch_bench.files import RUN_FILE, VIDEOS, holds_run, list_videos, make_folder, write_file
+from minitouch_bench.files import RUN_FILE, VIDEOS, list_videos, make_folder, write_file
 from minitouch_bench.records import EpisodeSpec
 from minitouch_bench.reporting.report import Report
 from minitouch_bench.reporting.views import write_report, write_tables
@@ -18,29 +18,6 @@ from minitouch_bench.runs.run import Run, run_json
 from minitouch_bench.runs.unfinished import UnfinishedRun
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.experiment_log import check_tracker
-
-
-def play_in(
-    request: RunRequest,
-    directory: Path,
-    engine: Engine,
-    callbacks: Callbacks = SILENT,
-    *,
-    resume: bool = False,
-    fresh: bool = False,
-) -> Run:
-    """Play the episodes that are missing of a run in its directory, which must be locked.
-
-    Raises:
-        UsageError: both ``resume`` and ``fresh``.
-        RunDirectoryError: it holds another run, or one and neither was asked for.
-        InfrastructureError, HopelessRunError, InterruptedRunError: the run is incomplete and can
-            be resumed.
-    """
-    if resume and not holds_run(directory):
-        callbacks.note(f"there is no run in {directory} to resume: a new one begins")
-    opened = open_run(request, directory, resume=resume, fresh=fresh)
-    return play(request, opened, engine, callbacks)
 
 
 def run_name(request: RunRequest) -> str:

@@ -8,12 +8,9 @@ from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actors import AlteredSenses
 from minitouch_bench.evaluation.engine import EngineOptions
-from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
-from minitouch_bench.runs.run import read_run
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.verification.verify import verify_run
 from minitouch_bench.workflows.evaluate import evaluate
 from minitouch_bench.workflows.verify import verify
 
@@ -113,7 +110,7 @@ def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
     altered = {"without": ["touch"], "perturb": ["mass=0.5:2"], "output": tmp_path / "run"}
     run = evaluate("random", **options, **altered).facts
     assert run.header.unofficial_because[-2:] == ("without touch", "mass 0.5 to 2 times")
-    assert verify_run(read_run(tmp_path / "run"), LocalEngine(1)).problems == ()
+    assert verify(tmp_path / "run", workers=1).problems == ()
     other = evaluate("random", **options).facts
     assert [row.seed for row in run.episodes] == [row.seed for row in other.episodes]
     assert run.digest != other.digest

@@ -7,6 +7,9 @@ from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import RUN_FILE, write_file
 from minitouch_bench.reporting.views import write_report, write_tables
 from minitouch_bench.runs.run import run_json
+from minitouch_bench.verification.checks import check_run
+from minitouch_bench.verification.verify import Verification, replay_run
+from minitouch_bench.workflows import ignore
 from tests.evaluation.runs import request, run
 
 WANTED = request("scripted", ("pushing", "opening"), 2, exploration="scripted")
@@ -36,3 +39,9 @@ class Here:
         runner = EpisodeRunner(source)
         yield from map(runner.run, specs)
         runner.close()
+
+
+def verify_run(run, engine, on_record=ignore):
+    """Check a run, then replay it, as the command ``verify`` does."""
+    problems = check_run(run)
+    return Verification(0, problems) if problems else replay_run(run, engine, on_record)

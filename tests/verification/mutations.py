@@ -57,7 +57,6 @@ from minitouch_bench.runs.actions import unpack_arrays, write_actions
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import RunEnvironment, make_run, read_run, run_json
 from minitouch_bench.runs.unfinished import UnfinishedRun
-from minitouch_bench.verification.verify import verify_run
 from minitouch_bench.workflows import TrainingProgress
 from minitouch_bench.workflows.report import report
 from minitouch_bench.workflows.training import TrainingRequest, run_training
@@ -65,6 +64,7 @@ from tests.agents.logs import write_log
 from tests.agents.trainings import CONFIG
 from tests.leaderboard.synthetic import make_submission
 from tests.reporting.synthetic import make_record
+from tests.verification.conftest import verify_run
 
 TIME_LIMIT_S = 20
 MEMORY_LIMIT = GIB

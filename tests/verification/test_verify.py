@@ -7,9 +7,8 @@ from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.files import UNFINISHED
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.verification.verify import verify_run
 from tests.altered import edit_actions, edit_document
-from tests.verification.conftest import Here
+from tests.verification.conftest import Here, verify_run
 
 
 def places(directory):

@@ -150,7 +150,7 @@ def refused(study, tmp_path):
 def test_exploration_in_some_goal_tasks_alone_is_refused(tmp_path):
     tasks = {"pushing": TaskGrid(exploration_steps=(0,))}
     config = replace(CONFIG, methods=("hac",), seeds=(0,), per_task=tasks)
-    with pytest.raises(UsageError, match="hac explored in .*opening.* alone"):
+    with pytest.raises(UsageError, match=r"hac explored in .*opening.* alone"):
         submit(str(make_study(tmp_path / "s", config)), method="hac", directory=tmp_path)
 
 
