@@ -28,7 +28,7 @@ ON_POLICY = "gae_lambda"
 
 SETTINGS = {
     "policy_class", "policy_kwargs", "use_sde", "observation_space", "action_space",
-    "_last_obs", "_last_original_obs", ON_POLICY,
+    "_last_obs", ON_POLICY,
 }  # fmt: skip
 
 

@@ -127,7 +127,7 @@ def evaluate(
         directory = REPORTS / playing.run_name(request)
     with opening as running, lock_directory(directory):
         if resume and not holds_run(directory):
-            callbacks.note(f"there is no run in {directory} to resume: a new one begins")
+            callbacks.note(f"no run to resume in {directory}: starting a new one")
         opened = open_run(request, directory, resume=resume, fresh=fresh)
         run = playing.play(request, opened, running, callbacks)
         if settings:

@@ -273,7 +273,7 @@ def test_what_there_is_to_resume_is_said_and_the_views_are_written_again(tmp_pat
     assert again == first
     assert content == {path.name: path.read_bytes() for path in directory.iterdir()}
     assert notes == [
-        f"there is no run in {directory} to resume: a new one begins",
+        f"no run to resume in {directory}: starting a new one",
         f"{directory} contains the finished run: no episode is missing",
     ]
 
