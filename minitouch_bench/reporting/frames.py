@@ -5,7 +5,7 @@ One row per episode; Table 4 and the gaps on novel shapes in long form.
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import astuple
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.records import EpisodeMetrics, Estimate, Generalization
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
+from minitouch_bench.reporting.labels import run_labels, tasks_in_order
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_value
 from minitouch_bench.reporting.tables import TABLE4_METRICS, find_estimate
 from minitouch_bench.runs.run import Run
@@ -64,30 +64,32 @@ def _episode_row(episode: EpisodeMetrics) -> CsvRow:
     )
 
 
-def table4_csv(runs: Sequence[Run]) -> str:
+def table4_csv(run: Run) -> str:
     """Write Table 4 in long form; values that do not exist have no row.
 
-    ``source`` carries a run's labels, and what must be known of the paper's values.
+    ``source`` carries the run's labels, and what must be known of the paper's values.
     """
+    name, source = _name_and_source(run)
     rows: list[CsvRow] = []
-    for task in tasks_in_order(runs):
+    for task in tasks_in_order([run]):
         for metric in TABLE4_METRICS:
-            rows += _run_rows(runs, task, metric)
+            if estimate := find_estimate(run, task, metric):
+                rows.append((name, task, metric, *astuple(estimate), source))
             rows += _paper_rows(task, metric)
     return rows_csv(TABLE4_COLUMNS, rows)
 
 
-def generalization_csv(runs: Sequence[Run]) -> str:
+def generalization_csv(run: Run) -> str:
     """Write held-out, train and their difference in long form, then each family's values.
 
     ``family`` is empty in a row over all families; values that do not exist have no row.
     """
-    rows: list[CsvRow] = []
-    for name, run in zip(run_names(runs), runs, strict=True):
-        for result in run.summary.generalization:
-            for family, metric, split, estimate in _splits(result):
-                head = (name, result.task, family, metric, split)
-                rows.append((*head, *astuple(estimate), _source(run)))
+    name, source = _name_and_source(run)
+    rows = (
+        (name, result.task, family, metric, split, *astuple(estimate), source)
+        for result in run.summary.generalization
+        for family, metric, split, estimate in _splits(result)
+    )
     return rows_csv(GENERALIZATION_COLUMNS, rows)
 
 
@@ -136,13 +138,6 @@ def _splits(result: Generalization) -> Iterator[tuple[str, str, str, Estimate]]:
                 yield family, result.family_metric, GAP_PARTS[part], estimate
 
 
-def _run_rows(runs: Sequence[Run], task: str, metric: str) -> Iterator[CsvRow]:
-    for name, run in zip(run_names(runs), runs, strict=True):
-        estimate = find_estimate(run, task, metric)
-        if estimate is not None:
-            yield name, task, metric, *astuple(estimate), _source(run)
-
-
 def _paper_rows(task: str, metric: str) -> Iterator[CsvRow]:
     for method in PAPER_METHODS:
         printed = paper_value(task, metric, method)
@@ -151,6 +146,6 @@ def _paper_rows(task: str, metric: str) -> Iterator[CsvRow]:
             yield method, task, metric, float(printed.text), None, None, None, "", source
 
 
-def _source(run: Run) -> str:
+def _name_and_source(run: Run) -> tuple[str, str]:
     labels = "; ".join(run_labels(run))
-    return f"run ({labels})" if labels else "run"
+    return printable(run.header.policy.name), f"run ({labels})" if labels else "run"

@@ -18,11 +18,11 @@ def write_tables(run: Run, directory: Path) -> None:
         RunDirectoryError: one cannot be written.
     """
     files.write_file(directory / files.EPISODES_FILE, episodes_csv(run.episodes))
-    files.write_file(directory / files.TABLE4_FILE, table4_csv([run]))
+    files.write_file(directory / files.TABLE4_FILE, table4_csv(run))
     if run.exploration_episodes:
         files.write_file(directory / files.EXPLORATION_FILE, episodes_csv(run.exploration_episodes))
     if run.summary.generalization:
-        files.write_file(directory / files.GENERALIZATION_FILE, generalization_csv([run]))
+        files.write_file(directory / files.GENERALIZATION_FILE, generalization_csv(run))
 
 
 def write_report(

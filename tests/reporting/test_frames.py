@@ -55,7 +55,7 @@ def test_a_negative_number_stays_a_number(hac):
 
 
 def test_table4_is_long_and_labeled(hac, scripted):
-    rows = list(csv.DictReader(io.StringIO(table4_csv([hac, scripted]))))
+    rows = list(csv.DictReader(io.StringIO(table4_csv(scripted))))
     assert list(rows[0]) == [
         "policy",
         "task",
@@ -72,6 +72,7 @@ def test_table4_is_long_and_labeled(hac, scripted):
         ("pushing", "1.0", "5", "wilson")
     ]
     assert own[0]["source"] == ("run (reads the simulator's state; unofficial: 5 of 100 episodes)")
+    rows = list(csv.DictReader(io.StringIO(table4_csv(hac))))
     paper = [r for r in rows if r["policy"] == "HaC" and r["task"] == "playing"]
     assert [(r["metric"], r["value"], r["low"]) for r in paper] == [
         ("touch_interaction", "388.15", "")
@@ -80,6 +81,6 @@ def test_table4_is_long_and_labeled(hac, scripted):
 
 
 def test_a_hostile_name_is_harmless(hostile):
-    rows = list(csv.DictReader(io.StringIO(table4_csv([hostile]))))
+    rows = list(csv.DictReader(io.StringIO(table4_csv(hostile))))
     assert rows[0]["policy"].startswith("'=")
     assert "\x1b" not in rows[0]["policy"]

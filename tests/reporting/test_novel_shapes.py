@@ -97,7 +97,7 @@ def test_a_run_of_one_split_has_no_file_and_no_section(tmp_path, hac):
 
 
 def test_csv_is_long_and_signed(novel):
-    rows = list(csv.DictReader(io.StringIO(generalization_csv([novel]))))
+    rows = list(csv.DictReader(io.StringIO(generalization_csv(novel))))
     own = [r for r in rows if (r["task"], r["family"], r["metric"]) == ("pushing", "", "success")]
     assert [row["split"] for row in own] == ["held-out", "train", "held-out minus train"]
     gap = next(r for r in novel.summary.generalization if r.task == "pushing").gaps["success"]
@@ -112,7 +112,7 @@ def test_hostile_names_are_harmless():
     specs = (replace(r.spec, family=HOSTILE) for r in run.records)
     records = tuple(replace(r, spec=s) for r, s in zip(run.records, specs, strict=True))
     saved = save(replace(run, records=records), "x")
-    row = list(csv.DictReader(io.StringIO(generalization_csv([saved]))))[-1]
+    row = list(csv.DictReader(io.StringIO(generalization_csv(saved))))[-1]
     assert row["policy"].startswith("'=")
     assert row["family"].startswith("'=")
     report = build_report([saved])
