@@ -222,7 +222,7 @@ def pooled_share(shares: Sequence[Estimate]) -> Estimate:
     return wilson(round(successes), sum(share.count for share in shares))
 
 
-def quadrature(parts: Sequence[Estimate], method: str = OVER_TASKS) -> Estimate:
+def quadrature(parts: Sequence[Estimate]) -> Estimate:
     """Estimate the mean of independent figures from their intervals, which may be those of shares.
 
     Source: G. Y. Zou and A. Donner, "Construction of confidence limits about effect measures:
@@ -233,4 +233,4 @@ def quadrature(parts: Sequence[Estimate], method: str = OVER_TASKS) -> Estimate:
     below = math.hypot(*(part.value - part.low for part in parts)) / number
     above = math.hypot(*(part.high - part.value for part in parts)) / number
     count = sum(part.count for part in parts)
-    return Estimate(value, value - below, value + above, count, method)
+    return Estimate(value, value - below, value + above, count, OVER_TASKS)

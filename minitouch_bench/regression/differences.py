@@ -137,10 +137,7 @@ class PairedMean:
 
 
 def paired_mean(
-    differences: NDArray[np.float64],
-    rng: np.random.Generator,
-    resamples: int = RESAMPLES,
-    alpha: float = ALPHA,
+    differences: NDArray[np.float64], rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> PairedMean:
     """Estimate the mean of paired differences, float64 (N,), and test it against 0.
 
@@ -151,10 +148,10 @@ def paired_mean(
     are not 0; and no end lies farther from 0 than the largest difference seen, times the
     upper Wilson bound of the share of episodes that differ.
 
-    The interval has level 1 - ``alpha``. scipy's bootstrap has no such form.
+    The interval has level 1 - ALPHA. scipy's bootstrap has no such form.
 
     The p-value is the larger of two: that of the bootstrap-t, so that a p-value below
-    ``alpha`` comes with an interval without 0, and that of the sign-flip test, which is exact
+    ALPHA comes with an interval without 0, and that of the sign-flip test, which is exact
     however few the episodes where the policies are equal and so the sign of each difference
     is a coin's. Differences that are all equal give a width of 0; if all are 0, the
     p-value is 1.
@@ -169,7 +166,7 @@ def paired_mean(
         raise ValueError("a mean needs a one-dimensional, non-empty sample")
     if not differences.any():
         return PairedMean(Estimate(0.0, 0.0, 0.0, differences.size, BOOTSTRAP_T), 1.0)
-    estimate, p_value = _bootstrap_t(differences, rng, resamples, alpha)
+    estimate, p_value = _bootstrap_t(differences, rng, resamples)
     return PairedMean(estimate, max(p_value, sign_flip_p(differences, rng, resamples)))
 
 
@@ -196,7 +193,7 @@ def sign_flip_p(
 
 
 def _bootstrap_t(
-    differences: NDArray[np.float64], rng: np.random.Generator, resamples: int, alpha: float
+    differences: NDArray[np.float64], rng: np.random.Generator, resamples: int
 ) -> tuple[Estimate, float]:
     """Return the estimate, and the p-value at which its interval would meet 0."""
     observed = float(differences.mean())
@@ -210,8 +207,8 @@ def _bootstrap_t(
     pivots = np.concatenate(
         [_pivots(sample - mean, count, rng) for count in _blocks(resamples, sample.size)]
     )
-    lowest = float(np.quantile(pivots, alpha / 2.0, method="lower"))
-    highest = float(np.quantile(pivots, 1.0 - alpha / 2.0, method="higher"))
+    lowest = float(np.quantile(pivots, ALPHA / 2.0, method="lower"))
+    highest = float(np.quantile(pivots, 1.0 - ALPHA / 2.0, method="higher"))
     reach = _reach(differences)
     low, high = max(mean - highest * error, -reach), min(mean - lowest * error, reach)
     # The two added values draw the mean towards the median; the interval holds both means.

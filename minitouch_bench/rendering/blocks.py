@@ -41,9 +41,9 @@ def on_screen(blocks: Iterable[Block]) -> Group:
     return Group(*(part for block in blocks for part in _screen_parts(block)))
 
 
-def as_text(blocks: Iterable[Block], width: int = PAGE_WIDTH) -> str:
-    """Return what a terminal of that width shows, without its styles."""
-    console = Console(width=width, file=io.StringIO(), record=True)
+def as_text(blocks: Iterable[Block]) -> str:
+    """Return what a terminal of PAGE_WIDTH shows, without its styles."""
+    console = Console(width=PAGE_WIDTH, file=io.StringIO(), record=True)
     console.print(on_screen(blocks))
     lines = console.export_text().splitlines()
     return "\n".join(line.rstrip() for line in lines)

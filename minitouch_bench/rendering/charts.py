@@ -48,7 +48,6 @@ class Band:
     low: tuple[tuple[float, float], ...]
     high: tuple[tuple[float, float], ...]
     tone: str
-    opacity: float = 0.18
 
 
 @dataclass(frozen=True)

@@ -49,14 +49,14 @@ def table_lines(table: Table) -> list[str]:
     return lines
 
 
-def table_section(table: Table, level: int = 2) -> list[str]:
+def table_section(table: Table) -> list[str]:
     """Write a table below its title, and its notes below it; of a wide one a table per block."""
     notes = [f"- {escape(note)}" for note in table.notes]
     blocks = [table]
     if len(table.columns) > WIDEST:
         blocks = [table.block(group).filled_columns() for group, _ in table.groups]
     lines = [line for block in blocks for line in ["", *table_lines(block)]]
-    return ["", f"{'#' * level} {escape(table.title)}", *lines, *(["", *notes] if notes else [])]
+    return ["", f"## {escape(table.title)}", *lines, *(["", *notes] if notes else [])]
 
 
 def _line(cells: Iterable[str]) -> str:

@@ -203,7 +203,7 @@ def _mark(frame: PlotArea, mark: charts.Mark) -> Iterator[str]:
             yield _path(f"line {mark.tone}", points, more)
         case charts.Band():
             ends = [(frame.x(x), frame.y(y)) for x, y in (*mark.low, *reversed(mark.high))]
-            yield _path(f"area {mark.tone}", ends, f' opacity="{mark.opacity:g}"')
+            yield _path(f"area {mark.tone}", ends, ' opacity="0.18"')
         case charts.Bar():
             left, right = frame.x(mark.left), frame.x(mark.right)
             bottom, top = frame.y(mark.bottom), frame.y(mark.top)
