@@ -7,7 +7,6 @@ import csv
 import io
 from collections.abc import Iterable, Iterator
 from dataclasses import astuple
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.metrics.definitions import METRICS
@@ -114,17 +113,11 @@ def rows_csv(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
 
 def _cell(value: Any) -> Any:
     """Return what the writer of CSV takes for a value; it writes nothing for None."""
-    if isinstance(value, str):
-        return _safe_text(value)
-    return str(value).lower() if isinstance(value, bool) else value
-
-
-@lru_cache(maxsize=4096)  # names and units stand in thousands of rows
-def _safe_text(text: str) -> str:
-    """Return a text as a cell that no spreadsheet runs."""
+    if not isinstance(value, str):
+        return str(value).lower() if isinstance(value, bool) else value
     # The guard looks at the raw text too: a leading tab is gone once it is printable.
-    plain = printable(text)
-    is_formula = any(form.startswith(FORMULA_STARTS) for form in (text, plain))
+    plain = printable(value)
+    is_formula = any(text.startswith(FORMULA_STARTS) for text in (value, plain))
     return f"'{plain}" if is_formula else plain
 
 
