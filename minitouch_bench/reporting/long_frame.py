@@ -9,9 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import over_seeds
-from minitouch_bench.metrics.metric import Metric
 from minitouch_bench.metrics.summary import DIFFERENCE, GAP_PARTS
 from minitouch_bench.records import Estimate
 from minitouch_bench.runs.run import Run
@@ -81,12 +79,6 @@ def join_seeds(frame: pd.DataFrame) -> pd.DataFrame:
         if estimate is not None:
             rows.append((*key, *astuple(estimate)))
     return pd.DataFrame(rows, columns=[*KEY, *ESTIMATE])
-
-
-def split_name(name: str) -> tuple[Metric, str]:
-    """Return the metric that a row is of, and what follows its name."""
-    metric, comma, rest = name.partition(",")
-    return METRICS[metric], comma + rest
 
 
 def select(frame: pd.DataFrame, **values: object) -> pd.DataFrame:

@@ -233,11 +233,10 @@ def _table(title: str, metrics: Sequence[str], part: pd.DataFrame) -> Table:
     with_paper = metrics is TABLE4_METRICS
 
     def cell(task: str, index: int, name: str) -> Cell:
-        metric, suffix = long_frame.split_name(name)
         estimate = long_frame.find_row(part, task=task, method=methods[index], metric=name)
-        if estimate is not None and suffix == long_frame.GAP:
-            return difference_cell(metric.name, estimate)
-        return estimate_cell(metric.name, estimate)
+        if estimate is not None and name.endswith(long_frame.GAP):
+            return difference_cell(name.removesuffix(long_frame.GAP), estimate)
+        return estimate_cell(name, estimate)
 
     notes = (
         f"Control steps of exploration: {explored}.",
