@@ -147,11 +147,9 @@ def marks_over_steps(rows: pd.DataFrame, methods: Sequence[str]) -> list[charts.
 
 def curve_csv(curve: pd.DataFrame) -> str:
     """Write the numbers of the curve, one row per training, steps and task."""
-    named = curve[["method", "steps", "task", "metric", *long_frame.ESTIMATE]].set_axis(
-        ["training", "training_steps", "task", "metric", *long_frame.ESTIMATE[:-1], "method"],
-        axis=1,
-    )
-    return csv_text(named)
+    named = {"method": "training", "steps": "training_steps", "interval": "method"}
+    columns = ["method", "steps", "task", "metric", *long_frame.ESTIMATE]
+    return csv_text(curve[columns].rename(columns=named))
 
 
 def _tasks(curve: pd.DataFrame) -> list[str]:
