@@ -135,15 +135,6 @@ def run_line(run: ComparedRun) -> str:
     return f"{run.title.capitalize()}: {run.name}, {printable(run.path)}{labels}"
 
 
-def comparison_lines(comparison: RunPair) -> tuple[str, ...]:
-    """Say what holds for all of one run against the first."""
-    lines = []
-    if comparison.identical:
-        lines.append("The run digests are equal: every episode is the same to the last bit.")
-    lines += [f"{NOT_ALIKE}: {note}." for note in comparison.notes]
-    return tuple(lines)
-
-
 def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
     """Say how the figures of a comparison were made."""
     percent = f"{100 * comparison.alpha:g} %"
@@ -228,7 +219,9 @@ def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[Block]:
     yield from map(run_line, comparison.runs)
     for pair in comparison.pairs:
         yield Heading(f"{pair.second} against {pair.first}")
-        yield from comparison_lines(pair)
+        if pair.identical:
+            yield "The run digests are equal: every episode is the same to the last bit."
+        yield from (f"{NOT_ALIKE}: {note}." for note in pair.notes)
         yield from comparison_tables(pair)
         yield from changes_blocks(pair.changes, (pair.first, pair.second), changes)
     yield ""

@@ -1,5 +1,6 @@
 """Tables as data; Markdown, LaTeX, the terminal and pages draw the same ones."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -117,10 +118,7 @@ class Table:
 
 def column_groups(columns: tuple[Column, ...]) -> tuple[tuple[str, int], ...]:
     """Return the blocks of columns in order, each with its number of columns."""
-    spans: dict[str, int] = {}
-    for column in columns:
-        spans[column.group] = spans.get(column.group, 0) + 1
-    return tuple(spans.items())
+    return tuple(Counter(column.group for column in columns).items())
 
 
 def format_value(metric: str, value: float) -> str:

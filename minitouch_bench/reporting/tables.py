@@ -1,6 +1,6 @@
 """The tables of a report as data, with their notes: Table 4, the diagnostics, novel shapes."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
@@ -183,7 +183,7 @@ def gap_table(sections: Sequence[RunSection]) -> tables.Table:
     rows = []
     for task in _tasks(runs):
         results = [find_generalization(run, task) for run in runs]
-        for metric in _in_order(result.gaps for result in results if result):
+        for metric in dict.fromkeys(name for result in results if result for name in result.gaps):
             gaps = [result.gaps.get(metric) if result else None for result in results]
             cells = tuple(cell for gap in gaps for cell in gap_cells(task, metric, gap))
             heads = (task_title(task), tables.metric_head(metric, task))
@@ -285,7 +285,3 @@ def _tasks(runs: Sequence[Run]) -> tuple[str, ...]:
     return tuple(
         task for task in tasks_in_order(runs) if any(find_generalization(run, task) for run in runs)
     )
-
-
-def _in_order(groups: Iterable[Iterable[str]]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(name for group in groups for name in group))
