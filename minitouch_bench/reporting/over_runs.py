@@ -134,8 +134,8 @@ def compare_methods(
 ) -> tuple[tuple[Table, ...], tuple[charts.Figure, ...]]:
     """Return the table and the figure of several methods on the tasks that all of them have.
 
-    None where there is nothing to join: one method, or one score each; and where a method has
-    more runs of one task than of another, which would then count for more.
+    None of either where there is nothing to join: one method, or one score each; and where a
+    method has more runs of one task than of another, which would then count for more.
     """
     rows = (
         row

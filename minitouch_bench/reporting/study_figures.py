@@ -46,22 +46,25 @@ POINTS = 40
 ENDS = ("value", "low", "high")
 
 
-def study_figures(estimates: pd.DataFrame, curves: pd.DataFrame) -> Iterator[Figure]:
-    """Yield the figures for which there is a run.
+def study_figures(estimates: pd.DataFrame, curves: pd.DataFrame) -> tuple[Figure, ...]:
+    """Return the figures for which there is a run.
 
     ``estimates``: a long frame, of which ``steps`` are those of exploration; ``curves``: method,
     seed, steps (of exploration), task, step, touch_share and success.
     """
     methods = list(dict.fromkeys([*curves["method"], *estimates["method"]]))
-    yield from learning_curves(curves)
     main = select(estimates, suite=MAIN_SUITE, conditions="")
-    yield from movement_and_touch(main, methods)
-    yield from exploration_lengths(main, methods)
-    yield from novel_shapes(select(estimates, suite=NOVEL_SHAPES, conditions=""), methods)
+    figures = (
+        learning_curves(curves),
+        movement_and_touch(main, methods),
+        exploration_lengths(main, methods),
+        novel_shapes(select(estimates, suite=NOVEL_SHAPES, conditions=""), methods),
+    )
+    return tuple(figure for figure in figures if figure.plots)
 
 
-def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
-    """Yield the learning curves: what all seeds of a method show together, step by step."""
+def learning_curves(curves: pd.DataFrame) -> Figure:
+    """Return the learning curves: what all seeds of a method show together, step by step."""
     methods = list(dict.fromkeys(curves["method"]))
     plots = []
     for task, steps, part in study_parts(curves):
@@ -79,14 +82,13 @@ def learning_curves(curves: pd.DataFrame) -> Iterator[Figure]:
                 marks.append(upright_line(steps, y))
             chart = Chart(value_axis("Control steps", last), y, bands_first(marks), HEIGHT)
             plots.append(_plot(task, steps, f"{label} over control steps", chart))
-    if plots:
-        text = (
-            "While training: success over at least 20 episodes, touch share between two rows of "
-            f"progress.csv, both averaged over 1/{POINTS} of the control steps. Line: the mean "
-            "over training seeds, as far as all of them have come. Band: its 95 % interval, a "
-            "bootstrap over the seeds. Upright line: the end of exploration."
-        )
-        yield Figure("curves", "Learning curves", text, tuple(plots), run_legend(methods))
+    text = (
+        "While training: success over at least 20 episodes, touch share between two rows of "
+        f"progress.csv, both averaged over 1/{POINTS} of the control steps. Line: the mean "
+        "over training seeds, as far as all of them have come. Band: its 95 % interval, a "
+        "bootstrap over the seeds. Upright line: the end of exploration."
+    )
+    return Figure("curves", "Learning curves", text, tuple(plots), run_legend(methods))
 
 
 def _curve(curves: pd.DataFrame, column: str, width: float, turn: int) -> Iterator[Line | Band]:
@@ -104,8 +106,8 @@ def _curve(curves: pd.DataFrame, column: str, width: float, turn: int) -> Iterat
     yield from line_with_band(turn, steps, *([getattr(one, end) for one in means] for end in ENDS))
 
 
-def movement_and_touch(main: pd.DataFrame, methods: Sequence[str]) -> Iterator[Figure]:
-    """Yield Figure 9: how far the object or the door moves, against touch; a dot per training."""
+def movement_and_touch(main: pd.DataFrame, methods: Sequence[str]) -> Figure:
+    """Return Figure 9: how far the object or the door moves, against touch; a dot per training."""
     plots = []
     for task, steps, part in study_parts(main):
         suffix = EXPLORING if task in GOAL_TASKS else ""
@@ -122,16 +124,15 @@ def movement_and_touch(main: pd.DataFrame, methods: Sequence[str]) -> Iterator[F
         y = value_axis(label, max(moved, default=0.0))
         chart = Chart(share_axis(METRICS[TOUCH].label), y, dots, HEIGHT)
         plots.append(_plot(task, steps, "movement and touch", chart))
-    if plots:
-        text = (
-            "A dot per training, of the policy at the end of exploration: touching more is not "
-            "yet moving more (the paper's Figures 3 and 9)."
-        )
-        yield Figure("movement", "Movement and touch", text, tuple(plots), run_legend(methods))
+    text = (
+        "A dot per training, of the policy at the end of exploration: touching more is not "
+        "yet moving more (the paper's Figures 3 and 9)."
+    )
+    return Figure("movement", "Movement and touch", text, tuple(plots), run_legend(methods))
 
 
-def exploration_lengths(main: pd.DataFrame, methods: Sequence[str]) -> Iterator[Figure]:
-    """Yield Figure 10: success and episode steps for each length of exploration."""
+def exploration_lengths(main: pd.DataFrame, methods: Sequence[str]) -> Figure:
+    """Return Figure 10: success and episode steps for each length of exploration."""
     plots = []
     for task in dict.fromkeys(main["task"]):
         lengths = select(main, task=task)["steps"]
@@ -144,9 +145,8 @@ def exploration_lengths(main: pd.DataFrame, methods: Sequence[str]) -> Iterator[
             charts.append(Chart(x, _axis(task, metric), tuple(marks), HEIGHT))
         title = task_title(task)
         plots.append(Plot(title, f"{title} by length of exploration", tuple(charts)))
-    if plots:
-        text = "Mean over training seeds and its 95 % interval (the paper's Figure 10)."
-        yield Figure("lengths", "Longer exploration", text, tuple(plots), run_legend(methods))
+    text = "Mean over training seeds and its 95 % interval (the paper's Figure 10)."
+    return Figure("lengths", "Longer exploration", text, tuple(plots), run_legend(methods))
 
 
 def _axis(task: str, metric: str) -> Axis:
@@ -156,8 +156,8 @@ def _axis(task: str, metric: str) -> Axis:
     return share_axis(label)
 
 
-def novel_shapes(novel: pd.DataFrame, methods: Sequence[str]) -> Iterator[Figure]:
-    """Yield Figure 11: each method on train shapes (hollow) and on held-out shapes (filled)."""
+def novel_shapes(novel: pd.DataFrame, methods: Sequence[str]) -> Figure:
+    """Return Figure 11: each method on train shapes (hollow) and on held-out shapes (filled)."""
     plots = []
     for task, steps, part in study_parts(novel):
         metric = ranking_metric(task)
@@ -171,12 +171,11 @@ def novel_shapes(novel: pd.DataFrame, methods: Sequence[str]) -> Iterator[Figure
                     marks += estimate_marks(turn, turn + above, estimate, is_hollow=above < 0)
         chart = Chart(share_axis(METRICS[metric].label), name_axis(methods), tuple(marks), HEIGHT)
         plots.append(_plot(task, steps, "train and held-out shapes", chart))
-    if plots:
-        text = (
-            "Hollow: 200 train shapes; filled: the 200 held-out shapes; mean over training seeds "
-            "and its 95 % interval (the paper's Figure 11)."
-        )
-        yield Figure("novel-shapes", "Novel shapes", text, tuple(plots))
+    text = (
+        "Hollow: 200 train shapes; filled: the 200 held-out shapes; mean over training seeds "
+        "and its 95 % interval (the paper's Figure 11)."
+    )
+    return Figure("novel-shapes", "Novel shapes", text, tuple(plots))
 
 
 def _plot(task: str, steps: int, what: str, chart: Chart) -> Plot:

@@ -70,7 +70,7 @@ def test_there_is_a_figure_for_each_question(figures):
 def test_a_mean_ends_where_the_first_seed_does():
     frame = curves((1000,))
     frame = frame[(frame["seed"] == 0) | (frame["step"] < 300)]  # seed 1 was broken off
-    (figure,) = learning_curves(frame)
+    figure = learning_curves(frame)
     assert {line.points[-1][0] for line in marks(figure, Line)} == {200.0}
 
 
@@ -83,12 +83,12 @@ def test_a_curve_is_a_mean_over_seeds_with_its_interval():
         for step in (100, 200)
         for seed, success in enumerate((0.0, 0.4, 0.4, 0.4, 1.0))
     )  # fmt: skip
-    (figure,) = learning_curves(frame)
+    figure = learning_curves(frame)
     (line,), (band,) = marks(figure, Line), marks(figure, Band)
     assert dict(line.points) == {100.0: pytest.approx(0.44), 200.0: pytest.approx(0.44)}
     low, high = dict(band.low)[100.0], dict(band.high)[100.0]
     assert 0.0 < low < 0.44 < high < 1.0
-    (figure,) = learning_curves(frame[frame["seed"] == 0])
+    figure = learning_curves(frame[frame["seed"] == 0])
     assert len(marks(figure, Line)) == 1
     assert not marks(figure, Band)
 
@@ -97,7 +97,7 @@ def test_a_point_of_a_long_curve_is_a_mean_over_several_rows():
     steps = range(1, 401)
     frame = pd.DataFrame({"step": steps, "success": [step % 2 for step in steps]})
     frame = frame.assign(task="opening", method="hac", seed=0, steps=400, touch_share=0.0)
-    (figure,) = learning_curves(frame)
+    figure = learning_curves(frame)
     (line,) = marks(figure, Line)
     assert line.points == tuple((10.0 * (point + 1), 0.5) for point in range(POINTS))
 
@@ -131,7 +131,7 @@ def test_one_length_and_one_suite_give_no_empty_figures():
     main = main[main["suite"] == "table4"]
     assert [one.key for one in study_figures(main, curves((1000,)))] == ["curves", "movement"]
     nothing = (main.iloc[:0], curves((1000,)).iloc[:0])
-    assert [*study_figures(*nothing)] == []
+    assert study_figures(*nothing) == ()
 
 
 def test_they_can_be_drawn(figures, tmp_path):
