@@ -97,8 +97,12 @@ class Table:
         block = self._select(
             [index for index, column in enumerate(self.columns) if column.group == group]
         )
-        rows = tuple(row for row in block.rows if any(cell.text != ABSENT for cell in row.cells))
-        return replace(block, title=group, rows=rows)
+        return replace(block.filled_rows(), title=group)
+
+    def filled_rows(self) -> "Table":
+        """Return the table without the rows that have no value."""
+        rows = (row for row in self.rows if any(cell.text != ABSENT for cell in row.cells))
+        return replace(self, rows=tuple(rows))
 
     def filled_columns(self) -> "Table":
         """Return the table without the columns that have no value."""

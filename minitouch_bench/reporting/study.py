@@ -1,7 +1,7 @@
 """A study's report: claims, Table 4 over training seeds, and learning curves."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +19,6 @@ from minitouch_bench.rendering.figure_files import write_figures
 from minitouch_bench.rendering.markdown import escape, table_section
 from minitouch_bench.rendering.pages import render_page
 from minitouch_bench.rendering.tables import (
-    ABSENT,
     Cell,
     Table,
     difference_cell,
@@ -59,11 +58,6 @@ class StudyTraining:
     method: str
     seed: int
     exploration_steps: int
-
-    @property
-    def label(self) -> long_frame.RunLabel:
-        """What its runs are in a long frame, whose steps are those of exploration."""
-        return long_frame.RunLabel(self.method, self.seed, self.exploration_steps)
 
     @property
     def name(self) -> str:
@@ -125,7 +119,7 @@ def write_study(results: StudyResults) -> None:
         write_file(directory / name, frame.rename(columns=RENAMED).to_csv(index=False))
     tables = (*((claims_table(judged),) if judged else ()), *study_tables(estimates))
     trainings = trainings_table(results)
-    figures = tuple(study_figures(estimates, curves))
+    figures = study_figures(estimates, curves)
     write_figures(figures, directory / "figures")
     sources = [latex.table_source(table, table.title) for table in tables]
     write_file(directory / "tables.tex", "\n".join(sources))
@@ -138,14 +132,16 @@ def write_study(results: StudyResults) -> None:
 
 
 def _rows(training: StudyTraining, run: Run) -> Iterator[tuple[Any, ...]]:
-    """Yield the rows of a run, and what Figure 9 shows of the policy at the end of exploration."""
-    yield from long_frame.frame_rows(training.label, run)
+    """Yield the rows of a run, and what Figure 9 shows of the policy at the end of exploration.
+
+    The steps of the frame are those of exploration.
+    """
+    label = long_frame.RunLabel(training.method, training.seed, training.exploration_steps)
+    yield from long_frame.frame_rows(label, run)
     for metric in (MOVEMENT, TOUCH):
         if values := METRICS[metric].values(run.exploration_episodes):
             estimate = bootstrap_mean(values, np.random.default_rng(0))
-            yield long_frame.frame_row(
-                training.label, run, training.task, f"{metric}{EXPLORING}", estimate
-            )
+            yield long_frame.frame_row(label, run, training.task, metric + EXPLORING, estimate)
 
 
 def _judge(results: StudyResults, estimates: pd.DataFrame) -> list[JudgedClaim]:
@@ -244,8 +240,7 @@ def _table(title: str, metrics: Sequence[str], part: pd.DataFrame) -> Table:
         *((PAPER_NOTE,) * with_paper),
     )
     table = table_by_task(title, tasks, methods, metrics, cell, notes=notes, with_paper=with_paper)
-    rows = (row for row in table.rows if any(cell.text != ABSENT for cell in row.cells))
-    return replace(table, rows=tuple(rows))
+    return table.filled_rows()
 
 
 def state_lines(results: StudyResults) -> list[str]:
