@@ -27,6 +27,9 @@ FEW = 0.1
 THOUSANDS_FROM = 10_000
 """Highest value from which an axis counts in thousands, as "2.5k"."""
 
+ROW = 23.0
+"""Height of a row of dots, drawing units."""
+
 LONGEST_NAME = 16
 """Characters of a name that fit beside a chart."""
 
@@ -188,7 +191,7 @@ def _round_step(least: float) -> float:
 # Marks
 
 
-def run_dot(index: int, x: float, row: float, *, size: float = 8.0, is_hollow: bool = False) -> Dot:
+def run_dot(index: int, x: float, row: float, *, size: float, is_hollow: bool = False) -> Dot:
     """Return the dot of the run at ``index``, which has a color and a shape of its own."""
     return Dot(x, row, series_tone(index), MARK_SHAPES[index % len(MARK_SHAPES)], size, is_hollow)
 

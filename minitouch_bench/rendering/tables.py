@@ -18,7 +18,7 @@ class Gauge:
     value: float
     low: float
     high: float
-    mark: float | None = None
+    mark: float | None
 
 
 @dataclass(frozen=True)

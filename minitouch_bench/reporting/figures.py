@@ -22,9 +22,6 @@ from minitouch_bench.reporting.tables import (
 )
 from minitouch_bench.runs.run import Run
 
-ROW = 23.0
-"""Height of a row of dots, drawing units."""
-
 SPLIT_OFFSET = 0.17
 """Half the distance between the held-out and the train mark of a row, rows."""
 
@@ -130,7 +127,7 @@ def _estimate_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
     highest = [e.high for e in estimates if e] + [value for _, value in paper]
     rows = charts.name_axis(_names(sections), [method for method, _ in paper])
     chart = charts.Chart(
-        _metric_axis(task, metric, highest), rows, tuple(marks), ROW * len(rows.ticks)
+        _metric_axis(task, metric, highest), rows, tuple(marks), charts.ROW * len(rows.ticks)
     )
     what = f"{task_title(task)}: {METRICS[metric].label} with 95 % intervals"
     return charts.Plot(task_title(task), what, (chart,))
@@ -187,7 +184,7 @@ def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> chart
     return charts.Plot(
         f"{task_title(task)}: {label.lower()}",
         f"{task_title(task)}: {label} on each split",
-        (charts.Chart(x, rows, tuple(marks), 1.4 * ROW * len(sections)),),
+        (charts.Chart(x, rows, tuple(marks), 1.4 * charts.ROW * len(sections)),),
     )
 
 

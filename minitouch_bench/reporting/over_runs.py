@@ -199,7 +199,7 @@ def _figure(scores: Mapping[str, Scores], estimates: Sequence[Estimate]) -> char
         )
     label = METRICS[METRIC].label
     rows = charts.name_axis(charts.short_names([*scores]))
-    mean = charts.Chart(charts.share_axis(label), rows, tuple(means), 23.0 * len(scores))
+    mean = charts.Chart(charts.share_axis(label), rows, tuple(means), charts.ROW * len(scores))
     profile = charts.Chart(
         charts.share_axis(f"{label} τ"),
         charts.share_axis("Share above τ"),

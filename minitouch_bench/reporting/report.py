@@ -39,9 +39,6 @@ class OverRuns:
     curve_csv: str = ""
 
 
-NOTHING = OverRuns()
-
-
 @dataclass(frozen=True)
 class Report:
     """What every writer of a report shows.
@@ -55,9 +52,9 @@ class Report:
     sections: tuple[RunSection, ...]
     table4: Table
     diagnostics: Table
-    novel_shapes: tuple[Table, ...] = ()
-    videos: tuple[Video, ...] = ()
-    over_runs: OverRuns = NOTHING
+    novel_shapes: tuple[Table, ...]
+    videos: tuple[Video, ...]
+    over_runs: OverRuns
 
 
 @dataclass(frozen=True)
@@ -111,7 +108,7 @@ def _over_runs(
 ) -> OverRuns:
     """Return what the runs show together: their curve, or their means over tasks and seeds."""
     if len(sections) == 1 and not across.curve:
-        return NOTHING
+        return OverRuns()
     # Not at the top: pandas takes half a second, and one run needs none of it.
     from minitouch_bench.reporting import curve, over_runs  # noqa: PLC0415
 

@@ -1,7 +1,7 @@
 """A study's report: claims, Table 4 over training seeds, and learning curves."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 from typing import Any, Final
@@ -87,7 +87,7 @@ class StudyResults:
     done: tuple[StudyTraining, ...]
     failed: Mapping[StudyTraining, str]
     left: tuple[StudyTraining, ...]
-    runs: Mapping[StudyTraining, tuple[Run, ...]] = field(default_factory=dict)
+    runs: Mapping[StudyTraining, tuple[Run, ...]]
     claims: tuple[Claim, ...] = ()
 
     @property

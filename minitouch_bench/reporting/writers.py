@@ -114,7 +114,7 @@ class Card:
     image: str
     paper: str
     values: tuple[CardValue, ...]
-    rank: str = ""
+    rank: str
 
 
 def report_card(report: Report, task: str) -> Card:
