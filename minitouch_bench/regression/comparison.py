@@ -35,7 +35,7 @@ class ComparedRun:
     title: str
     name: str
     path: str
-    labels: tuple[str, ...] = ()
+    labels: tuple[str, ...]
 
     @classmethod
     def of(cls, title: str, run: Run, path: str) -> "ComparedRun":

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Root, stream
-from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role
+from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Outcome, Role
 from minitouch_bench.regression.comparison import (
     ComparedRun,
     differences_of_isolation,
@@ -37,7 +37,8 @@ from minitouch_bench.regression.pairing import (
     refuse_other_episode,
 )
 from minitouch_bench.regression.settings import GateSettings
-from minitouch_bench.reporting.labels import reproduce_command
+from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.reporting.labels import header_labels, reproduce_command
 from minitouch_bench.runs.run import Run, RunHeader
 
 
@@ -59,43 +60,40 @@ def play_order(episodes: Sequence[EpisodeMetrics], root: Root) -> tuple[EpisodeM
 class SequentialGate:
     """Takes a candidate's episodes as they end, and says when to stop.
 
-    Only shares of episodes are ever certain before the end. ``order``: the baseline's episodes as
-    ``play_order`` has them, each of a task of the endpoint; ``root`` seeds the bootstrap.
+    Only shares of episodes are ever certain before the end. ``baseline`` has final episodes alone,
+    each of a task of the endpoint; ``pairs`` are those the answer rests on, in the order they
+    count in.
 
     Raises:
         UsageError: the episodes have none of the metric.
     """
 
-    def __init__(self, order: Sequence[EpisodeMetrics], settings: GateSettings, root: Root) -> None:
-        self._order = tuple(order)
+    def __init__(self, baseline: Run, settings: GateSettings) -> None:
+        self._baseline = baseline
+        self._root = (baseline.plan.seed,)
+        self._order = order = play_order(baseline.episodes, self._root)
         self._turns = {episode_key(Role.FINAL, one): turn for turn, one in enumerate(order)}
-        self._root = root
-        self.settings = settings
+        self._settings = settings
         self.decision: Decision | None = None
         self._waiting: dict[str, EpisodeMetrics] = {}
-        self._pairs: list[EpisodePair] = []
+        self.pairs: list[EpisodePair] = []
         self._tasks = tuple(dict.fromkeys(episode.task for episode in order))
         mirror = [EpisodePair(Role.FINAL, episode, episode) for episode in order]
-        self._baseline = endpoint_values(mirror, self._tasks, settings)
-        self._left_to_lose = int(self._baseline.first.sum())
+        self._planned = endpoint_values(mirror, self._tasks, settings)
+        self._left_to_lose = int(self._planned.first.sum())
         self._lost = self._won = 0
-        tolerance = settings.tolerance_of(self._baseline.metric)
-        self._allowed = tolerance.absolute(float(self._baseline.first.mean()))
+        tolerance = settings.tolerance_of(self._planned.metric)
+        self._allowed = tolerance.absolute(float(self._planned.first.mean()))
 
     @property
     def used(self) -> int:
         """Number of episodes the answer rests on."""
-        return len(self._pairs)
+        return len(self.pairs)
 
     @property
     def planned(self) -> int:
         """Number of episodes of the whole run."""
         return len(self._order)
-
-    @property
-    def pairs(self) -> tuple[EpisodePair, ...]:
-        """The episodes the answer rests on, in the order they count in."""
-        return tuple(self._pairs)
 
     def turn(self, spec: EpisodeSpec) -> int:
         """Return when an episode counts: episodes that start in this order need not wait."""
@@ -121,14 +119,14 @@ class SequentialGate:
                 break
             pair = EpisodePair(Role.FINAL, expected, played)
             refuse_other_episode(pair)
-            self._pairs.append(pair)
-            if is_binary(self._baseline.metric):
+            self.pairs.append(pair)
+            if is_binary(self._planned.metric):
                 self._count(pair)
                 self.decision = self._look_ahead()
         return self.is_certain
 
     def _count(self, pair: EpisodePair) -> None:
-        metric = METRICS[self._baseline.metric]
+        metric = METRICS[self._planned.metric]
         first, second = bool(metric.value(pair.first)), bool(metric.value(pair.second))
         self._left_to_lose -= first
         self._lost += first and not second
@@ -138,42 +136,39 @@ class SequentialGate:
         """Return what the whole run will be judged to be, None while that is open."""
         left_to_win = self.planned - self.used - self._left_to_lose
         best = Discordance(self.planned, self._lost, self._won + left_to_win)
-        if -best.difference > self._allowed and best.p_value / 2.0 <= self.settings.alpha:
+        if -best.difference > self._allowed and best.p_value / 2.0 <= self._settings.alpha:
             return Decision.REGRESSION
         worst = Discordance(self.planned, self._lost + self._left_to_lose, self._won)
         if -worst.difference <= self._allowed and -tango(worst).low <= self._allowed:
             return Decision.NO_REGRESSION
         return None
 
-    def result(
-        self,
-        baseline: Run,
-        path: str,
-        candidate: ComparedRun,
-        header: RunHeader,
-        wall_s: float,
-    ) -> GateResult:
-        """Return the result of a gate that is certain; ``header`` is the candidate's."""
+    def result(self, path: str, output: str, header: RunHeader, wall_s: float) -> GateResult:
+        """Return the result of a gate that is certain.
+
+        ``path`` and ``output`` are the directories of the baseline and of the candidate's run,
+        ``header`` is the candidate's.
+        """
         assert self.decision is not None
-        planned = self._baseline
-        seen = PairedValues.of(self._pairs, planned.task, planned.metric, planned.tasks)
-        judged = judge_endpoint(seen, self.settings, self._root)
+        planned, settings = self._planned, self._settings
+        seen = PairedValues.of(self.pairs, planned.task, planned.metric, planned.tasks)
         endpoint = replace(
-            judged, decision=self.decision, tolerance=self._allowed, episodes_needed=None
-        )
-        rest = shlex.join(["--output", candidate.path, "--resume"])
+            judge_endpoint(seen, settings, self._root),
+            decision=self.decision, tolerance=self._allowed, episodes_needed=None,
+        )  # fmt: skip
+        faults = sum(pair.second.outcome is Outcome.POLICY_FAULT for pair in self.pairs)
+        name, labels = printable(header.policy.name), header_labels(header, faults)
+        rest = shlex.join(["--output", output, "--resume"])
         return GateResult(
-            baseline=ComparedRun.of("baseline", baseline, path),
-            candidate=candidate,
+            baseline=ComparedRun.of("baseline", self._baseline, path),
+            candidate=ComparedRun("candidate", name, output, labels),
             decision=self.decision,
-            settings=self.settings,
+            settings=settings,
             identical=False,
             endpoint=endpoint,
-            per_task=measure_tasks(
-                self._pairs, self._tasks, endpoint, self.settings.alpha, self._root
-            ),
-            changes=find_changes(self._pairs, (path, candidate.path)),
-            notes=differences_of_isolation(baseline.header, header),
+            per_task=measure_tasks(self.pairs, self._tasks, endpoint, settings.alpha, self._root),
+            changes=find_changes(self.pairs, (path, output)),
+            notes=differences_of_isolation(self._baseline.header, header),
             next_command=f"{reproduce_command(header)} {rest}",
             wall_s=wall_s,
             episodes_used=EpisodesUsed(

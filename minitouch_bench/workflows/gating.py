@@ -12,8 +12,7 @@ from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, open_run
 from minitouch_bench.files import REPORTS, lock_directory
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.isolation.options import IsolationOptions
-from minitouch_bench.records import EpisodeRecord, Outcome, Role
-from minitouch_bench.regression.comparison import ComparedRun
+from minitouch_bench.records import EpisodeRecord, Role
 from minitouch_bench.regression.gate import (
     EpisodesUsed,
     GateResult,
@@ -22,10 +21,10 @@ from minitouch_bench.regression.gate import (
     refuse_other_rules,
 )
 from minitouch_bench.regression.pairing import EpisodePair, episode_key
-from minitouch_bench.regression.sequential import SequentialGate, play_order
+from minitouch_bench.regression.sequential import SequentialGate
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.labels import header_labels, tasks_in_order
+from minitouch_bench.reporting.labels import tasks_in_order
 from minitouch_bench.runs.run import Run, read_run, run_digest
 from minitouch_bench.workflows import SILENT, Callbacks
 from minitouch_bench.workflows.playing import play, run_name, write_views
@@ -75,9 +74,7 @@ def play_gate(
     if whole.exploration_episodes:
         callbacks.note("the baseline's exploration episodes are left out: POLICY has none")
     directory = output or REPORTS / f"{run_name(request)}-regress"
-    root = (baseline.plan.seed,)
-    order = play_order(baseline.episodes, root)
-    gate = SequentialGate(order, settings, root)
+    gate = SequentialGate(baseline, settings)
     clock = time.monotonic()
     with opening as running, lock_directory(directory):
         opened = open_run(request, directory, resume=resume, fresh=fresh)
@@ -88,11 +85,8 @@ def play_gate(
         result = judge_runs(baseline, run, (path, str(directory)), settings)
         used = EpisodesUsed(gate.planned, gate.planned, "no answer was certain before the end")
         return replace(result, episodes_used=used)
-    header = request.header()
-    faults = sum(pair.second.outcome is Outcome.POLICY_FAULT for pair in gate.pairs)
-    name, labels = printable(header.policy.name), header_labels(header, faults)
-    candidate = ComparedRun("candidate", name, str(directory), labels)
-    return gate.result(baseline, path, candidate, header, round(time.monotonic() - clock, 3))
+    wall_s = round(time.monotonic() - clock, 3)
+    return gate.result(path, str(directory), request.header(), wall_s)
 
 
 def _deciding_part(baseline: Run, settings: GateSettings) -> Run:

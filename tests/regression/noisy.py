@@ -13,7 +13,7 @@ from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.regression.gate import GateResult, judge_runs
-from minitouch_bench.regression.sequential import SequentialGate, play_order
+from minitouch_bench.regression.sequential import SequentialGate
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.regression.tables import difference_text, result_line
 from minitouch_bench.runs.run import Run, RunEnvironment, make_run
@@ -70,7 +70,7 @@ def play(variant: Variant, name: str, episodes: int, tasks: Sequence[str] = GOAL
 def judged(baseline: Run, candidate: Run) -> tuple[GateResult, SequentialGate]:
     """Judge whole runs, and by the sequential gate."""
     settings = GateSettings()
-    gate = SequentialGate(play_order(baseline.episodes, (0,)), settings, (0,))
+    gate = SequentialGate(baseline, settings)
     gate.add(candidate.episodes)
     return judge_runs(baseline, candidate, ("base", "candidate"), settings), gate
 

@@ -12,7 +12,7 @@ import pytest
 
 from minitouch_bench.regression.gate import Decision, judge_endpoint, judge_runs
 from minitouch_bench.regression.pairing import MEAN_TASK, PairedValues
-from minitouch_bench.regression.sequential import SequentialGate, play_order
+from minitouch_bench.regression.sequential import SequentialGate
 from minitouch_bench.regression.settings import GateSettings
 from tests.regression.pairs import draw, make_saved, values
 
@@ -97,7 +97,7 @@ def test_an_early_answer_saves_episodes_and_is_that_of_the_whole_run(after, most
     rng, used = np.random.default_rng(4), []
     for _ in range(50):
         first, second = draw_pair(rng, 0.9, after, 100)
-        gate = SequentialGate(play_order(first.episodes, (0,)), STANDARD, (0,))
+        gate = SequentialGate(first, STANDARD)
         gate.add(second.episodes)
         used.append(gate.used / gate.planned)
         whole = judge_runs(first, second, PATHS, STANDARD).decision

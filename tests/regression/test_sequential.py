@@ -6,7 +6,6 @@ import pytest
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.records import Outcome
-from minitouch_bench.regression.comparison import ComparedRun
 from minitouch_bench.regression.gate import Decision, judge_runs
 from minitouch_bench.regression.sequential import SequentialGate, play_order
 from minitouch_bench.regression.settings import GateSettings, Tolerance
@@ -20,7 +19,7 @@ BASELINE = make_saved({"pushing": values(flags(95, N)), "opening": values(flags(
 
 
 def make_gate(settings=STANDARD, baseline=BASELINE):
-    return SequentialGate(play_order(baseline.episodes, ROOT), settings, ROOT)
+    return SequentialGate(baseline, settings)
 
 
 def played(candidate, settings=STANDARD, baseline=BASELINE):
@@ -115,8 +114,7 @@ def test_another_episode_is_refused():
 def test_the_early_result_shows_what_was_seen():
     other = candidate(flags(0, N), flags(90, N))
     gate = played(other)
-    run = ComparedRun("candidate", "a name", "runs/new one")
-    result = gate.result(BASELINE, "runs/base", run, other.header, 3.5)
+    result = gate.result("runs/base", "runs/new one", other.header, 3.5)
     assert (result.decision, result.exit_code) == (Decision.REGRESSION, 1)
     assert result.episodes_used.used == gate.used < result.episodes_used.planned == 2 * N
     assert "% saved" in episodes_line(result)
