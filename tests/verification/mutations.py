@@ -35,7 +35,7 @@ from minitouch_bench.agents.replay import Replay
 from minitouch_bench.cli.output import show_written_report
 from minitouch_bench.errors import MiniTouchError
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.run import RunRequest, open_run
+from minitouch_bench.evaluation.run import header_of, open_run
 from minitouch_bench.files import (
     ACTIONS_FILE,
     GIB,
@@ -48,7 +48,6 @@ from minitouch_bench.files import (
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.packing import copy_run
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EpisodeRecord
 from minitouch_bench.regression.comparison import compare_runs
@@ -69,10 +68,7 @@ from tests.verification.conftest import verify_run
 TIME_LIMIT_S = 20
 MEMORY_LIMIT = GIB
 SECRET = "words of the user that nobody else may see"
-REQUEST = RunRequest(
-    Plan("table4", ("pushing", "opening"), 2, 0),
-    PolicySetup(parse_source("random"), None, IsolationOptions()),
-)
+REQUEST = PolicySetup(Plan("table4", ("pushing", "opening"), 2, 0), parse_source("random"))
 
 
 class TooLongError(BaseException):
@@ -96,7 +92,7 @@ def sound_run(directory: Path) -> tuple[EpisodeRecord, ...]:
     """Write a small run with all its files, also those of one that is not finished."""
     rng = np.random.default_rng(1)
     records = []
-    header = REQUEST.header()
+    header = header_of(REQUEST)
     for spec in header.specs():
         record = make_record(rng, spec, 0.7)
         unclipped = np.zeros(len(record.trace.actions), bool)
