@@ -21,7 +21,7 @@ from minitouch_bench.files import (
     write_file,
 )
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE, parse_source
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE
 from minitouch_bench.reporting.study import StudyResults, StudyTraining, write_study
 from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.workflows import ignore
@@ -197,8 +197,7 @@ def finished_runs(config: StudyConfig, directory: Path, training: StudyTraining)
         policies = [policy] if explored is None else [policy, parse_source(str(explored)).digest]
         if [known.digest for known in run.header.policies()] != policies:
             raise RunDirectoryError(f"{place / name} is of another policy: remove it")
-        rules = {task: PROTOCOL.task_digest(task, run.plan.suite) for task in run.plan.tasks}
-        if run.header.task_digests != rules:
+        if run.header.task_digests != run.plan.rules():
             raise RunDirectoryError(f"{place / name} is of another protocol: remove it")
         runs.append(run)
     return tuple(runs)
