@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_args, get_origin
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 from typer.models import ArgumentInfo, OptionInfo
 
-from minitouch_bench.cli.progress import episode_progress
+from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.workflows import ignore
 from minitouch_bench.workflows.options import COMMAND_TYPES
 
@@ -24,7 +24,7 @@ METAVARS = {int: "N", float: "X", str: "TEXT", Path: "PATH"}
 def as_command(
     workflow: Callable[..., Any],
     show: Callable[..., None] = ignore,
-    progress: Callable[[], AbstractContextManager[object]] = episode_progress,
+    progress: Callable[[], AbstractContextManager[object]] = EpisodeProgress,
     **defaults: object,
 ) -> Callable[..., None]:
     """Return a function that Typer makes a command of.
