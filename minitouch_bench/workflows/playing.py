@@ -12,11 +12,10 @@ from minitouch_bench.evaluation.run import RunUnderWay, play_missing
 from minitouch_bench.evaluation.video import require_video, video_name, write_video
 from minitouch_bench.files import RUN_FILE, VIDEOS, list_videos, make_folder, write_file
 from minitouch_bench.records import EpisodeSpec
-from minitouch_bench.reporting.report import Report
 from minitouch_bench.reporting.views import write_report, write_tables
 from minitouch_bench.runs.run import Run, run_json
 from minitouch_bench.runs.unfinished import UnfinishedRun
-from minitouch_bench.workflows import SILENT, Callbacks
+from minitouch_bench.workflows import Callbacks
 from minitouch_bench.workflows.experiment_log import check_tracker
 
 
@@ -24,7 +23,7 @@ def play(
     setup: PolicySetup,
     opened: RunUnderWay | Run,
     engine: Engine,
-    callbacks: Callbacks = SILENT,
+    callbacks: Callbacks,
     *,
     turn: Callable[[EpisodeSpec], int] | None = None,
 ) -> Run:
@@ -80,11 +79,11 @@ def check_views(video: int, log: str | None) -> None:
         require_video()
 
 
-def write_views(run: Run, directory: Path, video: int = 0) -> Report:
+def write_views(run: Run, directory: Path, video: int = 0) -> None:
     """Write the tables, the report and the videos of the first ``video`` episodes of each task."""
     for spec in run.header.specs():
         if spec.index < video:
             file = make_folder(directory / VIDEOS) / video_name(spec.key)
             write_video(spec, run.actions_of(spec.key), file, run.plan.conditions)
     write_tables(run, directory)
-    return write_report([run], directory, list_videos(directory))
+    write_report([run], directory, list_videos(directory))
