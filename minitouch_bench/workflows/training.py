@@ -36,7 +36,6 @@ from minitouch_bench.runs.plan import Suite
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.workflows import UNSEEN, TrainingProgress
 
-TRAININGS = Path("reports") / "training"
 EVALUATION_SUITE = "training"
 """Seeds the episodes of a training's evaluations; no suite has this name."""
 
@@ -55,11 +54,6 @@ class TrainingRequest:
     resume: bool = False
     device: str = "auto"
     callbacks: TrainingProgress = UNSEEN
-
-
-def default_directory(config: TrainingConfig) -> Path:
-    """Return where a training is kept if nobody says where."""
-    return TRAININGS / f"{config.task}-{config.method}-{config.seed}"
 
 
 def run_training(request: TrainingRequest) -> bool:
