@@ -27,7 +27,7 @@ from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.workflows import ignore
 from minitouch_bench.workflows.evaluate import evaluate
 from minitouch_bench.workflows.study_config import STUDY_FILE, StudyConfig
-from minitouch_bench.workflows.training import TrainingRequest, run_training
+from minitouch_bench.workflows.training import run_training
 
 FAILURE_FILE = "failure.txt"
 MAY_CHANGE = (
@@ -109,7 +109,7 @@ def _run(job: _Job) -> str:
         place = job.directory / job.training.name
         config = job.config.config_of(job.training)
         if not (place / TRAINED_FILE).exists():  # its policy is enough: not the checkpoint
-            run_training(TrainingRequest(config, place, resume=(place / CONFIG_FILE).exists()))
+            run_training(config, place, resume=(place / CONFIG_FILE).exists())
         for name, asked in job.config.evaluations_of(job.training).items():
             _evaluate(job, name, asked)
     except MiniTouchError as error:

@@ -67,7 +67,7 @@ def train(
     """
     # Not at the top: torch takes seconds, and --help shall not.
     from minitouch_bench.agents.config import apply_settings, make_config
-    from minitouch_bench.workflows.training import TrainingRequest, run_training
+    from minitouch_bench.workflows.training import run_training
 
     given = {
         "method": method,
@@ -83,7 +83,7 @@ def train(
     usual = TRAININGS / f"{asked.task}-{asked.method}-{asked.seed}"
     directory = usual if output is None else Path(output)
     callbacks.begin(asked.steps)
-    if not run_training(TrainingRequest(asked, directory, resume, device, callbacks)):
+    if not run_training(asked, directory, resume=resume, device=device, callbacks=callbacks):
         raise InterruptedRunError(
             f"interrupted; what is learned is kept in {directory}, and the same command with "
             "--resume continues"

@@ -58,7 +58,7 @@ from minitouch_bench.runs.run import RunEnvironment, make_run, read_run, run_jso
 from minitouch_bench.runs.unfinished import UnfinishedRun
 from minitouch_bench.workflows import TrainingProgress
 from minitouch_bench.workflows.report import report
-from minitouch_bench.workflows.training import TrainingRequest, run_training
+from minitouch_bench.workflows.training import run_training
 from tests.agents.logs import write_log
 from tests.agents.trainings import CONFIG
 from tests.leaderboard.synthetic import make_submission
@@ -371,14 +371,11 @@ def readers_of_a_training(
     directory: Path, sound: Path, engine: Replayed
 ) -> Iterator[tuple[str, Callable[[], object]]]:
     asked = iter([False] * 3 + [True])
-    request = TrainingRequest(
-        CONFIG,
-        directory,
-        resume=True,
-        device="cpu",
-        callbacks=TrainingProgress(should_stop=lambda: next(asked)),
+    callbacks = TrainingProgress(should_stop=lambda: next(asked))
+    yield (
+        "train",
+        lambda: run_training(CONFIG, directory, resume=True, device="cpu", callbacks=callbacks),
     )
-    yield "train", lambda: run_training(request)
 
 
 def readers_of_a_dataset(
@@ -446,14 +443,8 @@ def make_sound(kind: str, place: Path) -> tuple[Path, Replayed, Readers]:
         return place / "run", Replayed(records), readers_of_a_run
     if kind == "training":
         asked = iter([False] * 25 + [True])
-        run_training(
-            TrainingRequest(
-                CONFIG,
-                place / "training",
-                device="cpu",
-                callbacks=TrainingProgress(should_stop=lambda: next(asked)),
-            )
-        )
+        callbacks = TrainingProgress(should_stop=lambda: next(asked))
+        run_training(CONFIG, place / "training", device="cpu", callbacks=callbacks)
         return place / "training", Replayed(()), readers_of_a_training
     write_log(place / "log", dense=True)
     return place / "log", Replayed(()), readers_of_a_dataset
