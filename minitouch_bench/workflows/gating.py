@@ -27,7 +27,7 @@ from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import header_labels, tasks_in_order
 from minitouch_bench.runs.run import Run, read_run, run_digest
-from minitouch_bench.workflows import SILENT, Callbacks
+from minitouch_bench.workflows import Callbacks
 from minitouch_bench.workflows.playing import play, write_views
 
 
@@ -57,10 +57,10 @@ def play_gate(
     *,
     engine: EngineOptions,
     isolation: IsolationOptions,
-    output: Path | None = None,
-    resume: bool = False,
-    fresh: bool = False,
-    callbacks: Callbacks = SILENT,
+    output: Path | None,
+    resume: bool,
+    fresh: bool,
+    callbacks: Callbacks,
 ) -> GateResult:
     """Play the baseline's episodes until the answer is certain, or all.
 

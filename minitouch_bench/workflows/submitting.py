@@ -34,7 +34,7 @@ from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import Run, RunHeader, read_run
 from minitouch_bench.verification.problems import Problem, Problems
-from minitouch_bench.workflows import SILENT, Callbacks
+from minitouch_bench.workflows import Callbacks
 from minitouch_bench.workflows.options import StrPath
 from minitouch_bench.workflows.playing import play
 from minitouch_bench.workflows.study_rows import StudyRow
@@ -59,11 +59,11 @@ class Packer:
 
     submissions: Path
     about: Submission
-    seed: int = 0
-    include: bool = True
-    resume: bool = False
-    fresh: bool = False
-    callbacks: Callbacks = SILENT
+    seed: int
+    include: bool
+    resume: bool
+    fresh: bool
+    callbacks: Callbacks
 
     @property
     def directory(self) -> Path:
