@@ -17,7 +17,7 @@ from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.ray_engine import RayEngine
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EpisodeSpec
-from minitouch_bench.runs.plan import Suite
+from minitouch_bench.runs.plan import Suite, make_plan
 
 WORKERS = 2
 ROUNDS = 5
@@ -52,7 +52,7 @@ def measure(engine: Engine, specs: Sequence[EpisodeSpec]) -> tuple[float, float]
     """Return the seconds to the first episode's end, and the control steps a second after it."""
     begun = time.perf_counter()
     steps, first = 0, 0.0
-    for record in engine.run(PolicySetup(parse_source(POLICY)), specs):
+    for record in engine.run(PolicySetup(make_plan("smoke"), parse_source(POLICY)), specs):
         if not first:
             first = time.perf_counter() - begun
         else:

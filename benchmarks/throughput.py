@@ -20,7 +20,7 @@ from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import PolicySource, parse_source
 from minitouch_bench.records import EpisodeSpec
-from minitouch_bench.runs.plan import find_suite
+from minitouch_bench.runs.plan import find_suite, make_plan
 
 LEVELS = (Isolation.PROCESS, Isolation.SANDBOX, Isolation.NONE)
 ROUNDS = 7
@@ -50,7 +50,7 @@ def measure(
     source: PolicySource, level: Isolation, specs: Sequence[EpisodeSpec]
 ) -> tuple[float, tuple[str, ...]]:
     """Return the control steps a second after the first episode's end, and all digests."""
-    setup = PolicySetup(source, isolation=IsolationOptions(level, trust=True))
+    setup = PolicySetup(make_plan("smoke"), source, None, IsolationOptions(level, trust=True))
     digests, steps, begun = {}, 0, 0.0
     for record in LocalEngine(WORKERS).run(setup, specs):
         digests[record.spec.key] = record.trace.digest()

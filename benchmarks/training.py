@@ -21,7 +21,7 @@ from minitouch_bench.policies.networks import TOUCH_SIZE
 from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.workflows.training import TrainingRequest, run_training
+from minitouch_bench.workflows.training import run_training
 
 FILLED, UPDATES, ACTIONS = 1024, 20, 50
 RANDOM_STEPS, STEPS = 1000, 2000
@@ -103,7 +103,7 @@ def control_step_ms(preset: str, method: str) -> dict[str, float]:
     )
     clock = PartClock()
     with TemporaryDirectory() as folder, clock:
-        run_training(TrainingRequest(config, Path(folder) / "training", device="cpu"))
+        run_training(config, Path(folder) / "training", device="cpu")
     return {name: 1000 * spent / STEPS for name, spent in clock.spent.items()}
 
 

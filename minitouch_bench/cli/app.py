@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli import output, progress
-from minitouch_bench.cli.command import Command, Group, as_command
+from minitouch_bench.cli.command import Command, as_command, make_group
 from minitouch_bench.cli.console import note
 from minitouch_bench.cli.information import doctor, tasks
 from minitouch_bench.cli.leaderboard import app as leaderboard
@@ -47,13 +47,7 @@ COMMANDS: dict[Callable[..., None], str] = {
 
 PROGRAM = "minitouch-bench"
 
-app = typer.Typer(
-    name=PROGRAM,
-    cls=Group,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
+app = make_group(name=PROGRAM, pretty_exceptions_enable=False)
 for command, example in COMMANDS.items():
     app.command(cls=Command, epilog=f"Example: {PROGRAM} {example}")(command)
 app.add_typer(leaderboard, name="leaderboard")

@@ -8,10 +8,11 @@ from copy import copy
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
+import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 from typer.models import ArgumentInfo, OptionInfo
 
-from minitouch_bench.cli.progress import episode_progress
+from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.workflows import ignore
 from minitouch_bench.workflows.options import COMMAND_TYPES
 
@@ -24,7 +25,7 @@ METAVARS = {int: "N", float: "X", str: "TEXT", Path: "PATH"}
 def as_command(
     workflow: Callable[..., Any],
     show: Callable[..., None] = ignore,
-    progress: Callable[[], AbstractContextManager[object]] = episode_progress,
+    progress: Callable[[], AbstractContextManager[object]] = EpisodeProgress,
     **defaults: object,
 ) -> Callable[..., None]:
     """Return a function that Typer makes a command of.
@@ -128,7 +129,12 @@ class Command(TyperCommand):
                 formatter.write_dl(records)
 
 
-class Group(TyperGroup):
+def make_group(**about: Any) -> typer.Typer:
+    """Return a group of commands, still empty, whose help is plain text as that of a command."""
+    return typer.Typer(cls=_Group, no_args_is_help=True, rich_markup_mode=None, **about)
+
+
+class _Group(TyperGroup):
     """A group whose help has a whole sentence about each command."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:

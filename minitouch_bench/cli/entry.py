@@ -9,8 +9,7 @@ import io
 import os
 import sys
 
-INTERRUPTED = 130
-INCOMPLETE = 5
+from minitouch_bench.errors import InfrastructureError, InterruptedRunError
 
 
 class _Output(io.FileIO):
@@ -45,12 +44,12 @@ def main() -> None:
         code = end.code
     except KeyboardInterrupt:
         sys.stderr.write("minitouch-bench: interrupted\n")
-        code = INTERRUPTED
+        code = InterruptedRunError.exit_code
     sys.stdout.flush()
     if output.failure is not None and output.failure.errno != errno.EPIPE:
         why = output.failure.strerror
         sys.stderr.write(f"minitouch-bench: standard output cannot be written: {why}\n")
-        code = code or INCOMPLETE
+        code = code or InfrastructureError.exit_code
     sys.stderr.flush()
     sys.exit(code)  # type: ignore[arg-type]
 

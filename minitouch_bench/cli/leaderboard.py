@@ -5,19 +5,14 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli.command import Command, Group, as_command
+from minitouch_bench.cli.command import Command, as_command, make_group
 from minitouch_bench.cli.console import note
 from minitouch_bench.cli.output import CHECK_FAILED, print_problems, show_validations
 from minitouch_bench.cli.progress import validation_progress
 from minitouch_bench.files import REPORTS, SUBMISSIONS
 from minitouch_bench.workflows.validate import validate
 
-app = typer.Typer(
-    cls=Group,
-    help="Check submissions and build the leaderboard.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+app = make_group(help="Check submissions and build the leaderboard.")
 app.command(
     cls=Command, epilog="Example: minitouch-bench leaderboard validate submissions/hac --replay"
 )(as_command(validate, show_validations, validation_progress))

@@ -62,7 +62,10 @@ class _Lines:
 
 
 class EpisodeProgress:
-    """Episodes done, success so far, and the time left; shown from the first phase on."""
+    """Episodes done, success so far, and the time left; shown from the first phase on.
+
+    Entering it gives what a workflow calls to have its episodes shown.
+    """
 
     def __init__(
         self, console: Console = notes, clock: Callable[[], float] = time.monotonic
@@ -84,13 +87,8 @@ class EpisodeProgress:
             refresh_per_second=2,
         )
 
-    @property
-    def callbacks(self) -> Callbacks:
-        """What a workflow calls to have its episodes shown."""
+    def __enter__(self) -> Callbacks:
         return Callbacks(note, self._begin_phase, self._add)
-
-    def __enter__(self) -> "EpisodeProgress":
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.stop()
@@ -124,22 +122,16 @@ class EpisodeProgress:
 
 
 @contextmanager
-def episode_progress() -> Iterator[Callbacks]:
-    """Show a workflow's episodes while they are played."""
-    with EpisodeProgress() as progress:
-        yield progress.callbacks
-
-
-@contextmanager
 def validation_progress() -> Iterator[ValidationProgress]:
     """Show the episodes of each submission's check, and what was found in it."""
-    with EpisodeProgress() as progress:
+    progress = EpisodeProgress()
 
-        def show(result: "Validation") -> None:
-            progress.stop()
-            show_validation(result)
+    def show(result: "Validation") -> None:
+        progress.stop()
+        show_validation(result)
 
-        yield ValidationProgress(**vars(progress.callbacks), verdict=show)
+    with progress as callbacks:
+        yield ValidationProgress(**vars(callbacks), verdict=show)
 
 
 @contextmanager

@@ -5,16 +5,11 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli.command import Command, Group
+from minitouch_bench.cli.command import Command, make_group
 from minitouch_bench.cli.console import note
 from minitouch_bench.cli.progress import count_progress
 
-app = typer.Typer(
-    cls=Group,
-    help="Make, check, view and exchange sets of shapes.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+app = make_group(help="Make, check, view and exchange sets of shapes.")
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a shape set.", show_default=False)]
 Output = Annotated[Path, typer.Option("--output", help="Folder to write.")]

@@ -145,12 +145,17 @@ class Recording:
 
 @dataclass(frozen=True)
 class PolicySetup:
-    """The policies of a run by role, and how they are isolated."""
+    """What is to be played: a plan, its policies by role, and how they are isolated."""
 
+    plan: Plan
     policy: PolicySource
     exploration: PolicySource | None = None
     isolation: IsolationOptions = SANDBOXED
-    conditions: Conditions = STANDARD
+
+    @property
+    def conditions(self) -> Conditions:
+        """The conditions of the plan."""
+        return self.plan.conditions
 
     def sources(self) -> tuple[PolicySource, ...]:
         """Return the final policy, and the exploration policy where there is one."""
@@ -211,7 +216,7 @@ def prepare_policies(
         if not goals:
             raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
         explorer = _find_policy(exploration, goals, isolation, note, Role.EXPLORATION)
-    setup = PolicySetup(source, explorer, isolation, plan.conditions)
+    setup = PolicySetup(plan, source, explorer, isolation)
     if plan.conditions.change_the_senses and "scripted" in {one.kind for one in setup.sources()}:
         raise UsageError("the scripted policy has no senses to change: it reads the simulator")
     return setup

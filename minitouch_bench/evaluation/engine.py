@@ -44,9 +44,6 @@ class EngineOptions:
     address: str | None = None
 
 
-LOCAL = EngineOptions()
-"""One worker per core of this machine."""
-
 Note = Callable[[str], None]
 """Takes one line for the user."""
 

@@ -1,6 +1,7 @@
 """A run under way: what is asked for, what is done of it, and the episodes that are missing."""
 
 import platform
+import re
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -17,7 +18,6 @@ from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Outcome
 from minitouch_bench.runs.actions import write_actions
-from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run, RunEnvironment, RunHeader, make_header, make_run, read_run
 from minitouch_bench.runs.unfinished import UnfinishedRun, check_same
 from minitouch_bench.simulation.bullet import BUILDS
@@ -29,22 +29,22 @@ HOPELESS_AFTER = 10
 """A run whose first episodes, this many, are all policy faults ends there."""
 
 
-@dataclass(frozen=True)
-class RunRequest:
-    """What to play: a plan, and the policies that are loaded for it."""
+def header_of(setup: PolicySetup) -> RunHeader:
+    """Return what fixes the numbers of the run that plays this."""
+    policy, explorer = setup.policy, setup.exploration
+    exploration = None if explorer is None else identify(explorer)
+    return make_header(setup.plan, identify(policy), exploration, setup.isolation_level())
 
-    plan: Plan
-    setup: PolicySetup
 
-    def header(self) -> RunHeader:
-        """Return what fixes the run's numbers."""
-        exploration = self.setup.exploration
-        return make_header(
-            self.plan,
-            identify(self.setup.policy),
-            None if exploration is None else identify(exploration),
-            self.setup.isolation_level(),
-        )
+def run_name(setup: PolicySetup) -> str:
+    """Name a run after its policy, suite and conditions, in characters that suit a file name."""
+    policy = _file_name(setup.policy.name)[:80] or "policy"
+    conditions = [_file_name(words) for words in setup.conditions.in_words()]
+    return "-".join((policy, setup.plan.suite, *conditions))
+
+
+def _file_name(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip(".-")
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class RunUnderWay:
 
 
 def open_run(
-    request: RunRequest, directory: Path, *, resume: bool, fresh: bool
+    setup: PolicySetup, directory: Path, *, resume: bool, fresh: bool
 ) -> RunUnderWay | Run:
     """Begin a run in a locked directory, or read what is done; a finished run is returned itself.
 
@@ -69,7 +69,7 @@ def open_run(
     """
     if resume and fresh:
         raise UsageError("choose one of --resume and --fresh")
-    header, unfinished = request.header(), UnfinishedRun(directory)
+    header, unfinished = header_of(setup), UnfinishedRun(directory)
     if fresh:
         clear_run(directory)
     if fresh or not holds_run(directory):
@@ -102,11 +102,10 @@ def _check_empty(directory: Path) -> None:
 
 
 def play_missing(
-    request: RunRequest,
+    setup: PolicySetup,
     under_way: RunUnderWay,
     engine: Engine,
     on_record: Callable[[EpisodeRecord], None],
-    name: str = "",
     *,
     turn: Callable[[EpisodeSpec], int] | None = None,
 ) -> Run:
@@ -120,7 +119,7 @@ def play_missing(
         HopelessRunError: so is one whose first episodes are all policy faults; a run that is
             resumed after them goes on.
     """
-    header, directory, setup = under_way.header, under_way.directory, request.setup
+    header, directory = under_way.header, under_way.directory
     specs = header.specs()
     records = {record.spec: record for record in under_way.records}
     missing = [spec for spec in specs if spec not in records]
@@ -150,10 +149,10 @@ def play_missing(
         wall_s=round(time.monotonic() - clock, 3),
     )
     in_order = tuple(records[spec] for spec in specs)
-    if directory is not None:
-        write_actions(in_order, directory)
-        name = name or directory.name
-    return make_run(header, environment, in_order, name, directory)
+    if directory is None:
+        return make_run(header, environment, in_order, run_name(setup))
+    write_actions(in_order, directory)
+    return make_run(header, environment, in_order, directory.resolve().name, directory)
 
 
 def _refuse_hopeless(records: Iterable[EpisodeRecord]) -> None:

@@ -10,6 +10,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.records import NOT_IN_SANDBOX
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_TASKS
+from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import Run, RunHeader
 
 SHOWN_EPISODES = 12
@@ -97,9 +98,7 @@ def fault_lines(section: RunSection) -> list[str]:
     for text, episodes in section.faults.items():
         count = len(episodes)
         times = f"{count} {'episode' if count == 1 else 'episodes'}"
-        shown = ", ".join(episodes[:SHOWN_EPISODES])
-        rest = f" and {count - SHOWN_EPISODES} more" if count > SHOWN_EPISODES else ""
-        lines.append(f"{section.name}: {text} ({times}: {shown}{rest})")
+        lines.append(f"{section.name}: {text} ({times}: {first_of(episodes, SHOWN_EPISODES)})")
     return lines
 
 

@@ -39,7 +39,7 @@ class Suite(SuiteSpec):
         """
         wanted = frozenset(chosen)
         final = tuple(
-            self.assign_object(self._spec(task, index))
+            self._spec(task, index)
             for task in self.tasks
             for index in range(self.episodes_per_task)
             if not wanted or f"{task}/{index}" in wanted
@@ -51,33 +51,35 @@ class Suite(SuiteSpec):
         )
 
     def _spec(self, task: str, index: int) -> EpisodeSpec:
+        """Return an episode with its object: the task's own, or a shape of the set."""
         words = (self.name, task, index, self.seed)
-        return EpisodeSpec(Role.FINAL, task, index, episode_seed(*words), policy_seed(*words))
-
-    def assign_object(self, spec: EpisodeSpec) -> EpisodeSpec:
-        """Return the episode with its object: the task's own, or a shape that the seed draws."""
-        if self.novel_shapes:
-            return self._assign_novel_shape(spec)
-        objects = PROTOCOL.task(spec.task).default_objects
-        if objects in ("", CUBE):
+        seed = episode_seed(*words)
+        spec = EpisodeSpec(Role.FINAL, task, index, seed, policy_seed(*words))
+        objects = PROTOCOL.task(task).default_objects
+        if objects in ("", CUBE) and not self.novel_shapes:
             return replace(spec, shape=objects)
-        shapes = canonical_shape_set().split(objects)
-        drawn = int(np.random.default_rng(spec.seed).integers(len(shapes)))
-        return _with_shape(spec, shapes[drawn])
+        shape = self._novel_shape(index) if self.novel_shapes else _draw_shape(objects, seed)
+        return replace(spec, shape=shape.name, family=shape.family, split=shape.split)
 
-    def _assign_novel_shape(self, spec: EpisodeSpec) -> EpisodeSpec:
+    def _novel_shape(self, index: int) -> Shape:
         """Take each held-out shape once (even indices), and as many drawn train shapes."""
         shapes = canonical_shape_set()
         held_out, train = shapes.split("held-out"), shapes.split("train")
-        turn = (spec.index // 2) % len(held_out)
-        if spec.index % 2 == 0:
-            return _with_shape(spec, held_out[turn])
-        order = suite_generator(self.name).permutation(len(train))
-        return _with_shape(spec, train[int(order[turn])])
+        turn = (index // 2) % len(held_out)
+        if index % 2 == 0:
+            return held_out[turn]
+        return train[int(suite_generator(self.name).permutation(len(train))[turn])]
 
 
-def _with_shape(spec: EpisodeSpec, shape: Shape) -> EpisodeSpec:
-    return replace(spec, shape=shape.name, family=shape.family, split=shape.split)
+def _draw_shape(split: str, seed: int) -> Shape:
+    shapes = canonical_shape_set().split(split)
+    return shapes[int(np.random.default_rng(seed).integers(len(shapes)))]
+
+
+def first_of(names: Sequence[str], most: int) -> str:
+    """Return the first names, at most so many, and the number of the others, in words."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 SUITES = {spec.name: Suite(**vars(spec)) for spec in PROTOCOL.suites}
@@ -119,13 +121,16 @@ class Plan:
         """
         return _specs(self, exploration)
 
+    def rules(self) -> dict[str, str]:
+        """Return this installation's digest of the protocol for each task."""
+        return {task: PROTOCOL.task_digest(task, self.suite) for task in self.tasks}
+
     def why_unofficial(self) -> tuple[str, ...]:
         """Return what differs from an official run of the suite, in words."""
         suite = find_suite(self.suite)
         reasons = [] if suite.rankable else [f"suite {suite.name}"]
         if self.chosen:
-            more = f" and {len(self.chosen) - NAMED} more" if len(self.chosen) > NAMED else ""
-            reasons.append(f"episodes {', '.join(self.chosen[:NAMED])}{more} only")
+            reasons.append(f"episodes {first_of(self.chosen, NAMED)} only")
         elif self.tasks != suite.tasks:
             reasons.append(f"tasks {', '.join(self.tasks)} only")
         if self.episodes != suite.episodes_per_task:

@@ -88,7 +88,7 @@ def make_header(
     return RunHeader(
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
-        task_digests={task: PROTOCOL.task_digest(task, plan.suite) for task in plan.tasks},
+        task_digests=plan.rules(),
         plan=plan,
         official=not reasons,
         unofficial_because=reasons,

@@ -18,7 +18,7 @@ from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Outcome, Role, TaskSummary
 from minitouch_bench.runs.actions import Actions
-from minitouch_bench.runs.plan import SUITES
+from minitouch_bench.runs.plan import SUITES, first_of
 from minitouch_bench.runs.run import NAMED, Run, RunHeader, run_json, why_unofficial
 from minitouch_bench.verification.problems import Problem, compare_values
 
@@ -60,7 +60,7 @@ def _protocol(header: RunHeader) -> Iterator[Problem]:
     plan = header.plan
     if plan.suite not in SUITES:
         return  # which _settings says
-    rules = {task: PROTOCOL.task_digest(task, plan.suite) for task in plan.tasks}
+    rules = plan.rules()
     other = [task for task, digest in rules.items() if header.task_digests.get(task) != digest]
     if other:
         recorded, here = header.task_digests.get(other[0], ""), rules[other[0]]
@@ -128,9 +128,8 @@ def _in_order(rows: Sequence[EpisodeMetrics], planned: Sequence[EpisodeSpec]) ->
 def _named(keys: Sequence[str], what: str, remedy: str) -> Iterator[Problem]:
     """Name the first few episodes that share a problem, and count the rest."""
     if keys:
-        more = f" and {len(keys) - NAMED} more" if len(keys) > NAMED else ""
         count = f"{len(keys)} episode{'s are' if len(keys) > 1 else ' is'} {what}"
-        yield Problem(keys[0], f"{count}: {', '.join(keys[:NAMED])}{more}", remedy)
+        yield Problem(keys[0], f"{count}: {first_of(keys, NAMED)}", remedy)
 
 
 def _key(role: Role, task: str, index: int) -> str:
@@ -212,9 +211,8 @@ def _actions(run: Run) -> Iterator[Problem]:
     """Check that every episode has its actions, as many as it has steps."""
     missing = [spec.key for spec in run.header.specs() if spec.key not in run.actions]
     if missing:
-        more = f" and {len(missing) - NAMED} more" if len(missing) > NAMED else ""
-        what = f"the actions of {len(missing)} episodes are missing"
-        yield Problem(ACTIONS_FILE, f"{what}: {', '.join(missing[:NAMED])}{more}", AS_WRITTEN)
+        what = f"the actions of {len(missing)} episodes are missing: {first_of(missing, NAMED)}"
+        yield Problem(ACTIONS_FILE, what, AS_WRITTEN)
     for spec, row in run.rows():
         if spec.key in run.actions and (what := _actions_mistake(run.actions[spec.key], row)):
             yield Problem(f"{ACTIONS_FILE}, {spec.key}", what, AS_WRITTEN)

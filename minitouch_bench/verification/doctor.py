@@ -200,11 +200,8 @@ def _simulation(workers: int) -> Iterator[Check]:
 
 
 def _run_here(source: ActorSource, specs: Sequence[EpisodeSpec]) -> Bits:
-    runner = EpisodeRunner(source)
-    try:
+    with contextlib.closing(EpisodeRunner(source)) as runner:
         return {spec.key: runner.run(spec).trace.digest() for spec in specs}
-    finally:
-        runner.close()
 
 
 def _run(workers: int, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Bits:

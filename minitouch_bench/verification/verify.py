@@ -121,12 +121,10 @@ def prepare_rerun(
         UsageError: a checkpoint is another one.
         PolicyError, IsolationError, MissingExtraError: a checkpoint cannot be used.
     """
-    header = run.header
-    explorer = None if header.exploration is None else exploration
+    explorer = None if run.header.exploration is None else exploration
     setup = prepare_policies(policy, run.plan, isolation, note, exploration=explorer)
-    check_identity(header.policy, setup.policy)
-    if header.exploration is not None and setup.exploration is not None:
-        check_identity(header.exploration, setup.exploration)
+    for recorded, source in zip(run.header.policies(), setup.sources(), strict=True):
+        check_identity(recorded, source)
     return setup
 
 

@@ -95,7 +95,7 @@ def evaluate(
     # Not at the top: the simulator and scipy take a second, and --help shall not.
     from minitouch_bench.evaluation.actors import prepare_policies
     from minitouch_bench.evaluation.engine import open_engine
-    from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, open_run
+    from minitouch_bench.evaluation.run import RunUnderWay, header_of, open_run, run_name
     from minitouch_bench.runs.plan import make_plan
     from minitouch_bench.workflows import playing
     from minitouch_bench.workflows.experiment_log import log_run
@@ -118,18 +118,17 @@ def evaluate(
     setup = prepare_policies(
         policy, plan, isolated, callbacks.note, exploration=exploration, name=name
     )
-    request = RunRequest(plan, setup)
     if output is None:
         with opening as running:
-            return Run(playing.play(request, RunUnderWay(request.header()), running, callbacks))
+            return Run(playing.play(setup, RunUnderWay(header_of(setup)), running, callbacks))
     directory = Path(output)
     if directory == Path(AUTO_OUTPUT):
-        directory = REPORTS / playing.run_name(request)
+        directory = REPORTS / run_name(setup)
     with opening as running, lock_directory(directory):
         if resume and not holds_run(directory):
             callbacks.note(f"no run to resume in {directory}: starting a new one")
-        opened = open_run(request, directory, resume=resume, fresh=fresh)
-        run = playing.play(request, opened, running, callbacks)
+        opened = open_run(setup, directory, resume=resume, fresh=fresh)
+        run = playing.play(setup, opened, running, callbacks)
         if settings:
             text = f"# minitouch-bench evaluate --config {SETTINGS_FILE}\n"
             write_file(directory / SETTINGS_FILE, text + write_toml(settings))

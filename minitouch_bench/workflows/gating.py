@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.evaluation.actors import prepare_policies
+from minitouch_bench.evaluation.actors import PolicySetup, prepare_policies
 from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
-from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, open_run
+from minitouch_bench.evaluation.run import RunUnderWay, header_of, open_run, run_name
 from minitouch_bench.files import REPORTS, lock_directory
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.isolation.options import IsolationOptions
@@ -26,8 +26,8 @@ from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import tasks_in_order
 from minitouch_bench.runs.run import Run, read_run, run_digest
-from minitouch_bench.workflows import SILENT, Callbacks
-from minitouch_bench.workflows.playing import play, run_name, write_views
+from minitouch_bench.workflows import Callbacks
+from minitouch_bench.workflows.playing import play, write_views
 
 
 def read_unedited(directory: Path) -> Run:
@@ -56,10 +56,10 @@ def play_gate(
     *,
     engine: EngineOptions,
     isolation: IsolationOptions,
-    output: Path | None = None,
-    resume: bool = False,
-    fresh: bool = False,
-    callbacks: Callbacks = SILENT,
+    output: Path | None,
+    resume: bool,
+    fresh: bool,
+    callbacks: Callbacks,
 ) -> GateResult:
     """Play the baseline's episodes until the answer is certain, or all.
 
@@ -68,17 +68,17 @@ def play_gate(
     """
     opening = open_engine(engine, callbacks.note)
     whole, baseline = baseline, _deciding_part(baseline, settings)
-    request = _request_like(baseline, policy, isolation, callbacks)
-    if left_out := [task for task in whole.plan.tasks if task not in request.plan.tasks]:
+    setup = _prepare_like(baseline, policy, isolation, callbacks)
+    if left_out := [task for task in whole.plan.tasks if task not in setup.plan.tasks]:
         callbacks.note(f"{', '.join(left_out)} of the baseline decide nothing and are not played")
     if whole.exploration_episodes:
         callbacks.note("the baseline's exploration episodes are left out: POLICY has none")
-    directory = output or REPORTS / f"{run_name(request)}-regress"
+    directory = output or REPORTS / f"{run_name(setup)}-regress"
     gate = SequentialGate(baseline, settings)
     clock = time.monotonic()
     with opening as running, lock_directory(directory):
-        opened = open_run(request, directory, resume=resume, fresh=fresh)
-        run = _play(request, opened, running, gate, callbacks)
+        opened = open_run(setup, directory, resume=resume, fresh=fresh)
+        run = _play(setup, opened, running, gate, callbacks)
         if run is not None:
             write_views(run, directory)
     if run is not None:
@@ -86,7 +86,7 @@ def play_gate(
         used = EpisodesUsed(gate.planned, gate.planned, "no answer was certain before the end")
         return replace(result, episodes_used=used)
     wall_s = round(time.monotonic() - clock, 3)
-    return gate.result(path, str(directory), request.header(), wall_s)
+    return gate.result(path, str(directory), header_of(setup), wall_s)
 
 
 def _deciding_part(baseline: Run, settings: GateSettings) -> Run:
@@ -109,18 +109,18 @@ def _deciding_part(baseline: Run, settings: GateSettings) -> Run:
     )
 
 
-def _request_like(
+def _prepare_like(
     baseline: Run, policy: object, isolation: IsolationOptions, callbacks: Callbacks
-) -> RunRequest:
-    """Return the request that plays a policy on the baseline's episodes.
+) -> PolicySetup:
+    """Load a policy to play the baseline's episodes.
 
     Raises:
         UsageError: the baseline has other rules, or not the episodes that its header says.
         PolicyError: the policy cannot be used.
     """
     plan = replace(baseline.plan, limits=isolation.limits)
-    request = RunRequest(plan, prepare_policies(policy, plan, isolation, callbacks.note))
-    refuse_other_rules(baseline, request.header())
+    setup = prepare_policies(policy, plan, isolation, callbacks.note)
+    refuse_other_rules(baseline, header_of(setup))
     recorded = {episode_key(Role.FINAL, row): (row.seed, row.shape) for row in baseline.episodes}
     planned = {spec.key: (spec.seed, spec.shape) for spec in plan.specs()}
     if recorded != planned or len(baseline.episodes) != len(planned):
@@ -128,11 +128,11 @@ def _request_like(
             f"'{printable(baseline.name)}' does not contain the {len(planned)} episodes of its "
             "suite, tasks and seed; make the baseline again"
         )
-    return request
+    return setup
 
 
 def _play(
-    request: RunRequest,
+    setup: PolicySetup,
     opened: RunUnderWay | Run,
     engine: Engine,
     gate: SequentialGate,
@@ -154,5 +154,5 @@ def _play(
             raise _EnoughError
 
     with suppress(_EnoughError):
-        return play(request, opened, engine, replace(callbacks, episode=take), turn=gate.turn)
+        return play(setup, opened, engine, replace(callbacks, episode=take), turn=gate.turn)
     return None

@@ -1,41 +1,29 @@
 """Play a run in its directory, and write its facts and its views."""
 
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from minitouch_bench.errors import HopelessRunError, InfrastructureError, InterruptedRunError
+from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
-from minitouch_bench.evaluation.run import RunRequest, RunUnderWay, play_missing
+from minitouch_bench.evaluation.run import RunUnderWay, play_missing
 from minitouch_bench.evaluation.video import require_video, video_name, write_video
 from minitouch_bench.files import RUN_FILE, VIDEOS, list_videos, make_folder, write_file
 from minitouch_bench.records import EpisodeSpec
-from minitouch_bench.reporting.report import Report
 from minitouch_bench.reporting.views import write_report, write_tables
 from minitouch_bench.runs.run import Run, run_json
 from minitouch_bench.runs.unfinished import UnfinishedRun
-from minitouch_bench.workflows import SILENT, Callbacks
+from minitouch_bench.workflows import Callbacks
 from minitouch_bench.workflows.experiment_log import check_tracker
 
 
-def run_name(request: RunRequest) -> str:
-    """Name a run after its policy, suite and conditions, in characters that suit a file name."""
-    policy = _file_name(request.setup.policy.name)[:80] or "policy"
-    conditions = [_file_name(words) for words in request.plan.conditions.in_words()]
-    return "-".join((policy, request.plan.suite, *conditions))
-
-
-def _file_name(text: str) -> str:
-    return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip(".-")
-
-
 def play(
-    request: RunRequest,
+    setup: PolicySetup,
     opened: RunUnderWay | Run,
     engine: Engine,
-    callbacks: Callbacks = SILENT,
+    callbacks: Callbacks,
     *,
     turn: Callable[[EpisodeSpec], int] | None = None,
 ) -> Run:
@@ -51,13 +39,13 @@ def play(
     for record in opened.records:
         callbacks.episode(record)
     with resumable(opened.directory):
-        run = play_missing(request, opened, engine, callbacks.episode, run_name(request), turn=turn)
+        run = play_missing(setup, opened, engine, callbacks.episode, turn=turn)
     if run.directory is None:
         return run
     content = run_json(run)
     write_file(run.directory / RUN_FILE, content)  # a directory with it holds a finished run
     UnfinishedRun(run.directory).remove()
-    return replace(run, name=run.directory.resolve().name, content=content)
+    return replace(run, content=content)
 
 
 @contextmanager
@@ -91,11 +79,11 @@ def check_views(video: int, log: str | None) -> None:
         require_video()
 
 
-def write_views(run: Run, directory: Path, video: int = 0) -> Report:
+def write_views(run: Run, directory: Path, video: int = 0) -> None:
     """Write the tables, the report and the videos of the first ``video`` episodes of each task."""
     for spec in run.header.specs():
         if spec.index < video:
             file = make_folder(directory / VIDEOS) / video_name(spec.key)
             write_video(spec, run.actions_of(spec.key), file, run.plan.conditions)
     write_tables(run, directory)
-    return write_report([run], directory, list_videos(directory))
+    write_report([run], directory, list_videos(directory))

@@ -15,7 +15,7 @@ from minitouch_bench.errors import (
     MiniTouchError,
     MissingExtraError,
 )
-from minitouch_bench.evaluation.engine import LOCAL, EngineOptions, open_engine
+from minitouch_bench.evaluation.engine import EngineOptions, open_engine
 from minitouch_bench.leaderboard.proof import (
     MIN_FRESH_EPISODES,
     PROOFS,
@@ -99,10 +99,10 @@ def _failed(verdict: Verdict, problems: tuple[Problem, ...]) -> Validation:
 def prove(
     verdict: Verdict,
     *,
+    engine: EngineOptions,
     rerun: int = 0,
     fresh_episodes: int = 0,
     draw: str = "",
-    engine: EngineOptions = LOCAL,
     time_limit_s: float = TIME_LIMIT_S,
     callbacks: Callbacks = SILENT,
 ) -> tuple[Problem, ...]:

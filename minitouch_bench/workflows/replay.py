@@ -1,5 +1,6 @@
 """Play one recorded episode of a run again, without its policy."""
 
+import contextlib
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -55,11 +56,9 @@ def replay(
     refuse_unplayable(opened)
     spec, row = opened.find(episode)
     opened.actions_of(spec.key)
-    runner = EpisodeRunner(Recording(opened.actions, opened.plan.conditions))
-    try:
+    recording = Recording(opened.actions, opened.plan.conditions)
+    with contextlib.closing(EpisodeRunner(recording)) as runner:
         return ReplayedEpisode(opened, runner.run(spec), row)
-    finally:
-        runner.close()
 
 
 def write_replay_video(replayed: ReplayedEpisode, path: Path | None = None) -> Path:

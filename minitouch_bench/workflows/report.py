@@ -36,8 +36,8 @@ class WrittenReport:
 
     report: "Report"
     directory: Path
-    figures: tuple[Path, ...] = ()
-    curve: Path | None = None
+    figures: tuple[Path, ...]
+    curve: Path | None
 
 
 def report(

@@ -21,13 +21,13 @@ from minitouch_bench.files import (
     write_file,
 )
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE, parse_source
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE
 from minitouch_bench.reporting.study import StudyResults, StudyTraining, write_study
 from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.workflows import ignore
 from minitouch_bench.workflows.evaluate import evaluate
 from minitouch_bench.workflows.study_config import STUDY_FILE, StudyConfig
-from minitouch_bench.workflows.training import TrainingRequest, run_training
+from minitouch_bench.workflows.training import run_training
 
 FAILURE_FILE = "failure.txt"
 MAY_CHANGE = (
@@ -60,7 +60,7 @@ def run_study(
     with lock_directory(directory):
         _keep_settings(config, directory)
         for training in config.trainings():
-            (_place(directory, training) / FAILURE_FILE).unlink(missing_ok=True)
+            (directory / training.name / FAILURE_FILE).unlink(missing_ok=True)
         results = report_study(config, directory, on_state)
         jobs = [
             _Job(config, directory.resolve(), training)
@@ -69,7 +69,7 @@ def run_study(
         ]
         for job, failure in run_jobs(engine, _run, jobs):
             if failure:
-                write_file(_place(directory, job.training) / FAILURE_FILE, failure + "\n")
+                write_file(directory / job.training.name / FAILURE_FILE, failure + "\n")
             results = report_study(config, directory, on_state)
     return results
 
@@ -106,10 +106,10 @@ def _run(job: _Job) -> str:
     try:
         if not job.directory.is_dir():
             return f"{job.directory} is not on the machine that was to train it"
-        place = _place(job.directory, job.training)
+        place = job.directory / job.training.name
         config = job.config.config_of(job.training)
         if not (place / TRAINED_FILE).exists():  # its policy is enough: not the checkpoint
-            run_training(TrainingRequest(config, place, resume=(place / CONFIG_FILE).exists()))
+            run_training(config, place, resume=(place / CONFIG_FILE).exists())
         for name, asked in job.config.evaluations_of(job.training).items():
             _evaluate(job, name, asked)
     except MiniTouchError as error:
@@ -119,7 +119,7 @@ def _run(job: _Job) -> str:
 
 def _evaluate(job: _Job, name: str, asked: Mapping[str, Any]) -> None:
     # Relative, so that run.json does not contain this machine's directories.
-    place = Path(os.path.relpath(_place(job.directory, job.training)))
+    place = Path(os.path.relpath(job.directory / job.training.name))
     output = place / name
     if (output / RUN_FILE).exists():
         return
@@ -142,10 +142,6 @@ def _explored(place: Path, task: str, name: str) -> Path | None:
     return file if name == MAIN_SUITE and task in GOAL_TASKS and file.exists() else None
 
 
-def _place(directory: Path, training: StudyTraining) -> Path:
-    return directory / training.name
-
-
 def report_study(config: StudyConfig, directory: Path, on_state: OnState) -> StudyResults:
     """Find out what is done, failed and left, write the report of it, and return it.
 
@@ -163,7 +159,7 @@ def report_study(config: StudyConfig, directory: Path, on_state: OnState) -> Stu
             failed[training] = str(error)
         else:
             whole = len(runs[training]) == len(config.evaluations_of(training))
-            trained = (_place(directory, training) / TRAINED_FILE).exists()
+            trained = (directory / training.name / TRAINED_FILE).exists()
             (done if whole and trained else left).append(training)
     results = StudyResults(directory, tuple(done), failed, tuple(left), runs, config.claims)
     write_study(results)
@@ -179,7 +175,7 @@ def finished_runs(config: StudyConfig, directory: Path, training: StudyTraining)
             another policy or of another protocol.
         UsageError: the training's settings cannot be read.
     """
-    place = _place(directory, training)
+    place = directory / training.name
     if (place / FAILURE_FILE).exists():
         raise RunDirectoryError((place / FAILURE_FILE).read_text(encoding="utf-8").strip())
     if not (place / TRAINED_FILE).exists():
@@ -197,8 +193,7 @@ def finished_runs(config: StudyConfig, directory: Path, training: StudyTraining)
         policies = [policy] if explored is None else [policy, parse_source(str(explored)).digest]
         if [known.digest for known in run.header.policies()] != policies:
             raise RunDirectoryError(f"{place / name} is of another policy: remove it")
-        rules = {task: PROTOCOL.task_digest(task, run.plan.suite) for task in run.plan.tasks}
-        if run.header.task_digests != rules:
+        if run.header.task_digests != run.plan.rules():
             raise RunDirectoryError(f"{place / name} is of another protocol: remove it")
         runs.append(run)
     return tuple(runs)

@@ -8,7 +8,7 @@ from pathlib import Path
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup, prepare_policies
 from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
-from minitouch_bench.evaluation.run import RunRequest, open_run
+from minitouch_bench.evaluation.run import header_of, open_run
 from minitouch_bench.files import (
     CHECKPOINTS,
     foreign_entries,
@@ -34,7 +34,7 @@ from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import Run, RunHeader, read_run
 from minitouch_bench.verification.problems import Problem, Problems
-from minitouch_bench.workflows import SILENT, Callbacks
+from minitouch_bench.workflows import Callbacks
 from minitouch_bench.workflows.options import StrPath
 from minitouch_bench.workflows.playing import play
 from minitouch_bench.workflows.study_rows import StudyRow
@@ -59,11 +59,11 @@ class Packer:
 
     submissions: Path
     about: Submission
-    seed: int = 0
-    include: bool = True
-    resume: bool = False
-    fresh: bool = False
-    callbacks: Callbacks = SILENT
+    seed: int
+    include: bool
+    resume: bool
+    fresh: bool
+    callbacks: Callbacks
 
     @property
     def directory(self) -> Path:
@@ -96,22 +96,22 @@ class Packer:
     ) -> packing.Parts:
         """Run the suites in the submission's directory, where they can be resumed."""
         opening = open_engine(engine, self.callbacks.note)
-        setup = prepare_policies(
+        main = prepare_policies(
             policy,
             make_plan(MAIN_SUITE),
             isolation,
             self.callbacks.note,
             exploration=exploration,
         )
-        requests = [_request(name, setup) for name in SUBMITTED_SUITES if name in suites]
-        runs = {request.plan.suite: self._run_directory(request.plan.suite) for request in requests}
-        parts = packing.Parts(runs, setup.policy, setup.exploration)
-        self._check_plan(parts, [request.header() for request in requests])
-        for request in requests:
-            self._check_kept(request)
+        setups = [_on_suite(main, name) for name in SUBMITTED_SUITES if name in suites]
+        runs = {setup.plan.suite: self._run_directory(setup.plan.suite) for setup in setups}
+        parts = packing.Parts(runs, main.policy, main.exploration)
+        self._check_plan(parts, [header_of(setup) for setup in setups])
+        for setup in setups:
+            self._check_kept(setup)
         with opening as running:
-            for request in requests:
-                self._run_suite(request, running)
+            for setup in setups:
+                self._run_suite(setup, running)
         return parts
 
     def finished_runs(self, paths: Sequence[Path]) -> packing.Parts:
@@ -243,17 +243,17 @@ class Packer:
     def _run_directory(self, suite: str) -> Path:
         return self.directory / run_place(self.seed, suite)
 
-    def _run_suite(self, request: RunRequest, engine: Engine) -> None:
+    def _run_suite(self, setup: PolicySetup, engine: Engine) -> None:
         """Run one suite in its directory, or keep the finished run that is there."""
-        directory = self._run_directory(request.plan.suite)
+        directory = self._run_directory(setup.plan.suite)
         with lock_directory(directory):
-            opened = open_run(request, directory, resume=self.resume, fresh=self.fresh)
-            self.callbacks.note(f"suite {request.plan.suite}")
-            play(request, opened, engine, self.callbacks)
+            opened = open_run(setup, directory, resume=self.resume, fresh=self.fresh)
+            self.callbacks.note(f"suite {setup.plan.suite}")
+            play(setup, opened, engine, self.callbacks)
 
-    def _check_kept(self, request: RunRequest) -> None:
+    def _check_kept(self, setup: PolicySetup) -> None:
         """Refuse to keep a run that nobody asked to keep, or that is another one."""
-        directory = self._run_directory(request.plan.suite)
+        directory = self._run_directory(setup.plan.suite)
         if self.fresh or not holds_run(directory):
             return
         if not self.resume:
@@ -262,10 +262,9 @@ class Packer:
                 "replace it, or another --training-seed"
             )
         with lock_directory(directory):
-            open_run(request, directory, resume=True, fresh=False)
+            open_run(setup, directory, resume=True, fresh=False)
 
 
-def _request(name: str, setup: PolicySetup) -> RunRequest:
+def _on_suite(main: PolicySetup, name: str) -> PolicySetup:
     # The exploration metric is one of Table 4 alone.
-    setup = setup if name == MAIN_SUITE else replace(setup, exploration=None)
-    return RunRequest(make_plan(name), setup)
+    return main if name == MAIN_SUITE else replace(main, plan=make_plan(name), exploration=None)

@@ -9,6 +9,7 @@ import typer
 
 from minitouch_bench.agents import METHODS
 from minitouch_bench.errors import InterruptedRunError
+from minitouch_bench.files import REPORTS
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.workflows import (
     UNSEEN,
@@ -22,7 +23,7 @@ from minitouch_bench.workflows.options import StrPath, Words
 if TYPE_CHECKING:
     from minitouch_bench.reporting.study import StudyResults
 
-STUDIES = Path("reports") / "studies"
+TRAININGS, STUDIES = REPORTS / "training", REPORTS / "studies"
 
 
 def train(
@@ -66,7 +67,7 @@ def train(
     """
     # Not at the top: torch takes seconds, and --help shall not.
     from minitouch_bench.agents.config import apply_settings, make_config
-    from minitouch_bench.workflows.training import TrainingRequest, default_directory, run_training
+    from minitouch_bench.workflows.training import run_training
 
     given = {
         "method": method,
@@ -79,9 +80,10 @@ def train(
     changes = {name: value for name, value in given.items() if value is not None}
     base = make_config(task, preset, None if config is None else Path(config), settings)
     asked = apply_settings(base, changes)
-    directory = default_directory(asked) if output is None else Path(output)
+    usual = TRAININGS / f"{asked.task}-{asked.method}-{asked.seed}"
+    directory = usual if output is None else Path(output)
     callbacks.begin(asked.steps)
-    if not run_training(TrainingRequest(asked, directory, resume, device, callbacks)):
+    if not run_training(asked, directory, resume=resume, device=device, callbacks=callbacks):
         raise InterruptedRunError(
             f"interrupted; what is learned is kept in {directory}, and the same command with "
             "--resume continues"

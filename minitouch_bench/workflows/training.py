@@ -4,7 +4,7 @@ import os
 import socket
 import struct
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from minitouch_bench.errors import (
     UsageError,
 )
 from minitouch_bench.evaluation.actors import PolicyActor
+from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.optional import require
 from minitouch_bench.policies.native import NativePolicy
@@ -36,34 +37,23 @@ from minitouch_bench.runs.plan import Suite
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.workflows import UNSEEN, TrainingProgress
 
-TRAININGS = Path("reports") / "training"
 EVALUATION_SUITE = "training"
 """Seeds the episodes of a training's evaluations; no suite has this name."""
 
 EVENTS_DIRECTORY = "events"
 
 
-@dataclass(frozen=True)
-class TrainingRequest:
-    """What to train, and where.
+def run_training(
+    config: TrainingConfig,
+    directory: Path,
+    *,
+    resume: bool = False,
+    device: str = "auto",
+    callbacks: TrainingProgress = UNSEEN,
+) -> bool:
+    """Train to the end and return True, or False where it was asked to stop before.
 
     ``device``: "auto", "cpu" or "cuda".
-    """
-
-    config: TrainingConfig
-    directory: Path
-    resume: bool = False
-    device: str = "auto"
-    callbacks: TrainingProgress = UNSEEN
-
-
-def default_directory(config: TrainingConfig) -> Path:
-    """Return where a training is kept if nobody says where."""
-    return TRAININGS / f"{config.task}-{config.method}-{config.seed}"
-
-
-def run_training(request: TrainingRequest) -> bool:
-    """Train to the end and return True, or False where it was asked to stop before.
 
     Raises:
         UsageError: no such device.
@@ -71,35 +61,32 @@ def run_training(request: TrainingRequest) -> bool:
             checkpoint is damaged.
         InfrastructureError: a file cannot be written; the training can be resumed.
     """
-    device = choose_device(request.device)
+    chosen = choose_device(device)
     keep_freed_memory()
     torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
-    with files.lock_directory(request.directory):
-        _prepare(request)
-        config = request.config
+    with files.lock_directory(directory):
+        _prepare(config, directory, resume, callbacks.note)
         environment = MiniTouchEnv(
             config.task, config.objects or None, max_steps=config.episode_steps or None
         )
         evaluator = TrainingEvaluator(config)
-        events = _open_events(request)
+        events = _open_events(directory, callbacks.note)
 
         def on_row(row: ProgressRow) -> None:
-            request.callbacks.row(row)
+            callbacks.row(row)
             if events is not None:
                 events.add(row)
 
-        callbacks = TrainingCallbacks(evaluator.evaluate, on_row, request.callbacks.should_stop)
+        watched = TrainingCallbacks(evaluator.evaluate, on_row, callbacks.should_stop)
         try:
-            training = Training(config, environment, request.directory, callbacks, device)
+            training = Training(config, environment, directory, watched, chosen)
             training.start()
-            finished = _run(training, request.directory)
+            finished = _run(training, directory)
         finally:
             evaluator.close()
             environment.close()
-        if (request.directory / files.PROGRESS_FILE).exists():  # there is a row to draw
-            files.write_file(
-                request.directory / files.REPORT_PAGE, training_page(request.directory)
-            )
+        if (directory / files.PROGRESS_FILE).exists():  # there is a row to draw
+            files.write_file(directory / files.REPORT_PAGE, training_page(directory))
     return finished
 
 
@@ -159,12 +146,12 @@ class _Events:
         return struct.pack("<I", self._checksum(content))
 
 
-def _open_events(request: TrainingRequest) -> _Events | None:
+def _open_events(directory: Path, note: Note) -> _Events | None:
     """Return the writer of a new file of events, None where its package is not installed."""
     try:
-        return _Events(request.directory / EVENTS_DIRECTORY)
+        return _Events(directory / EVENTS_DIRECTORY)
     except MissingExtraError as error:
-        request.callbacks.note(f"no TensorBoard events are written: {error}")
+        note(f"no TensorBoard events are written: {error}")
         return None
 
 
@@ -186,18 +173,17 @@ def choose_device(name: str) -> torch.device:
     return torch.device("cuda")
 
 
-def _prepare(request: TrainingRequest) -> None:
+def _prepare(config: TrainingConfig, directory: Path, resume: bool, note: Note) -> None:
     """Write the settings of a new or longer training, or check those of one to resume."""
-    directory, config = request.directory, request.config
     file = directory / CONFIG_FILE
     for name in (PICTURES_FILE, files.PROGRESS_FILE):
         if os.path.lexists(directory / name):
             with files.os_errors_as(RunDirectoryError, directory / name, "written"):
                 os.close(files.open_plain(directory / name, os.O_RDWR))
-    if request.resume and not os.path.lexists(file):
-        request.callbacks.note(f"{directory} contains no training yet: one is started")
+    if resume and not os.path.lexists(file):
+        note(f"{directory} contains no training yet: one is started")
     if any(os.path.lexists(directory / name) for name in (CHECKPOINT_FILE, files.PROGRESS_FILE)):
-        if not request.resume:
+        if not resume:
             raise RunDirectoryError(
                 f"{directory} contains a training: continue it with --resume, or choose another "
                 "--output"

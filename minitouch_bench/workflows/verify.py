@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minitouch_bench.errors import IncompleteCheckError, InterruptedRunError
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
+from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.workflows import SILENT, Callbacks, options
 
 if TYPE_CHECKING:
-    from minitouch_bench.evaluation.actors import PolicySetup
     from minitouch_bench.records import PolicyIdentity
-    from minitouch_bench.runs.run import Run
     from minitouch_bench.verification.problems import Problem
     from minitouch_bench.verification.verify import Verification
 
@@ -63,7 +61,11 @@ def verify(
     if problems := check_run(opened):
         return checks.Verification(0, problems)
     isolated = options.isolation_options(isolation, trust)
-    setup = _checkpoints(opened, policy, exploration, isolated, callbacks) if rerun else None
+    setup = None
+    if rerun:
+        policy = policy or _source_of(opened.header.policy, "--policy")
+        exploration = exploration or _source_of(opened.header.exploration, "--exploration")
+        setup = checks.prepare_rerun(opened, policy, exploration, isolated, callbacks.note)
     draw = secrets.randbits(32) if draw is None else draw
     try:
         with opening as running:
@@ -82,23 +84,7 @@ def verify(
         raise InterruptedRunError("interrupted; nothing was changed") from error
 
 
-def _checkpoints(
-    run: "Run",
-    policy: str | None,
-    exploration: str | None,
-    isolation: IsolationOptions,
-    callbacks: Callbacks,
-) -> "PolicySetup":
-    """Find the run's checkpoints, see that they are the ones evaluated, and load each once."""
-    from minitouch_bench.verification.verify import prepare_rerun
-
-    policy = policy or _source_of(run.header.policy, "--policy")
-    if run.header.exploration is not None:
-        exploration = exploration or _source_of(run.header.exploration, "--exploration")
-    return prepare_rerun(run, policy, exploration, isolation, callbacks.note)
-
-
-def _source_of(recorded: "PolicyIdentity", option: str) -> str:
+def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
     """Return where a run's checkpoint was; the run's maker does not choose who is contacted.
 
     Raises:
@@ -106,6 +92,8 @@ def _source_of(recorded: "PolicyIdentity", option: str) -> str:
     """
     from minitouch_bench.policies.sources import is_remote
 
+    if recorded is None:
+        return None
     if is_remote(recorded.source):
         raise IncompleteCheckError(
             f"the policy is at {recorded.source}, which is contacted only if you name it.\n"

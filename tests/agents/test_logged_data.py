@@ -1,7 +1,6 @@
 import json
 import os
 import resource
-from dataclasses import replace
 
 import gymnasium
 import h5py
@@ -17,7 +16,7 @@ from minitouch_bench.agents.logged_data import fill_from_log
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import UsageError
 from minitouch_bench.workflows import TrainingProgress
-from minitouch_bench.workflows.training import TrainingRequest, run_training
+from minitouch_bench.workflows.training import run_training
 from tests.agents.logs import LENGTHS, write_log
 
 
@@ -206,11 +205,9 @@ def config_with_log(tmp_path, method="hac"):
 
 def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_path):
     config = config_with_log(tmp_path)
-    rows = []
-    once = TrainingRequest(
-        config, tmp_path / "run", device="cpu", callbacks=TrainingProgress(row=rows.append)
-    )
-    assert run_training(once)
+    rows, broken = [], tmp_path / "broken"
+    shown = TrainingProgress(row=rows.append)
+    assert run_training(config, tmp_path / "run", device="cpu", callbacks=shown)
     assert [row.step for row in rows] == [5, 8, 10, 13]  # no row is of both phases
     assert [row.phase for row in rows] == ["exploration"] * 2 + ["task"] * 2
     assert all(row.critic_loss is not None for row in rows)
@@ -218,20 +215,16 @@ def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_p
         assert [row.touch_share is None, row.task_reward is None] == [row.phase != "task"] * 2
 
     asked = iter([False] * 7 + [True])
-    broken = replace(
-        once,
-        directory=tmp_path / "broken",
-        callbacks=TrainingProgress(should_stop=lambda: next(asked)),
-    )
-    assert not run_training(broken)
-    assert run_training(replace(broken, resume=True, callbacks=once.callbacks))
+    stopped = TrainingProgress(should_stop=lambda: next(asked))
+    assert not run_training(config, broken, device="cpu", callbacks=stopped)
+    assert run_training(config, broken, resume=True, device="cpu", callbacks=shown)
     files = [tmp_path / name / "final.safetensors" for name in ("run", "broken")]
     assert files[0].read_bytes() == files[1].read_bytes()
 
 
 def test_sac_acts_from_the_first_step_with_the_log_in_its_memory(tmp_path):
     config = config_with_log(tmp_path, "sac")
-    assert run_training(TrainingRequest(config, tmp_path / "run", device="cpu"))
+    assert run_training(config, tmp_path / "run", device="cpu")
     memory, log_alone = (Replay(config.replay_size, 11, 4, compress=True) for _ in range(2))
     CheckpointFiles(tmp_path / "run").load(memory)
     fill_from_log(log_alone, tmp_path / "log", 4)

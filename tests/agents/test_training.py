@@ -16,7 +16,7 @@ from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.policies.native import load_native, save_native
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.workflows import TrainingProgress
-from minitouch_bench.workflows.training import TrainingRequest, run_training
+from minitouch_bench.workflows.training import run_training
 from tests.agents.trainings import CONFIG, stop_at_once
 
 
@@ -31,7 +31,7 @@ def outcome(directory):
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     directory = tmp_path_factory.mktemp("undisturbed")
-    assert run_training(TrainingRequest(CONFIG, directory, device="cpu"))
+    assert run_training(CONFIG, directory, device="cpu")
     return directory
 
 
@@ -75,11 +75,9 @@ def break_off(directory, after, *, kill, resume):
             raise KilledError
         return True
 
-    request = TrainingRequest(
-        CONFIG, directory, resume, "cpu", callbacks=TrainingProgress(should_stop=should_stop)
-    )
+    watched = TrainingProgress(should_stop=should_stop)
     try:
-        assert run_training(request) is False
+        assert not run_training(CONFIG, directory, resume=resume, device="cpu", callbacks=watched)
     except KilledError:
         assert kill
 
@@ -88,7 +86,7 @@ def break_off(directory, after, *, kill, resume):
 def test_resumed_in_both_phases_it_ends_in_the_same_bits(tmp_path, undisturbed, kill):
     break_off(tmp_path, 17, kill=kill, resume=False)
     break_off(tmp_path, 24, kill=kill, resume=True)
-    assert run_training(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
+    assert run_training(CONFIG, tmp_path, resume=True, device="cpu")
     assert outcome(tmp_path) == outcome(undisturbed)
 
 
@@ -100,10 +98,10 @@ def test_every_method_is_resumed_in_both_phases(tmp_path, method):
     for stops in (14, 24):
         answers = iter([False] * stops + [True])
         watched = TrainingProgress(should_stop=answers.__next__)
-        request = TrainingRequest(config, directories[1], True, "cpu", callbacks=watched)
-        assert run_training(request) is False
+        stopped = directories[1]
+        assert not run_training(config, stopped, resume=True, device="cpu", callbacks=watched)
     for directory in directories:
-        assert run_training(TrainingRequest(config, directory, resume=True, device="cpu"))
+        assert run_training(config, directory, resume=True, device="cpu")
     assert outcome(directories[0]) == outcome(directories[1])
 
 
@@ -114,14 +112,14 @@ def test_it_can_be_made_longer(tmp_path, undisturbed, explored, trained):
         exploration=replace(CONFIG.exploration, steps=explored),
         task_phase=replace(CONFIG.task_phase, steps=trained),
     )
-    assert run_training(TrainingRequest(shorter, tmp_path, device="cpu"))
-    assert run_training(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
+    assert run_training(shorter, tmp_path, device="cpu")
+    assert run_training(CONFIG, tmp_path, resume=True, device="cpu")
     assert outcome(tmp_path) == outcome(undisturbed)
 
 
 def test_killed_before_the_first_checkpoint_it_starts_over(tmp_path, undisturbed):
     break_off(tmp_path, 6, kill=True, resume=False)
-    assert run_training(TrainingRequest(CONFIG, tmp_path, resume=True, device="cpu"))
+    assert run_training(CONFIG, tmp_path, resume=True, device="cpu")
     assert outcome(tmp_path) == outcome(undisturbed)
 
 
@@ -148,20 +146,20 @@ def test_exploration_alone_leaves_both_policies_the_final_one_last(tmp_path, mon
 
 def test_training_episodes_can_be_shorter_than_the_task_s(tmp_path):
     config = replace(CONFIG, task="playing", episode_steps=3, checkpoint_every=50)
-    assert run_training(TrainingRequest(config, tmp_path, device="cpu"))
+    assert run_training(config, tmp_path, device="cpu")
     rows, _ = outcome(tmp_path)
     assert sum(int(row["episodes"]) for row in rows) == config.steps // 3
 
 
 def test_other_settings_are_not_mixed_in(undisturbed):
-    for request in (
-        TrainingRequest(CONFIG, undisturbed),
-        TrainingRequest(replace(CONFIG, seed=1), undisturbed, resume=True),
-        TrainingRequest(replace(CONFIG, exploration=PhaseConfig(31)), undisturbed, resume=True),
-        TrainingRequest(replace(CONFIG, task_phase=PhaseConfig(19)), undisturbed, resume=True),
+    for config, resume in (
+        (CONFIG, False),
+        (replace(CONFIG, seed=1), True),
+        (replace(CONFIG, exploration=PhaseConfig(31)), True),
+        (replace(CONFIG, task_phase=PhaseConfig(19)), True),
     ):
         with pytest.raises(RunDirectoryError):
-            run_training(request)
+            run_training(config, undisturbed, resume=resume)
 
 
 def test_a_training_that_was_killed_before_it_began_is_begun_by_resume(tmp_path):
@@ -194,14 +192,14 @@ def test_a_damaged_checkpoint_is_named(broken_off, tmp_path, name, damage):
     shutil.copytree(broken_off, directory)
     (directory / name).write_bytes(damage((directory / name).read_bytes()))
     with pytest.raises(RunDirectoryError, match=r"checkpoint\.pt|progress\.csv"):
-        run_training(TrainingRequest(CONFIG, directory, resume=True, device="cpu"))
+        run_training(CONFIG, directory, resume=True, device="cpu")
 
 
 def test_a_mistake_leaves_the_directory_free(tmp_path):
     with pytest.raises(UsageError, match="typo"):
-        run_training(TrainingRequest(replace(CONFIG, objects="typo"), tmp_path, device="cpu"))
+        run_training(replace(CONFIG, objects="typo"), tmp_path, device="cpu")
     with pytest.raises(UsageError, match="is not a Minari dataset"):
-        run_training(TrainingRequest(replace(CONFIG, log="typo"), tmp_path, device="cpu"))
+        run_training(replace(CONFIG, log="typo"), tmp_path, device="cpu")
     stop_at_once(tmp_path)
 
 

@@ -6,7 +6,6 @@ import signal
 import zipfile
 import zlib
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ import torch
 
 from minitouch_bench.agents import checkpoint, progress
 from minitouch_bench.errors import InfrastructureError, MiniTouchError, RunDirectoryError
-from minitouch_bench.workflows.training import TrainingRequest, run_training
+from minitouch_bench.workflows.training import run_training
 from tests.agents.test_training import break_off, outcome
 from tests.agents.trainings import CONFIG, stop_at_once
 
@@ -69,7 +68,7 @@ def test_nothing_is_written_through_a_link(prepared, name, plant):
     (prepared / name).unlink()
     plant(prepared / name, mine(prepared))
     with suppress(RunDirectoryError):  # or the name is given to a new file
-        assert run_training(TrainingRequest(CONFIG, prepared, resume=True, device="cpu"))
+        assert run_training(CONFIG, prepared, resume=True, device="cpu")
         assert plant is second_name
     assert mine(prepared).read_bytes() == content
 
@@ -81,7 +80,7 @@ def test_a_new_training_writes_through_no_link_either(tmp_path, name):
     mine(tmp_path / "run").write_text("dear diary")
     (tmp_path / "run" / name).symlink_to(mine(tmp_path / "run"))
     with pytest.raises(RunDirectoryError):
-        run_training(TrainingRequest(CONFIG, tmp_path / "run", device="cpu"))
+        run_training(CONFIG, tmp_path / "run", device="cpu")
     assert mine(tmp_path / "run").read_text() == "dear diary"
 
 
@@ -98,7 +97,7 @@ def test_nobody_waits_for_a_pipe(prepared, name):
     (prepared / name).unlink()
     os.mkfifo(prepared / name)
     with pytest.raises(MiniTouchError, match="no plain file"):
-        run_training(TrainingRequest(CONFIG, prepared, resume=True, device="cpu"))
+        run_training(CONFIG, prepared, resume=True, device="cpu")
 
 
 # A full disk
@@ -107,7 +106,7 @@ def test_nobody_waits_for_a_pipe(prepared, name):
 @pytest.fixture(scope="module")
 def quiet(tmp_path_factory):
     directory = tmp_path_factory.mktemp("quiet")
-    assert run_training(TrainingRequest(CONFIG, directory, device="cpu"))
+    assert run_training(CONFIG, directory, device="cpu")
     return directory
 
 
@@ -128,16 +127,15 @@ def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
         write(path, content)
 
     monkeypatch.setattr(module, name, fill)
-    request = TrainingRequest(CONFIG, tmp_path / "run", device="cpu")
     with pytest.raises(InfrastructureError) as full:
-        run_training(request)
+        run_training(CONFIG, tmp_path / "run", device="cpu")
     reason, advice = str(full.value).splitlines()
     assert "No space left on device" in reason
     assert advice.startswith(f"The checkpoint of step {kept}" if kept else "There is no checkpoint")
     assert "--resume" in advice
     assert (tmp_path / "run" / "checkpoint.pt").exists() == bool(kept)
     monkeypatch.undo()
-    assert run_training(replace(request, resume=True))
+    assert run_training(CONFIG, tmp_path / "run", resume=True, device="cpu")
     assert outcome(tmp_path / "run") == outcome(quiet)
 
 
@@ -191,7 +189,7 @@ CHANGES = {
 def test_a_checkpoint_that_says_what_cannot_be_is_refused(prepared, name):
     changed(prepared, CHANGES[name])
     with pytest.raises(RunDirectoryError, match=r"checkpoint\.pt cannot be resumed from") as error:
-        run_training(TrainingRequest(CONFIG, prepared, resume=True, device="cpu"))
+        run_training(CONFIG, prepared, resume=True, device="cpu")
     assert len(str(error.value).splitlines()) <= 2
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
 from minitouch_bench.workflows import TrainingProgress
-from minitouch_bench.workflows.training import TrainingRequest, run_training
+from minitouch_bench.workflows.training import run_training
 
 CONFIG = TrainingConfig(
     "pushing",
@@ -25,6 +25,5 @@ def stop_at_once(directory: Path, config: TrainingConfig = CONFIG) -> list[str]:
     """Begin or resume a training that is asked to stop before its next step; return its notes."""
     notes: list[str] = []
     callbacks = TrainingProgress(note=notes.append, should_stop=lambda: True)
-    request = TrainingRequest(config, directory, resume=True, device="cpu", callbacks=callbacks)
-    assert run_training(request) is False
+    assert not run_training(config, directory, resume=True, device="cpu", callbacks=callbacks)
     return notes

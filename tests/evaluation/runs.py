@@ -4,7 +4,7 @@ from pathlib import Path
 
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.evaluation.run import RunRequest, open_run, play_missing
+from minitouch_bench.evaluation.run import open_run, play_missing
 from minitouch_bench.files import lock_directory
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.policies.limits import PolicyLimits
@@ -26,16 +26,16 @@ def request(
     **limits,
 ):
     plan = Plan("table4", tasks, episodes, seed, limits=PolicyLimits(**limits))
-    setup = PolicySetup(
+    return PolicySetup(
+        plan,
         parse_source(policy, trust=True),
         None if exploration is None else parse_source(exploration, trust=True),
         IsolationOptions(isolation, trust=True, limits=plan.limits),
     )
-    return RunRequest(plan, setup)
 
 
 def run(
-    wanted: RunRequest, directory: Path, workers=1, *, engine=None, resume=False, fresh=False
+    wanted: PolicySetup, directory: Path, workers=1, *, engine=None, resume=False, fresh=False
 ) -> Run:
     """Play in a directory; its actions, and what is done of the run, are there afterwards."""
     seen = []

@@ -9,7 +9,7 @@ from minitouch_bench.errors import (
     UsageError,
 )
 from minitouch_bench.evaluation.actors import prepare_policies
-from minitouch_bench.evaluation.run import open_run, package_versions
+from minitouch_bench.evaluation.run import header_of, open_run, package_versions
 from minitouch_bench.files import ACTIONS_FILE, UNFINISHED
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.native import save_native
@@ -185,10 +185,10 @@ def test_another_episode_timeout_is_unofficial_and_another_run(tmp_path):
         request("zero", ("opening",), 1),
         request("zero", ("opening",), 1, episode_timeout_s=600.0),
     )
-    assert "600 s per episode" in other.header().unofficial_because
-    assert not any("per episode" in reason for reason in usual.header().unofficial_because[1:])
+    assert "600 s per episode" in header_of(other).unofficial_because
+    assert not any("per episode" in reason for reason in header_of(usual).unofficial_because[1:])
     run(other, tmp_path)
-    UnfinishedRun(tmp_path).check(other.header(), package_versions())
+    UnfinishedRun(tmp_path).check(header_of(other), package_versions())
     with pytest.raises(RunDirectoryError, match=r"600\.0 there, \d+\.0 asked for"):
         run(usual, tmp_path, resume=True)
 

@@ -11,6 +11,7 @@ import pytest
 
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.run import header_of
 from minitouch_bench.files import UNFINISHED
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.runs.plan import find_suite
@@ -52,9 +53,9 @@ def is_worker(pid):
 
 def test_a_worker_killed_from_outside_is_replaced_and_its_episode_repeated(finished):
     wanted = request()
-    specs = wanted.header().specs()
+    specs = header_of(wanted).specs()
     records = {}
-    for record in LocalEngine(1).run(wanted.setup, specs):
+    for record in LocalEngine(1).run(wanted, specs):
         if not records:
             for pid in filter(is_worker, children(os.getpid())):
                 os.kill(pid, signal.SIGKILL)
@@ -83,13 +84,13 @@ def test_an_episode_is_tried_three_times(tmp_path, monkeypatch, importable, deat
 
 
 def test_no_episodes_need_no_workers():
-    assert list(LocalEngine(4).run(request().setup, ())) == []
+    assert list(LocalEngine(4).run(request(), ())) == []
 
 
 def test_breaking_off_ends_the_workers():
     wanted = request("zero")
     specs = find_suite("table4").episodes(exploration=False)
-    records = LocalEngine(2).run(wanted.setup, specs[:10])
+    records = LocalEngine(2).run(wanted, specs[:10])
     next(records)
     records.close()
     assert not any(map(is_worker, children(os.getpid())))

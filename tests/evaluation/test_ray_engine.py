@@ -19,6 +19,7 @@ from minitouch_bench.cache import VARIABLE
 from minitouch_bench.errors import InfrastructureError, MissingExtraError, UsageError
 from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.ray_engine import RayEngine
+from minitouch_bench.evaluation.run import header_of
 from minitouch_bench.files import ACTIONS_FILE, UNFINISHED
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.networks import TouchActor
@@ -101,11 +102,11 @@ def test_a_run_begun_here_goes_on_there_and_ends_here(finished, cluster, tmp_pat
 def test_the_checkpoint_may_go_once_the_episodes_have_begun(cluster, script, tmp_path):
     file = tmp_path / "gone.pt"
     file.write_bytes(script.read_bytes())
-    specs = request(str(file), ("pushing",), 4).specs()
     wanted = request(str(file), ("pushing",), 4)
+    specs = wanted.plan.specs()
     faults = []
     with engine_on(cluster) as (engine, _):
-        for record in engine.run(wanted.setup, specs):
+        for record in engine.run(wanted, specs):
             file.unlink(missing_ok=True)
             faults.append(record.fault)
     assert faults == [""] * 4
@@ -118,10 +119,10 @@ def test_the_checkpoint_may_go_once_the_episodes_have_begun(cluster, script, tmp
 def test_a_node_that_joins_is_used_and_its_loss_costs_time_only(cluster, tmp_path):
     wanted = request("zero", TASK_NAMES, 6)
     here = run(wanted, tmp_path, workers=2)
-    specs = wanted.header().specs()
+    specs = header_of(wanted).specs()
     found, used = {}, False
     with contextlib.ExitStack() as stack, engine_on(cluster) as (engine, notes):
-        for record in engine.run(wanted.setup, specs):
+        for record in engine.run(wanted, specs):
             assert record.spec.key not in found
             found[record.spec.key] = (record.spec.key, record.outcome, record.trace.digest())
             if len(found) == 1:
@@ -138,10 +139,10 @@ def test_a_node_that_joins_is_used_and_its_loss_costs_time_only(cluster, tmp_pat
 def test_a_worker_that_dies_is_replaced_and_its_policy_dies_with_it(cluster, tmp_path):
     wanted = request("zero", ("opening",), 3)
     here = run(wanted, tmp_path)
-    specs = wanted.header().specs()
+    specs = header_of(wanted).specs()
     found, hosts = {}, set()
     with engine_on(cluster, 1) as (engine, notes):
-        for record in engine.run(wanted.setup, specs):
+        for record in engine.run(wanted, specs):
             if not found:
                 threading.Timer(0.3, kill_workers, (hosts,)).start()
             found[record.spec.key] = (record.spec.key, record.outcome, record.trace.digest())
@@ -171,22 +172,22 @@ def test_an_episode_is_tried_three_times_where_its_node_stays(cluster, tmp_path,
     counter = Path(os.environ["DEATHS"])
     counter.write_text(str(deaths))
     wanted = request("misbehaved:KillsItsWorkerOnce", ("opening",), 1, isolation=Isolation.PROCESS)
-    specs = wanted.header().specs()
+    specs = header_of(wanted).specs()
     with engine_on(cluster) as (engine, _):
         if deaths < 3:
-            assert len(list(engine.run(wanted.setup, specs))) == 1
+            assert len(list(engine.run(wanted, specs))) == 1
         else:
             with pytest.raises(InfrastructureError, match=r"opening/0 failed 3 times.*was lost"):
-                list(engine.run(wanted.setup, specs))
+                list(engine.run(wanted, specs))
     assert counter.read_text() == "0"
 
 
 @pytest.mark.slow
 def test_breaking_off_ends_the_workers(cluster):
-    specs = request("zero", TASK_NAMES, 4).header().specs()
+    specs = header_of(request("zero", TASK_NAMES, 4)).specs()
     before = policy_hosts()
     with engine_on(cluster) as (engine, _):
-        records = engine.run(request("zero").setup, specs)
+        records = engine.run(request("zero"), specs)
         next(records)
         records.close()
         wait_until(lambda: policy_hosts() <= before)
@@ -246,7 +247,7 @@ def test_where_every_node_is_refused_nothing_runs(tmp_path):
         address = stack.enter_context(ray_nodes.head())
         engine, notes = stack.enter_context(engine_on(address))
         with pytest.raises(InfrastructureError, match=r"no node of the cluster can run"):
-            list(engine.run(request().setup, request().header().specs()))
+            list(engine.run(request(), header_of(request()).specs()))
         assert len(notes) == 1
 
 

@@ -11,6 +11,9 @@ from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.remote_worker import EpisodeWorker, pack, this_machine, unpack
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EpisodeSpec, Outcome, Role
+from minitouch_bench.runs.plan import make_plan
+
+PLAN = make_plan("smoke")
 
 
 @pytest.fixture
@@ -27,7 +30,7 @@ def write(path, content):
 
 def test_a_checkpoint_is_the_same_where_its_file_never_was(tmp_path, cache):
     file = write(tmp_path / "actor.pt", b"weights")
-    setup = PolicySetup(parse_source(str(file)))
+    setup = PolicySetup(PLAN, parse_source(str(file)))
     payload = pack(setup)
     file.unlink()
     there, names = unpack(payload)
@@ -40,7 +43,7 @@ def test_a_checkpoint_is_the_same_where_its_file_never_was(tmp_path, cache):
 
 
 def test_another_file_under_its_name_is_not_taken_for_it(tmp_path, cache):
-    payload = pack(PolicySetup(parse_source(str(write(tmp_path / "actor.pt", b"weights")))))
+    payload = pack(PolicySetup(PLAN, parse_source(str(write(tmp_path / "actor.pt", b"weights")))))
     place = unpack(payload)[0].policy.target
     write(cache / place, b"others")
     assert unpack(payload)[0].policy.target == place
@@ -51,7 +54,7 @@ def test_each_task_keeps_its_own_file_and_exploration_its_own_policy(tmp_path, c
     write(tmp_path / "mine" / "pushing.pt", b"one")
     write(tmp_path / "mine" / "opening.onnx", b"two")
     explorer = write(tmp_path / "early.zip", b"three")
-    setup = PolicySetup(parse_source(str(tmp_path / "mine")), parse_source(str(explorer)))
+    setup = PolicySetup(PLAN, parse_source(str(tmp_path / "mine")), parse_source(str(explorer)))
     there, _ = unpack(pack(setup))
     assert there.policy.digest == setup.policy.digest
     for task, kind, content in (("pushing", "torchscript", b"one"), ("opening", "onnx", b"two")):
@@ -65,7 +68,7 @@ def test_each_task_keeps_its_own_file_and_exploration_its_own_policy(tmp_path, c
 
 
 def test_a_policy_without_a_file_needs_none(cache):
-    setup = PolicySetup(parse_source("scripted"))
+    setup = PolicySetup(PLAN, parse_source("scripted"))
     payload = pack(setup)
     assert payload.files == {}
     assert unpack(payload) == (setup, {})
@@ -75,7 +78,7 @@ def test_a_policy_without_a_file_needs_none(cache):
 @pytest.mark.parametrize("content", [b"other weights", None])
 def test_a_checkpoint_that_changed_meanwhile_is_not_sent(tmp_path, content):
     file = write(tmp_path / "actor.pt", b"weights")
-    setup = PolicySetup(parse_source(str(file)))
+    setup = PolicySetup(PLAN, parse_source(str(file)))
     if content is None:
         file.unlink()
     else:
@@ -86,7 +89,7 @@ def test_a_checkpoint_that_changed_meanwhile_is_not_sent(tmp_path, content):
 
 def test_a_worker_runs_what_it_was_sent_or_says_why_it_cannot():
     here, worker = this_machine(), EpisodeWorker()
-    payload = pack(PolicySetup(parse_source("scripted")))
+    payload = pack(PolicySetup(PLAN, parse_source("scripted")))
     other = replace(here, protocol_digest="0" * 64)
     assert "its protocol is" in worker.prepare(other, lambda: payload)
     newer = replace(here, parts={**here.parts, "minitouch-bench": "99"})

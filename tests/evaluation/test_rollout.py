@@ -94,7 +94,7 @@ def test_any_other_error_is_not_the_policy_s(environment):
 
 def test_a_process_actor_gives_the_same_episode_again(environment):
     spec = SPECS[environment.task.spec.name]
-    actor = request("random").setup.make_actor(Role.FINAL)
+    actor = request("random").make_actor(Role.FINAL)
     first, other, again = (
         run_episode(environment, actor, one) for one in (spec, replace(spec, seed=1), spec)
     )

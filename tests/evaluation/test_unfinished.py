@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
-from minitouch_bench.evaluation.run import package_versions
+from minitouch_bench.evaluation.run import header_of, package_versions
 from minitouch_bench.files import MIB, UNFINISHED
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.runs.unfinished import UnfinishedRun
@@ -19,7 +19,7 @@ from tests.evaluation.runs import request
 
 REQUEST = request()
 SPECS = REQUEST.plan.specs()
-HEADER, PACKAGES = REQUEST.header(), package_versions()
+HEADER, PACKAGES = header_of(REQUEST), package_versions()
 REST = [spec.key for spec in SPECS[1:]]
 
 

@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.run import header_of
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.regression.gate import GateResult, judge_runs
 from minitouch_bench.regression.sequential import SequentialGate
@@ -53,6 +55,7 @@ class Variant:
     """Where a worker gets its actors from. ``noise`` None: half precision."""
 
     noise: float | None = None
+    conditions: Conditions = STANDARD
 
     def make_actor(self, role):
         return HalfActor() if self.noise is None else NoisyActor(self.noise)
@@ -60,7 +63,7 @@ class Variant:
 
 def play(variant: Variant, name: str, episodes: int, tasks: Sequence[str] = GOAL_TASKS) -> Run:
     wanted = request(tasks=tuple(tasks), episodes=episodes)
-    header = wanted.header()
+    header = header_of(wanted)
     header = replace(header, policy=replace(header.policy, name=name))
     specs = header.specs()
     records = {record.spec: record for record in LocalEngine(2).run(variant, specs)}

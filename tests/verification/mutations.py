@@ -35,7 +35,7 @@ from minitouch_bench.agents.replay import Replay
 from minitouch_bench.cli.output import show_written_report
 from minitouch_bench.errors import MiniTouchError
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.run import RunRequest, open_run
+from minitouch_bench.evaluation.run import header_of, open_run
 from minitouch_bench.files import (
     ACTIONS_FILE,
     GIB,
@@ -48,7 +48,6 @@ from minitouch_bench.files import (
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.packing import copy_run
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.policies.isolation.options import IsolationOptions
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EpisodeRecord
 from minitouch_bench.regression.comparison import compare_runs
@@ -59,7 +58,7 @@ from minitouch_bench.runs.run import RunEnvironment, make_run, read_run, run_jso
 from minitouch_bench.runs.unfinished import UnfinishedRun
 from minitouch_bench.workflows import TrainingProgress
 from minitouch_bench.workflows.report import report
-from minitouch_bench.workflows.training import TrainingRequest, run_training
+from minitouch_bench.workflows.training import run_training
 from tests.agents.logs import write_log
 from tests.agents.trainings import CONFIG
 from tests.leaderboard.synthetic import make_submission
@@ -69,10 +68,7 @@ from tests.verification.conftest import verify_run
 TIME_LIMIT_S = 20
 MEMORY_LIMIT = GIB
 SECRET = "words of the user that nobody else may see"
-REQUEST = RunRequest(
-    Plan("table4", ("pushing", "opening"), 2, 0),
-    PolicySetup(parse_source("random"), None, IsolationOptions()),
-)
+REQUEST = PolicySetup(Plan("table4", ("pushing", "opening"), 2, 0), parse_source("random"))
 
 
 class TooLongError(BaseException):
@@ -96,7 +92,7 @@ def sound_run(directory: Path) -> tuple[EpisodeRecord, ...]:
     """Write a small run with all its files, also those of one that is not finished."""
     rng = np.random.default_rng(1)
     records = []
-    header = REQUEST.header()
+    header = header_of(REQUEST)
     for spec in header.specs():
         record = make_record(rng, spec, 0.7)
         unclipped = np.zeros(len(record.trace.actions), bool)
@@ -375,14 +371,11 @@ def readers_of_a_training(
     directory: Path, sound: Path, engine: Replayed
 ) -> Iterator[tuple[str, Callable[[], object]]]:
     asked = iter([False] * 3 + [True])
-    request = TrainingRequest(
-        CONFIG,
-        directory,
-        resume=True,
-        device="cpu",
-        callbacks=TrainingProgress(should_stop=lambda: next(asked)),
+    callbacks = TrainingProgress(should_stop=lambda: next(asked))
+    yield (
+        "train",
+        lambda: run_training(CONFIG, directory, resume=True, device="cpu", callbacks=callbacks),
     )
-    yield "train", lambda: run_training(request)
 
 
 def readers_of_a_dataset(
@@ -450,14 +443,8 @@ def make_sound(kind: str, place: Path) -> tuple[Path, Replayed, Readers]:
         return place / "run", Replayed(records), readers_of_a_run
     if kind == "training":
         asked = iter([False] * 25 + [True])
-        run_training(
-            TrainingRequest(
-                CONFIG,
-                place / "training",
-                device="cpu",
-                callbacks=TrainingProgress(should_stop=lambda: next(asked)),
-            )
-        )
+        callbacks = TrainingProgress(should_stop=lambda: next(asked))
+        run_training(CONFIG, place / "training", device="cpu", callbacks=callbacks)
         return place / "training", Replayed(()), readers_of_a_training
     write_log(place / "log", dense=True)
     return place / "log", Replayed(()), readers_of_a_dataset

@@ -26,13 +26,13 @@ def test_the_draw_is_the_generator_s_in_the_run_s_order(opened):
 
 
 def test_the_same_checkpoint_gives_the_same_bits(opened):
-    results = list(rerun(opened, WANTED.setup, opened.header.specs(), Here()))
+    results = list(rerun(opened, WANTED, opened.header.specs(), Here()))
     assert {record.spec for record, _ in results} == set(opened.header.specs())
     assert all(problems == () for _, problems in results)
 
 
 def test_another_policy_is_found_at_its_first_other_action(opened):
-    other = request("zero", ("pushing", "opening"), 2, exploration="zero").setup
+    other = request("zero", ("pushing", "opening"), 2, exploration="zero")
     specs = opened.header.specs()[:1]
     ((_, (difference,)),) = rerun(opened, other, specs, Here())
     assert difference.place == "pushing/0"

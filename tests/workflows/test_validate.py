@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.runs.actions import parse_actions
@@ -56,7 +57,8 @@ def count_calls(monkeypatch, function):
 def test_a_run_is_read_once_unpacked_once_and_estimated_once(tmp_path, engine, monkeypatch):
     submission = make_submission(tmp_path, "zero", kind="zero", level=ProofLevel.SELF_REPORTED)
     counted = [count_calls(monkeypatch, step) for step in (parse_run, parse_actions, summarize)]
-    checked = validate_submission(submission, partial(prove, fresh_episodes=20))
+    fresh = partial(prove, engine=EngineOptions(), fresh_episodes=20)
+    checked = validate_submission(submission, fresh)
     assert checked.problems == ()
     assert checked.level is ProofLevel.FRESH
     assert engine.fresh == 20 * 4

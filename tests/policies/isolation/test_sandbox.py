@@ -17,6 +17,7 @@ from minitouch_bench.policies.isolation.options import Isolation, IsolationOptio
 from minitouch_bench.policies.isolation.readable import FactoryPaths, readable_paths
 from minitouch_bench.policies.isolation.sandbox import ENTERED
 from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.runs.plan import make_plan
 
 ROOMY = ProcessLimits(memory_bytes=2**33, cpu_s=60)
 
@@ -126,9 +127,10 @@ def test_levels_that_cannot_be_had_are_named_as_they_are():
     assert effective_level(remote, Isolation.SANDBOX) is Isolation.PROCESS
     assert effective_level(scripted, Isolation.SANDBOX) is Isolation.NONE
     assert effective_level(zero, Isolation.SANDBOX) is Isolation.SANDBOX
+    plan = make_plan("smoke")
     assert weakest([Isolation.SANDBOX, Isolation.PROCESS]) is Isolation.PROCESS
-    assert PolicySetup(zero).isolation_level() is Isolation.SANDBOX
-    assert PolicySetup(zero, remote).isolation_level() is Isolation.PROCESS
+    assert PolicySetup(plan, zero).isolation_level() is Isolation.SANDBOX
+    assert PolicySetup(plan, zero, remote).isolation_level() is Isolation.PROCESS
 
 
 def test_level_none_is_this_process(observation):
