@@ -26,7 +26,7 @@ from minitouch_bench.rendering.charts import Figure, LegendItem, Plot
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.pages import render_page
 from minitouch_bench.rendering.svg import draw_share_bar
-from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell, metric_head
+from minitouch_bench.rendering.tables import Row, Table, estimate_cell, make_columns, metric_head
 from minitouch_bench.reporting.figures import steps_plot, touch_plot
 from minitouch_bench.reporting.labels import group_faults, task_title
 from minitouch_bench.reporting.report import Video
@@ -107,7 +107,7 @@ def _values(row: BoardRow) -> Table:
     return Table(
         title="All values",
         corner=("Metric", "Unit"),
-        columns=tuple(Column(task_title(task)) for task in BOARD_TASKS),
+        columns=make_columns(*map(task_title, BOARD_TASKS)),
         rows=tuple(
             Row(
                 (metric_head(metric), METRICS[metric].unit),
@@ -123,10 +123,7 @@ def _gaps(row: BoardRow) -> Table:
     return Table(
         title="Novel shapes",
         corner=("Task", "Metric"),
-        columns=(
-            *map(Column, ("Held-out", "Train", "Gap")),
-            Column("Verdict", is_text=True),
-        ),
+        columns=make_columns("Held-out", "Train", "Gap", "Verdict", words=("Verdict",)),
         rows=tuple(
             Row(
                 (task_title(task), METRICS[RANKED_BY[task]].label),
