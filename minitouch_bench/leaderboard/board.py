@@ -177,19 +177,14 @@ def _row(verdict: Verdict, repeated: Iterable[str]) -> BoardRow:
         ranks={},
         figures=score(verdict.runs_on(MAIN_SUITE)),
         novel_shapes=score_gaps(verdict.runs_on(NOVEL_SHAPES)),
-        endings={
-            task: count_endings(chain(*verdict.episodes(MAIN_SUITE, task))) for task in BOARD_TASKS
-        },
+        endings={task: count_endings(chain(*verdict.episodes(task))) for task in BOARD_TASKS},
     )
 
 
 def _values(verdict: Verdict) -> dict[str, list[list[float]]]:
     """Return what ranks each task: of each training seed, the value of every episode."""
     return {
-        task: [
-            METRICS[RANKED_BY[task]].values(episodes)
-            for episodes in verdict.episodes(MAIN_SUITE, task)
-        ]
+        task: [METRICS[RANKED_BY[task]].values(episodes) for episodes in verdict.episodes(task)]
         for task in BOARD_TASKS
     }
 

@@ -207,6 +207,6 @@ def submission_figures(verdict: Verdict) -> tuple[Figure, ...]:
 
 def _steps_plot(verdict: Verdict, task: str) -> Plot:
     panel: dict[str, list[int]] = {style.tone: [] for style in ENDINGS.values()}
-    for episode in chain(*verdict.episodes(MAIN_SUITE, task)):
+    for episode in chain(*verdict.episodes(task)):
         panel[ENDINGS[ending_of(episode)].tone].append(episode.steps)
     return steps_plot(task, {"": {tone: np.array(steps) for tone, steps in panel.items()}})
