@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from minitouch_bench.documents import plain
-from minitouch_bench.leaderboard.board import CALIBRATION, in_order, make_board
+from minitouch_bench.leaderboard.board import CALIBRATION, Ending, in_order, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.build import build_board, find_submissions, index_html
-from minitouch_bench.leaderboard.endings import Ending
 from minitouch_bench.leaderboard.facts import amount
 from minitouch_bench.leaderboard.proof import (
     MAX_PROOF,
