@@ -3,12 +3,13 @@
 Its schema is published as ``docs/leaderboard.schema.json``.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from enum import StrEnum
 from itertools import chain
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from minitouch_bench.leaderboard.endings import Ending, count_endings
 from minitouch_bench.leaderboard.facts import Fact, Place, facts_of
 from minitouch_bench.leaderboard.proof import PROVED_LEVELS, RANKED_LEVELS, FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank, rank
@@ -18,8 +19,8 @@ from minitouch_bench.leaderboard.validation import Verdict, find_copies
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.policies.formats import BUILT_IN
-from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
-from minitouch_bench.records import Count, Estimate, Gap, Sha256
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
+from minitouch_bench.records import Count, EpisodeMetrics, Estimate, Gap, Outcome, Sha256
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
 
@@ -52,6 +53,45 @@ class PublishedMethod:
 
     method: str
     values: tuple[PublishedValue, ...]
+
+
+class Ending(StrEnum):
+    """How an episode ended; each one has exactly one ending."""
+
+    tone: str
+    meaning: str
+
+    def __new__(cls, value: str, tone: str, meaning: str) -> Self:
+        """Make an ending with its color, and what it means."""
+        ending = str.__new__(cls, value)
+        ending._value_, ending.tone, ending.meaning = value, tone, meaning
+        return ending
+
+    # In the order of every table.
+    SUCCEEDED = "succeeded", "success", "the goal was reached"
+    TOUCHED = "touched", "touched", "Playing has no goal: a finger touched the object"
+    TOUCHED_FAILED = (
+        "touched, but failed", "failed", "a finger touched the object, the step limit came first",
+    )  # fmt: skip
+    LEFT = (
+        "object left the workspace", "left",
+        "a finger touched the object, which then left the workspace",
+    )  # fmt: skip
+    NEVER_TOUCHED = "never touched", "limit", "no finger ever touched the object"
+    FAULT = "policy fault", "fault", "the policy raised, timed out or gave no valid action"
+
+
+def ending_of(episode: EpisodeMetrics) -> Ending:
+    """Return how an episode ended."""
+    if episode.outcome is Outcome.POLICY_FAULT:
+        return Ending.FAULT
+    if episode.success:
+        return Ending.SUCCEEDED
+    if not episode.touch_interaction:
+        return Ending.NEVER_TOUCHED
+    if episode.outcome is Outcome.LEFT_WORKSPACE:
+        return Ending.LEFT
+    return Ending.TOUCHED_FAILED if episode.task in GOAL_TASKS else Ending.TOUCHED
 
 
 def _repeats(others: tuple[str, ...]) -> str:
@@ -177,19 +217,20 @@ def _row(verdict: Verdict, repeated: Iterable[str]) -> BoardRow:
         ranks={},
         figures=score(verdict.runs_on(MAIN_SUITE)),
         novel_shapes=score_gaps(verdict.runs_on(NOVEL_SHAPES)),
-        endings={
-            task: count_endings(chain(*verdict.episodes(MAIN_SUITE, task))) for task in BOARD_TASKS
-        },
+        endings={task: _endings(chain(*verdict.episodes(task))) for task in BOARD_TASKS},
     )
+
+
+def _endings(episodes: Iterable[EpisodeMetrics]) -> dict[Ending, int]:
+    """Return how many episodes ended in each way that occurs."""
+    counts = Counter(map(ending_of, episodes))
+    return {ending: counts[ending] for ending in Ending if counts[ending]}
 
 
 def _values(verdict: Verdict) -> dict[str, list[list[float]]]:
     """Return what ranks each task: of each training seed, the value of every episode."""
     return {
-        task: [
-            METRICS[RANKED_BY[task]].values(episodes)
-            for episodes in verdict.episodes(MAIN_SUITE, task)
-        ]
+        task: [METRICS[RANKED_BY[task]].values(episodes) for episodes in verdict.episodes(task)]
         for task in BOARD_TASKS
     }
 

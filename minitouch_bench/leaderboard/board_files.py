@@ -21,7 +21,7 @@ from minitouch_bench.leaderboard.views import (
 from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
 from minitouch_bench.rendering.markdown import escape, table_lines
-from minitouch_bench.rendering.tables import ABSENT, Cell, Column, Row, Table
+from minitouch_bench.rendering.tables import Column, Table, make_row
 from minitouch_bench.reporting.frames import CsvRow, rows_csv
 from minitouch_bench.reporting.labels import listed
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_values
@@ -70,12 +70,7 @@ def notes() -> tuple[str, ...]:
 
 def _about(board: Board) -> Table:
     rows = tuple(
-        Row(
-            (row.name,),
-            tuple(
-                Cell(fact.write(getattr(row, name)) or ABSENT) for name, fact in TABLE_FACTS.items()
-            ),
-        )
+        make_row(row.name, *(fact.write(getattr(row, name)) for name, fact in TABLE_FACTS.items()))
         for row in board.rows
     )
     columns = tuple(

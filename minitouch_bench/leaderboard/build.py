@@ -54,7 +54,7 @@ def build_board(
     for directory in find_submissions(submissions):
         verdicts.append(validate(directory, trust_proofs=True))
         try:
-            read_proof(proof_path(directory.resolve()))
+            read_proof(proof_path(directory))
         except RunDirectoryError as error:
             log(f"{printable(directory.name)} is listed without a proof: {error}")
     board = make_board(verdicts)

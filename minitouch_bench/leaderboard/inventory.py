@@ -34,25 +34,22 @@ def list_files(directory: Path, problems: Problems) -> dict[str, int]:
         return {}
     sizes: dict[str, int] = {}
     with problems.caught(""), files.os_errors_as(UnreadableFileError, directory, "read"):
-        _list_files(directory, sizes, problems)
+        for entry in walk(directory):
+            path = entry.path[len(str(directory)) + 1 :]
+            status = entry.stat(follow_symlinks=False)
+            if stat.S_ISLNK(status.st_mode):
+                problems.add(path, "it is a symbolic link", "put the file itself there")
+            elif stat.S_ISREG(status.st_mode):
+                sizes[path] = status.st_size
+            elif not stat.S_ISDIR(status.st_mode):
+                problems.add(path, "it is no plain file", "remove it")
+            elif path.count("/") >= MAX_DEPTH - 1:
+                what = f"it is a directory more than {MAX_DEPTH} levels deep"
+                problems.add(path, what, "remove it")
+            if len(sizes) > MAX_FILES:
+                problems.add("", f"it has more than {MAX_FILES} files", "remove some")
+                break
     return sizes
-
-
-def _list_files(directory: Path, sizes: dict[str, int], problems: Problems) -> None:
-    for entry in walk(directory):
-        path = entry.path[len(str(directory)) + 1 :]
-        status = entry.stat(follow_symlinks=False)
-        if stat.S_ISLNK(status.st_mode):
-            problems.add(path, "it is a symbolic link", "put the file itself there")
-        elif stat.S_ISREG(status.st_mode):
-            sizes[path] = status.st_size
-        elif not stat.S_ISDIR(status.st_mode):
-            problems.add(path, "it is no plain file", "remove it")
-        elif path.count("/") >= MAX_DEPTH - 1:
-            problems.add(path, f"it is a directory more than {MAX_DEPTH} levels deep", "remove it")
-        if len(sizes) > MAX_FILES:
-            problems.add("", f"it has more than {MAX_FILES} files", "remove some")
-            break
 
 
 def walk(directory: Path | str, depth: int = 0) -> Iterator[os.DirEntry[str]]:

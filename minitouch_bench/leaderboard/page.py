@@ -10,10 +10,8 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from minitouch_bench.files import VIDEOS
-from minitouch_bench.leaderboard.board import FACTS, TOUCH_METRICS, BoardRow
-from minitouch_bench.leaderboard.endings import ENDINGS, ending_of
-from minitouch_bench.leaderboard.proof import MEANINGS as PROOF_MEANINGS
-from minitouch_bench.leaderboard.proof import ProofLevel
+from minitouch_bench.leaderboard.board import FACTS, TOUCH_METRICS, BoardRow, Ending, ending_of
+from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
@@ -26,7 +24,7 @@ from minitouch_bench.rendering.charts import Figure, LegendItem, Plot
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.pages import render_page
 from minitouch_bench.rendering.svg import draw_share_bar
-from minitouch_bench.rendering.tables import Column, Row, Table, estimate_cell, metric_head
+from minitouch_bench.rendering.tables import Row, Table, estimate_cell, make_columns, metric_head
 from minitouch_bench.reporting.figures import steps_plot, touch_plot
 from minitouch_bench.reporting.labels import group_faults, task_title
 from minitouch_bench.reporting.report import Video
@@ -54,7 +52,7 @@ def submission_page(verdict: Verdict, row: BoardRow, ranked: int) -> str:
         path=path,
         rank=f"{ranks[OVERALL]} of {ranked}" if ranks else "",
         level=list(ProofLevel).index(row.proof),
-        meaning=PROOF_MEANINGS[row.proof],
+        meaning=MEANINGS[row.proof],
         cards=tuple(
             make_card(
                 task,
@@ -90,15 +88,15 @@ def _rank_text(rank: Rank) -> str:
 
 def _legend(row: BoardRow) -> Iterator[LegendItem]:
     there = {ending for counts in row.endings.values() for ending in counts}
-    for ending, style in ENDINGS.items():
+    for ending in Ending:
         if ending in there:
-            yield LegendItem(ending.value, style.tone, title=style.meaning)
+            yield LegendItem(ending.value, ending.tone, title=ending.meaning)
 
 
 def _ending_bar(row: BoardRow, task: str) -> Markup:
     counts = row.endings[task]
     text = ", ".join(f"{ending} {count}" for ending, count in counts.items())
-    parts = [(style.tone, ending.value, counts.get(ending, 0)) for ending, style in ENDINGS.items()]
+    parts = [(ending.tone, ending.value, counts.get(ending, 0)) for ending in Ending]
     return draw_share_bar(parts, f"{task_title(task)}: {text}")
 
 
@@ -107,7 +105,7 @@ def _values(row: BoardRow) -> Table:
     return Table(
         title="All values",
         corner=("Metric", "Unit"),
-        columns=tuple(Column(task_title(task)) for task in BOARD_TASKS),
+        columns=make_columns(*map(task_title, BOARD_TASKS)),
         rows=tuple(
             Row(
                 (metric_head(metric), METRICS[metric].unit),
@@ -123,10 +121,7 @@ def _gaps(row: BoardRow) -> Table:
     return Table(
         title="Novel shapes",
         corner=("Task", "Metric"),
-        columns=(
-            *map(Column, ("Held-out", "Train", "Gap")),
-            Column("Verdict", is_text=True),
-        ),
+        columns=make_columns("Held-out", "Train", "Gap", "Verdict", words=("Verdict",)),
         rows=tuple(
             Row(
                 (task_title(task), METRICS[RANKED_BY[task]].label),
@@ -140,8 +135,8 @@ def _gaps(row: BoardRow) -> Table:
 def _data(verdict: Verdict, path: str) -> Markup:
     """Write the episodes as JSON that no reader of HTML takes for markup."""
     document = {
-        "endings": [ending.value for ending in ENDINGS],
-        "tones": [style.tone for style in ENDINGS.values()],
+        "endings": [ending.value for ending in Ending],
+        "tones": [ending.tone for ending in Ending],
         "runs": [
             {
                 "title": folder,
@@ -156,7 +151,7 @@ def _data(verdict: Verdict, path: str) -> Markup:
 
 def _groups(run: Run) -> Iterator[dict[str, Any]]:
     """Yield the episodes of each role and task, a list per column."""
-    numbers = {ending: number for number, ending in enumerate(ENDINGS)}
+    numbers = {ending: number for number, ending in enumerate(Ending)}
     for role, rows in run.by_role():
         for task in dict.fromkeys(row.task for row in rows):
             episodes = [row for row in rows if row.task == task]
@@ -209,7 +204,7 @@ def submission_figures(verdict: Verdict) -> tuple[Figure, ...]:
 
 
 def _steps_plot(verdict: Verdict, task: str) -> Plot:
-    panel: dict[str, list[int]] = {style.tone: [] for style in ENDINGS.values()}
-    for episode in chain(*verdict.episodes(MAIN_SUITE, task)):
-        panel[ENDINGS[ending_of(episode)].tone].append(episode.steps)
+    panel: dict[str, list[int]] = {ending.tone: [] for ending in Ending}
+    for episode in chain(*verdict.episodes(task)):
+        panel[ending_of(episode).tone].append(episode.steps)
     return steps_plot(task, {"": {tone: np.array(steps) for tone, steps in panel.items()}})

@@ -93,7 +93,8 @@ def make_proof(
 
 def proof_path(directory: Path) -> Path:
     """Return where the proof of a submission lies: beside the submissions."""
-    return directory.parent / PROOFS / f"{directory.name}.json"
+    place = directory.resolve()
+    return place.parent / PROOFS / f"{place.name}.json"
 
 
 def write_proof(proof: Proof, path: Path) -> None:
@@ -134,7 +135,7 @@ def read_proof(path: Path) -> Proof | None:
 def find_proof(directory: Path, files: Mapping[str, str]) -> Proof | None:
     """Return the proof of a submission's ``Verdict.files``, None where none can be read."""
     try:
-        proof = read_proof(proof_path(directory.resolve()))
+        proof = read_proof(proof_path(directory))
     except RunDirectoryError:
         return None
     return proof if proof and files and proof.files == files else None

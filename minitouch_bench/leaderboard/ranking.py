@@ -32,18 +32,18 @@ def rank(rows: Sequence[Mapping[str, Sequence[Sequence[float]]]]) -> list[dict[s
 
     A row has by task, of each training seed, the episodes' values in the metric that ranks it.
     """
-    ranks: list[dict[str, Rank]] = [{} for _ in rows]
     if not rows:
-        return ranks
+        return []
+    ranks: dict[str, list[Rank]] = {}
     samples = {task: [np.array(row[task]) for row in rows] for task in BOARD_TASKS}
     for task in BOARD_TASKS:
         compare = share_p_values if task in BOARD_GOALS else lambda rows: mean_p_values([rows])
         means = np.array([values.mean() for values in samples[task]])
-        _keep(ranks, task, means, compare(samples[task]))
+        ranks[task] = ranks_of(means, compare(samples[task]))
     strata = [samples[task] for task in BOARD_GOALS]
     overall = np.mean([[values.mean() for values in rows] for rows in strata], axis=0)
-    _keep(ranks, OVERALL, overall, mean_p_values(strata))
-    return ranks
+    ranks[OVERALL] = ranks_of(overall, mean_p_values(strata))
+    return [dict(zip(ranks, of_row, strict=True)) for of_row in zip(*ranks.values(), strict=True)]
 
 
 def ranks_of(means: Floats, p_values: Floats) -> list[Rank]:
@@ -62,11 +62,6 @@ def ranks_of(means: Floats, p_values: Floats) -> list[Rank]:
     better = (apart & (means[None, :] > means[:, None])).sum(axis=1)
     worse = (apart & (means[None, :] < means[:, None])).sum(axis=1)
     return [Rank(1 + int(b), number - int(w)) for b, w in zip(better, worse, strict=True)]
-
-
-def _keep(ranks: list[dict[str, Rank]], key: str, means: Floats, p_values: Floats) -> None:
-    for of_row, new in zip(ranks, ranks_of(means, p_values), strict=True):
-        of_row[key] = new
 
 
 def share_p_values(samples: Sequence[Floats]) -> Floats:

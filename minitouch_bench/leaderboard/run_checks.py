@@ -50,9 +50,8 @@ def check_policies(header: RunHeader, seed: TrainingSeed, path: str, problems: P
         _check_policy(header.exploration, seed.files(Role.EXPLORATION), path, problems)
         if header.exploration.kind == "scripted" != header.policy.kind:
             problems.add(path, "its exploration is the scripted policy's, which reads the state")
-    for policy in (header.policy, header.exploration):
-        if policy is not None:
-            _check_lengths((policy.name, policy.source), path, problems)
+    for policy in header.policies():
+        _check_lengths((policy.name, policy.source), path, problems)
     if header.isolation not in tuple(Isolation):
         problems.add(path, f"'{header.isolation}' is no level of isolation", AS_WRITTEN)
     elif header.isolation == Isolation.NONE and header.policy.kind != "scripted":

@@ -39,7 +39,8 @@ Figures = dict[str, dict[str, Estimate]]
 def score(runs: Sequence[Run]) -> Figures:
     """Return every figure of the main suite that each training seed has."""
     of_seeds = [{task.task: task.estimates for task in run.summary.tasks} for run in runs]
-    figures: Figures = {OVERALL: {}}
+    mean = _mean_success([[tasks[task]["success"] for task in BOARD_GOALS] for tasks in of_seeds])
+    figures: Figures = {OVERALL: {MEAN_SUCCESS: mean}}
     for task in BOARD_TASKS:
         figures[task] = {}
         for metric in BOARD_METRICS:
@@ -47,9 +48,6 @@ def score(runs: Sequence[Run]) -> Figures:
             figure = over_seeds(estimates, task, metric)
             if figure is not None and len(estimates) == len(runs):
                 figures[task][metric] = figure
-    figures[OVERALL][MEAN_SUCCESS] = _mean_success(
-        [[tasks[task]["success"] for task in BOARD_GOALS] for tasks in of_seeds]
-    )
     return figures
 
 

@@ -30,6 +30,7 @@ from minitouch_bench.leaderboard.submission import (
 )
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
+from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import EpisodeMetrics
 from minitouch_bench.runs.run import Run, RunHeader, parse_run
 from minitouch_bench.verification.checks import AS_WRITTEN
@@ -81,11 +82,10 @@ class Verdict:
         places = [seed.runs.get(suite, "") for seed in self.submission.seeds]
         return tuple(self.runs[folder] for folder in places) if all(places) else ()
 
-    def episodes(self, suite: str, task: str) -> tuple[tuple[EpisodeMetrics, ...], ...]:
-        """Return the final policy's episodes of a task, of each training seed, in order."""
-        return tuple(
-            tuple(row for row in run.episodes if row.task == task) for run in self.runs_on(suite)
-        )
+    def episodes(self, task: str) -> list[list[EpisodeMetrics]]:
+        """Return the final policy's episodes of a task of MAIN_SUITE, of each training seed."""
+        runs = self.runs_on(MAIN_SUITE)
+        return [[row for row in run.episodes if row.task == task] for run in runs]
 
     def videos(self) -> tuple[str, ...]:
         """Return the paths of its videos inside the submission."""
@@ -109,28 +109,25 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> Verdict:
     files = list_files(directory, problems)
     content = _read_content(directory, files, problems)
     submission = None if content is None else read_submission(content, problems)
-    runs: dict[str, Run] = {}
+    if content is None or submission is None:
+        return Verdict(directory, Submission(), {}, tuple(problems))
+    check_files(submission, files, problems)
+    folders = [folder for seed in submission.seeds for folder in seed.runs.values()]
+    read = {folder: _read_run(directory, folder, files, problems) for folder in folders}
+    runs = {folder: run for folder, run in read.items() if run is not None}
     proved: dict[str, str] = {}
-    proof = None
-    if content is not None and submission is not None:
-        check_files(submission, files, problems)
-        for seed in submission.seeds:
-            for folder in seed.runs.values():
-                if (run := _read_run(directory, folder, files, problems)) is not None:
-                    runs[folder] = run
-        with suppress(UnreadableFileError):
-            proved = _file_digests(content, runs)
-        proof = find_proof(directory, proved)
-        recompute = not (trust_proofs and proof)
-        for seed in submission.seeds:
-            for suite, folder in seed.runs.items():
-                if run := runs.get(folder):
-                    check_submitted(run, suite, seed, folder, problems, recompute=recompute)
-            _check_checkpoints(directory, seed, files, problems)
-        headers = [run.header for run in runs.values()]
-        _check_about(submission, headers, directory, problems)
-        check_copies(runs, problems)
-    return Verdict(directory, submission or Submission(), runs, tuple(problems), proved, proof)
+    with suppress(UnreadableFileError):
+        proved = _file_digests(content, runs)
+    proof = find_proof(directory, proved)
+    recompute = not (trust_proofs and proof)
+    for seed in submission.seeds:
+        for suite, folder in seed.runs.items():
+            if run := runs.get(folder):
+                check_submitted(run, suite, seed, folder, problems, recompute=recompute)
+        _check_checkpoints(directory, seed, files, problems)
+    _check_about(submission, [run.header for run in runs.values()], directory, problems)
+    check_copies(runs, problems)
+    return Verdict(directory, submission, runs, tuple(problems), proved, proof)
 
 
 def _file_digests(content: bytes, runs: Mapping[str, Run]) -> dict[str, str]:
@@ -178,11 +175,11 @@ def _read_run(
     path = f"{folder}/{RUN_FILE}"
     if path not in files:
         return None
-    runs: list[Run] = []
+    run = None
     with problems.caught(path, AS_WRITTEN):
         content = read_plain(directory, path, RUN_LIMITS[RUN_FILE])
-        runs.append(parse_run(content, folder, directory / folder))
-    return runs[0] if runs else None
+        run = parse_run(content, folder, directory / folder)
+    return run  # noqa: RET504 - mypy does not see that the block catches errors
 
 
 def _check_about(

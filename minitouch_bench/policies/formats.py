@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError
 from minitouch_bench.optional import look_up, require
@@ -106,8 +106,8 @@ def find_loader(kind: str) -> Loader:
     form = FORMATS[kind]
     for module, extra in form.packages:
         require(module, extra)
-    loader: Any = look_up(form.loader)
-    return loader  # type: ignore[no-any-return]
+    loader: Loader = look_up(form.loader)
+    return loader
 
 
 def load_policy(kind: str, checkpoint: "Checkpoint") -> "Policy":

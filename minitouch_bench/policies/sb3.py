@@ -67,7 +67,6 @@ def load_sb3(checkpoint: Checkpoint) -> Sb3Policy:
         PolicyLoadError: no such zip, another observation, or weights of another network.
         MissingExtraError: stable_baselines3 is not installed.
     """
-    require("stable_baselines3", "sb3")
     try:
         with zipfile.ZipFile(io.BytesIO(checkpoint.content)) as archive:
             settings, weights = archive.read("data"), archive.read("policy.pth")

@@ -18,8 +18,12 @@ from minitouch_bench.documents import read_toml, take_table
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import ENGINES, EngineOptions
 from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
-from minitouch_bench.policies.limits import MAX_TIMEOUT_S, PolicyLimits
+from minitouch_bench.policies.isolation.options import (
+    MAX_TIMEOUT_S,
+    Isolation,
+    IsolationOptions,
+    PolicyLimits,
+)
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
 
 StrPath = str | PathLike[str]

@@ -92,7 +92,7 @@ def _failed(verdict: Verdict, problems: tuple[Problem, ...]) -> Validation:
         return Validation(problems)
     found = Problems()
     with found.caught(PROOFS, "remove the proof yourself"):
-        withdraw_proof(proof_path(verdict.directory.resolve()))
+        withdraw_proof(proof_path(verdict.directory))
     return Validation((*problems, *found), withdrawn=None if found else proof.level)
 
 
@@ -123,7 +123,7 @@ def prove(
     def keep(level: ProofLevel, rerun: int = 0, fresh: FreshProof | None = None) -> None:
         if known is None or PROVED_LEVELS.index(known.level) <= PROVED_LEVELS.index(level):
             proof = make_proof(verdict.files, level, rerun, fresh)
-            write_proof(proof, proof_path(verdict.directory.resolve()))
+            write_proof(proof, proof_path(verdict.directory))
 
     again = rerun or (RERUN_BEFORE_FRESH if fresh_episodes else 0)
     fresh: FreshProof | None = None

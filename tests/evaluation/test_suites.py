@@ -6,7 +6,7 @@ import typer
 from minitouch_bench.cli.app import app
 from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import UsageError
-from minitouch_bench.policies.limits import PolicyLimits
+from minitouch_bench.policies.isolation.options import PolicyLimits
 from minitouch_bench.policies.sources import identify, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.records import IN_MEMORY, Role

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from minitouch_bench.documents import plain
-from minitouch_bench.leaderboard.board import CALIBRATION, in_order, make_board
+from minitouch_bench.leaderboard.board import CALIBRATION, Ending, in_order, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.build import build_board, find_submissions, index_html
-from minitouch_bench.leaderboard.endings import Ending
 from minitouch_bench.leaderboard.facts import amount
 from minitouch_bench.leaderboard.proof import (
     MAX_PROOF,
@@ -213,7 +212,7 @@ def test_every_episode_has_one_ending(verdicts, rows):
     assert all(sum(own.values()) == 100 for own in counts.values())
     assert counts["pushing"][Ending.FAULT] == 4
     (hac,) = [verdict for verdict in verdicts if verdict.submission.name == "hac"]
-    won = sum(episode.success for episode in hac.episodes("table4", "pushing")[0])
+    won = sum(episode.success for episode in hac.episodes("pushing")[0])
     assert counts["pushing"][Ending.SUCCEEDED] == won
     assert sum(rows["seeds"].endings["opening"].values()) == 300
     assert set(counts["playing"]) <= {Ending.TOUCHED, Ending.NEVER_TOUCHED}

@@ -43,13 +43,8 @@ class Controller(ABC):
         offset /= max(1.0, float(np.abs(offset).max()))
         action = [*offset, finger]
         if self.environment.task.spec.arm.faces_door:
-            action.append(
-                float(
-                    np.clip(
-                        (yaw - self.environment.arm.yaw) / PROTOCOL.control.yaw_reach, -1.0, 1.0
-                    )
-                )
-            )
+            turn = (yaw - self.environment.arm.yaw) / PROTOCOL.control.yaw_reach
+            action.append(float(np.clip(turn, -1.0, 1.0)))
         return np.array(action, np.float32)
 
 

@@ -24,8 +24,7 @@ import torch
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.policies.isolate import isolate, try_policy
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
-from minitouch_bench.policies.limits import PolicyLimits
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import ENTRY_MARK, MAX_FILE_BYTES, parse_source
