@@ -17,6 +17,7 @@ from minitouch_bench.shapegen.record import (
     decode,
     digest,
     encode,
+    files_digest,
     quantized,
 )
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
@@ -135,7 +136,7 @@ def entry_of(body: Body, measures: Measures, density: float) -> dict[str, Any]:
         "lifted": round(measures.lifted, 4),
         "poses": [_pose(pose) for pose in measures.poses],
         "sha256": digest(encode(body)),
-        "files_sha256": body_files(body).sha256,
+        "files_sha256": files_digest(body_files(body).values()),
     }
 
 

@@ -30,7 +30,7 @@ from minitouch_bench.shapegen.manifest import (
     read_pose,
     splits_of,
 )
-from minitouch_bench.shapegen.record import Body, body_files, decode, digest
+from minitouch_bench.shapegen.record import Body, body_files, decode, digest, files_digest
 from minitouch_bench.shapegen.soundness import SoundnessConfig, UnsoundError, examine
 
 ROUNDING = MappingProxyType({"lifted": 1.0 / SoundnessConfig.yaws, "volume_m3": 0.0})
@@ -130,7 +130,7 @@ def _number_problems(shape: Shape, body: Body) -> Iterator[str]:
     for key, count in zip(COUNTED, counts, strict=True):
         if shape.entry[key] != count:
             yield f"{shape.name}: {key} are {count}, not {shape.entry[key]}"
-    if body_files(body).sha256 != shape.files_sha256:
+    if files_digest(body_files(body).values()) != shape.files_sha256:
         yield f"{shape.name}: its OBJ and URDF texts are not those of the manifest"
 
 

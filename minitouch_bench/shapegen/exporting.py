@@ -10,10 +10,10 @@ import trimesh
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.files import os_errors_as, replace_file
 from minitouch_bench.shapegen.manifest import ShapeSet
-from minitouch_bench.shapegen.record import FRICTION, Body, obj_text, urdf_text
+from minitouch_bench.shapegen.record import FRICTION, Body, body_files, obj_text
 
-Writer = Callable[[str, Body], dict[str, bytes]]
-"""From a name and a body to file names and their bytes."""
+Writer = Callable[[Body, str], dict[str, bytes]]
+"""From a body and its name to file names and their bytes."""
 
 
 def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) -> int:
@@ -29,33 +29,24 @@ def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) 
     with os_errors_as(InfrastructureError, folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
         for shape in shapes.split(split) if split else shapes.shapes:
-            for name, content in WRITERS[form](shape.name, shape.body()).items():
+            for name, content in WRITERS[form](shape.body(), shape.name).items():
                 replace_file(folder / name, content)
                 written += 1
     return written
 
 
-def _urdf(name: str, body: Body) -> dict[str, bytes]:
-    visual, collision = f"{name}-visual.obj", f"{name}-collision.obj"
-    return {
-        f"{name}.urdf": urdf_text(body, visual, collision).encode(),
-        visual: obj_text((body.visual,)).encode(),
-        collision: obj_text(body.hulls).encode(),
-    }
-
-
-def _obj(name: str, body: Body) -> dict[str, bytes]:
+def _obj(body: Body, name: str) -> dict[str, bytes]:
     return {f"{name}.obj": obj_text((body.visual,)).encode()}
 
 
-def _glb(name: str, body: Body) -> dict[str, bytes]:
+def _glb(body: Body, name: str) -> dict[str, bytes]:
     # glTF is y-up; the mesh keeps the body frame, as its extras say nothing of gravity.
     mesh = trimesh.Trimesh(body.visual.vertices, body.visual.faces, process=False)
     scene: Any = trimesh.Scene(mesh)
     return {f"{name}.glb": bytes(scene.export(file_type="glb"))}
 
 
-def _mjcf(name: str, body: Body) -> dict[str, bytes]:
+def _mjcf(body: Body, name: str) -> dict[str, bytes]:
     """Return a MuJoCo model: one free body, its hulls to touch, its surface to see."""
     files = {f"{name}-visual.obj": obj_text((body.visual,)).encode()}
     assets = [f'    <mesh name="visual" file="{name}-visual.obj"/>']
@@ -87,6 +78,6 @@ def _mjcf(name: str, body: Body) -> dict[str, bytes]:
 
 
 WRITERS: Mapping[str, Writer] = MappingProxyType(
-    {"urdf": _urdf, "obj": _obj, "glb": _glb, "mjcf": _mjcf}
+    {"urdf": body_files, "obj": _obj, "glb": _glb, "mjcf": _mjcf}
 )
 """Every export format by name."""

@@ -13,9 +13,10 @@ from typing import Any
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.files import lock_directory, os_errors_as, replace_file
 from minitouch_bench.processes import run_in_workers
+from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen.build import BuildConfig, make_shape
 from minitouch_bench.shapegen.families import GENERATOR_VERSION
-from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, content_digest, splits_of
+from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, splits_of
 from minitouch_bench.shapegen.record import digest
 from minitouch_bench.simulation.bullet import installed_builds
 from minitouch_bench.units import Units

@@ -14,9 +14,10 @@ import trimesh
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import lock_directory
 from minitouch_bench.processes import run_in_workers
+from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen.build import BuildConfig, entry_of, weighed
 from minitouch_bench.shapegen.generate import Progress, write_set
-from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
+from minitouch_bench.shapegen.manifest import MANIFEST
 from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments
 from minitouch_bench.shapegen.reading import UnreadableError, find_objects, read_object
 from minitouch_bench.shapegen.record import encode, quantized
