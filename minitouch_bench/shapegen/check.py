@@ -12,7 +12,7 @@ import numpy as np
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, read_file
 from minitouch_bench.processes import run_in_workers
-from minitouch_bench.shapegen.build import BuildConfig, entry_of
+from minitouch_bench.shapegen.build import entry_of
 from minitouch_bench.shapegen.generate import Progress
 from minitouch_bench.shapegen.likeness import (
     SMALLEST_P,
@@ -31,9 +31,9 @@ from minitouch_bench.shapegen.manifest import (
     splits_of,
 )
 from minitouch_bench.shapegen.record import Body, body_files, decode, digest, files_digest
-from minitouch_bench.shapegen.soundness import SoundnessConfig, UnsoundError, examine
+from minitouch_bench.shapegen.soundness import LIMITS, UnsoundError, examine
 
-ROUNDING = MappingProxyType({"lifted": 1.0 / SoundnessConfig.yaws, "volume_m3": 0.0})
+ROUNDING = MappingProxyType({"lifted": 1.0 / LIMITS.yaws, "volume_m3": 0.0})
 """By how much another processor may measure otherwise beside 0.1 %: one grip trial; others 2e-5."""
 POSE_ROUNDING = (1e-4, *[0.01] * 10)
 """The same for a pose: height (m), share, and the nine numbers of the rotation matrix."""
@@ -172,7 +172,7 @@ def examine_record(record: bytes) -> tuple[str, dict[str, Any]]:
     """Return the reason a record's body is unsound ("" if none) and its measures."""
     body = decode(record)
     try:
-        measures = examine(body, BuildConfig().soundness)
+        measures = examine(body)
     except UnsoundError as error:
         return str(error), {}
     return "", entry_of(body, measures, body.mass / measures.volume)

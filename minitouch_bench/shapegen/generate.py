@@ -14,7 +14,7 @@ from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.files import lock_directory, os_errors_as, replace_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
-from minitouch_bench.shapegen.build import BuildConfig, make_shape
+from minitouch_bench.shapegen.build import BUILD, make_shape
 from minitouch_bench.shapegen.families import GENERATOR_VERSION
 from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, splits_of
 from minitouch_bench.shapegen.record import digest
@@ -52,7 +52,7 @@ def generate(
         "name": f"minitouch-{count}" + (f"-seed-{root}" if root else ""),
         "generator": GENERATOR_VERSION,
         "seed": root,
-        "parameters": asdict(BuildConfig()),
+        "parameters": asdict(BUILD),
     }
     with lock_directory(folder):
         units = open_units(folder, {**header, "versions": versions(), "count": count})
