@@ -5,8 +5,8 @@ from torch import nn
 
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.curiosity.curiosity import (
+    Curiosity,
     Errors,
-    Predictor,
     Whitening,
     initialize,
     own_encoder,
@@ -19,7 +19,7 @@ MEMBERS = 5
 """Models in the ensemble (Pathak et al. 2019)."""
 
 
-class Disagreement(Predictor):
+class Disagreement(Curiosity):
     """Predict the next features with five models; pay where they differ.
 
     r = mean_k var_m g_m(phi(x), a)_k (Pathak et al. 2019, exploration-by-disagreement).

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Errors, Predictor, own_encoder, two_layers
+from minitouch_bench.agents.curiosity.curiosity import Curiosity, Errors, own_encoder, two_layers
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE
 from minitouch_bench.simulation.observation import FORCES
@@ -18,7 +18,7 @@ MOST_SURPRISE = 25.0
 """Five standard deviations count as much as any more."""
 
 
-class HapticCuriosity(Predictor):
+class HapticCuriosity(Curiosity):
     """Predict the finger forces of the reached state from its image.
 
     r = mean_k (f_k(x') - h'_k)^2, where x' is the image and h' the forces of the reached

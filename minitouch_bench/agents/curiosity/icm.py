@@ -5,12 +5,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Errors, Predictor, own_encoder, two_layers
+from minitouch_bench.agents.curiosity.curiosity import Curiosity, Errors, own_encoder, two_layers
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE
 
 
-class InverseDynamics(Predictor):
+class InverseDynamics(Curiosity):
     """Predict the next features; learn the features by telling which action was done.
 
     r = mean_k (g(phi(x), a)_k - phi(x')_k)^2; phi learns through the inverse model
