@@ -14,7 +14,7 @@ from minitouch_bench.protocol.spec import CUBE
 from minitouch_bench.protocol.tasks import CubeSpec
 from minitouch_bench.shapegen.manifest import Shape, ShapeSet, canonical_shape_set
 from minitouch_bench.shapegen.mesh import Mesh
-from minitouch_bench.shapegen.poses import Quaternion, product
+from minitouch_bench.shapegen.poses import Quaternion, product, rotation_matrix
 from minitouch_bench.simulation.bodies import cube_urdf
 from minitouch_bench.simulation.client import PhysicsClient
 
@@ -64,8 +64,8 @@ class ObjectModel:
         return float(self._heights(client, body).max())
 
     def _heights(self, client: PhysicsClient, body: int) -> NDArray[np.float64]:
-        position, (x, y, z, w) = client.pose(body)
-        up = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
+        position, orientation = client.pose(body)
+        up = rotation_matrix(orientation)[2]
         heights: NDArray[np.float64] = position[2] + (self.corners * up).sum(axis=1)
         return heights
 
