@@ -17,12 +17,12 @@ from minitouch_bench.shapegen.generate import Progress
 from minitouch_bench.shapegen.likeness import (
     SMALLEST_P,
     descriptor,
+    held_out_of,
     near_duplicates,
     split_p_value,
 )
 from minitouch_bench.shapegen.manifest import (
     COUNTED,
-    HELD_OUT,
     MEASURED,
     Shape,
     ShapeSet,
@@ -189,8 +189,7 @@ def _likeness_problems(shapes: ShapeSet, bodies: list[Body]) -> tuple[list[str],
             f"{second.name} is a near-duplicate of {first.name}, {where} the split "
             f"(IoU {pair.iou:.3f})"
         )
-    held = np.array([shape.split == HELD_OUT for shape in listed])
-    if held.sum() < 2 or (~held).sum() < 2:
+    if (held := held_out_of(listed)) is None:
         return problems, None
     families = [shape.family for shape in listed]
     p_value = split_p_value(descriptors, held, families, np.random.default_rng(0))

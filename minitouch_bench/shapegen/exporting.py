@@ -58,23 +58,22 @@ def _mjcf(body: Body, name: str) -> dict[str, bytes]:
             f'      <geom type="mesh" mesh="hull{number}" group="3" friction="{FRICTION}"/>'
         )
     inertia = " ".join(repr(moment) for moment in body.inertia)
-    lines = [
-        f'<mujoco model="{name}">',
-        '  <compiler inertiafromgeom="false"/>',
-        "  <asset>",
-        *assets,
-        "  </asset>",
-        "  <worldbody>",
-        f'    <body name="{name}">',
-        "      <freejoint/>",
-        f'      <inertial pos="0 0 0" mass="{body.mass!r}" diaginertia="{inertia}"/>',
-        *geoms,
-        "    </body>",
-        "  </worldbody>",
-        "</mujoco>",
-    ]
-    files[f"{name}.xml"] = ("\n".join(lines) + "\n").encode()
-    return files
+    asset, geom = "\n".join(assets), "\n".join(geoms)
+    model = f"""<mujoco model="{name}">
+  <compiler inertiafromgeom="false"/>
+  <asset>
+{asset}
+  </asset>
+  <worldbody>
+    <body name="{name}">
+      <freejoint/>
+      <inertial pos="0 0 0" mass="{body.mass!r}" diaginertia="{inertia}"/>
+{geom}
+    </body>
+  </worldbody>
+</mujoco>
+"""
+    return {**files, f"{name}.xml": model.encode()}
 
 
 WRITERS: Mapping[str, Writer] = MappingProxyType(
