@@ -31,12 +31,6 @@ class Workspace:
     low: tuple[float, float, float]
     high: tuple[float, float, float]
 
-    @property
-    def center(self) -> tuple[float, float, float]:
-        """Center of the box (m)."""
-        x, y, z = ((low + high) / 2 for low, high in zip(self.low, self.high, strict=True))
-        return x, y, z
-
     def holds(self, x: float, y: float) -> bool:
         """Tell whether a position on the table lies inside, looking from above."""
         return self.low[0] <= x <= self.high[0] and self.low[1] <= y <= self.high[1]

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -84,22 +85,12 @@ class ObjectPool:
 
     def __init__(self, names: tuple[str, ...], load: Callable[[str], ObjectModel]) -> None:
         self.names = names
-        self._load = load
-        self._models: dict[str, ObjectModel] = {}
+        self.model = cache(load)
+        """Returns the object of a name, which need not be one that is drawn, or a UsageError."""
 
     def draw(self, rng: np.random.Generator) -> ObjectModel:
         """Return one object, all equally likely."""
         return self.model(self.names[int(rng.integers(len(self.names)))])
-
-    def model(self, name: str) -> ObjectModel:
-        """Return the object called ``name``, which need not be one that is drawn.
-
-        Raises:
-            UsageError: there is none of that name.
-        """
-        if name not in self._models:
-            self._models[name] = self._load(name)
-        return self._models[name]
 
 
 def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:
