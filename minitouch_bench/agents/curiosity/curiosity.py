@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.encoding import encode
 from minitouch_bench.agents.replay import Batch
-from minitouch_bench.policies.networks import HIDDEN_UNITS, VisualEncoder
+from minitouch_bench.policies.networks import HIDDEN_UNITS
 from minitouch_bench.policies.policy import IMAGE_SHAPE
 
 WHITENED_LIMIT = 5.0
@@ -153,11 +153,6 @@ def initialize(module: nn.Module) -> None:
         nn.init.orthogonal_(module.weight, math.sqrt(2.0))
         assert module.bias is not None
         nn.init.zeros_(module.bias)
-
-
-def own_encoder(config: CuriosityConfig) -> VisualEncoder:
-    """Return an encoder as Table 3's, of the configured width."""
-    return VisualEncoder(config.width)
 
 
 def two_layers(inputs: int, outputs: int) -> nn.Sequential:

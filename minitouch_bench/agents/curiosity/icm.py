@@ -5,9 +5,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Curiosity, Errors, own_encoder, two_layers
+from minitouch_bench.agents.curiosity.curiosity import Curiosity, Errors, two_layers
 from minitouch_bench.agents.replay import Batch
-from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE
+from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE, VisualEncoder
 
 
 class InverseDynamics(Curiosity):
@@ -22,7 +22,7 @@ class InverseDynamics(Curiosity):
     def __init__(self, config: CuriosityConfig, action_size: int) -> None:
         super().__init__(config)
         state = FEATURES + (TOUCH_SIZE if self.uses_touch else 0)
-        self.encoder = own_encoder(config)
+        self.encoder = VisualEncoder(config.width)
         self.inverse = two_layers(2 * FEATURES, action_size)
         self.forward_model = two_layers(state + action_size, state)
 
