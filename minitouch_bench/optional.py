@@ -1,7 +1,9 @@
-"""Optional packages, and look-up of ``package.module:attribute``."""
+"""Installed and optional packages, and look-up of ``package.module:attribute``."""
 
 import importlib
-from importlib.metadata import PackageNotFoundError, requires
+from collections.abc import Iterable
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, requires, version
 from operator import attrgetter
 from types import ModuleType
 from typing import Any
@@ -24,6 +26,15 @@ def require(module: str, extra: str) -> ModuleType:
             f"this needs the package '{error.name}': pip install {wanted} "
             f"(the extra minitouch-bench[{extra}])"
         ) from error
+
+
+def installed_versions(names: Iterable[str]) -> dict[str, str]:
+    """Return the versions of those of these packages that are installed."""
+    versions = {}
+    for name in names:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    return versions
 
 
 def extras() -> dict[str, list[str]]:

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from minitouch_bench.agents.config import PhaseConfig, SacConfig, TrainingConfig
+from minitouch_bench.agents.config import PhaseConfig, TrainingConfig
 from minitouch_bench.agents.curiosity import make_curiosity
 from minitouch_bench.agents.encoding import arrange, has_bfloat16
 from minitouch_bench.agents.replay import Batch, Replay
@@ -67,11 +67,6 @@ class TouchScale:
         return folded
 
 
-def _new_sac(config: SacConfig, action_size: int) -> Sac:
-    encoder = VisualEncoder(config.encoder_width)
-    return Sac(config, action_size=action_size, touch_size=TOUCH_SIZE, encoder=encoder)
-
-
 class Learner:
     """The networks of one training and their sources of chance."""
 
@@ -82,7 +77,7 @@ class Learner:
         sac = replace(config.sac, bfloat16=config.sac.bfloat16 and half)
         curiosity = replace(config.curiosity, bfloat16=config.curiosity.bfloat16 and half)
         with _weights_drawn_from(config.seed):
-            self.sac = _new_sac(sac, spec.action_size)
+            self.sac = Sac(sac, action_size=spec.action_size)
             self.curiosity = make_curiosity(config.method, curiosity, spec.action_size)
         arrange(self.sac, device)
         if self.curiosity is not None:
@@ -104,7 +99,7 @@ class Learner:
         # Not seed + 1: the training with that seed starts from those weights.
         (seed,) = np.random.SeedSequence(self.config.seed).generate_state(1, np.uint64).tolist()
         with _weights_drawn_from(seed):
-            fresh = _new_sac(self.sac.config, self.sac.action_size)
+            fresh = Sac(self.sac.config, action_size=self.sac.action_size)
         if "encoder" not in self.config.carry:
             self.sac.encoder.load_state_dict(fresh.encoder.state_dict())
             self.sac.target_encoder.load_state_dict(fresh.target_encoder.state_dict())

@@ -15,7 +15,13 @@ from torch.nn import functional
 from minitouch_bench.agents.config import PhaseConfig, SacConfig
 from minitouch_bench.agents.encoding import encode
 from minitouch_bench.agents.replay import Batch
-from minitouch_bench.policies.networks import FEATURES, HIDDEN_UNITS, TouchActor, VisualEncoder
+from minitouch_bench.policies.networks import (
+    FEATURES,
+    HIDDEN_UNITS,
+    TOUCH_SIZE,
+    TouchActor,
+    VisualEncoder,
+)
 
 
 class TwoCritics(nn.Module):
@@ -49,14 +55,14 @@ class Sac(nn.Module):
         config: SacConfig,
         *,
         action_size: int,
-        touch_size: int,
+        touch_size: int = TOUCH_SIZE,
         encoder: nn.Module | None = None,
         features: int = FEATURES,
     ) -> None:
         super().__init__()
         self.config = config
         self.action_size = action_size
-        self.encoder = encoder or VisualEncoder()
+        self.encoder = encoder or VisualEncoder(config.encoder_width)
         self.actor = TouchActor(
             action_size, encoder=nn.Identity(), features=features, touch_size=touch_size
         )

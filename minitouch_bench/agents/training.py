@@ -171,22 +171,19 @@ class Training:
         is_evaluated = bool(due) and self.step % due == 0
         is_last_of_phase = self.step in (self.config.exploration_steps, self.config.steps)
         if is_evaluated or is_last_of_phase or self.step % self.config.log_every == 0:
-            self._write_row(self._evaluate() if is_evaluated else None)
+            self._write_row(is_evaluated=is_evaluated)
         if self.step % self.config.checkpoint_every == 0:
             self._save()
 
-    def _write_row(self, evaluation: Evaluation | None) -> None:
-        row = self._tally.row(self.step, self._phase_name(), evaluation, self._elapsed())
+    def _write_row(self, *, is_evaluated: bool) -> None:
+        exploring, evaluation = self._learner.exploring, None
+        if is_evaluated:
+            evaluation = self._callbacks.evaluate(self._learner.actor(), not exploring)
+        phase = "exploration" if exploring else "task"
+        row = self._tally.row(self.step, phase, evaluation, self._elapsed())
         append_row(self._directory / PROGRESS_FILE, row)
         self._callbacks.on_row(row)
         self._tally = Tally()
-
-    def _evaluate(self) -> Evaluation:
-        deterministic = not self._learner.exploring
-        return self._callbacks.evaluate(self._learner.actor(), deterministic)
-
-    def _phase_name(self) -> str:
-        return "exploration" if self._learner.exploring else "task"
 
     def _elapsed(self) -> float:
         """Return the seconds spent since the first step, over all resumptions."""

@@ -161,13 +161,6 @@ class PolicySetup:
         """Return the final policy, and the exploration policy where there is one."""
         return (self.policy,) if self.exploration is None else (self.policy, self.exploration)
 
-    def source(self, role: Role) -> PolicySource:
-        """Return the policy of a role."""
-        if role is Role.FINAL:
-            return self.policy
-        assert self.exploration is not None
-        return self.exploration
-
     def keep_out_of(self, directory: Path) -> "PolicySetup":
         """Return the same policies, which cannot read a directory from their sandbox."""
         return replace(self, isolation=replace(self.isolation, private=str(directory.resolve())))
@@ -178,7 +171,8 @@ class PolicySetup:
 
     def make_actor(self, role: Role) -> Actor:
         """Return a new actor of a role; exploration policies act stochastically."""
-        source = self.source(role)
+        source = self.policy if role is Role.FINAL else self.exploration
+        assert source is not None
         if source.kind == "scripted":
             return ScriptedActor()
         policy = isolate(source, self.isolation, deterministic=role is Role.FINAL)

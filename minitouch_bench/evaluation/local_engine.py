@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -38,7 +38,7 @@ class LocalEngine:
         with contextlib.ExitStack() as stack:
             folder = stack.enter_context(TemporaryDirectory(prefix="minitouch-"))
             records = run_in_workers(
-                _RunEpisode(EpisodeRunner(source, attempts or Path(folder))),
+                partial(_run_episode, EpisodeRunner(source, attempts or Path(folder))),
                 specs,
                 self.workers,
                 name=lambda spec: f"episode {spec.key}",
@@ -48,17 +48,12 @@ class LocalEngine:
                 yield record
 
 
-@dataclass(frozen=True)
-class _RunEpisode:
-    """Runs an episode in a worker. A policy's fault is a record: any error is the machine's."""
-
-    runner: EpisodeRunner
-
-    def __call__(self, spec: EpisodeSpec) -> EpisodeRecord:
-        try:
-            return self.runner.run(spec)
-        except Exception as error:
-            raise InfrastructureError(f"{type(error).__name__}: {error}") from error
+def _run_episode(runner: EpisodeRunner, spec: EpisodeSpec) -> EpisodeRecord:
+    """Run an episode in a worker. A policy's fault is a record: any error is the machine's."""
+    try:
+        return runner.run(spec)
+    except Exception as error:
+        raise InfrastructureError(f"{type(error).__name__}: {error}") from error
 
 
 def run_jobs(

@@ -55,7 +55,13 @@ def ray_cluster(address: str | None, workers: int | None = None) -> Iterator[Mod
     with contextlib.ExitStack() as stack:
         if address is None:
             folder = tempfile.TemporaryDirectory(prefix="ray-", ignore_cleanup_errors=True)
-            options = _local_options(workers, stack.enter_context(folder))
+            options = {
+                "address": "local",
+                "num_cpus": workers or core_count(),
+                "num_gpus": 0,
+                "include_dashboard": False,
+                "_temp_dir": stack.enter_context(folder),
+            }
         else:
             _reach(address)
             options = {"address": address}
@@ -85,16 +91,6 @@ def _prepare_environment(*, local: bool) -> None:
         os.environ.setdefault(name, value)
     if local and "ray" not in sys.modules and "RAY_AUTH_MODE" not in os.environ:
         os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
-
-
-def _local_options(workers: int | None, folder: str) -> dict[str, Any]:
-    return {
-        "address": "local",
-        "num_cpus": workers or core_count(),
-        "num_gpus": 0,
-        "include_dashboard": False,
-        "_temp_dir": folder,
-    }
 
 
 def _reach(address: str) -> None:

@@ -67,12 +67,9 @@ def attempts_here(payload: WorkerPayload) -> Path | None:
 
 
 def _files_of(source: ActorSource) -> Iterator[PolicySource]:
-    if not isinstance(source, PolicySetup):
-        return
-    for policy in (source.policy, source.exploration):
-        if policy is not None:
-            leaves = [part for _, part in policy.parts] or [policy]
-            yield from (leaf for leaf in leaves if leaf.digest and not leaf.content)
+    for policy in source.sources() if isinstance(source, PolicySetup) else ():
+        leaves = [part for _, part in policy.parts] or [policy]
+        yield from (leaf for leaf in leaves if leaf.digest and not leaf.content)
 
 
 def _moved(policy: PolicySource, paths: Mapping[str, str]) -> PolicySource:

@@ -14,7 +14,7 @@ from minitouch_bench.files import MIB, open_plain, read_file
 from minitouch_bench.policies.policy import Observation
 from minitouch_bench.processes import MAX_ATTEMPTS
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
-from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
+from minitouch_bench.tasks.environment import OBJECT, OUTCOMES, MiniTouchEnv
 from minitouch_bench.units import given_path
 
 NOT_REPEATED = "tried again, it did not repeat its actions"
@@ -160,8 +160,7 @@ class _Attempt(NamedTuple):
 def _attempt(
     environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec, given: GivenActions
 ) -> _Attempt:
-    options = {"object": spec.shape} if spec.shape else None
-    observation, info = environment.reset(seed=spec.seed, options=options)
+    observation, info = environment.reset(seed=spec.seed, options={OBJECT: spec.shape})
     touch, infos, rewards = [observation["touch"]], [info], []
     outcome, fault = None, None
     given.begin_attempt()

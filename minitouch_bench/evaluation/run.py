@@ -4,16 +4,15 @@ import platform
 import re
 import time
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from minitouch_bench.errors import HopelessRunError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.files import RUN_FILE, clear_run, entries_of, holds_run
+from minitouch_bench.optional import installed_versions
 from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Outcome
@@ -165,11 +164,7 @@ def _refuse_hopeless(records: Iterable[EpisodeRecord]) -> None:
 
 def package_versions() -> dict[str, str]:
     """Return the versions of the packages that a run's numbers may depend on."""
-    versions = {}
-    for name in PACKAGES:
-        with suppress(PackageNotFoundError):
-            versions[name] = version(name)
-    return versions
+    return installed_versions(PACKAGES)
 
 
 def _processor() -> str:

@@ -14,7 +14,7 @@ from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import os_errors_as, write_file
 from minitouch_bench.optional import require
 from minitouch_bench.records import EpisodeSpec
-from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
 
 FRAMES_PER_SECOND = 8
 """A control step lasts about a quarter of a second: videos run at twice real time."""
@@ -91,7 +91,7 @@ def replay_frames(
         spec.task, render_mode="rgb_array", conditions=conditions, width=width, height=height
     )
     try:
-        environment.reset(seed=spec.seed, options={"object": spec.shape} if spec.shape else None)
+        environment.reset(seed=spec.seed, options={OBJECT: spec.shape})
         yield environment.picture()
         for action in actions:
             environment.step(action)

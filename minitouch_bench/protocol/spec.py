@@ -31,12 +31,6 @@ class Workspace:
     low: tuple[float, float, float]
     high: tuple[float, float, float]
 
-    @property
-    def center(self) -> tuple[float, float, float]:
-        """Center of the box (m)."""
-        x, y, z = ((low + high) / 2 for low, high in zip(self.low, self.high, strict=True))
-        return x, y, z
-
     def holds(self, x: float, y: float) -> bool:
         """Tell whether a position on the table lies inside, looking from above."""
         return self.low[0] <= x <= self.high[0] and self.low[1] <= y <= self.high[1]
@@ -287,12 +281,12 @@ class ProtocolSpec:
         task = self.task(name)
         own_object = task.default_objects in ("", CUBE) and not self.suite(suite).novel_shapes
         shapes = "" if own_object else self.shapes
-        return _sha({**shared, "task": document(task), "shapes": shapes})
+        return content_digest({**shared, "task": document(task), "shapes": shapes})
 
     @cache  # noqa: B019
     def digest(self) -> str:
         """Return the SHA-256 over the suites and the digests of their tasks."""
-        return _sha(
+        return content_digest(
             [
                 {
                     "suite": document(suite),
@@ -324,6 +318,7 @@ def document(value: Any) -> Any:
     return value
 
 
-def _sha(content: Any) -> str:
+def content_digest(content: Any) -> str:
+    """Return the SHA-256 of what JSON can hold, whatever the order of its keys."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()

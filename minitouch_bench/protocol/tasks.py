@@ -93,15 +93,6 @@ class CabinetSpec:
     handle_low: float = 0.03
     handle_high: float = 0.85
 
-    def handle_position(self, front: float, middle: float, angle: float) -> tuple[float, float]:
-        """Return x, y (m) of the bar's middle with the door at ``angle`` (rad)."""
-        outward = self.door_thickness / 2 + self.handle_thickness / 2
-        hinge_x, hinge_y = front + self.door_thickness / 2, middle + self.hinge_y
-        sine, cosine = math.sin(angle), math.cos(angle)
-        x = hinge_x - self.handle_radius * sine - outward * cosine
-        y = hinge_y + self.handle_radius * cosine - outward * sine
-        return x, y
-
 
 @dataclass(frozen=True, kw_only=True)
 class OpeningSpec(TaskSpec):

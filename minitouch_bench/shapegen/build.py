@@ -1,7 +1,7 @@
 """Make shape number i: draw, size, decompose, prove; the same shape whoever asks, and when."""
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import coacd
@@ -17,10 +17,12 @@ from minitouch_bench.shapegen.record import (
     decode,
     digest,
     encode,
+    files_digest,
     quantized,
 )
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
+    LIMITS,
     Measures,
     Reason,
     SoundnessConfig,
@@ -63,8 +65,11 @@ class BuildConfig:
     width: tuple[float, float] = (0.070, 0.0755)
     density: tuple[float, float] = (2700.0, 11340.0)
     attempts: int = 400
-    decomposition: DecompositionConfig = field(default_factory=DecompositionConfig)
-    soundness: SoundnessConfig = field(default_factory=SoundnessConfig)
+    decomposition: DecompositionConfig = DecompositionConfig()
+    soundness: SoundnessConfig = LIMITS
+
+
+BUILD = BuildConfig()
 
 
 NEAR_COPIES = frozenset({(0, 244), (0, 743), (0, 772), (0, 919), (0, 991)})
@@ -90,15 +95,15 @@ def make_shape(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
         InfrastructureError: no attempt gave a sound shape.
     """
     root, index = task
-    config, family = BuildConfig(), family_of(index)
+    family = family_of(index)
     refused: Counter[str] = Counter()
-    for attempt in range(config.attempts):
+    for attempt in range(BUILD.attempts):
         rng = np.random.default_rng(np.random.SeedSequence([root, index, attempt]))
         try:
-            mesh = sized(FAMILIES[family](rng), rng, config)
-            density = drawn_density(mesh, rng, config)
-            body = weighed(mesh, density, config.decomposition)
-            measures = examine(body, config.soundness)
+            mesh = sized(FAMILIES[family](rng), rng)
+            density = drawn_density(mesh, rng)
+            body = weighed(mesh, density)
+            measures = examine(body)
             if task in NEAR_COPIES and not refused[Reason.COPY.name]:
                 raise UnsoundError(Reason.COPY)
         except UnsoundError as error:
@@ -111,9 +116,7 @@ def make_shape(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
             "refused": dict(sorted(refused.items())),
         }
         return {**identity, **entry_of(body, measures, density)}, encode(body)
-    raise InfrastructureError(
-        f"shape {index} ({family}): no sound shape in {config.attempts} draws"
-    )
+    raise InfrastructureError(f"shape {index} ({family}): no sound shape in {BUILD.attempts} draws")
 
 
 def entry_of(body: Body, measures: Measures, density: float) -> dict[str, Any]:
@@ -135,7 +138,7 @@ def entry_of(body: Body, measures: Measures, density: float) -> dict[str, Any]:
         "lifted": round(measures.lifted, 4),
         "poses": [_pose(pose) for pose in measures.poses],
         "sha256": digest(encode(body)),
-        "files_sha256": body_files(body).sha256,
+        "files_sha256": files_digest(body_files(body).values()),
     }
 
 
@@ -147,44 +150,44 @@ def _pose(pose: RestPose) -> dict[str, Any]:
     }
 
 
-def sized(solid: Solid, rng: np.random.Generator, config: BuildConfig) -> Mesh:
+def sized(solid: Solid, rng: np.random.Generator) -> Mesh:
     """Simplify a drawn solid, bring it into its body frame and give it a random size.
 
     Raises:
         UnsoundError: it is not a single closed body, or no size fits both hand and bounds.
     """
-    mesh = simplified(to_mesh(solid), config.faces)
+    mesh = simplified(to_mesh(solid), BUILD.faces)
     check = to_solid(mesh)
     if check.is_empty() or check.volume() <= 0.0:
         raise UnsoundError(Reason.NOT_CLOSED)
     mesh = in_body_frame(mesh)
     # Solid parts as long as wide: what is flat or thin is hardly felt by a hand above it.
-    sides = np.sort(rng.uniform(*config.sides, size=3))[::-1]
+    sides = np.sort(rng.uniform(*BUILD.sides, size=3))[::-1]
     mesh = in_body_frame(Mesh(mesh.vertices * (sides / mesh.extents), mesh.faces))
-    factor = grip_scale(mesh, rng.uniform(*config.width), config.soundness)
+    factor = grip_scale(mesh, rng.uniform(*BUILD.width))
     mesh = Mesh(quantized(mesh.vertices * factor), mesh.faces)
-    check_mesh(mesh, config.soundness)
+    check_mesh(mesh)
     return mesh
 
 
-def drawn_density(mesh: Mesh, rng: np.random.Generator, config: BuildConfig) -> float:
+def drawn_density(mesh: Mesh, rng: np.random.Generator) -> float:
     """Draw a density (kg/m³), its logarithm uniform over what keeps the mass within bounds.
 
     Raises:
         UnsoundError: nothing does.
     """
     volume = solid_moments(mesh).volume
-    low = max(config.density[0], config.soundness.mass[0] * 1.0001 / volume)
-    high = min(config.density[1], config.soundness.mass[1] * 0.9999 / volume)
+    low = max(BUILD.density[0], LIMITS.mass[0] * 1.0001 / volume)
+    high = min(BUILD.density[1], LIMITS.mass[1] * 0.9999 / volume)
     if low > high:
         raise UnsoundError(Reason.MASS)
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def weighed(mesh: Mesh, density: float, config: DecompositionConfig) -> Body:
+def weighed(mesh: Mesh, density: float) -> Body:
     """Return the body of a mesh on the grid and in its frame, at a density in kg/m³."""
     moments = solid_moments(mesh)
-    parts = convex_parts(mesh, config)
+    parts = convex_parts(mesh)
     hulls = tuple(hull_of(quantized(part.vertices)) for part in parts)
     ixx, iyy, izz = np.diag(moments.inertia()) * density
     inertia = (float(ixx), float(iyy), float(izz))
@@ -192,8 +195,9 @@ def weighed(mesh: Mesh, density: float, config: DecompositionConfig) -> Body:
     return decode(encode(body))  # what is proven is what is stored
 
 
-def convex_parts(mesh: Mesh, config: DecompositionConfig) -> tuple[Mesh, ...]:
+def convex_parts(mesh: Mesh) -> tuple[Mesh, ...]:
     """Cover a closed 2-manifold mesh with convex hulls; CoACD can end the process: use a worker."""
+    config = BUILD.decomposition
     coacd.set_log_level("error")
     fine = to_mesh(to_solid(mesh).refine_to_length(config.longest_edge))
     parts = coacd.run_coacd(

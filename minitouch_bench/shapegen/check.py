@@ -12,17 +12,17 @@ import numpy as np
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, read_file
 from minitouch_bench.processes import run_in_workers
-from minitouch_bench.shapegen.build import BuildConfig, entry_of
+from minitouch_bench.shapegen.build import entry_of
 from minitouch_bench.shapegen.generate import Progress
 from minitouch_bench.shapegen.likeness import (
     SMALLEST_P,
     descriptor,
+    held_out_of,
     near_duplicates,
     split_p_value,
 )
 from minitouch_bench.shapegen.manifest import (
     COUNTED,
-    HELD_OUT,
     MEASURED,
     Shape,
     ShapeSet,
@@ -30,10 +30,10 @@ from minitouch_bench.shapegen.manifest import (
     read_pose,
     splits_of,
 )
-from minitouch_bench.shapegen.record import Body, body_files, decode, digest
-from minitouch_bench.shapegen.soundness import SoundnessConfig, UnsoundError, examine
+from minitouch_bench.shapegen.record import Body, body_files, decode, digest, files_digest
+from minitouch_bench.shapegen.soundness import LIMITS, UnsoundError, examine
 
-ROUNDING = MappingProxyType({"lifted": 1.0 / SoundnessConfig.yaws, "volume_m3": 0.0})
+ROUNDING = MappingProxyType({"lifted": 1.0 / LIMITS.yaws, "volume_m3": 0.0})
 """By how much another processor may measure otherwise beside 0.1 %: one grip trial; others 2e-5."""
 POSE_ROUNDING = (1e-4, *[0.01] * 10)
 """The same for a pose: height (m), share, and the nine numbers of the rotation matrix."""
@@ -130,7 +130,7 @@ def _number_problems(shape: Shape, body: Body) -> Iterator[str]:
     for key, count in zip(COUNTED, counts, strict=True):
         if shape.entry[key] != count:
             yield f"{shape.name}: {key} are {count}, not {shape.entry[key]}"
-    if body_files(body).sha256 != shape.files_sha256:
+    if files_digest(body_files(body).values()) != shape.files_sha256:
         yield f"{shape.name}: its OBJ and URDF texts are not those of the manifest"
 
 
@@ -172,7 +172,7 @@ def examine_record(record: bytes) -> tuple[str, dict[str, Any]]:
     """Return the reason a record's body is unsound ("" if none) and its measures."""
     body = decode(record)
     try:
-        measures = examine(body, BuildConfig().soundness)
+        measures = examine(body)
     except UnsoundError as error:
         return str(error), {}
     return "", entry_of(body, measures, body.mass / measures.volume)
@@ -189,8 +189,7 @@ def _likeness_problems(shapes: ShapeSet, bodies: list[Body]) -> tuple[list[str],
             f"{second.name} is a near-duplicate of {first.name}, {where} the split "
             f"(IoU {pair.iou:.3f})"
         )
-    held = np.array([shape.split == HELD_OUT for shape in listed])
-    if held.sum() < 2 or (~held).sum() < 2:
+    if (held := held_out_of(listed)) is None:
         return problems, None
     families = [shape.family for shape in listed]
     p_value = split_p_value(descriptors, held, families, np.random.default_rng(0))

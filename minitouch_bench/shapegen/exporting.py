@@ -10,10 +10,10 @@ import trimesh
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.files import os_errors_as, replace_file
 from minitouch_bench.shapegen.manifest import ShapeSet
-from minitouch_bench.shapegen.record import FRICTION, Body, obj_text, urdf_text
+from minitouch_bench.shapegen.record import FRICTION, Body, body_files, obj_text
 
-Writer = Callable[[str, Body], dict[str, bytes]]
-"""From a name and a body to file names and their bytes."""
+Writer = Callable[[Body, str], dict[str, bytes]]
+"""From a body and its name to file names and their bytes."""
 
 
 def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) -> int:
@@ -29,33 +29,24 @@ def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) 
     with os_errors_as(InfrastructureError, folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
         for shape in shapes.split(split) if split else shapes.shapes:
-            for name, content in WRITERS[form](shape.name, shape.body()).items():
+            for name, content in WRITERS[form](shape.body(), shape.name).items():
                 replace_file(folder / name, content)
                 written += 1
     return written
 
 
-def _urdf(name: str, body: Body) -> dict[str, bytes]:
-    visual, collision = f"{name}-visual.obj", f"{name}-collision.obj"
-    return {
-        f"{name}.urdf": urdf_text(body, visual, collision).encode(),
-        visual: obj_text((body.visual,)).encode(),
-        collision: obj_text(body.hulls).encode(),
-    }
-
-
-def _obj(name: str, body: Body) -> dict[str, bytes]:
+def _obj(body: Body, name: str) -> dict[str, bytes]:
     return {f"{name}.obj": obj_text((body.visual,)).encode()}
 
 
-def _glb(name: str, body: Body) -> dict[str, bytes]:
+def _glb(body: Body, name: str) -> dict[str, bytes]:
     # glTF is y-up; the mesh keeps the body frame, as its extras say nothing of gravity.
     mesh = trimesh.Trimesh(body.visual.vertices, body.visual.faces, process=False)
     scene: Any = trimesh.Scene(mesh)
     return {f"{name}.glb": bytes(scene.export(file_type="glb"))}
 
 
-def _mjcf(name: str, body: Body) -> dict[str, bytes]:
+def _mjcf(body: Body, name: str) -> dict[str, bytes]:
     """Return a MuJoCo model: one free body, its hulls to touch, its surface to see."""
     files = {f"{name}-visual.obj": obj_text((body.visual,)).encode()}
     assets = [f'    <mesh name="visual" file="{name}-visual.obj"/>']
@@ -67,26 +58,25 @@ def _mjcf(name: str, body: Body) -> dict[str, bytes]:
             f'      <geom type="mesh" mesh="hull{number}" group="3" friction="{FRICTION}"/>'
         )
     inertia = " ".join(repr(moment) for moment in body.inertia)
-    lines = [
-        f'<mujoco model="{name}">',
-        '  <compiler inertiafromgeom="false"/>',
-        "  <asset>",
-        *assets,
-        "  </asset>",
-        "  <worldbody>",
-        f'    <body name="{name}">',
-        "      <freejoint/>",
-        f'      <inertial pos="0 0 0" mass="{body.mass!r}" diaginertia="{inertia}"/>',
-        *geoms,
-        "    </body>",
-        "  </worldbody>",
-        "</mujoco>",
-    ]
-    files[f"{name}.xml"] = ("\n".join(lines) + "\n").encode()
-    return files
+    asset, geom = "\n".join(assets), "\n".join(geoms)
+    model = f"""<mujoco model="{name}">
+  <compiler inertiafromgeom="false"/>
+  <asset>
+{asset}
+  </asset>
+  <worldbody>
+    <body name="{name}">
+      <freejoint/>
+      <inertial pos="0 0 0" mass="{body.mass!r}" diaginertia="{inertia}"/>
+{geom}
+    </body>
+  </worldbody>
+</mujoco>
+"""
+    return {**files, f"{name}.xml": model.encode()}
 
 
 WRITERS: Mapping[str, Writer] = MappingProxyType(
-    {"urdf": _urdf, "obj": _obj, "glb": _glb, "mjcf": _mjcf}
+    {"urdf": body_files, "obj": _obj, "glb": _glb, "mjcf": _mjcf}
 )
 """Every export format by name."""

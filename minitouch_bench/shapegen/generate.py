@@ -12,12 +12,14 @@ from typing import Any
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.files import lock_directory, os_errors_as, replace_file
+from minitouch_bench.optional import installed_versions
 from minitouch_bench.processes import run_in_workers
-from minitouch_bench.shapegen.build import BuildConfig, make_shape
+from minitouch_bench.protocol.spec import content_digest
+from minitouch_bench.shapegen.build import BUILD, make_shape
 from minitouch_bench.shapegen.families import GENERATOR_VERSION
-from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, content_digest, splits_of
+from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, splits_of
 from minitouch_bench.shapegen.record import digest
-from minitouch_bench.simulation.bullet import installed_builds
+from minitouch_bench.simulation.bullet import BUILDS
 from minitouch_bench.units import Units
 
 PARTIAL, PLAN = ".partial", "plan"
@@ -51,7 +53,7 @@ def generate(
         "name": f"minitouch-{count}" + (f"-seed-{root}" if root else ""),
         "generator": GENERATOR_VERSION,
         "seed": root,
-        "parameters": asdict(BuildConfig()),
+        "parameters": asdict(BUILD),
     }
     with lock_directory(folder):
         units = open_units(folder, {**header, "versions": versions(), "count": count})
@@ -117,7 +119,7 @@ def kept_shape(units: Units, index: int) -> tuple[dict[str, Any], bytes] | None:
 def versions() -> dict[str, str]:
     """Return the versions of everything a shape's bytes depend on."""
     libraries = {name: version(name) for name in LIBRARIES}
-    return {"python": platform.python_version(), **libraries, **installed_builds()}
+    return {"python": platform.python_version(), **libraries, **installed_versions(BUILDS)}
 
 
 def write_set(

@@ -173,9 +173,10 @@ class GripRig:
         """Write the body and the gripper into a folder."""
         self._client = client
         files = body_files(body)
-        for name, content in files.contents.items():
+        for name, content in files.items():
             (folder / name).write_bytes(content)
-        self._urdf = folder / files.urdf_name
+        *_, urdf = files
+        self._urdf = folder / urdf
         self._gripper = folder / "gripper.urdf"
         mesh = stock_panda().parent / "meshes/collision/finger.obj"
         fingers = "".join(

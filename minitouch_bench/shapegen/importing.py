@@ -14,14 +14,16 @@ import trimesh
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import lock_directory
 from minitouch_bench.processes import run_in_workers
-from minitouch_bench.shapegen.build import BuildConfig, entry_of, weighed
+from minitouch_bench.protocol.spec import content_digest
+from minitouch_bench.shapegen.build import BUILD, entry_of, weighed
 from minitouch_bench.shapegen.generate import Progress, write_set
-from minitouch_bench.shapegen.manifest import MANIFEST, content_digest
+from minitouch_bench.shapegen.manifest import MANIFEST
 from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments
 from minitouch_bench.shapegen.reading import UnreadableError, find_objects, read_object
 from minitouch_bench.shapegen.record import encode, quantized
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
+    LIMITS,
     Reason,
     UnsoundError,
     check_mesh,
@@ -118,16 +120,15 @@ def repaired(mesh: Mesh, config: ImportConfig) -> Mesh:
         UnreadableError: it holds no solid that can be repaired.
         UnsoundError: at no size can the Panda grip it.
     """
-    build = BuildConfig()
     if not np.isfinite(mesh.vertices).all():
         raise UnreadableError("a vertex, mass or moment is not a finite number")
     solid = _solid_of(mesh)
     if solid.is_empty() or solid.volume() <= 0.0:
         raise UnreadableError("not a closed 2-manifold, and no repair made it one")
-    moved = in_body_frame(_simplified_solid(solid, build.faces))
+    moved = in_body_frame(_simplified_solid(solid, BUILD.faces))
     factor = config.scale
     if config.fit:
-        factor = grip_scale(moved, build.width[1], build.soundness)
+        factor = grip_scale(moved, BUILD.width[1])
     try:
         mesh = Mesh(quantized(moved.vertices * factor), moved.faces)
         # Slivers may have lost their area to the grid; the way through a solid drops them.
@@ -203,14 +204,13 @@ def _proven(mesh: Mesh, config: ImportConfig) -> tuple[dict[str, Any], bytes]:
     Raises:
         UnsoundError: it does not.
     """
-    build = BuildConfig()
-    check_mesh(mesh, build.soundness)
-    stable_poses(hull_of(mesh.vertices), build.soundness)
+    check_mesh(mesh)
+    stable_poses(hull_of(mesh.vertices))
     volume = solid_moments(mesh).volume
-    low, high = (mass / volume for mass in build.soundness.mass)
+    low, high = (mass / volume for mass in LIMITS.mass)
     density = float(np.clip(config.density, low * 1.0001, high * 0.9999))
-    body = weighed(mesh, density, build.decomposition)
-    return entry_of(body, examine(body, build.soundness), density), encode(body)
+    body = weighed(mesh, density)
+    return entry_of(body, examine(body), density), encode(body)
 
 
 def _plain_names(sources: Iterable[str]) -> list[str]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
+from minitouch_bench.shapegen.manifest import HELD_OUT, Shape
 from minitouch_bench.shapegen.mesh import Points, face_normals
 from minitouch_bench.shapegen.record import Body
 from minitouch_bench.shapegen.solids import Solid, symmetric_difference, to_mesh, to_solid
@@ -116,6 +117,12 @@ def _iou(first: Solid, turn: Points, second: Solid) -> float:
     both = float(turned.volume() + second.volume())
     differing = symmetric_difference(turned, second)
     return (both - differing) / (both + differing)
+
+
+def held_out_of(shapes: Sequence[Shape]) -> NDArray[np.bool_] | None:
+    """Return which shapes are held out, bool (N,); None where a split has too few to compare."""
+    held = np.array([shape.split == HELD_OUT for shape in shapes])
+    return held if min(held.sum(), (~held).sum()) >= 2 else None
 
 
 def split_p_value(

@@ -18,8 +18,17 @@ from typing import Any
 from minitouch_bench.cache import cache_directory, cache_errors
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, MIB, read_file, replace_file
+from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen.poses import RestPose
-from minitouch_bench.shapegen.record import Body, body_files, decode, digest, file_names
+from minitouch_bench.shapegen.record import (
+    Body,
+    body_files,
+    decode,
+    digest,
+    file_names,
+    files_digest,
+    files_stem,
+)
 
 MANIFEST = "manifest.json"
 PACK = "shapes.bin"
@@ -72,20 +81,20 @@ class Shape:
             UsageError: the record is damaged, or does not give the files of the manifest.
             InfrastructureError: the cache cannot be written.
         """
-        names = file_names(self.digest)
+        names = file_names(files_stem(self.digest))
         folder = cache_directory() / "shapes" / self.digest[:2]
-        if _hash_of(folder, names) != self.files_sha256:
+        if _digest_of(folder, names) != self.files_sha256:
             files = body_files(self.body())
-            if files.sha256 != self.files_sha256:
+            if files_digest(files.values()) != self.files_sha256:
                 raise UsageError(
                     f"shape {self.digest[:20]}: its files differ from the manifest's; "
                     "the set was made by another version of minitouch-bench"
                 )
             with cache_errors(folder):
                 folder.mkdir(parents=True, exist_ok=True)
-                for name, content in files.contents.items():
+                for name, content in files.items():
                     replace_file(folder / name, content)
-        return folder / names[1]
+        return folder / names[-1]
 
     def record(self) -> bytes:
         """Return the record from the pack, verified.
@@ -142,12 +151,6 @@ class ShapeSet:
         raise UsageError(f"shape set '{self.name}' has no shape '{name}'")
 
 
-def content_digest(document: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a manifest's content, whatever its spacing."""
-    text = json.dumps(document, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 def load_shape_set(path: Path | str) -> ShapeSet:
     """Read a shape set; its records are verified when they are first used.
 
@@ -180,19 +183,12 @@ def canonical_shape_set() -> ShapeSet:
     Raises:
         UsageError: the installation lacks it.
     """
-    for folder in canonical_places():
+    package = Path(__file__).resolve().parent.parent
+    for place in (package.parent, package):  # the top level of a checkout; the wheel
+        folder = place / "shapes" / CANONICAL
         if (folder / MANIFEST).is_file():
             return load_shape_set(folder)
     raise UsageError(f"the shape set {CANONICAL} is not installed; reinstall minitouch-bench")
-
-
-def canonical_places() -> tuple[Path, ...]:
-    """Return where the canonical set may be: top level of a checkout, then inside the wheel."""
-    package = Path(__file__).resolve().parent
-    return (
-        package.parent.parent / "shapes" / CANONICAL,
-        package.parent / "shapes" / CANONICAL,
-    )
 
 
 def _shape(entry: Mapping[str, Any], pack: Path) -> Shape:
@@ -233,15 +229,12 @@ def read_pose(pose: Mapping[str, Any]) -> RestPose:
     return RestPose((x, y, z, w), float(pose["height_m"]), float(pose["probability"]))
 
 
-def _hash_of(folder: Path, names: tuple[str, ...]) -> str:
-    """Return the digest over files in the order of their names, "" if one is missing."""
-    sha = hashlib.sha256()
+def _digest_of(folder: Path, names: tuple[str, ...]) -> str:
+    """Return the digest over files, "" if one is missing."""
     try:
-        for name in sorted(names):
-            sha.update(read_file(folder / name, MIB))
+        return files_digest(read_file(folder / name, MIB) for name in names)
     except OSError:
         return ""
-    return sha.hexdigest()
 
 
 def splits_of(seed: int | None, families: Sequence[str], digests: Sequence[str]) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ uint16 vertices and faces, int16 (v, 3), uint8 (f, 3).
 
 import hashlib
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,37 +117,29 @@ def _read_mesh(record: bytes, at: int, sizes: tuple[int, int], index_type: str) 
     return mesh, at + faces.nbytes
 
 
-@dataclass(frozen=True)
-class BodyFiles:
-    """File names without folder, and their bytes; the URDF names the two OBJ files."""
-
-    urdf_name: str
-    contents: dict[str, bytes]
-
-    @property
-    def sha256(self) -> str:
-        """Hex digest over the bytes of the files in the order of their names."""
-        sha = hashlib.sha256()
-        for name in sorted(self.contents):
-            sha.update(self.contents[name])
-        return sha.hexdigest()
+def files_stem(record_digest: str) -> str:
+    """Return what the names of a shape's files begin with, from its record's digest."""
+    return f"{record_digest[:20]}-{FORMAT}"
 
 
-def file_names(record_digest: str) -> tuple[str, str, str]:
-    """Return the names of the collision OBJ, the URDF and the visual OBJ."""
-    stem = f"{record_digest[:20]}-{FORMAT}"
-    return f"{stem}-collision.obj", f"{stem}.urdf", f"{stem}-visual.obj"
+def file_names(stem: str) -> tuple[str, str, str]:
+    """Return the names of the collision OBJ, the visual OBJ and the URDF, in alphabetic order."""
+    return f"{stem}-collision.obj", f"{stem}-visual.obj", f"{stem}.urdf"
 
 
-def body_files(body: Body) -> BodyFiles:
-    """Write a body as texts; equal bodies give equal bytes."""
-    collision, urdf, visual = file_names(digest(encode(body)))
-    contents = {
+def body_files(body: Body, stem: str = "") -> dict[str, bytes]:
+    """Return the bytes of a body's files by their ``file_names``; equal bodies give equal bytes."""
+    collision, visual, urdf = file_names(stem or files_stem(digest(encode(body))))
+    return {
         collision: obj_text(body.hulls).encode(),
         visual: obj_text((body.visual,)).encode(),
         urdf: urdf_text(body, visual, collision).encode(),
     }
-    return BodyFiles(urdf, contents)
+
+
+def files_digest(contents: Iterable[bytes]) -> str:
+    """Return the SHA-256 over the bytes of a body's files in the order of ``file_names``."""
+    return digest(b"".join(contents))
 
 
 def obj_text(meshes: tuple[Mesh, ...]) -> str:

@@ -84,6 +84,9 @@ class SoundnessConfig:
     slips: float = 0.125
 
 
+LIMITS = SoundnessConfig()
+
+
 class UnsoundError(Exception):
     """A shape fails a criterion; ``reason`` names it, ``detail`` gives the number."""
 
@@ -111,7 +114,7 @@ class Measures:
     poses: tuple[RestPose, ...]
 
 
-def check_mesh(mesh: Mesh, config: SoundnessConfig) -> tuple[int, float]:
+def check_mesh(mesh: Mesh) -> tuple[int, float]:
     """Check a visual mesh on its own; return its genus and its thinnest wall in m.
 
     Raises:
@@ -119,41 +122,41 @@ def check_mesh(mesh: Mesh, config: SoundnessConfig) -> tuple[int, float]:
     """
     if not np.isfinite(mesh.vertices).all():
         raise UnsoundError(Reason.NOT_FINITE)
-    if len(mesh.faces) > config.max_faces:
+    if len(mesh.faces) > LIMITS.max_faces:
         raise UnsoundError(Reason.FACES, str(len(mesh.faces)))
     solid = to_solid(mesh)
     if solid.is_empty() or solid.num_tri() != len(mesh.faces) or solid.volume() <= 0.0:
         raise UnsoundError(Reason.NOT_CLOSED)
     if len(solid.decompose()) != 1:
         raise UnsoundError(Reason.SEVERAL_BODIES)
-    low, high = config.longest_side
+    low, high = LIMITS.longest_side
     longest = float(mesh.extents.max())
     if not low <= longest <= high:
         bounds = f"{low * 1000:.0f} to {high * 1000:.0f} mm"
         raise UnsoundError(Reason.SIZE, f"{longest * 1000:.1f} mm, not {bounds}")
     genus = int(solid.genus())
-    if genus > config.max_genus:
+    if genus > LIMITS.max_genus:
         raise UnsoundError(Reason.GENUS, str(genus))
     wall = thinnest_wall(mesh)
-    if wall < config.least_wall:
+    if wall < LIMITS.least_wall:
         raise UnsoundError(Reason.THIN_WALL, f"{wall * 1000:.1f} mm")
     return genus, wall
 
 
-def check_hulls(body: Body, config: SoundnessConfig) -> tuple[float, float]:
+def check_hulls(body: Body) -> tuple[float, float]:
     """Check the hulls against the mesh; return the misfit (share) and the overhang (m).
 
     Raises:
         UnsoundError: a criterion fails.
     """
     sizes = [len(hull.vertices) for hull in body.hulls]
-    if not 1 <= len(sizes) <= config.max_hulls or max(sizes) > config.max_hull_vertices:
+    if not 1 <= len(sizes) <= LIMITS.max_hulls or max(sizes) > LIMITS.max_hull_vertices:
         raise UnsoundError(Reason.HULLS, f"{len(sizes)} hulls, up to {max(sizes, default=0)}")
     solid, union = to_solid(body.visual), union_of(body.hulls)
     if any(to_solid(hull).is_empty() for hull in body.hulls):
         raise UnsoundError(Reason.NOT_CLOSED, "a hull")
     misfit = symmetric_difference(union, solid) / float(solid.volume())
-    if misfit > config.misfit:
+    if misfit > LIMITS.misfit:
         raise UnsoundError(Reason.MISFIT, f"{misfit:.3f}")
     excess = to_mesh(union - solid)
     outside = 0.0
@@ -163,12 +166,12 @@ def check_hulls(body: Body, config: SoundnessConfig) -> tuple[float, float]:
         _, kept = np.unique(np.rint(cloud / 0.0015), axis=0, return_index=True)
         cloud = cloud[kept]
         outside = float(distances_to_surface(cloud, body.visual).max())
-    if outside > config.outside:
+    if outside > LIMITS.outside:
         raise UnsoundError(Reason.OUTSIDE, f"{outside * 1000:.1f} mm")
     return misfit, outside
 
 
-def check_numbers(body: Body, config: SoundnessConfig) -> None:
+def check_numbers(body: Body) -> None:
     """Check mass and moments of inertia.
 
     Raises:
@@ -177,7 +180,7 @@ def check_numbers(body: Body, config: SoundnessConfig) -> None:
     numbers = np.array([body.mass, *body.inertia])
     if not np.isfinite(numbers).all():
         raise UnsoundError(Reason.NOT_FINITE, "mass or inertia")
-    low, high = config.mass
+    low, high = LIMITS.mass
     if not low <= body.mass <= high:
         raise UnsoundError(Reason.MASS, f"{body.mass:.3f} kg, not {low} to {high} kg")
     moments = np.sort(numbers[1:])
@@ -185,56 +188,56 @@ def check_numbers(body: Body, config: SoundnessConfig) -> None:
         raise UnsoundError(Reason.INERTIA)
 
 
-def examine(body: Body, config: SoundnessConfig) -> Measures:
+def examine(body: Body) -> Measures:
     """Check a body by every criterion, cheapest first, and return what was measured.
 
     Raises:
         UnsoundError: the first criterion that fails.
     """
-    check_numbers(body, config)
-    genus, wall = check_mesh(body.visual, config)
-    misfit, outside = check_hulls(body, config)
+    check_numbers(body)
+    genus, wall = check_mesh(body.visual)
+    misfit, outside = check_hulls(body)
     hull = hull_of(np.concatenate([part.vertices for part in body.hulls]))
     with open_rig(body) as rig:
-        held = with_shares(hull, settled_poses(rig, stable_poses(hull, config), config))
-        laid = held[laid_pose(hull, held, config)]
-        lifted = lifted_share(rig, laid, surface_points(body.visual, 0.003), config)
+        held = with_shares(hull, settled_poses(rig, stable_poses(hull)))
+        laid = held[laid_pose(hull, held)]
+        lifted = lifted_share(rig, laid, surface_points(body.visual, 0.003))
     poses = (laid, *(pose for pose in held if pose is not laid))
     volume = float(to_solid(body.visual).volume())
     convexity = volume / float(to_solid(hull_of(body.visual.vertices)).volume())
     return Measures(volume, convexity, genus, wall, misfit, outside, lifted, poses)
 
 
-def stable_poses(hull: Mesh, config: SoundnessConfig) -> tuple[RestPose, ...]:
+def stable_poses(hull: Mesh) -> tuple[RestPose, ...]:
     """Return the stable poses of a hull by statics, likeliest first.
 
     Raises:
         UnsoundError: there are fewer than two, or the tasks can lay it down in none of them.
     """
-    poses = rest_poses(hull, config.least_share)
+    poses = rest_poses(hull, LIMITS.least_share)
     if len(poses) < 2:
         raise UnsoundError(Reason.FEW_POSES)
-    laid_pose(hull, poses, config)
+    laid_pose(hull, poses)
     return poses
 
 
-def laid_pose(hull: Mesh, poses: Sequence[RestPose], config: SoundnessConfig) -> int:
+def laid_pose(hull: Mesh, poses: Sequence[RestPose]) -> int:
     """Return the likeliest of a hull's poses that is high enough, and narrow enough at every yaw.
 
     Raises:
         UnsoundError: there is none.
     """
     boxes = [height_and_width(hull, pose) for pose in poses]
-    high = [index for index, (height, _) in enumerate(boxes) if height >= config.least_height]
+    high = [index for index, (height, _) in enumerate(boxes) if height >= LIMITS.least_height]
     if not high:
         highest = max(height for height, _ in boxes)
-        limit = f"{config.least_height * 1000:.0f} mm"
+        limit = f"{LIMITS.least_height * 1000:.0f} mm"
         raise UnsoundError(Reason.TOO_FLAT, f"{highest * 1000:.1f} mm, not {limit}")
     for index in high:
-        if boxes[index][1] + 2.0 * config.margin <= config.widest:
+        if boxes[index][1] + 2.0 * LIMITS.margin <= LIMITS.widest:
             return index
-    narrowest = min(boxes[index][1] for index in high) + 2.0 * config.margin
-    limit = f"{config.widest * 1000:.0f} mm"
+    narrowest = min(boxes[index][1] for index in high) + 2.0 * LIMITS.margin
+    limit = f"{LIMITS.widest * 1000:.0f} mm"
     raise UnsoundError(Reason.TOO_WIDE, f"{narrowest * 1000:.1f} mm, not {limit}")
 
 
@@ -244,28 +247,26 @@ def height_and_width(mesh: Mesh, pose: RestPose) -> tuple[float, float]:
     return float(np.ptp(placed[:, 2])), widest_across(placed[:, :2])
 
 
-def grip_scale(mesh: Mesh, width: float, config: SoundnessConfig) -> float:
+def grip_scale(mesh: Mesh, width: float) -> float:
     """Return the factor at which a mesh is ``width`` (m) wide in the pose the tasks lay it in.
 
     Raises:
         UnsoundError: at no factor is it high enough in a stable pose, and not too long.
     """
     hull = hull_of(mesh.vertices)
-    poses = rest_poses(hull, config.least_share)
+    poses = rest_poses(hull, LIMITS.least_share)
     if not poses:
         raise UnsoundError(Reason.FEW_POSES)
     longest = float(mesh.extents.max())
     for pose in poses:
         height, across = height_and_width(hull, pose)
         factor = width / across
-        if height * factor >= config.least_height and longest * factor <= config.longest_side[1]:
+        if height * factor >= LIMITS.least_height and longest * factor <= LIMITS.longest_side[1]:
             return factor
     raise UnsoundError(Reason.TOO_FLAT)
 
 
-def settled_poses(
-    rig: GripRig, poses: tuple[RestPose, ...], config: SoundnessConfig
-) -> tuple[RestPose, ...]:
+def settled_poses(rig: GripRig, poses: tuple[RestPose, ...]) -> tuple[RestPose, ...]:
     """Return the poses that hold in the simulator, as it leaves them.
 
     Raises:
@@ -274,15 +275,15 @@ def settled_poses(
     held: list[RestPose] = []
     for pose in poses:
         rest = rig.settle(pose)
-        if not config.gap[0] <= rest.gap <= config.gap[1]:
+        if not LIMITS.gap[0] <= rest.gap <= LIMITS.gap[1]:
             raise UnsoundError(Reason.SINKS, f"{rest.gap * 1000:.2f} mm")
-        if rest.tilt > config.tilt:
+        if rest.tilt > LIMITS.tilt:
             continue
-        if rest.speed > config.speed or rest.spin > config.spin:
+        if rest.speed > LIMITS.speed or rest.spin > LIMITS.spin:
             raise UnsoundError(Reason.RESTLESS, f"{rest.speed:.4f} m/s, {rest.spin:.3f} rad/s")
         settled = RestPose(rest.quaternion, rest.height, pose.probability)
         down = settled.rotation[2]
-        if all(down @ other.rotation[2] < np.cos(config.tilt) for other in held):
+        if all(down @ other.rotation[2] < np.cos(LIMITS.tilt) for other in held):
             held.append(settled)
     if len(held) < 2:
         raise UnsoundError(Reason.FEW_POSES)
@@ -300,15 +301,15 @@ def with_shares(hull: Mesh, held: tuple[RestPose, ...]) -> tuple[RestPose, ...]:
     return tuple(RestPose(held[i].quaternion, held[i].height, float(shares[i])) for i in order)
 
 
-def lifted_share(rig: GripRig, pose: RestPose, surface: Points, config: SoundnessConfig) -> float:
+def lifted_share(rig: GripRig, pose: RestPose, surface: Points) -> float:
     """Return the share of evenly spaced yaws at which two fingers lift the body from a pose.
 
     Raises:
         UnsoundError: too many fail.
     """
     failed = 0
-    for step in range(config.yaws):
-        failed += not rig.lift(pose, np.pi * step / config.yaws, surface)
-        if failed > config.slips * config.yaws:
+    for step in range(LIMITS.yaws):
+        failed += not rig.lift(pose, np.pi * step / LIMITS.yaws, surface)
+        if failed > LIMITS.slips * LIMITS.yaws:
             raise UnsoundError(Reason.SLIPS)
-    return 1.0 - failed / config.yaws
+    return 1.0 - failed / LIMITS.yaws

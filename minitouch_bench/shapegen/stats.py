@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from minitouch_bench.shapegen.likeness import (
     biased_split,
     descriptor,
+    held_out_of,
     histogram_gaps,
     split_p_value,
 )
@@ -71,14 +71,8 @@ def _quantity_line(name: str, group: str, shapes: Sequence[Shape]) -> str:
     return f"{name:20} {group:10} " + " ".join(f"{number:9.3f}" for number in numbers)
 
 
-def _held_out(shapes: Sequence[Shape]) -> NDArray[np.bool_] | None:
-    """Return which shapes are held out; None where a split has too few to compare."""
-    held = np.array([shape.split == HELD_OUT for shape in shapes])
-    return held if min(held.sum(), (~held).sum()) >= 2 else None
-
-
 def _nearest_lines(shapes: Sequence[Shape], descriptors: Points) -> Iterator[str]:
-    if (held := _held_out(shapes)) is None:
+    if (held := held_out_of(shapes)) is None:
         return
     gaps = histogram_gaps(descriptors) * 1000.0
     np.fill_diagonal(gaps, np.inf)
@@ -89,7 +83,7 @@ def _nearest_lines(shapes: Sequence[Shape], descriptors: Points) -> Iterator[str
 
 def _split_lines(shapes: Sequence[Shape], descriptors: Points) -> Iterator[str]:
     """Test the set's split, and beside it splits that were biased on purpose."""
-    if (held := _held_out(shapes)) is None:
+    if (held := held_out_of(shapes)) is None:
         return
     families = [shape.family for shape in shapes]
     convexity = np.array([float(shape.entry["convexity"]) for shape in shapes])

@@ -3,15 +3,14 @@
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.optional import installed_versions
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec, Rgba
 
@@ -38,22 +37,13 @@ BUILDS = {"pybullet": "3.2.7", "pybullet-arm64": "3.2.8"}
 """
 
 
-def installed_builds() -> dict[str, str]:
-    """Return the installed distributions of the simulator and their versions."""
-    installed = {}
-    for name in BUILDS:
-        with suppress(PackageNotFoundError):
-            installed[name] = version(name)
-    return installed
-
-
 def _check_build() -> None:
     """Refuse another simulator than the protocol's, which gives other episodes.
 
     Raises:
         UsageError: another one is installed.
     """
-    installed = installed_builds()
+    installed = installed_versions(BUILDS)
     if not installed.items() & BUILDS.items():
         here = " and ".join(f"{name} {number}" for name, number in installed.items())
         name = "pybullet" if sys.version_info < (3, 12) else "pybullet-arm64"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import ArmSpec
 from minitouch_bench.simulation.bodies import light_panda
-from minitouch_bench.simulation.bullet import Pose, Vector, quaternion_from_euler
+from minitouch_bench.simulation.bullet import Vector, quaternion_from_euler
 from minitouch_bench.simulation.client import PhysicsClient
 
 ARM_JOINTS = (0, 1, 2, 3, 4, 5, 6)
@@ -61,12 +61,11 @@ class PandaKinematics:
     ) -> list[float]:
         for joint, value in zip(ARM_JOINTS, start, strict=True):
             self._client.set_joint(self._body, joint, value)
-        x, y, z = position
-        qx, qy, qz, qw = orientation
         solution = self._client.inverse_kinematics(
             self._body,
             END_EFFECTOR,
-            Pose((x, y, z), (qx, qy, qz, qw)),
+            position,
+            orientation,
             damping=[CONTROL.ik_damping] * (len(ARM_JOINTS) + len(FINGER_JOINTS)),
             iterations=CONTROL.ik_iterations,
             residual=CONTROL.ik_residual,

@@ -33,7 +33,7 @@ from minitouch_bench.tasks.task import Task
 Info = dict[str, Any]
 
 OBJECT = "object"
-"""The one option of ``reset``."""
+"""The one option of ``reset``; "" asks for none."""
 
 OUTCOMES = (None, Outcome.SUCCESS, Outcome.LEFT_WORKSPACE, Outcome.STEP_LIMIT)
 """What the numbers of ``info["outcome"]`` mean; 0 while the episode goes on."""

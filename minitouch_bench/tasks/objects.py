@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from minitouch_bench.protocol.spec import CUBE
 from minitouch_bench.protocol.tasks import CubeSpec
 from minitouch_bench.shapegen.manifest import Shape, ShapeSet, canonical_shape_set
 from minitouch_bench.shapegen.mesh import Mesh
-from minitouch_bench.shapegen.poses import Quaternion, product
+from minitouch_bench.shapegen.poses import Quaternion, product, rotation_matrix
 from minitouch_bench.simulation.bodies import cube_urdf
 from minitouch_bench.simulation.client import PhysicsClient
 
@@ -64,8 +65,8 @@ class ObjectModel:
         return float(self._heights(client, body).max())
 
     def _heights(self, client: PhysicsClient, body: int) -> NDArray[np.float64]:
-        position, (x, y, z, w) = client.pose(body)
-        up = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
+        position, orientation = client.pose(body)
+        up = rotation_matrix(orientation)[2]
         heights: NDArray[np.float64] = position[2] + (self.corners * up).sum(axis=1)
         return heights
 
@@ -84,22 +85,12 @@ class ObjectPool:
 
     def __init__(self, names: tuple[str, ...], load: Callable[[str], ObjectModel]) -> None:
         self.names = names
-        self._load = load
-        self._models: dict[str, ObjectModel] = {}
+        self.model = cache(load)
+        """Returns the object of a name, which need not be one that is drawn, or a UsageError."""
 
     def draw(self, rng: np.random.Generator) -> ObjectModel:
         """Return one object, all equally likely."""
         return self.model(self.names[int(rng.integers(len(self.names)))])
-
-    def model(self, name: str) -> ObjectModel:
-        """Return the object called ``name``, which need not be one that is drawn.
-
-        Raises:
-            UsageError: there is none of that name.
-        """
-        if name not in self._models:
-            self._models[name] = self._load(name)
-        return self._models[name]
 
 
 def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:

@@ -1,8 +1,8 @@
 """The one table of tasks, and what their objects can be named by."""
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CUBE
-from minitouch_bench.protocol.tasks import TabletopSpec
 from minitouch_bench.shapegen.manifest import ShapeSet, canonical_shape_set
 from minitouch_bench.tasks.objects import (
     ObjectModel,
@@ -29,9 +29,7 @@ def make_task(name: str) -> Task:
     Raises:
         UsageError: no such task.
     """
-    if name not in TASKS:
-        raise UsageError(f"no task '{name}'; the tasks are {', '.join(TASKS)}")
-    return TASKS[name]()
+    return TASKS[PROTOCOL.task(name).name]()
 
 
 def object_pool(task: Task, objects: Objects | None) -> ObjectPool | None:
@@ -42,7 +40,7 @@ def object_pool(task: Task, objects: Objects | None) -> ObjectPool | None:
     """
     cube = task.own_object()
     chosen = task.spec.default_objects if objects is None else objects
-    if cube is None or not isinstance(task.spec, TabletopSpec):
+    if cube is None:
         if chosen:
             raise UsageError(f"{task.spec.name} has no object to choose")
         return None

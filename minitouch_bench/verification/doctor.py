@@ -19,7 +19,7 @@ from minitouch_bench.errors import InfrastructureError, MiniTouchError
 from minitouch_bench.evaluation.actors import RecordedActor, Recording
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
-from minitouch_bench.optional import extras
+from minitouch_bench.optional import extras, installed_versions
 from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.isolation import landlock
 from minitouch_bench.policies.policy import zero_observation
@@ -29,7 +29,7 @@ from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import SUITES, find_suite
 from minitouch_bench.shapegen.manifest import canonical_shape_set
-from minitouch_bench.simulation.bullet import installed_builds
+from minitouch_bench.simulation.bullet import BUILDS
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registry import TASKS
 from minitouch_bench.verification.golden import golden_bits, recorded
@@ -124,7 +124,7 @@ def _failed(name: str, error: MiniTouchError) -> Check:
 def _packages() -> str:
     versions = {name: version(name) for name in ("minitouch-bench", "torch", "numpy", "gymnasium")}
     listed = ", ".join(
-        f"{name} {number}" for name, number in {**versions, **installed_builds()}.items()
+        f"{name} {number}" for name, number in {**versions, **installed_versions(BUILDS)}.items()
     )
     absent = [
         extra

@@ -125,8 +125,7 @@ def _episode(environment: "MiniTouchEnv", played: EpisodeRecord) -> Any:
 
     buffers = require("minari.data_collector.episode_buffer", "data")
     spec, trace = played.spec, played.trace
-    options = {"object": spec.shape} if spec.shape else None
-    images = [environment.reset(seed=spec.seed, options=options)[0]["image"]]
+    images = [environment.reset(seed=spec.seed, options={"object": spec.shape})[0]["image"]]
     images += [environment.step(action)[0]["image"] for action in trace.actions]
     last = np.arange(len(trace.actions)) == len(trace.actions) - 1
     terminated = last & (played.outcome in (Outcome.SUCCESS, Outcome.LEFT_WORKSPACE))

@@ -96,7 +96,7 @@ class TouchCounts(Curiosity):
         super().__init__(config)
         self.register_buffer("counts", torch.zeros(2))
 
-    def update(self, batch):
+    def errors(self, batch):
         cells = (batch.next_touch[:, -1] > 0).long()
         self.counts += torch.bincount(cells, minlength=2)
         surprise = self.counts[cells].rsqrt()

@@ -11,13 +11,14 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.run import header_of, open_run, package_versions
 from minitouch_bench.files import ACTIONS_FILE, UNFINISHED
+from minitouch_bench.optional import installed_versions
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.records import Outcome
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.unfinished import UnfinishedRun
-from minitouch_bench.simulation.bullet import installed_builds
+from minitouch_bench.simulation.bullet import BUILDS
 from minitouch_bench.units import unit_name
 from minitouch_bench.workflows import Callbacks
 from minitouch_bench.workflows.evaluate import evaluate
@@ -32,7 +33,7 @@ def test_a_run_holds_every_episode_in_the_suite_s_order(finished):
     assert {row.outcome for row in done.episodes} == {Outcome.SUCCESS}
     assert done.header.official is False
     assert done.environment.workers == 1
-    assert done.environment.packages.items() >= installed_builds().items()
+    assert done.environment.packages.items() >= installed_versions(BUILDS).items()
 
 
 def test_two_workers_give_the_same_bits(finished, tmp_path):

@@ -14,12 +14,18 @@ FIRST_SEED = 8_000_000
 EPISODES = 60
 
 
+def middle_of(workspace):
+    """Return the middle of a workspace, x and y (m)."""
+    x, y, _ = ((low + high) / 2 for low, high in zip(workspace.low, workspace.high, strict=True))
+    return x, y
+
+
 class BlindPusher(PushingController):
     """Push to the middle of the workspace, wherever the target is."""
 
     def __init__(self, environment):
         super().__init__(environment)
-        task, center = self._task, PUSHING.workspace.center[:2]
+        task, center = self._task, middle_of(PUSHING.workspace)
         self._task = SimpleNamespace(target=center, model=task.model, target_body=task.target_body)
 
 
@@ -31,7 +37,7 @@ class CenterGrasper:
 
     def act(self):
         hand = np.array(self.environment.arm.position)
-        goal = np.array((*PICK_UP.workspace.center[:2], 0.0))
+        goal = np.array((*middle_of(PICK_UP.workspace), 0.0))
         offset = np.clip((goal - hand) / 0.06, -1.0, 1.0)
         if self.closing or np.abs(goal - hand).max() < 0.002:
             self.closing += 1

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from minitouch_bench.cli.shapes import app
 from minitouch_bench.shapegen.check import check_set
 from minitouch_bench.shapegen.manifest import load_shape_set, splits_of
-from minitouch_bench.shapegen.record import body_files, digest
+from minitouch_bench.shapegen.record import body_files, digest, files_digest
 from tests.altered import edit_document
 
 
@@ -127,7 +127,7 @@ def set_files_hash(folder: Path, name: str) -> None:
     def hashed(document: dict[str, Any]) -> None:
         for entry in document["shapes"]:
             if entry["name"] == name:
-                entry["files_sha256"] = body_files(body).sha256
+                entry["files_sha256"] = files_digest(body_files(body).values())
                 entry["extents_m"] = body.visual.extents.tolist()
 
     edit_document(folder / "manifest.json", hashed)

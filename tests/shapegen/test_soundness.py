@@ -3,13 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from minitouch_bench.shapegen import soundness
 from minitouch_bench.shapegen.mesh import Mesh
 from minitouch_bench.shapegen.poses import rest_poses
 from minitouch_bench.shapegen.record import Body
 from minitouch_bench.shapegen.solids import Solid, hull_of, to_mesh
 from minitouch_bench.shapegen.soundness import (
+    LIMITS,
     Reason,
-    SoundnessConfig,
     UnsoundError,
     check_hulls,
     check_mesh,
@@ -21,17 +22,15 @@ from minitouch_bench.shapegen.soundness import (
 )
 from tests.shapegen.bodies import BLOCK, box, box_body
 
-CONFIG = SoundnessConfig()
-
 
 def reason_of(check: object, *arguments: object) -> Reason:
     with pytest.raises(UnsoundError) as caught:
-        check(*arguments, CONFIG)  # type: ignore[operator]
+        check(*arguments)  # type: ignore[operator]
     return caught.value.reason
 
 
 def test_a_plain_block_is_sound() -> None:
-    measures = examine(box_body(*BLOCK), CONFIG)
+    measures = examine(box_body(*BLOCK))
     assert len(measures.poses) == 6
     assert measures.convexity == pytest.approx(1.0)
     assert measures.misfit == pytest.approx(0.0, abs=1e-9)
@@ -42,7 +41,7 @@ def test_a_plain_block_is_sound() -> None:
 
 def test_the_same_body_measures_the_same_bits() -> None:
     body = box_body(*BLOCK)
-    assert examine(body, CONFIG) == examine(body, CONFIG)
+    assert examine(body) == examine(body)
 
 
 def test_nan_vertex() -> None:
@@ -78,15 +77,15 @@ def test_masses_and_moments() -> None:
     assert reason_of(check_numbers, replace(body, inertia=(1.0, 1.0, 3.0))) is Reason.INERTIA
 
 
-def test_hulls_must_follow_the_mesh() -> None:
+def test_hulls_must_follow_the_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
     body = box_body(*BLOCK)
     larger = box(0.083, 0.046, 0.044)
-    assert check_hulls(body, CONFIG) == (pytest.approx(0.0, abs=1e-9), 0.0)
+    assert check_hulls(body) == (pytest.approx(0.0, abs=1e-9), 0.0)
     fat = Body(body.visual, (box(0.095, 0.046, 0.044),), body.mass, body.inertia)
     assert reason_of(check_hulls, fat) is Reason.MISFIT
-    loose = replace(CONFIG, outside=0.001)
+    monkeypatch.setattr(soundness, "LIMITS", replace(LIMITS, outside=0.001))
     with pytest.raises(UnsoundError, match="stands out"):
-        check_hulls(Body(body.visual, (larger,), body.mass, body.inertia), loose)
+        check_hulls(Body(body.visual, (larger,), body.mass, body.inertia))
 
 
 def test_flat_and_wide() -> None:
@@ -100,16 +99,16 @@ def test_the_first_pose_is_the_one_that_the_tasks_lay_it_down_in() -> None:
     poses = rest_poses(hull)
     boxes = [height_and_width(hull, pose) for pose in poses]
     assert boxes[0][0] == pytest.approx(0.044)
-    chosen = boxes[laid_pose(hull, poses, CONFIG)]
+    chosen = boxes[laid_pose(hull, poses)]
     assert chosen == pytest.approx((0.08, np.hypot(0.046, 0.044)), abs=1e-5)
-    assert height_and_width(hull, examine(box_body(*BLOCK), CONFIG).poses[0]) == pytest.approx(
+    assert height_and_width(hull, examine(box_body(*BLOCK)).poses[0]) == pytest.approx(
         chosen, abs=5e-4
     )
 
 
 def test_a_size_is_chosen_by_the_width_in_that_pose() -> None:
     mesh = box(*BLOCK)
-    factor = grip_scale(mesh, 0.0755, CONFIG)
+    factor = grip_scale(mesh, 0.0755)
     assert factor == pytest.approx(0.0755 / np.hypot(0.046, 0.044), abs=1e-4)
     assert reason_of(grip_scale, box(0.06, 0.06, 0.005), 0.07) is Reason.TOO_FLAT
 

@@ -1,7 +1,6 @@
-from importlib.metadata import PackageNotFoundError
-
 import pytest
 
+from minitouch_bench import optional
 from minitouch_bench.errors import UsageError
 from minitouch_bench.simulation import bullet
 
@@ -20,17 +19,12 @@ from minitouch_bench.simulation import bullet
 def test_another_simulator_than_the_protocol_s_is_refused(
     monkeypatch, installed, said, python, build
 ):
-    def version(name):
-        if name not in installed:
-            raise PackageNotFoundError(name)
-        return installed[name]
-
-    monkeypatch.setattr(bullet, "version", version)
+    monkeypatch.setattr(bullet, "installed_versions", lambda _: installed)
     monkeypatch.setattr(bullet.sys, "version_info", python)
     with pytest.raises(UsageError, match=said.format(build=build)):
         bullet._check_build()
 
 
 def test_either_build_of_the_protocol_s_simulator_will_do(monkeypatch):
-    monkeypatch.setattr(bullet, "version", bullet.BUILDS.__getitem__)
+    monkeypatch.setattr(optional, "version", bullet.BUILDS.__getitem__)
     bullet._check_build()

@@ -10,7 +10,6 @@ def test_holds_looks_from_above():
     assert SPACE.holds(0.5, 0.2)
     assert not SPACE.holds(0.499, 0.0)
     assert not SPACE.holds(0.6, 0.201)
-    assert np.allclose(SPACE.center, (0.6, 0.0, 0.05))
 
 
 def test_drawn_places_keep_the_margin_and_come_from_the_generator():

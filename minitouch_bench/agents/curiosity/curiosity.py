@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.encoding import encode
 from minitouch_bench.agents.replay import Batch
-from minitouch_bench.policies.networks import HIDDEN_UNITS, VisualEncoder
+from minitouch_bench.policies.networks import HIDDEN_UNITS
 from minitouch_bench.policies.policy import IMAGE_SHAPE
 
 WHITENED_LIMIT = 5.0
@@ -32,9 +32,12 @@ class Errors:
 class Curiosity(nn.Module, ABC):
     """What an agent has learned from, paid where a transition is new to it.
 
-    A subclass says how it learns and what surprises it (``update``). What it learns is a
-    parameter or a buffer, so that checkpoints hold it. Batches are one control step long and
-    hold normalized touch.
+    A subclass says what surprises it (``errors``), and there updates what it learns without
+    gradients. What it learns is a parameter or a buffer, so that checkpoints hold it. Batches are
+    one control step long and hold normalized touch.
+
+    The reward comes from the same pass as the loss, so from the weights before the gradient step:
+    another pass costs as much again as the loss, and one gradient step changes it little.
 
     ``window``: over how many batches, the latest ones, the rewards' standard deviation is taken.
     A model's first surprises can be a thousand times its later ones: were they never forgotten,
@@ -54,11 +57,23 @@ class Curiosity(nn.Module, ABC):
         self.register_buffer("squares", torch.zeros((), dtype=torch.float64))
 
     def begin(self) -> None:
-        """Get ready to learn, once everything is in place on its device."""
+        """Make the optimizer, once everything is in place on its device."""
+        # As a group, which may be empty: a model need not have a network.
+        trained = {"params": [weights for weights in self.parameters() if weights.requires_grad]}
+        self.optimizer = torch.optim.Adam([trained], self.config.learning_rate, fused=True)
 
     @abstractmethod
+    def errors(self, batch: Batch) -> Errors:
+        """Return how new each transition is, and the networks' loss with its gradients."""
+
     def update(self, batch: Batch) -> Errors:
-        """Learn from a batch and return its errors, without gradients."""
+        """Learn from a batch, by one gradient step, and return the errors before it."""
+        errors = self.errors(batch)
+        if errors.loss.requires_grad:
+            self.optimizer.zero_grad()
+            errors.loss.backward()  # type: ignore[no-untyped-call]
+            self.optimizer.step()
+        return Errors(errors.surprise.detach(), errors.loss.detach())
 
     @torch.no_grad()
     def reward(self, surprise: Tensor) -> Tensor:
@@ -87,47 +102,12 @@ class Curiosity(nn.Module, ABC):
 
     def state(self) -> dict[str, Any]:
         """Return everything that later steps depend on."""
-        return {"curiosity": self.state_dict()}
+        optimizer = self.optimizer.state_dict()
+        return {"curiosity": self.state_dict(), "curiosity_optimizer": optimizer}
 
     def load_state(self, state: dict[str, Any]) -> None:
         """Go on from what ``state`` returned; other keys are left alone."""
         self.load_state_dict(state["curiosity"])
-
-
-class Predictor(Curiosity):
-    """Networks that predict something of the world, paid where they are wrong.
-
-    A subclass says where they are wrong (``errors``). The reward comes from the same pass as
-    the loss, so from the weights before the gradient step: another pass costs as much again as
-    the loss, and one gradient step changes it little.
-    """
-
-    optimizer: torch.optim.Optimizer
-
-    def begin(self) -> None:
-        """Make the optimizer."""
-        trained = [weights for weights in self.parameters() if weights.requires_grad]
-        self.optimizer = torch.optim.Adam(trained, self.config.learning_rate, fused=True)
-
-    @abstractmethod
-    def errors(self, batch: Batch) -> Errors:
-        """Return how new each transition is, and the networks' loss with its gradients."""
-
-    def update(self, batch: Batch) -> Errors:
-        """Do one gradient step and return the errors before it."""
-        errors = self.errors(batch)
-        self.optimizer.zero_grad()
-        errors.loss.backward()  # type: ignore[no-untyped-call]
-        self.optimizer.step()
-        return Errors(errors.surprise.detach(), errors.loss.detach())
-
-    def state(self) -> dict[str, Any]:
-        """Return everything that later steps depend on."""
-        return super().state() | {"curiosity_optimizer": self.optimizer.state_dict()}
-
-    def load_state(self, state: dict[str, Any]) -> None:
-        """Go on from what ``state`` returned; other keys are left alone."""
-        super().load_state(state)
         self.optimizer.load_state_dict(state["curiosity_optimizer"])
 
     def encode(self, encoder: nn.Module, image: Tensor) -> Tensor:
@@ -173,11 +153,6 @@ def initialize(module: nn.Module) -> None:
         nn.init.orthogonal_(module.weight, math.sqrt(2.0))
         assert module.bias is not None
         nn.init.zeros_(module.bias)
-
-
-def own_encoder(config: CuriosityConfig) -> VisualEncoder:
-    """Return an encoder as Table 3's, of the configured width."""
-    return VisualEncoder(config.width)
 
 
 def two_layers(inputs: int, outputs: int) -> nn.Sequential:

@@ -5,21 +5,20 @@ from torch import nn
 
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.curiosity.curiosity import (
+    Curiosity,
     Errors,
-    Predictor,
     Whitening,
     initialize,
-    own_encoder,
     two_layers,
 )
 from minitouch_bench.agents.replay import Batch
-from minitouch_bench.policies.networks import FEATURES
+from minitouch_bench.policies.networks import FEATURES, VisualEncoder
 
 MEMBERS = 5
 """Models in the ensemble (Pathak et al. 2019)."""
 
 
-class Disagreement(Predictor):
+class Disagreement(Curiosity):
     """Predict the next features with five models; pay where they differ.
 
     r = mean_k var_m g_m(phi(x), a)_k (Pathak et al. 2019, exploration-by-disagreement).
@@ -29,7 +28,7 @@ class Disagreement(Predictor):
     def __init__(self, config: CuriosityConfig, action_size: int) -> None:
         super().__init__(config)
         self.whitening = Whitening()
-        self.encoder = own_encoder(config).apply(initialize).requires_grad_(False)
+        self.encoder = VisualEncoder(config.width).apply(initialize).requires_grad_(False)
         self.members = nn.ModuleList(
             two_layers(FEATURES + action_size, FEATURES) for _ in range(MEMBERS)
         )

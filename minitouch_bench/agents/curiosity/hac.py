@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Errors, Predictor, own_encoder, two_layers
+from minitouch_bench.agents.curiosity.curiosity import Curiosity, Errors, two_layers
 from minitouch_bench.agents.replay import Batch
-from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE
+from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE, VisualEncoder
 from minitouch_bench.simulation.observation import FORCES
 
 LOG_VARIANCE_BOUNDS = (-4.6, 4.0)
@@ -18,7 +18,7 @@ MOST_SURPRISE = 25.0
 """Five standard deviations count as much as any more."""
 
 
-class HapticCuriosity(Predictor):
+class HapticCuriosity(Curiosity):
     """Predict the finger forces of the reached state from its image.
 
     r = mean_k (f_k(x') - h'_k)^2, where x' is the image and h' the forces of the reached
@@ -41,7 +41,7 @@ class HapticCuriosity(Predictor):
 
     def __init__(self, config: CuriosityConfig, action_size: int) -> None:
         super().__init__(config)
-        self.encoder = own_encoder(config)
+        self.encoder = VisualEncoder(config.width)
         inputs = FEATURES + (TOUCH_SIZE + action_size if config.from_previous else 0)
         outputs = 2 if config.haptics == "contact" else 6
         self.head = two_layers(inputs, 2 * outputs if config.standardize else outputs)

@@ -5,12 +5,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.curiosity.curiosity import Errors, Predictor, own_encoder, two_layers
+from minitouch_bench.agents.curiosity.curiosity import Curiosity, Errors, two_layers
 from minitouch_bench.agents.replay import Batch
-from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE
+from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE, VisualEncoder
 
 
-class InverseDynamics(Predictor):
+class InverseDynamics(Curiosity):
     """Predict the next features; learn the features by telling which action was done.
 
     r = mean_k (g(phi(x), a)_k - phi(x')_k)^2; phi learns through the inverse model
@@ -22,7 +22,7 @@ class InverseDynamics(Predictor):
     def __init__(self, config: CuriosityConfig, action_size: int) -> None:
         super().__init__(config)
         state = FEATURES + (TOUCH_SIZE if self.uses_touch else 0)
-        self.encoder = own_encoder(config)
+        self.encoder = VisualEncoder(config.width)
         self.inverse = two_layers(2 * FEATURES, action_size)
         self.forward_model = two_layers(state + action_size, state)
 

@@ -5,8 +5,8 @@ from torch import Tensor, nn
 
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.curiosity.curiosity import (
+    Curiosity,
     Errors,
-    Predictor,
     Whitening,
     initialize,
 )
@@ -18,7 +18,7 @@ OUTPUTS = 512
 """Numbers that the target network gives (Burda et al. 2019)."""
 
 
-class RandomDistillation(Predictor):
+class RandomDistillation(Curiosity):
     """Predict what a fixed random network says of the reached state.
 
     r = mean_k (f(o')_k - t(o')_k)^2, t random and fixed, o' the whitened image (Burda et

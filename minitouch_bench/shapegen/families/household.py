@@ -1,6 +1,5 @@
 """Household things: turned vases and cups; mugs, baskets, hammers and others with a grip."""
 
-import manifold3d
 import numpy as np
 
 from minitouch_bench.shapegen.mesh import Points
@@ -64,8 +63,7 @@ def _smooth_through(x: Points, at: Points, values: Points) -> Points:
 def _revolved(curve: Points, sides: int) -> Solid:
     """Revolve a curve of (radius, height) points, closed along the axis."""
     closed = np.concatenate([[[0.0, curve[0, 1]]], curve, [[0.0, curve[-1, 1]]]])
-    region: manifold3d.CrossSection = outline(closed)
-    return Solid.revolve(region, sides)
+    return Solid.revolve(outline(closed), sides)
 
 
 def handled(rng: np.random.Generator) -> Solid:
@@ -84,9 +82,7 @@ def _mug(rng: np.random.Generator) -> Solid:
     height = float(rng.uniform(1.3, 2.2))
     heights, radii = profile(rng, height)
     radii = 0.55 + 0.35 * radii
-    curve = np.stack([radii, heights], axis=1)
-    closed = np.concatenate([[[0.0, 0.0]], curve, [[0.0, height]]])
-    body = Solid.revolve(outline(closed), int(rng.choice([6, 8, 32, 32])))
+    body = _revolved(np.stack([radii, heights], axis=1), int(rng.choice([6, 8, 32, 32])))
     middle, size = height * float(rng.uniform(0.45, 0.6)), float(rng.uniform(0.36, 0.5)) * height
     thickness = float(rng.uniform(0.13, 0.2))
     path = _arc(-90.0, 90.0, (float(rng.uniform(0.35, 0.6)), size - thickness))
