@@ -181,7 +181,7 @@ def _repaired_parts(mesh: Mesh) -> list[Solid]:
     solids = []
     for part in whole.split(only_watertight=False, repair=False):
         trimesh.repair.fill_holes(part)
-        part.fix_normals(multibody=False)  # asking for the bodies would need scipy
+        part.fix_normals(multibody=False)  # a part is one body
         vertices = np.asarray(part.vertices, dtype=np.float64)
         solids.append(to_solid(Mesh(vertices, np.asarray(part.faces, dtype=np.int32))))
     return solids or [Solid()]
