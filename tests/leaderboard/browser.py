@@ -27,6 +27,10 @@ QUIET = (
 )
 
 
+class NavigatedError(Exception):
+    """The page was left while it computed an answer."""
+
+
 class Browser:
     """One tab. Everything that the page reports to its console is kept in ``messages``."""
 
@@ -64,6 +68,8 @@ class Browser:
         while True:
             message = json.loads(self._socket.recv())
             if message.get("id") == self._number:
+                if "navigated" in message.get("error", {}).get("message", ""):
+                    raise NavigatedError
                 assert "error" not in message, message
                 return dict(message["result"])
             self._note(message)
@@ -86,14 +92,12 @@ class Browser:
             time.sleep(0.02)
 
     def run(self, script: str) -> Any:
-        """Evaluate an expression in the page and return its value."""
-        result = self.call(
-            "Runtime.evaluate",
-            expression=script,
-            returnByValue=True,
-            awaitPromise=True,
-            userGesture=True,
-        )
+        """Evaluate an expression in the page, or in the one that follows it; return its value."""
+        how = {"returnByValue": True, "awaitPromise": True, "userGesture": True}
+        try:
+            result = self.call("Runtime.evaluate", expression=script, **how)
+        except NavigatedError:
+            return self.run(script)
         assert "exceptionDetails" not in result, result
         return result["result"].get("value")
 
