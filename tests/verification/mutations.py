@@ -350,7 +350,8 @@ def readers_of_a_run(
 ) -> Iterator[tuple[str, Callable[[], object]]]:
     def resume() -> None:
         with lock_directory(directory):
-            (directory / RUN_FILE).unlink(missing_ok=True)
+            with contextlib.suppress(IsADirectoryError):
+                (directory / RUN_FILE).unlink(missing_ok=True)
             open_run(REQUEST, directory, resume=True, fresh=False)
 
     yield "verify", lambda: verify_run(read_run(directory), engine)
