@@ -70,6 +70,7 @@ class BuildConfig:
 
 
 BUILD = BuildConfig()
+"""How every shape is made; a set's manifest holds it."""
 
 
 NEAR_COPIES = frozenset({(0, 244), (0, 743), (0, 772), (0, 919), (0, 991)})

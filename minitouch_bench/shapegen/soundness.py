@@ -85,6 +85,7 @@ class SoundnessConfig:
 
 
 LIMITS = SoundnessConfig()
+"""The limits of every set, also of an imported one."""
 
 
 class UnsoundError(Exception):

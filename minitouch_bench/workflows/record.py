@@ -123,9 +123,11 @@ def _episode(environment: "MiniTouchEnv", played: EpisodeRecord) -> Any:
     """Return an episode with its pictures: its actions done again give the same bits."""
     import numpy as np
 
+    from minitouch_bench.tasks.environment import OBJECT
+
     buffers = require("minari.data_collector.episode_buffer", "data")
     spec, trace = played.spec, played.trace
-    images = [environment.reset(seed=spec.seed, options={"object": spec.shape})[0]["image"]]
+    images = [environment.reset(seed=spec.seed, options={OBJECT: spec.shape})[0]["image"]]
     images += [environment.step(action)[0]["image"] for action in trace.actions]
     last = np.arange(len(trace.actions)) == len(trace.actions) - 1
     terminated = last & (played.outcome in (Outcome.SUCCESS, Outcome.LEFT_WORKSPACE))
