@@ -9,8 +9,8 @@ from minitouch_bench.metrics.intervals import wilson
 from minitouch_bench.rendering.charts import Band, Dot, Line
 from minitouch_bench.rendering.figure_files import write_figures
 from minitouch_bench.reporting.long_frame import GAP, estimates_in, join_seeds
-from minitouch_bench.reporting.study import study_tables
 from minitouch_bench.reporting.study_figures import POINTS, learning_curves, study_figures
+from minitouch_bench.reporting.study_tables import study_tables
 
 METHODS = ("hac", "rnd")
 
@@ -169,7 +169,7 @@ def test_a_gap_of_shares_is_no_share():
 
 
 def test_tables_have_a_row_per_metric_that_a_method_has_and_the_paper_beside_ours():
-    first, second = study_tables(estimates((1000, 2000)))
+    first, second, _seeds = study_tables(estimates((1000, 2000)))
     assert first.title == "Table 4, exploration 1 of 2"
     assert second.title == "Table 4, exploration 2 of 2"
     assert first.notes[0] == "Control steps of exploration: Opening 1,000."
@@ -177,6 +177,22 @@ def test_tables_have_a_row_per_metric_that_a_method_has_and_the_paper_beside_our
     success = next(row for row in first.rows if row.heads == ("Success ↑",))
     assert str(success.cells[0]).startswith("0.850 [")
     assert second.notes[0] == "Control steps of exploration: Opening 2,000."
+
+
+def test_each_training_seed_has_its_value_or_a_dash():
+    frame = pd.concat([estimates((1000,)), estimates((2000,)).assign(task="playing")])
+    frame = frame[(frame["method"] == "hac") | (frame["seed"] == 0)]
+    *_, table = study_tables(frame)
+    assert table.title == "Training seeds"
+    assert {row.heads: [str(cell) for cell in row.cells] for row in table.rows} == {
+        ("Success", "Opening", "hac", "1,000"): ["0.800 [0.700, 0.900]", "0.900 [0.800, 1.000]"],
+        ("Success", "Opening", "rnd", "1,000"): ["0.800 [0.700, 0.900]", "—"],
+        ("Touch share", "Playing", "hac", "2,000"): [
+            "0.400 [0.300, 0.500]",
+            "0.500 [0.400, 0.600]",
+        ],
+        ("Touch share", "Playing", "rnd", "2,000"): ["0.400 [0.300, 0.500]", "—"],
+    }
 
 
 def test_other_conditions_stand_beside_the_standard_ones():
@@ -194,7 +210,7 @@ def test_other_conditions_stand_beside_the_standard_ones():
 
 def test_tasks_with_their_own_length_stand_in_one_table():
     frame = pd.concat([estimates((1000,)), estimates((2000,)).assign(task="pushing")])
-    (table,) = study_tables(frame[frame["suite"] == "table4"])
+    table, _seeds = study_tables(frame[frame["suite"] == "table4"])
     assert table.title == "Table 4"
     assert table.notes[0] == "Control steps of exploration: Opening 1,000, Pushing 2,000."
     assert "lengths" not in [one.key for one in study_figures(frame, curves((1000,)))]
