@@ -60,6 +60,9 @@ RUN_ENTRIES = frozenset({*RUN_FILES, *RUN_FOLDERS})
 LARGEST_FILE = 64 * MIB
 """The most that is read of a file at once, where no other limit is given."""
 
+LARGEST_CHECKPOINT = GIB
+"""The most bytes of a checkpoint, given as a file, inside an archive, or by a hub."""
+
 LARGEST_ACTIONS = 256 * MIB
 """The most bytes of ``actions.npz``."""
 

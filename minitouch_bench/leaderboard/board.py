@@ -26,7 +26,7 @@ from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
 
 CEILING = "scripted"
 FLOORS = tuple(name for name in BUILT_IN if name != CEILING)
-CALIBRATION = (CEILING, *FLOORS)
+CALIBRATION_POLICIES = (CEILING, *FLOORS)
 """The built-in policies in the order of every table."""
 
 TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
@@ -196,8 +196,8 @@ def make_board(verdicts: Sequence[Verdict]) -> Board:
         protocol_digest=PROTOCOL.digest(),
         ranked=tuple(row for row in submitted if row.is_ranked),
         unranked=tuple(row for row in submitted if not row.is_ranked),
-        calibration=tuple(rows[name] for name in CALIBRATION if name in rows),
-        missing_calibration=tuple(name for name in CALIBRATION if name not in rows),
+        calibration=tuple(rows[name] for name in CALIBRATION_POLICIES if name in rows),
+        missing_calibration=tuple(name for name in CALIBRATION_POLICIES if name not in rows),
         paper=tuple(map(_published, PAPER_METHODS)),
         other_protocol=tuple(_left_out(v) for v in failed if v.is_other_protocol),
         refused=tuple(_left_out(v) for v in failed if not v.is_other_protocol),

@@ -19,7 +19,6 @@ VIEWS = (".csv", ".md", ".html")
 """Endings of files that are written for people: of a run's facts, and not among them."""
 
 MAX_SUBMISSION_FILE = 64 * files.KIB
-MAX_CHECKPOINT = files.GIB
 MAX_VIDEO = 20 * files.MIB
 MAX_FILES = 2000
 MAX_DEPTH = 4
@@ -72,7 +71,7 @@ def check_files(submission: Submission, sizes: dict[str, int], problems: Problem
                     problems.add(f"{folder}/{name}", "it is missing", "pack the run again")
         for file in seed.checkpoints:
             if file.path:
-                limits[file.path] = MAX_CHECKPOINT
+                limits[file.path] = files.LARGEST_CHECKPOINT
                 if file.path not in sizes:
                     problems.add(file.path, "it is missing", 'add it, or set its path to ""')
     folders = [folder for seed in submission.seeds for folder in seed.runs.values()]

@@ -11,7 +11,6 @@ from minitouch_bench import files
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.leaderboard.inventory import (
-    MAX_CHECKPOINT,
     MAX_SUBMISSION_FILE,
     MAX_VIDEO,
     RUN_LIMITS,
@@ -149,7 +148,7 @@ class Parts:
             file = CheckpointFile(role, task, name, source.digest)
             if include and Path(target).exists():
                 file = replace(file, path=checkpoint_place(seed, role, name))
-                _copy(Path(target), directory / file.path, MAX_CHECKPOINT, follow=True)
+                _copy(Path(target), directory / file.path, files.LARGEST_CHECKPOINT, follow=True)
             named.append(file)
         return tuple(named)
 

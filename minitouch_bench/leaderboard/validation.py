@@ -10,9 +10,8 @@ from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 from minitouch_bench.errors import UnreadableFileError
-from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE, list_videos
+from minitouch_bench.files import LARGEST_CHECKPOINT, RUN_FILE, SUBMISSION_FILE, list_videos
 from minitouch_bench.leaderboard.inventory import (
-    MAX_CHECKPOINT,
     MAX_SUBMISSION_FILE,
     RUN_LIMITS,
     check_files,
@@ -250,7 +249,7 @@ def _check_checkpoints(
         if not file.path or file.path not in files:
             continue
         with problems.caught(file.path):
-            content = read_plain(directory, file.path, MAX_CHECKPOINT)
+            content = read_plain(directory, file.path, LARGEST_CHECKPOINT)
             if hashlib.sha256(content).hexdigest() != file.sha256:
                 problems.add(
                     file.path,

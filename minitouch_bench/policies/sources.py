@@ -14,7 +14,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError
-from minitouch_bench.files import CHECKPOINTS, GIB, SUBMISSION_FILE, os_errors_as, read_file
+from minitouch_bench.files import (
+    CHECKPOINTS,
+    LARGEST_CHECKPOINT,
+    SUBMISSION_FILE,
+    os_errors_as,
+    read_file,
+)
 from minitouch_bench.optional import require
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.wire import describe
@@ -24,7 +30,6 @@ from minitouch_bench.records import PolicyIdentity, Role
 DIRECTORY = "directory"
 """Kinds that are no file, name or address."""
 
-MAX_FILE_BYTES = GIB
 TRAINED_FILE, EXPLORED_FILE = "final.safetensors", "exploration.safetensors"
 TRAINED = {Role.FINAL: TRAINED_FILE, Role.EXPLORATION: EXPLORED_FILE}
 """What ``train`` leaves in its directory, which can be given in place of either."""
@@ -144,7 +149,7 @@ def read_checkpoint(path: Path, *, follow: bool = True) -> bytes:
     with os_errors_as(PolicyLoadError, path, "read"):
         if not path.exists():
             raise PolicyLoadError(f"the policy file {path} does not exist")
-        content = read_file(path, MAX_FILE_BYTES, follow=follow)
+        content = read_file(path, LARGEST_CHECKPOINT, follow=follow)
     if not content:
         raise PolicyLoadError(f"the policy file {path} is empty")
     return content
@@ -273,7 +278,7 @@ def check_bytes(declared: int, held: int, target: str) -> None:
     Raises:
         PolicyLoadError: saying how many.
     """
-    if declared > min(MAX_FILE_BYTES, MAX_RATIO * held):
+    if declared > min(LARGEST_CHECKPOINT, MAX_RATIO * held):
         raise PolicyLoadError(
             f"{target} has {held} bytes and declares {declared}: it is not unpacked"
         )
@@ -319,7 +324,7 @@ def _fetch(asked: HubFile, *, contact: bool) -> tuple[Path, HubFile]:
         if contact and not is_kept:
             url = library.hf_hub_url(asked.repository, asked.file, revision=asked.revision)
             remote = library.get_hf_file_metadata(url)
-            if (remote.size or 0) > MAX_FILE_BYTES:
+            if (remote.size or 0) > LARGEST_CHECKPOINT:
                 raise PolicyLoadError(f"{asked} has {remote.size} bytes, which is too large")
             asked = replace(asked, revision=remote.commit_hash)
         path = library.hf_hub_download(

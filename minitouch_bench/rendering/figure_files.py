@@ -7,12 +7,13 @@ import math
 import re
 import warnings
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.files import write_file
 from minitouch_bench.optional import require
 from minitouch_bench.rendering.charts import Figure, LegendItem
 from minitouch_bench.rendering.palette import COLORS
@@ -45,17 +46,13 @@ def write_figures(figures: Sequence[Figure], directory: Path) -> list[Path]:
     """
     require("matplotlib", "figures")
     paths = []
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        for figure in figures:
-            page = _compose(figure)
-            for element in page.iter():
-                _ink(element)
-            paths += [directory / f"{figure.key}.{form}" for form in ("svg", "pdf")]
-            paths[-2].write_text(ElementTree.tostring(page, "unicode") + "\n", encoding="utf-8")
-            _write_pdf(page, paths[-1])
-    except OSError as error:
-        raise RunDirectoryError(f"{directory} cannot be written: {error.strerror}") from error
+    for figure in figures:
+        page = _compose(figure)
+        for element in page.iter():
+            _ink(element)
+        paths += [directory / f"{figure.key}.{form}" for form in ("svg", "pdf")]
+        write_file(paths[-2], ElementTree.tostring(page, "unicode") + "\n")
+        write_file(paths[-1], _draw_pdf(page))
     return paths
 
 
@@ -125,8 +122,8 @@ def _ink(element: Element) -> None:
         element.set("text-anchor", anchor)
 
 
-def _write_pdf(page: Element, file: Path) -> None:
-    """Write what an SVG file shows as a page of PDF."""
+def _draw_pdf(page: Element) -> bytes:
+    """Return what an SVG file shows as a page of PDF."""
     # matplotlib takes half a second to load, and only files need it.
     import matplotlib as mpl  # noqa: PLC0415
     from matplotlib.figure import Figure as Canvas  # noqa: PLC0415
@@ -144,7 +141,9 @@ def _write_pdf(page: Element, file: Path) -> None:
             unit = Affine2D().translate(left, top).scale(1 / width, -1 / height).translate(0, 1)
             for element in group.iter():
                 _put(canvas, element, unit + canvas.transFigure)
-        canvas.savefig(file, metadata={"Creator": "minitouch-bench", "CreationDate": None})
+        metadata = {"Creator": "minitouch-bench", "CreationDate": None}
+        canvas.savefig(content := BytesIO(), format="pdf", metadata=metadata)
+    return content.getvalue()
 
 
 def _put(canvas: Any, element: Element, transform: Any) -> None:

@@ -11,6 +11,7 @@ from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.run import header_of, open_run
 from minitouch_bench.files import (
     CHECKPOINTS,
+    LARGEST_CHECKPOINT,
     foreign_entries,
     holds_run,
     is_folder,
@@ -20,7 +21,6 @@ from minitouch_bench.files import (
     read_file,
 )
 from minitouch_bench.leaderboard import packing
-from minitouch_bench.leaderboard.inventory import MAX_CHECKPOINT
 from minitouch_bench.leaderboard.submission import (
     SUBMITTED_SUITES,
     Submission,
@@ -233,7 +233,7 @@ class Packer:
         elsewhere = parts.digests_there(None if self.include else old)
         for path in sorted(path for path in old.rglob("*") if not is_folder(path)):
             with os_errors_as(RunDirectoryError, path, "read"):
-                digest = hashlib.sha256(read_file(path, MAX_CHECKPOINT)).hexdigest()
+                digest = hashlib.sha256(read_file(path, LARGEST_CHECKPOINT)).hexdigest()
             if digest not in elsewhere:
                 raise RunDirectoryError(
                     f"{path} would be replaced, and no other copy of it is known.\n"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.documents import plain
-from minitouch_bench.leaderboard.board import CALIBRATION, Ending, in_order, make_board
+from minitouch_bench.leaderboard.board import CALIBRATION_POLICIES, Ending, in_order, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.build import build_board, find_submissions, index_html
 from minitouch_bench.leaderboard.facts import amount
@@ -204,7 +204,7 @@ def test_a_row_that_may_have_any_rank_stands_where_its_value_is(board, rows):
 def test_calibrations_have_no_rank(board, rows):
     assert [row.name for row in board.calibration] == ["scripted"]
     assert rows["scripted"].ranks == {}
-    assert board.missing_calibration == CALIBRATION[1:]
+    assert board.missing_calibration == CALIBRATION_POLICIES[1:]
 
 
 def test_every_episode_has_one_ending(verdicts, rows):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from minitouch_bench.leaderboard.board import CALIBRATION
+from minitouch_bench.leaderboard.board import CALIBRATION_POLICIES
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.proof import (
     FreshProof,
@@ -277,9 +277,9 @@ def test_calibration_and_paper_are_marked_and_never_ranked(board):
     unranked, reference = overall.split('class="reference')[1:]
     assert ">server</" in unranked
     assert "unranked: " in unranked
-    for name in (*CALIBRATION, *PAPER_METHODS):
+    for name in (*CALIBRATION_POLICIES, *PAPER_METHODS):
         assert f">{name}</" in reference
-    assert reference.count('class="rank">—') == len((*CALIBRATION, *PAPER_METHODS))
+    assert reference.count('class="rank">—') == len((*CALIBRATION_POLICIES, *PAPER_METHODS))
     assert "not submitted yet" in reference
     assert "calibration: " in reference
 

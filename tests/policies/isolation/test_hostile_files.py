@@ -23,11 +23,12 @@ import safetensors.torch
 import torch
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
+from minitouch_bench.files import LARGEST_CHECKPOINT
 from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyProcess
-from minitouch_bench.policies.sources import ENTRY_MARK, MAX_FILE_BYTES, parse_source
+from minitouch_bench.policies.sources import ENTRY_MARK, parse_source
 from minitouch_bench.policies.wire import Frame, pack_frame
 from tests.policies.isolation import hostile_modules
 from tests.policies.recipes import run_recipes
@@ -134,7 +135,7 @@ def test_debris_is_refused(policy, files, tmp_path, kind):
 def test_a_file_too_large_is_refused_unread(tmp_path, kind):
     path = tmp_path / f"policy.{SUFFIXES[kind]}"
     with path.open("wb") as file:
-        file.truncate(MAX_FILE_BYTES + 1)
+        file.truncate(LARGEST_CHECKPOINT + 1)
     with pytest.raises(PolicyLoadError, match="larger than 1 GiB"):
         parse_source(str(path))
 
