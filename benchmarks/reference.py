@@ -45,7 +45,8 @@ def command_line() -> str:
         GENERATED,
         "# Command line",
         "Every command prints data on stdout, progress and notes on stderr, and has the same [exit "
-        "codes](exit-codes.md). The default `[ ]` marks a switch.",
+        "codes](exit-codes.md). `minitouch-bench --version` prints the version. The default `[ ]` "
+        "marks a switch.",
         *_commands(root, PROGRAM),
     ]
     return _page(parts)

@@ -54,7 +54,8 @@ def train(
         seed: Seed of every random number; by default 0.
         exploration_steps: Control steps on the intrinsic reward alone.
         task_steps: Control steps on the task's reward afterwards.
-        objects: cube, or a set of shapes: train, all; by default the task's.
+        objects: cube, or shapes: train, held-out, all; by default the task's. A policy that was
+            trained on held-out shapes cannot show generalization on novel-shapes.
         from_log: Dataset (Minari's format) to explore in place of the simulator.
         preset: default (what learns best here) or paper (Tables 2 and 3).
         config: TOML file of settings: see docs/reference/training-settings.md.
