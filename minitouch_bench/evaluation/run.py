@@ -3,7 +3,7 @@
 import platform
 import re
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -121,9 +121,10 @@ def play_missing(
     header, directory = under_way.header, under_way.directory
     specs = header.specs()
     records = {record.spec: record for record in under_way.records}
-    missing = [spec for spec in specs if spec not in records]
-    if turn is not None:
-        missing.sort(key=turn)
+    in_turn = specs if turn is None else sorted(specs, key=turn)
+    missing = [spec for spec in in_turn if spec not in records]
+    # Not those that end first: a fault ends early, and other workers would be other episodes.
+    first = in_turn[:HOPELESS_AFTER] if len(specs) > HOPELESS_AFTER else ()
     started, clock, workers = datetime.now(UTC), time.monotonic(), engine.workers
     unfinished, attempts = None, None
     if directory is not None:
@@ -134,8 +135,8 @@ def play_missing(
             unfinished.keep(record)
         records[record.spec] = record
         on_record(record)
-        if len(under_way.records) < len(records) == HOPELESS_AFTER < len(specs):
-            _refuse_hopeless(records.values())
+        if record.spec in first and all(spec in records for spec in first):
+            _refuse_hopeless([records[spec] for spec in first])
     environment = RunEnvironment(
         packages=package_versions(),
         machine={
@@ -154,11 +155,11 @@ def play_missing(
     return make_run(header, environment, in_order, directory.resolve().name, directory)
 
 
-def _refuse_hopeless(records: Iterable[EpisodeRecord]) -> None:
+def _refuse_hopeless(records: Sequence[EpisodeRecord]) -> None:
     faults = [record.fault for record in records if record.outcome is Outcome.POLICY_FAULT]
-    if len(faults) == HOPELESS_AFTER:
+    if len(faults) == len(records):
         raise HopelessRunError(
-            f"the first {HOPELESS_AFTER} episodes are all policy faults: {faults[0]}"
+            f"the first {len(records)} episodes are all policy faults: {faults[0]}"
         )
 
 

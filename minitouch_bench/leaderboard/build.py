@@ -71,15 +71,16 @@ def find_submissions(directory: Path) -> list[Path]:
     """Return the directories of submissions; names that begin with "_" or "." are none.
 
     Raises:
-        UsageError: there is no such directory.
+        UsageError: there is no such directory, or it cannot be read.
     """
-    if not directory.is_dir():
-        raise UsageError(f"{directory} is no directory of submissions; name one with --submissions")
-    return sorted(
-        path
-        for path in directory.iterdir()
-        if not path.name.startswith(("_", ".")) and (path.is_dir() or path.is_symlink())
-    )
+    with os_errors_as(UsageError, directory, "read"):
+        if directory.is_dir():
+            return sorted(
+                path
+                for path in directory.iterdir()
+                if not path.name.startswith(("_", ".")) and (path.is_dir() or path.is_symlink())
+            )
+    raise UsageError(f"{directory} is no directory of submissions; name one with --submissions")
 
 
 def _write_site(

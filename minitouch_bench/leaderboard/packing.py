@@ -9,7 +9,12 @@ from pathlib import Path
 
 from minitouch_bench import files
 from minitouch_bench.documents import write_toml
-from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.errors import (
+    PolicyLoadError,
+    RunDirectoryError,
+    UnreadableFileError,
+    UsageError,
+)
 from minitouch_bench.leaderboard.inventory import (
     MAX_SUBMISSION_FILE,
     MAX_VIDEO,
@@ -45,9 +50,12 @@ def begun_submission(directory: Path) -> Submission | None:
 
     Raises:
         UsageError: its ``submission.toml`` has a problem.
+        UnreadableFileError: it cannot be read.
     """
-    if not (directory / files.SUBMISSION_FILE).exists():
-        return None
+    file = directory / files.SUBMISSION_FILE
+    with files.os_errors_as(UnreadableFileError, file, "read"):
+        if not file.exists():
+            return None
     return _checked(read_plain(directory, files.SUBMISSION_FILE, MAX_SUBMISSION_FILE))
 
 

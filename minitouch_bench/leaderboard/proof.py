@@ -93,7 +93,7 @@ def make_proof(
 
 def proof_path(directory: Path) -> Path:
     """Return where the proof of a submission lies: beside the submissions."""
-    place = directory.resolve()
+    place = Path(os.path.realpath(directory))  # resolve() fails at a link to itself
     return place.parent / PROOFS / f"{place.name}.json"
 
 

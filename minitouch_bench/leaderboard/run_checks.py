@@ -92,7 +92,7 @@ def files_digest(kind: str, files: Sequence[CheckpointFile]) -> str:
 def _check_texts(run: Run, path: str, problems: Problems) -> None:
     """Refuse texts beyond any honest length; all are escaped wherever they are shown."""
     environment = run.environment
-    texts = [environment.started, *run.faults.values()]
+    texts = [run.header.protocol_digest, environment.started, *run.faults.values()]
     for named in (environment.packages, environment.machine):
         texts += [*named.keys(), *named.values()]
         if len(named) > MAX_NAMED:

@@ -158,9 +158,15 @@ def checkpoint_place(seed: int, role: Role, file: str) -> str:
 
 SEE = "see docs/reference/files.md"
 
+MAX_DOTS = 4000
+"""In a line. Of a key of 32,000 parts tomllib takes 4 GB; the longest text is half as long."""
+
 
 def read_submission(content: bytes, problems: Problems) -> Submission | None:
     """Read the file's bytes; None where it is no submission at all, else what is sound in it."""
+    if max(line.count(b".") for line in content.split(b"\n")) > MAX_DOTS:
+        problems.add(SUBMISSION_FILE, f"a line has more than {MAX_DOTS} dots", SEE)
+        return None
     try:
         document = parse_toml(content, "it")
     except UsageError as error:

@@ -10,7 +10,13 @@ from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 from minitouch_bench.errors import UnreadableFileError
-from minitouch_bench.files import LARGEST_CHECKPOINT, RUN_FILE, SUBMISSION_FILE, list_videos
+from minitouch_bench.files import (
+    LARGEST_CHECKPOINT,
+    RUN_FILE,
+    SUBMISSION_FILE,
+    list_videos,
+    os_errors_as,
+)
 from minitouch_bench.leaderboard.inventory import (
     MAX_SUBMISSION_FILE,
     RUN_LIMITS,
@@ -102,8 +108,10 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> Verdict:
     maintainer's proof is about these very bytes: a leaderboard shows what was proved before.
     """
     problems = Problems()
-    if not directory.is_dir():
-        problems.add("", "it is not a directory", "give a submission's directory")
+    with problems.caught(""), os_errors_as(UnreadableFileError, directory, "read"):
+        if not directory.is_dir():
+            problems.add("", "it is not a directory", "give a submission's directory")
+    if problems:
         return Verdict(directory, Submission(), {}, tuple(problems))
     files = list_files(directory, problems)
     content = _read_content(directory, files, problems)

@@ -204,6 +204,8 @@ def endpoint_values(
     Raises:
         UsageError: there are none, or the tasks have unequal numbers of episodes.
     """
+    if not tasks:
+        raise UsageError("nothing to judge: the baseline has no estimates")
     goals = [task for task in tasks if task in GOAL_TASKS]
     name = settings.metric or ranking_metric((goals or list(tasks))[0])
     metric = METRICS[name]

@@ -249,10 +249,12 @@ Integers = NDArray[np.integer[Any]]
 
 
 def step_histograms(panels: Mapping[str, Mapping[str, Integers]], limit: int) -> tuple[Chart, ...]:
-    """Draw the share of episodes by control steps; ``panels``: by title, steps by stacked tone."""
-    longest = max([limit, *(int(s.max()) for p in panels.values() for s in p.values() if s.size)])
+    """Draw the share of episodes by control steps; ``panels``: by title, steps by stacked tone.
+
+    What is beyond the limit is drawn at it: a stranger's file can say any number.
+    """
     # One bar more than the limit: an episode of 200 steps gets its own, not that of 190-199.
-    edges = np.arange(0, longest + 2 * BIN, BIN)
+    edges = np.arange(0, limit + 2 * BIN, BIN)
     shares = {title: _stacked_shares(panel, edges) for title, panel in panels.items()}
     highest = max((float(stack.sum(axis=0).max()) for stack in shares.values()), default=0.0)
     x, y = step_axis(int(edges[-1])), value_axis("Episodes, %", highest, intervals=3)
@@ -264,7 +266,8 @@ def step_histograms(panels: Mapping[str, Mapping[str, Integers]], limit: int) ->
 
 def _stacked_shares(panel: Mapping[str, Integers], edges: Integers) -> NDArray[np.float64]:
     """Return the percentage of all episodes by tone and bin."""
-    counts = np.array([np.histogram(steps, edges)[0] for steps in panel.values()], np.float64)
+    drawn = (np.minimum(steps, edges[-1]) for steps in panel.values())
+    counts = np.array([np.histogram(steps, edges)[0] for steps in drawn], np.float64)
     shares: NDArray[np.float64] = 100 * counts / max(1.0, counts.sum())
     return shares
 

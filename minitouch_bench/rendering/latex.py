@@ -40,7 +40,7 @@ def table_source(table: Table, caption: str) -> str:
     The blocks must have the same columns. Intervals and units stand in a line of small print.
     """
     blocks = [table.block(group) for group, _ in table.groups]
-    columns = blocks[0].columns
+    columns = blocks[0].columns if blocks else ()
     width = len(table.corner) + len(columns)
     lines = [
         PREAMBLE,

@@ -88,6 +88,10 @@ def _settings(header: RunHeader) -> Iterator[Problem]:
         yield Problem("header.unofficial_because", what, AS_WRITTEN)
     if header.official == bool(reasons):
         yield Problem("header.official", f"it is {header.official}", AS_WRITTEN)
+    if header.protocol != PROTOCOL.name:
+        yield Problem("header.protocol", f"it is not {PROTOCOL.name}", AS_WRITTEN)
+    if header.task_digests.keys() != set(header.plan.tasks):
+        yield Problem("header.task_digests", "they are not of the plan's tasks", AS_WRITTEN)
 
 
 def _episodes(run: Run) -> Iterator[Problem]:

@@ -117,6 +117,8 @@ def prepare_rerun(
 ) -> PolicySetup:
     """Load the checkpoints of a run, for its conditions and limits, and see that they are its own.
 
+    In an episode none of them can read the run, whose actions it could repeat.
+
     Raises:
         UsageError: a checkpoint is another one.
         PolicyError, IsolationError, MissingExtraError: a checkpoint cannot be used.
@@ -125,7 +127,7 @@ def prepare_rerun(
     setup = prepare_policies(policy, run.plan, isolation, note, exploration=explorer)
     for recorded, source in zip(run.header.policies(), setup.sources(), strict=True):
         check_identity(recorded, source)
-    return setup
+    return setup if run.directory is None else setup.keep_out_of(run.directory)
 
 
 def rerun(

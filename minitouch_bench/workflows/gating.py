@@ -119,6 +119,9 @@ def _prepare_like(
         PolicyError: the policy cannot be used.
     """
     plan = replace(baseline.plan, limits=isolation.limits)
+    name, mistake = plan.mistake()
+    if name:
+        raise UsageError(f"'{printable(baseline.name)}', header.plan.{name}: {printable(mistake)}")
     setup = prepare_policies(policy, plan, isolation, callbacks.note)
     refuse_other_rules(baseline, header_of(setup))
     recorded = {episode_key(Role.FINAL, row): (row.seed, row.shape) for row in baseline.episodes}

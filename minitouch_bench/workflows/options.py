@@ -127,7 +127,10 @@ def _take_config(context: typer.Context, path: Path | None) -> None:
             raise UsageError(f"{path} has no use for '{key}'; its names are {', '.join(known)}")
         setting = take_table(value, SETTING, f"{path}: '{key}'")
         if not isinstance(setting, bool):
-            texts = list(map(str, setting if isinstance(setting, tuple) else (setting,)))
+            try:
+                texts = list(map(str, setting if isinstance(setting, tuple) else (setting,)))
+            except ValueError as error:  # a number of thousands of digits
+                raise UsageError(f"{path}: '{key}': {error}") from error
             setting = texts if parameters[name].multiple else ",".join(texts)
         context.default_map[str(parameters[name].name)] = setting
 

@@ -5,7 +5,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from minitouch_bench.errors import HopelessRunError, InfrastructureError, InterruptedRunError
+from minitouch_bench.errors import (
+    HopelessRunError,
+    InfrastructureError,
+    InterruptedRunError,
+    RunDirectoryError,
+)
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.run import RunUnderWay, play_missing
@@ -40,17 +45,20 @@ def play(
         callbacks.episode(record)
     with resumable(opened.directory):
         run = play_missing(setup, opened, engine, callbacks.episode, turn=turn)
-    if run.directory is None:
-        return run
-    content = run_json(run)
-    write_file(run.directory / RUN_FILE, content)  # a directory with it holds a finished run
+        if run.directory is None:
+            return run
+        content = run_json(run)
+        write_file(run.directory / RUN_FILE, content)  # a directory with it holds a finished run
     UnfinishedRun(run.directory).remove()
     return replace(run, content=content)
 
 
 @contextmanager
 def resumable(directory: Path | None) -> Iterator[None]:
-    """Tell the user of an interrupted run how to continue it."""
+    """Tell the user of an interrupted run how to continue it.
+
+    A file that cannot be written, as on a full disk, interrupts one too.
+    """
     advice = (
         "Nothing is kept: a run with an output directory could be resumed."
         if directory is None
@@ -60,7 +68,7 @@ def resumable(directory: Path | None) -> Iterator[None]:
         yield
     except HopelessRunError as error:
         raise HopelessRunError(f"{error}\n{advice}") from error
-    except InfrastructureError as error:
+    except (InfrastructureError, RunDirectoryError) as error:
         raise InfrastructureError(f"{error}\n{advice}") from error
     except KeyboardInterrupt as error:
         raise InterruptedRunError(f"interrupted\n{advice}") from error

@@ -1,5 +1,6 @@
 """A study's method as a submission: per training seed the policies of all tasks, and their runs."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -110,7 +111,7 @@ def find_study_row(study: Path, method: str | None, suites: Sequence[str]) -> St
         RunDirectoryError: a file cannot be read, or is of other settings or another protocol.
     """
     file = study / STUDY_FILE
-    if not file.is_file():
+    if not os.path.isfile(file):  # Path's own fails in a directory that cannot be read
         return None
     with os_errors_as(RunDirectoryError, file, "read"):
         config = read_json(read_file(file), StudyConfig, str(file))

@@ -1,6 +1,7 @@
 """Fill the runs and the checkpoints of one training seed into a submission, and check it."""
 
 import hashlib
+import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -76,11 +77,11 @@ class Packer:
         Raises:
             UsageError: naming the first one.
         """
-        there = self.directory.resolve()
+        there = Path(os.path.realpath(self.directory))
         for source in sources:
-            path = Path(source or "").resolve()
+            path = Path(os.path.realpath(source or ""))
             is_apart = not (path.is_relative_to(there) or there.is_relative_to(path))
-            if source and path.exists() and not is_apart:
+            if source and os.path.exists(path) and not is_apart:
                 raise UsageError(
                     f"{source} and the submission {self.directory} lie one in the other: "
                     "copy the source elsewhere, or choose another --directory"

@@ -186,6 +186,7 @@ def test_options_come_from_a_file_and_those_of_the_command_line_win(tmp_path):
         ("policy = ", ("TOML",)),
         ("trust = true", ("--trust",)),
         ("seed = 1.5", ("--seed",)),
+        (f"seed = 0x{'f' * 9000}", ("'seed'", "4300 digits")),
         ("tasks = {a = 1}", ("'tasks'",)),
         ("resume = 'perhaps'", ("--resume",)),
         (None, ("run.toml cannot be read",)),

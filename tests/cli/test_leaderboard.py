@@ -165,3 +165,31 @@ def test_the_same_submissions_give_the_same_board(root):
 
 def test_no_directory_of_submissions(tmp_path):
     run("leaderboard", "build", directory=tmp_path).refused(2, "no directory of submissions")
+
+
+def test_a_link_to_itself_does_not_stop_the_leaderboard(root):
+    (root / "submissions" / "loop").symlink_to("loop")
+    done = run("leaderboard", "build", "--output", "site", directory=root)
+    assert done.code == 0, done.err
+    assert "1 ranked" in done.err
+    assert "loop: it is not a directory" in done.out
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("leaderboard", "build", "--output", "site", "--submissions"), 2),
+        (("submit", "--name", "mine", "--run"), 6),
+        (("submit", "--name", "mine", "random", "--directory"), 6),
+        (("submit", "--name", "mine"), 3),
+    ],
+)
+def test_a_directory_that_cannot_be_looked_at_is_a_mistake_of_one_line(tmp_path, words, code):
+    run(*words, "x" * 300, directory=tmp_path).refused(code, "File name too long")
+
+
+def test_a_submission_that_cannot_be_looked_at_is_unchecked(tmp_path):
+    done = run("leaderboard", "validate", "x" * 300, directory=tmp_path)
+    assert done.code == 6
+    assert "File name too long" in done.out
+    assert "Traceback" not in done.err

@@ -252,3 +252,9 @@ def test_the_number_of_workers_and_a_break_do_not_change_the_answer(baseline):
     assert "--resume" in ended.err
     done = run(*broken, "--resume", "--json", directory=baseline)
     assert answers[0] == without_paths(done)
+
+
+def test_a_baseline_of_more_episodes_than_a_run_can_have_is_refused_at_once(runs):
+    many = edited(runs, "many", lambda run: run["header"]["plan"].update(episodes=2**62))
+    refused = run("regress", "zero", "--baseline", many, directory=runs)
+    refused.refused(2, "'many'", "header.plan.episodes: a run has 1 to 10000 per task")

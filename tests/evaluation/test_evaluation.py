@@ -9,6 +9,7 @@ from minitouch_bench.errors import (
     UsageError,
 )
 from minitouch_bench.evaluation.actors import prepare_policies
+from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.run import header_of, open_run, package_versions
 from minitouch_bench.files import ACTIONS_FILE, UNFINISHED
 from minitouch_bench.optional import installed_versions
@@ -168,6 +169,22 @@ def test_ten_faults_are_a_whole_run_and_nine_are_no_reason(tmp_path, importable,
     monkeypatch.setenv("FINE", str(wanted.plan.specs()[3].policy_seed))
     monkeypatch.setattr("minitouch_bench.evaluation.run.HOPELESS_AFTER", 4)
     assert len(run(wanted, tmp_path / "fine").episodes) == 11
+
+
+class Backwards(LocalEngine):
+    """The last episodes end first, as faults do beside the long episode of another worker."""
+
+    def run(self, source, specs, attempts=None):
+        return super().run(source, specs[::-1], attempts)
+
+
+def test_the_first_episodes_are_those_of_the_plan_whatever_ends_first(
+    tmp_path, importable, monkeypatch
+):
+    wanted = request("misbehaved:Hopeless", ("opening",), 11, isolation=Isolation.PROCESS)
+    monkeypatch.setenv("FINE", str(wanted.plan.specs()[0].policy_seed))
+    done = run(wanted, tmp_path, engine=Backwards(1))
+    assert len(done.faults) == 10
 
 
 def test_a_run_of_other_packages_is_not_resumed(tmp_path, monkeypatch):

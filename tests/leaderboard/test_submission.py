@@ -147,3 +147,10 @@ def test_mistakes_are_told_before_any_episode_is_run():
     with pytest.raises(UsageError, match="paper"):
         check_submission(replace(ABOUT, paper="ftp://example.org"))
     check_submission(ABOUT)
+
+
+def test_a_key_of_many_parts_is_not_parsed():
+    problems = Problems()
+    content = b'format = "minitouch-submission"\nversion = 1\n' + b"a." * 32_000 + b"a = 1\n"
+    assert read_submission(content, problems) is None
+    assert next(str(one) for one in problems).startswith("submission.toml: a line has more than")

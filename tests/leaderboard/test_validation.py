@@ -262,6 +262,18 @@ def test_another_protocol_s_run(submission):
     refused(submission, "the rules of pushing are not", "000000000000", "evaluate again")
 
 
+def test_another_name_of_the_protocol(submission):
+    def change(run):
+        run["header"]["protocol"] = "minitouch-v2"
+        run["header"]["task_digests"]["stacking"] = "0" * 64
+        run["header"]["protocol_digest"] = "0" * 2000
+
+    edit_run(submission, change)
+    refused(submission, "header.protocol: it is not minitouch-v1")
+    refused(submission, "header.task_digests: they are not of the plan's tasks")
+    refused(submission, "a text in it has 2000 characters")
+
+
 def test_a_policy_that_could_read_the_simulator(submission):
     edit_run(submission, lambda run: run["header"].update(isolation="none"))
     refused(submission, "isolation none")

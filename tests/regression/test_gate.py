@@ -329,3 +329,9 @@ def test_hostile_names_are_harmless_everywhere():
     for text in (page, gate_junit(result), screen, result.next_command):
         assert "\x1b" not in text
     ElementTree.fromstring(gate_junit(result))
+
+
+def test_a_run_without_estimates_has_nothing_to_judge():
+    bare = replace(BASELINE, summary=replace(BASELINE.summary, tasks=()))
+    with pytest.raises(UsageError, match="the baseline has no estimates"):
+        judged(candidate(90), baseline=bare)

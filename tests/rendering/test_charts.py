@@ -85,6 +85,11 @@ def test_histograms_stack_to_100_percent_on_one_axis():
     assert bars[-1].left > 200
 
 
+def test_what_a_file_says_beyond_the_limit_takes_no_memory():
+    (chart,) = step_histograms({"": {"success": np.array([3, 2**62])}}, 200)
+    assert [bar.left > 200 for bar in chart.marks] == [False, True]
+
+
 def test_no_episodes_give_no_bars():
     (chart,) = step_histograms({"": {"success": np.array([], int)}}, 200)
     assert chart.marks == ()

@@ -1,6 +1,7 @@
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import pandas as pd
 import pytest
@@ -36,6 +37,11 @@ def test_a_table_of_claims_has_no_character_that_latex_does_not_know():
     assert r"hac \textgreater{} rnd" in source
     assert r"Confirmed: p $\leq$ 0.05" in source
     assert source.isascii()
+
+
+def test_a_run_without_estimates_is_an_empty_table(hac):
+    bare = replace(hac, summary=replace(hac.summary, tasks=()))
+    assert r"\end{tabular}" in table4_latex(build_report([bare]))
 
 
 @pytest.mark.skipif(PDFLATEX is None, reason="needs pdflatex: apt-get install texlive-latex-base")

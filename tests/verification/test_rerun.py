@@ -5,7 +5,12 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import Role
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.verification.verify import check_identity, draw_episodes, rerun
+from minitouch_bench.verification.verify import (
+    check_identity,
+    draw_episodes,
+    prepare_rerun,
+    rerun,
+)
 from tests.evaluation.runs import request
 from tests.verification.conftest import WANTED, Here
 
@@ -53,3 +58,8 @@ def test_an_episode_is_found_by_its_name(opened):
     assert (spec.task, spec.index, row.outcome) == ("opening", 1, "success")
     with pytest.raises(UsageError, match="pushing/0 to exploration/opening/1"):
         opened.find("pick-up/0")
+
+
+def test_a_policy_run_again_cannot_read_the_run(opened):
+    setup = prepare_rerun(opened, "scripted", "scripted")
+    assert setup.isolation.private == str(opened.directory.resolve())
