@@ -80,6 +80,12 @@ class Proof:
     format: Literal["minitouch-proof"] = "minitouch-proof"
     version: Literal[1] = 1
 
+    @property
+    def strength(self) -> tuple[int, int, int]:
+        """What orders proofs: level, fresh episodes per task, episodes that were run again."""
+        fresh = self.fresh.episodes_per_task if self.fresh else 0
+        return PROVED_LEVELS.index(self.level), fresh, self.rerun_episodes
+
 
 def make_proof(
     files: Mapping[str, str],

@@ -108,12 +108,9 @@ class Prover:
     def run_fresh(self, count: int, draw: str) -> FreshProof:
         """Run ``count`` new episodes of each task of each run, and compare with the official ones.
 
-        A significant drop is a problem. On novel shapes they are the first ``count`` of the suite:
-        its shapes in its order, in new scenes.
-
-        Raises:
-            IncompleteCheckError: there is a drop, and the policy fails in more of them than of the
-                official ones, as on a slower machine.
+        A significant drop is a problem. An episode that ends by a policy fault is a failed one:
+        on a machine that is too slow, official episodes that are run again fail before. On novel
+        shapes they are the first ``count`` of the suite: its shapes in its order, in new scenes.
         """
         seeds: dict[str, int] = {}
         played: dict[str, dict[tuple[Role, str], Values]] = {}
@@ -126,9 +123,7 @@ class Prover:
                         seeds[place] = fresh_seed(run.header.policy.digest, draw)
                         specs = fresh_specs(run, count, seeds[place])
                         played[place], failed = self._play_fresh(run, self._setup(seed, run), specs)
-                        usual = [row.outcome is Outcome.POLICY_FAULT for _, row in run.rows()]
-                        if len(failed) / len(specs) > np.mean(usual):
-                            faults += (f"{place}, {fault}" for fault in failed)
+                        faults += (f"{place}, {fault}" for fault in failed)
         finally:  # also where the time is up before the last run
             results = {
                 place: tuple(compare_fresh(one, *key) for key, one in values.items())
@@ -136,10 +131,8 @@ class Prover:
             }
             drops = [] if self.problems else self._drops(results, played)
             if drops and faults:
-                raise IncompleteCheckError(
-                    f"{len(faults)} fresh episodes end by a policy fault, more than official ones; "
-                    f"the first: {faults[0]}"
-                )
+                what = f"{len(faults)} fresh episodes end by a policy fault; the first: {faults[0]}"
+                drops.append(Problem("", what, "a fault is a failed episode, as in every run"))
             for drop in drops:
                 self.problems.add(drop.place, drop.what, drop.remedy)
         return FreshProof(draw, count, seeds, results)

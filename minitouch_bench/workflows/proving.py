@@ -19,7 +19,6 @@ from minitouch_bench.evaluation.engine import EngineOptions, open_engine
 from minitouch_bench.leaderboard.proof import (
     MIN_FRESH_EPISODES,
     PROOFS,
-    PROVED_LEVELS,
     FreshProof,
     ProofLevel,
     find_proof,
@@ -121,8 +120,8 @@ def prove(
     known = find_proof(verdict.directory, verdict.files)
 
     def keep(level: ProofLevel, rerun: int = 0, fresh: FreshProof | None = None) -> None:
-        if known is None or PROVED_LEVELS.index(known.level) <= PROVED_LEVELS.index(level):
-            proof = make_proof(verdict.files, level, rerun, fresh)
+        proof = make_proof(verdict.files, level, rerun, fresh)
+        if known is None or known.strength <= proof.strength:
             write_proof(proof, proof_path(verdict.directory))
 
     again = rerun or (RERUN_BEFORE_FRESH if fresh_episodes else 0)

@@ -108,9 +108,13 @@ def test_a_policy_that_fails_on_a_slower_machine_is_not_accused(verdict):
     slow = Prover(verdict, SlowEngine(1), np.random.default_rng(3))
     with pytest.raises(IncompleteCheckError, match=r"1 episodes end .* opening/[01]: it is late"):
         slow.run_again(1)
-    with pytest.raises(IncompleteCheckError, match="60 fresh episodes end by a policy fault, more"):
-        slow.run_fresh(60, "a phrase")
     assert not slow.problems
+
+
+def test_failing_on_purpose_in_unknown_scenes_is_a_drop(verdict):
+    prover = Prover(verdict, SlowEngine(1), np.random.default_rng(3))
+    prover.run_fresh(60, "a phrase")
+    assert "60 fresh episodes end by a policy fault" in str([*prover.problems][-1])
 
 
 def with_policy(verdict, **changes):
@@ -175,14 +179,13 @@ def test_a_proof_of_other_bytes_is_ignored(submission, other):
     assert find_proof(submission, validate(submission).files) is None
 
 
-@pytest.mark.parametrize("known", [ProofLevel.REPLAYED, ProofLevel.RERUN])
-def test_a_weaker_proof_does_not_replace_a_stronger_one(verdict, known):
-    """The second time by a maintainer who only replays."""
-    write_proof(make_proof(verdict.files, known, rerun_episodes=5), proof_path(verdict.directory))
-    assert prove(verdict, engine=EngineOptions(workers=1)) == ()
-    proof = find_proof(verdict.directory, verdict.files)
-    assert proof.level is known
-    assert proof.rerun_episodes == (5 if known is ProofLevel.RERUN else 0)
+@pytest.mark.parametrize("rerun", [0, 1])
+def test_a_weaker_proof_does_not_replace_a_stronger_one(verdict, rerun):
+    """The second time by a maintainer who only replays, or runs less again."""
+    known = make_proof(verdict.files, ProofLevel.RERUN, rerun_episodes=5)
+    write_proof(known, proof_path(verdict.directory))
+    assert prove(verdict, engine=EngineOptions(workers=1), rerun=rerun) == ()
+    assert find_proof(verdict.directory, verdict.files) == known
 
 
 def fresh_proof(verdict, places, episodes):
