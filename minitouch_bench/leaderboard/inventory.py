@@ -12,7 +12,7 @@ from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.verification.problems import Problems
 
-RUN_LIMITS = {files.RUN_FILE: 16 * files.MIB, files.ACTIONS_FILE: 12 * files.MIB}
+RUN_LIMITS = {files.RUN_FILE: 4 * files.MIB, files.ACTIONS_FILE: 12 * files.MIB}
 """The files that each run in a submission has, beside videos, and the most bytes of each."""
 
 VIEWS = (".csv", ".md", ".html")
