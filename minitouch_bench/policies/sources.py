@@ -26,6 +26,8 @@ DIRECTORY = "directory"
 
 MAX_FILE_BYTES = GIB
 TRAINED_FILE, EXPLORED_FILE = "final.safetensors", "exploration.safetensors"
+KEPT_FILE = "final_{}_steps.safetensors"
+"""The last policy of a training that was made longer afterwards, by its control steps."""
 TRAINED = {Role.FINAL: TRAINED_FILE, Role.EXPLORATION: EXPLORED_FILE}
 """What ``train`` leaves in its directory, which can be given in place of either."""
 

@@ -29,7 +29,7 @@ from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.optional import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.sources import TRAINED_FILE
+from minitouch_bench.policies.sources import KEPT_FILE, TRAINED_FILE
 from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.records import Outcome
 from minitouch_bench.reporting.training_page import training_page
@@ -203,7 +203,7 @@ def _keep_policy(file: Path, steps: int) -> None:
     """Name the policy of a training that is made longer by its steps: it is no longer the last."""
     if os.path.lexists(file):
         with files.os_errors_as(RunDirectoryError, file, "renamed"):
-            file.rename(file.with_stem(f"{file.stem}_{steps}_steps"))
+            file.rename(file.with_name(KEPT_FILE.format(steps)))
 
 
 class TrainingEvaluator:
