@@ -19,6 +19,7 @@ from minitouch_bench.agents.training import Training, TrainingCallbacks
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import (
     InfrastructureError,
+    InvalidActionError,
     MissingExtraError,
     RunDirectoryError,
     UsageError,
@@ -56,7 +57,7 @@ def run_training(
     ``device``: "auto", "cpu" or "cuda".
 
     Raises:
-        UsageError: no such device.
+        UsageError: no such device, or settings with which the training diverges.
         RunDirectoryError: the directory is in use, holds another training, or its
             checkpoint is damaged.
         InfrastructureError: a file cannot be written; the training can be resumed.
@@ -95,9 +96,15 @@ def _run(training: Training, directory: Path) -> bool:
 
     Raises:
         InfrastructureError: a file cannot be written.
+        UsageError: the networks no longer give numbers.
     """
     try:
         return training.run()
+    except InvalidActionError as error:
+        raise UsageError(
+            f"the training diverged after step {training.step}: {error}.\n"
+            "Set a smaller learning_rate or reward_scale, and another --output"
+        ) from error
     except RunDirectoryError as error:
         kept = training.kept_step
         if kept is None:
