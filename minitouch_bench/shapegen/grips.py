@@ -236,7 +236,7 @@ class GripRig:
         """Rebuild the world in one fixed order: PyBullet repeats itself to the bit only then."""
         client = self._client
         client.reset_world()
-        client.add_box(SLAB_HALF_EXTENTS, SLAB_CENTER, INVISIBLE, mass=0.0, friction=SLAB_FRICTION)
+        client.add_box(SLAB_HALF_EXTENTS, SLAB_CENTER, INVISIBLE, friction=SLAB_FRICTION)
         position = (0.0, 0.0, height)
         return client.load_urdf(self._urdf, position, quaternion, inertia_from_file=True)
 
