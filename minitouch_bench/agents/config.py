@@ -11,6 +11,7 @@ from typing import Any
 from minitouch_bench.agents import METHODS
 from minitouch_bench.documents import read_toml, take_table
 from minitouch_bench.errors import UsageError
+from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
 HAPTICS = ("forces", "contact")
@@ -27,6 +28,7 @@ LEAST_REPLAY = 1000
 
 ANY, POSITIVE, SHARE = (0, math.inf), (1, math.inf), (0, 1)
 ABOVE_ZERO, ENTROPY = (1e-9, 1e9), (-1e3, 1e3)
+BATCH = (1, 65_536)
 WIDTH = (1 / 32, 1)
 """Ranges of settings, both ends included; channels are scaled down from those of Table 3."""
 
@@ -102,7 +104,7 @@ class SacConfig:
 
     def __post_init__(self) -> None:
         _check_ranges(
-            self, batch_size=POSITIVE, discount=SHARE, encoder_width=WIDTH, target_rate=SHARE,
+            self, batch_size=BATCH, discount=SHARE, encoder_width=WIDTH, target_rate=SHARE,
             shift=(0, PROTOCOL.observation.image_size),
         )  # fmt: skip
 
@@ -178,7 +180,7 @@ class TrainingConfig:
             self, seed=(0, 2**63 - 1), episode_steps=ANY, random_steps=ANY,
             updates_per_step=(0, 1000), replay_size=(LEAST_REPLAY, math.inf),
             force_scale=ABOVE_ZERO, log_every=POSITIVE, evaluate_every=ANY,
-            evaluate_episodes=POSITIVE, checkpoint_every=POSITIVE,
+            evaluate_episodes=(1, MAX_EPISODES), checkpoint_every=POSITIVE,
         )  # fmt: skip
         if self.episode_steps >= self.replay_size:
             raise UsageError(

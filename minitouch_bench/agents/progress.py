@@ -2,12 +2,12 @@
 
 import csv
 import io
+import math
 import os
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from torch import Tensor
 
 from minitouch_bench.errors import RunDirectoryError
@@ -165,11 +165,14 @@ def cut_rows(path: Path, step: int) -> None:
 def _checked_step(line: str) -> int:
     """Return the step of a row whose other values are a phase, and numbers or empty.
 
+    Only losses can be infinite: those of a training that diverges.
+
     Raises:
         ValueError: they are not.
     """
     step, phase, *values = line.rstrip("\n").split(",")
-    numbers = [float(value) for value in values if value]
-    if len(values) + 2 != len(COLUMNS) or phase not in PHASES or np.isinf(numbers).any():
+    given = {name: float(value) for name, value in zip(COLUMNS[2:], values, strict=False) if value}
+    endless = {name for name, number in given.items() if math.isinf(number)}
+    if len(values) + 2 != len(COLUMNS) or phase not in PHASES or endless - {*LOSSES}:
         raise ValueError(f"a row of it is damaged: {line[:80]!a}")
     return int(step)

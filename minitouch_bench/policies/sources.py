@@ -31,6 +31,8 @@ DIRECTORY = "directory"
 """Kinds that are no file, name or address."""
 
 TRAINED_FILE, EXPLORED_FILE = "final.safetensors", "exploration.safetensors"
+KEPT_FILE = "final_{}_steps.safetensors"
+"""The last policy of a training that was made longer afterwards, by its control steps."""
 TRAINED = {Role.FINAL: TRAINED_FILE, Role.EXPLORATION: EXPLORED_FILE}
 """What ``train`` leaves in its directory, which can be given in place of either."""
 

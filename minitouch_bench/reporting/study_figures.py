@@ -172,8 +172,8 @@ def novel_shapes(novel: pd.DataFrame, methods: Sequence[str]) -> Figure:
         chart = Chart(share_axis(METRICS[metric].label), name_axis(methods), tuple(marks), HEIGHT)
         plots.append(_plot(task, steps, "train and held-out shapes", chart))
     text = (
-        "Hollow: 200 train shapes; filled: the 200 held-out shapes; mean over training seeds "
-        "and its 95 % interval (the paper's Figure 11)."
+        "Hollow: train shapes; filled: held-out shapes; mean over training seeds and its 95 % "
+        "interval (the paper's Figure 11)."
     )
     return Figure("novel-shapes", "Novel shapes", text, tuple(plots))
 

@@ -47,7 +47,9 @@ def study_tables(estimates: pd.DataFrame) -> Iterator[Table]:
         for turn in sorted({*turns}):
             name = f"{title}, exploration {turn:.0f} of {turns.max():.0f}"
             yield _table(name if turns.max() > 1 else title, shown, joined[turns == turn])
-    yield _seeds_table(long_frame.select(estimates, suite=MAIN_SUITE, conditions=""))
+    main = long_frame.select(estimates, suite=MAIN_SUITE, conditions="")
+    if len(main):
+        yield _seeds_table(main)
     if estimates["conditions"].any():
         yield _conditions_table(
             long_frame.join_seeds(long_frame.select(estimates, suite=MAIN_SUITE))

@@ -52,6 +52,7 @@ FIGURES = (
 def training_page(directory: Path) -> str:
     """Return the page of a training directory, from ``progress.csv`` and ``config.toml``."""
     rows = pd.read_csv(io.BytesIO(read_file(directory / PROGRESS_FILE)))
+    rows = rows.replace([math.inf, -math.inf], math.nan)  # losses of a training that diverges
     settings = read_file(directory / "config.toml").decode()
     return render_page(
         TEMPLATE,

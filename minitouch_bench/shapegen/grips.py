@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.tasks import PICK_UP
 from minitouch_bench.shapegen.mesh import Points
 from minitouch_bench.shapegen.poses import Quaternion, RestPose, product, rotation_matrix, yaw
 from minitouch_bench.shapegen.record import Body, body_files
@@ -28,7 +29,8 @@ PALM_ABOVE_TARGET = 0.039
 """Underside of the hand above the grasp-target link, m."""
 LOWEST_TARGET = 0.0112
 """Grasp-target height that keeps the fingertips 4 mm above the table, m."""
-OPENING = 0.08
+FINGER_OPEN = PROTOCOL.control.finger_open
+OPENING = 2.0 * FINGER_OPEN
 """Distance between the open pads, m."""
 DEEP = 0.012
 """How far above the fingertips a body should reach between the pads, m."""
@@ -40,9 +42,8 @@ SLAB_HALF_EXTENTS, SLAB_CENTER = (0.5, 0.5, 0.05), (0.0, 0.0, -0.05)
 SLAB_FRICTION = 0.5
 POST, FINGERS = 0, (1, 2)
 """The gripper's joints: the one that lifts it, and its fingers."""
-FORCES = (1000.0, 60.0, 60.0)
+FORCES = (1000.0, *PICK_UP.arm.finger_forces)
 """Most force of each joint in N; the fingers' as in Pick-up."""
-FINGER_OPEN = 0.04
 POINTING_DOWN = (1.0, 0.0, 0.0, 0.0)
 HAND_ABOVE_TARGET = 0.105
 LIFT = 0.08
@@ -71,7 +72,7 @@ _FINGER = """<link name="{name}">
     </geometry></collision></link>
   <joint name="{name}_slide" type="prismatic"><parent link="hand"/><child link="{name}"/>
     <origin xyz="0 0 0.0584"/><axis xyz="0 {side} 0"/>
-    <limit lower="0" upper="0.04" effort="100" velocity="0.2"/></joint>
+    <limit lower="0" upper="{opening}" effort="100" velocity="0.2"/></joint>
 """
 
 
@@ -185,6 +186,7 @@ class GripRig:
                 turn=turn,
                 side=side,
                 mesh=mesh,
+                opening=FINGER_OPEN,
                 stiffness=PROTOCOL.physics.finger_stiffness,
                 damping=PROTOCOL.physics.finger_damping,
             )
@@ -230,13 +232,13 @@ class GripRig:
             self._client.step()
         position, quaternion = self._client.pose(body)
         lowest = position[2] + float((self._vertices @ rotation_matrix(quaternion)[2]).min())
-        return lowest >= 0.05
+        return lowest >= PICK_UP.lift
 
     def _fresh_world(self, quaternion: Quaternion, height: float) -> int:
         """Rebuild the world in one fixed order: PyBullet repeats itself to the bit only then."""
         client = self._client
         client.reset_world()
-        client.add_box(SLAB_HALF_EXTENTS, SLAB_CENTER, INVISIBLE, mass=0.0, friction=SLAB_FRICTION)
+        client.add_box(SLAB_HALF_EXTENTS, SLAB_CENTER, INVISIBLE, friction=SLAB_FRICTION)
         position = (0.0, 0.0, height)
         return client.load_urdf(self._urdf, position, quaternion, inertia_from_file=True)
 

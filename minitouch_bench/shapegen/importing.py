@@ -1,5 +1,6 @@
 """Turn OBJ, STL, GLB and URDF objects into a set, or say why each one cannot be."""
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -44,11 +45,18 @@ class ImportConfig:
     ``scale`` turns the files' units into m. ``fit`` then shrinks or grows each object into the
     size the Panda can grip. ``density`` in kg/m³, moved to the nearest at which the
     mass is within the bounds of a shape.
+
+    Raises:
+        UsageError: ``scale`` is not a number above 0.
     """
 
     scale: float = 1.0
     fit: bool = False
     density: float = 1000.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.scale < math.inf:
+            raise UsageError(f"--scale is a number above 0, not {self.scale:g}")
 
 
 @dataclass(frozen=True)

@@ -168,6 +168,8 @@ def load_shape_set(path: Path | str) -> ShapeSet:
         raise UsageError(f"{folder / MANIFEST} is not of schema {SCHEMA}")
     try:
         shapes = tuple(_shape(entry, folder / PACK) for entry in document["shapes"])
+        if not shapes:
+            raise ValueError("it lists no shapes")
         for key, kind in (("name", str), ("count", int), ("pack_sha256", str)):
             if type(document[key]) is not kind:
                 raise ValueError(f"its {key} is no {kind.__name__}")
@@ -205,6 +207,8 @@ def _shape(entry: Mapping[str, Any], pack: Path) -> Shape:
             raise ValueError(f"its {key} is no number")
     x, y, z = (float(side) for side in entry["extents_m"])
     poses = tuple(read_pose(pose) for pose in entry["poses"])
+    if not poses:
+        raise ValueError(f"{entry['name']} has no poses")
     return Shape(
         name=str(entry["name"]),
         family=str(entry["family"]),

@@ -170,6 +170,5 @@ def add_table(client: PhysicsClient) -> int:
         half,
         (*physics.table_center, physics.table_top - half[2]),
         PROTOCOL.observation.table_color,
-        mass=0.0,
         friction=physics.table_friction,
     )

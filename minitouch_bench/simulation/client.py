@@ -74,20 +74,20 @@ class PhysicsClient:
         return int(load(str(path), position, orientation, useFixedBase=fixed, flags=flags))
 
     def add_box(
-        self, half_extents: Vector, position: Vector, color: Rgba, *, mass: float, friction: float
+        self, half_extents: Vector, position: Vector, color: Rgba, *, friction: float
     ) -> int:
-        """Add a box (m, kg; mass 0 is static) and return its id."""
+        """Add a box (m) that never moves and return its id."""
         shape = self._bullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half_extents)
-        body = self._add_visible_box(mass, shape, half_extents, position, color)
+        body = self._add_visible_box(shape, half_extents, position, color)
         self._bullet.changeDynamics(body, -1, lateralFriction=friction)
         return body
 
     def add_ghost_box(self, half_extents: Vector, position: Vector, color: Rgba) -> int:
         """Add a box that is seen and never touched, and return its id."""
-        return self._add_visible_box(0.0, -1, half_extents, position, color)
+        return self._add_visible_box(-1, half_extents, position, color)
 
     def _add_visible_box(
-        self, mass: float, collision: int, half_extents: Vector, position: Vector, color: Rgba
+        self, collision: int, half_extents: Vector, position: Vector, color: Rgba
     ) -> int:
         visual = self._bullet.createVisualShape(
             pybullet.GEOM_BOX,
@@ -95,7 +95,7 @@ class PhysicsClient:
             rgbaColor=color,
             specularColor=(0.0, 0.0, 0.0),
         )
-        return int(self._bullet.createMultiBody(mass, collision, visual, position))
+        return int(self._bullet.createMultiBody(0.0, collision, visual, position))
 
     def colors(self) -> dict[Part, Rgba]:
         """Return the color of every link that has a picture."""

@@ -89,6 +89,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode is 'rgb_array' or None, not '{render_mode}'")
+        if min(width, height) < 1 or (max_steps or 1) < 1:
+            raise UsageError("width, height and max_steps are numbers from 1 on")
         self.render_mode = render_mode
         self.task = make_task(task)
         self._pool = object_pool(self.task, objects)
@@ -211,8 +213,10 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def _choose_object(self, options: dict[str, Any]) -> ObjectModel | None:
         if unknown := options.keys() - {OBJECT}:
-            raise UsageError(f"no reset option '{min(unknown)}'; there is '{OBJECT}'")
+            raise UsageError(f"no reset option '{min(map(str, unknown))}'; there is '{OBJECT}'")
         name = options.get(OBJECT)
+        if not isinstance(name, str | None):
+            raise UsageError(f"the reset option '{OBJECT}' is a name, not {name!r}")
         if self._pool is None:
             if name:
                 raise UsageError(f"{self.task.spec.name} has no object to choose")

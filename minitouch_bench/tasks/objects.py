@@ -13,7 +13,13 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CUBE
 from minitouch_bench.protocol.tasks import CubeSpec
-from minitouch_bench.shapegen.manifest import Shape, ShapeSet, canonical_shape_set
+from minitouch_bench.shapegen.manifest import (
+    HELD_OUT,
+    TRAIN,
+    Shape,
+    ShapeSet,
+    canonical_shape_set,
+)
 from minitouch_bench.shapegen.mesh import Mesh
 from minitouch_bench.shapegen.poses import Quaternion, product, rotation_matrix
 from minitouch_bench.simulation.bodies import cube_urdf
@@ -103,6 +109,9 @@ def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:
         return chosen.shapes
     canonical = canonical_shape_set()
     if isinstance(chosen, str):
+        if chosen not in (ALL, TRAIN, HELD_OUT):
+            known = ", ".join((CUBE, TRAIN, HELD_OUT, ALL))
+            raise UsageError(f"no objects '{chosen}'; there are {known}, and lists of shapes")
         return canonical.shapes if chosen == ALL else canonical.split(chosen)
     if not isinstance(chosen, Sequence) or not chosen:
         raise UsageError(f"no objects {chosen!r}; give a name, a list of shapes, or a shape set")

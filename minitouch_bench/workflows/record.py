@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import os_errors_as
 from minitouch_bench.optional import require
 from minitouch_bench.policies.isolation.options import Isolation
@@ -55,15 +55,18 @@ def record(
         seed: Seed of the episodes.
 
     Raises:
-        UsageError: no such task.
+        UsageError: no such task, or a seed that the format cannot hold.
         PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
         RunDirectoryError: the directory is there already, or cannot be written.
     """
     from minitouch_bench.evaluation.actors import prepare_policies
     from minitouch_bench.evaluation.rollout import EpisodeRunner
+    from minitouch_bench.protocol.seeds import PUBLIC_SEED_BITS
     from minitouch_bench.runs.plan import Plan, Suite
     from minitouch_bench.tasks.environment import MiniTouchEnv
 
+    if seed.bit_length() > PUBLIC_SEED_BITS:  # the episodes' seeds then have 128
+        raise UsageError(f"--seed is below 2^{PUBLIC_SEED_BITS} in a dataset, not {seed}")
     isolated = options.isolation_options(isolation, trust)
     tasks = (PROTOCOL.task(task).name,)
     suite = Suite(RECORDING_SUITE, tasks, episodes, rankable=False, seed=seed)

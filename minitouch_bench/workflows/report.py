@@ -10,7 +10,7 @@ import typer
 
 from minitouch_bench.errors import MiniTouchError, UsageError
 from minitouch_bench.files import REPORTS, list_videos, write_file
-from minitouch_bench.records import Role
+from minitouch_bench.records import PolicyIdentity, Role
 from minitouch_bench.workflows import options
 from minitouch_bench.workflows.options import Numbers, StrPath, Words
 
@@ -110,12 +110,23 @@ def find_origin(path: Path, run: "SavedRun") -> "RunOrigin":
             if (training / CONFIG_FILE).is_file():
                 config = read_config(training / CONFIG_FILE, TrainingConfig(""))
                 explored = source.stem == Role.EXPLORATION
-                return RunOrigin(
-                    config.method, config.exploration.steps if explored else config.steps
-                )
+                steps = config.exploration.steps if explored else config.steps
+                return RunOrigin(config.method, _kept_steps(training, policy) or steps)
     except (MiniTouchError, OSError):  # another program's file of that name
         pass
     return RunOrigin()
+
+
+def _kept_steps(training: Path, policy: PolicyIdentity) -> int:
+    """Return the steps of a policy that was kept when its training was made longer, else 0."""
+    from minitouch_bench.policies.sources import KEPT_FILE, parse_source
+
+    first, last = KEPT_FILE.split("{}")
+    for file in training.glob(KEPT_FILE.format("*")):
+        steps = file.name.removeprefix(first).removesuffix(last)
+        if steps.isdecimal() and parse_source(str(file)).digest == policy.digest:
+            return int(steps)
+    return 0
 
 
 def _write_figures(built: "Report", directory: Path) -> list[Path]:

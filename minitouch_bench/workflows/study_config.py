@@ -20,6 +20,14 @@ from minitouch_bench.runs.plan import find_suite
 STUDY_FILE = "study.json"
 """The settings of a study, in its directory."""
 
+OF_THE_GRID = {
+    "task": "tasks",
+    "method": "methods",
+    "seed": "seeds",
+    "exploration.steps": "exploration_steps",
+}
+"""What the grid sets in each training, so that ``settings`` cannot, and by which key."""
+
 
 @dataclass(frozen=True)
 class TaskGrid:
@@ -159,6 +167,11 @@ def read_study(path: Path) -> StudyConfig:
         UsageError: it is not readable, or names what does not exist.
     """
     study = take_table(read_toml(path), StudyConfig, str(path))
+    exploration = study.settings.get("exploration")
+    phase = [f"exploration.{key}" for key in exploration] if isinstance(exploration, dict) else []
+    for key in (*study.settings, *phase):
+        if key in OF_THE_GRID:
+            raise UsageError(f"{path} sets '{key}' in its settings: use '{OF_THE_GRID[key]}'")
     for task in study.tasks:
         PROTOCOL.task(task)
     for name in ("methods", "tasks", "seeds", "exploration_steps", "suites", "claims"):

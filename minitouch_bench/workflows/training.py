@@ -19,6 +19,7 @@ from minitouch_bench.agents.training import Training, TrainingCallbacks
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import (
     InfrastructureError,
+    InvalidActionError,
     MissingExtraError,
     RunDirectoryError,
     UsageError,
@@ -29,7 +30,7 @@ from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.optional import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.sources import TRAINED_FILE
+from minitouch_bench.policies.sources import KEPT_FILE, TRAINED_FILE
 from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.records import Outcome
 from minitouch_bench.reporting.training_page import training_page
@@ -56,7 +57,7 @@ def run_training(
     ``device``: "auto", "cpu" or "cuda".
 
     Raises:
-        UsageError: no such device.
+        UsageError: no such device, or settings with which the training diverges.
         RunDirectoryError: the directory is in use, holds another training, or its
             checkpoint is damaged.
         InfrastructureError: a file cannot be written; the training can be resumed.
@@ -95,9 +96,15 @@ def _run(training: Training, directory: Path) -> bool:
 
     Raises:
         InfrastructureError: a file cannot be written.
+        UsageError: the networks no longer give numbers.
     """
     try:
         return training.run()
+    except InvalidActionError as error:
+        raise UsageError(
+            f"the training diverged after step {training.step}: {error}.\n"
+            "Set a smaller learning_rate or reward_scale, and another --output"
+        ) from error
     except RunDirectoryError as error:
         kept = training.kept_step
         if kept is None:
@@ -203,7 +210,7 @@ def _keep_policy(file: Path, steps: int) -> None:
     """Name the policy of a training that is made longer by its steps: it is no longer the last."""
     if os.path.lexists(file):
         with files.os_errors_as(RunDirectoryError, file, "renamed"):
-            file.rename(file.with_stem(f"{file.stem}_{steps}_steps"))
+            file.rename(file.with_name(KEPT_FILE.format(steps)))
 
 
 class TrainingEvaluator:

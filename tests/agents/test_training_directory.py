@@ -1,18 +1,25 @@
 """A training directory that somebody prepared: nothing outside it is written, and nobody waits."""
 
+import math
 import os
 import shutil
 import signal
 import zipfile
 import zlib
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
 from minitouch_bench.agents import checkpoint, progress
-from minitouch_bench.errors import InfrastructureError, MiniTouchError, RunDirectoryError
+from minitouch_bench.errors import (
+    InfrastructureError,
+    MiniTouchError,
+    RunDirectoryError,
+    UsageError,
+)
 from minitouch_bench.workflows.training import run_training
 from tests.agents.test_training import break_off, outcome
 from tests.agents.trainings import CONFIG, stop_at_once
@@ -98,6 +105,34 @@ def test_nobody_waits_for_a_pipe(prepared, name):
     os.mkfifo(prepared / name)
     with pytest.raises(MiniTouchError, match="no plain file"):
         run_training(CONFIG, prepared, resume=True, device="cpu")
+
+
+# A training that diverges
+
+DIVERGING = replace(
+    CONFIG,
+    exploration=replace(CONFIG.exploration, learning_rate=1e6),
+    updates_per_step=1.0,
+    evaluate_every=0,
+)
+
+
+def test_a_training_that_diverges_says_so(tmp_path):
+    with pytest.raises(UsageError, match=r"diverged after step \d+: the action .* NaN") as stopped:
+        run_training(DIVERGING, tmp_path / "run", device="cpu")
+    assert "smaller learning_rate" in str(stopped.value)
+
+
+def test_rows_of_a_training_that_diverges_are_not_damaged(tmp_path):
+    file = tmp_path / "progress.csv"
+    row = progress.Tally().row(5, "task", None, 1.0)
+    progress.append_row(file, replace(row, critic_loss=math.inf, value=-math.inf))
+    before = file.read_bytes()
+    progress.cut_rows(file, 5)
+    assert file.read_bytes() == before
+    progress.append_row(file, replace(row, touch_share=math.inf))
+    with pytest.raises(RunDirectoryError, match="a row of it is damaged"):
+        progress.cut_rows(file, 5)
 
 
 # A full disk

@@ -195,6 +195,12 @@ def test_each_training_seed_has_its_value_or_a_dash():
     }
 
 
+def test_without_a_run_of_table_4_there_is_no_table_of_its_seeds():
+    frame = estimates((1000,))
+    assert [*study_tables(frame.iloc[:0])] == []
+    assert [*study_tables(frame[frame["suite"] == "novel-shapes"])] == []
+
+
 def test_other_conditions_stand_beside_the_standard_ones():
     others = estimates((1000,))
     others = others[others["suite"] == "table4"].assign(conditions="without forces")

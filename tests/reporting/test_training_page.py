@@ -47,6 +47,15 @@ def test_one_row_is_enough(directory):
     assert "500 control steps" in training_page(directory)
 
 
+def test_losses_that_are_no_numbers_leave_a_gap(directory):
+    losses = (2.0, "inf", "-inf", "nan")
+    rows = [row(i, "task", critic_loss=loss, value="inf") for i, loss in enumerate(losses, 1)]
+    write_rows(directory, rows)
+    page = training_page(directory)
+    assert "<figcaption>Critic loss</figcaption>" in page
+    assert "<figcaption>Value</figcaption>" not in page
+
+
 def test_success_is_that_of_the_latest_episodes():
     rows = pd.DataFrame({"episodes": [10, 10, 10, 10], "success": [0.0, 1.0, 1.0, 0.5]})
     found = episode_success(rows)

@@ -134,6 +134,12 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
         import_objects(tmp_path, result.folder, ImportConfig())
 
 
+@pytest.mark.parametrize("scale", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_scale_is_above_0(scale: float) -> None:
+    with pytest.raises(UsageError, match="--scale is a number above 0"):
+        ImportConfig(scale=scale)
+
+
 def test_an_empty_folder_and_no_folder(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="contains no object"):
         find_objects(tmp_path)

@@ -139,6 +139,15 @@ def test_a_shape_without_what_others_read_of_it_is_refused(small_set: Path, key:
         load_shape_set(small_set)
 
 
+def test_a_set_without_shapes_and_a_shape_without_poses_are_refused(small_set: Path) -> None:
+    edit_document(small_set / "manifest.json", lambda d: d["shapes"][1].update(poses=[]))
+    with pytest.raises(UsageError, match=r"damaged.*shape-0001 has no poses"):
+        load_shape_set(small_set)
+    edit_document(small_set / "manifest.json", lambda d: d.update(shapes=[], count=0))
+    with pytest.raises(UsageError, match=r"damaged.*it lists no shapes"):
+        load_shape_set(small_set)
+
+
 @pytest.mark.parametrize("key", ["count", "pack_sha256", "name"])
 def test_a_set_without_its_own_numbers_is_refused(small_set: Path, key: str) -> None:
     edit_document(small_set / "manifest.json", lambda d: d.pop(key))

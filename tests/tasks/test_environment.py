@@ -312,6 +312,18 @@ def test_an_object_that_is_never_visible_is_an_error(environments, monkeypatch):
         environment.reset(seed=1)
 
 
+@pytest.mark.parametrize("numbers", [{"width": 0}, {"height": -1}, {"max_steps": -1}])
+def test_sizes_and_lengths_are_from_1_on(numbers):
+    with pytest.raises(UsageError, match="numbers from 1 on"):
+        MiniTouchEnv("pushing", **numbers)
+
+
+@pytest.mark.parametrize("options", [{"object": ["cube"]}, {"object": 5}, {1: 1, "shape": 2}])
+def test_reset_options_of_other_types_are_errors_too(environment, options):
+    with pytest.raises(UsageError, match="reset option"):
+        environment.reset(options=options)
+
+
 def test_an_unknown_reset_option_is_an_error(environment):
     with pytest.raises(UsageError, match="no reset option 'shape'; there is 'object'"):
         environment.reset(seed=1, options={"shape": "cube"})

@@ -82,6 +82,11 @@ def test_shapes_of_a_split_are_drawn_from():
     assert environment.object_name in {shape.name for shape in shapes}
 
 
+def test_the_names_of_objects_are_said():
+    with pytest.raises(UsageError, match="no objects 'typo'; there are cube, train, held-out, all"):
+        MiniTouchEnv("pushing", objects="typo")
+
+
 @pytest.mark.parametrize("objects", [3, (), [3]])
 def test_what_is_no_object_is_named(objects):
     with pytest.raises(UsageError):

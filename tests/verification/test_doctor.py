@@ -20,3 +20,10 @@ def test_an_episode_that_is_missing_or_other_is_named(found):
     check = doctor._same("crash", {"a": "1", "b": "2"}, found, "after a crash")
     assert check.verdict is CheckResult.FAIL
     assert check.text == "other bits after a crash: b"
+
+
+@pytest.mark.parametrize(
+    ("workers", "words"), [(1, "in 13 min with 1 worker,"), (2, "7 min with 2 workers,")]
+)
+def test_the_time_of_an_evaluation_is_that_of_the_workers_asked_for(workers, words):
+    assert words in doctor._speed(100.0, workers).text

@@ -1,11 +1,13 @@
 """Where a run's policy comes from, as files beside it say."""
 
+import hashlib
 from dataclasses import replace
 
 import pytest
 
 from minitouch_bench.agents.config import TrainingConfig
 from minitouch_bench.documents import write_toml
+from minitouch_bench.policies.sources import KEPT_FILE
 from minitouch_bench.reporting.labels import RunOrigin
 from minitouch_bench.workflows.report import find_origin, report
 from tests.reporting.synthetic import make_run, save, write
@@ -20,9 +22,9 @@ def training(tmp_path):
     return directory
 
 
-def run_of(source):
+def run_of(source, **identity):
     run = save(make_run("a", tasks=("pushing",), episodes=2, exploration=False))
-    policy = replace(run.header.policy, source=str(source))
+    policy = replace(run.header.policy, source=str(source), **identity)
     return replace(run, header=replace(run.header, policy=policy))
 
 
@@ -31,6 +33,18 @@ def test_a_policy_of_a_training_directory_has_its_method_and_steps(training, tmp
     assert find_origin(place, run_of(training / "final.safetensors")) == RunOrigin("rnd", 50_000)
     explored = run_of(training / "exploration.safetensors")
     assert find_origin(place, explored) == RunOrigin("rnd", 10_000)
+
+
+def test_the_policy_of_a_training_that_was_made_longer_has_its_own_steps(training, tmp_path):
+    kept = training / KEPT_FILE.format(30_000)
+    kept.write_bytes(b"weights")
+    (training / KEPT_FILE.format("x")).write_bytes(b"weights")
+    digest = hashlib.sha256(b"weights").hexdigest()
+    place = tmp_path / "reports" / "run"
+    # Played before it had its name, and under it.
+    for source in (training / "final.safetensors", kept, training):
+        assert find_origin(place, run_of(source, digest=digest)) == RunOrigin("rnd", 30_000)
+    assert find_origin(place, run_of(training / "final.safetensors")) == RunOrigin("rnd", 50_000)
 
 
 def test_a_run_inside_a_training_directory_is_of_it(training):

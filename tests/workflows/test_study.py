@@ -348,6 +348,11 @@ def test_claims_are_judged_once_their_trainings_are_done(finished, tmp_path):
         (("[settings]", f"suites = []\n{claim_on('rnd', 'touch_share')}"), "does not play table4"),
         (("[settings]", claim_on("icm", "touch_share")), "icm in playing, and does not train it"),
         (("[settings]", claim_on("rnd", "success")), "no better direction in 'playing'"),
+        (("[settings]", "[settings]\nseed = 1"), "sets 'seed' in its settings: use 'seeds'"),
+        (
+            ("[settings]", "[settings]\nexploration = { steps = 5 }"),
+            "'exploration.steps' in its settings: use 'exploration_steps'",
+        ),
         (("[settings]", "[settings"), "TOML"),
     ],
 )

@@ -72,10 +72,10 @@ def handled(rng: np.random.Generator) -> Solid:
     return makers[int(rng.integers(len(makers)))](rng)
 
 
-def _arc(start: float, end: float, radii: tuple[float, float], count: int = 11) -> Points:
-    """Return an elliptic arc in the x-z plane, float64 (count, 3); angles in degrees."""
-    angles = np.radians(np.linspace(start, end, count))
-    return np.stack([radii[0] * np.cos(angles), np.zeros(count), radii[1] * np.sin(angles)], axis=1)
+def _arc(start: float, end: float, radii: tuple[float, float]) -> Points:
+    """Return an elliptic arc in the x-z plane, float64 (11, 3); angles in degrees."""
+    angles = np.radians(np.linspace(start, end, 11))
+    return np.stack([radii[0] * np.cos(angles), np.zeros(11), radii[1] * np.sin(angles)], axis=1)
 
 
 def _mug(rng: np.random.Generator) -> Solid:

@@ -36,7 +36,7 @@ class Peg(TabletopTask):
         half = (self.spec.plate_side / 2, self.spec.plate_side / 2, self.spec.plate_height / 2)
         height = PROTOCOL.physics.table_top + half[2]
         color = PROTOCOL.observation.target_color
-        plate = client.add_box(half, (*self._plate, height), color, mass=0.0, friction=1.0)
+        plate = client.add_box(half, (*self._plate, height), color, friction=1.0)
         return ((plate, -1),)
 
     def outcome(self, client: PhysicsClient) -> Outcome | None:
