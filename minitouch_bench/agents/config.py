@@ -28,7 +28,7 @@ LEAST_REPLAY = 1000
 
 ANY, POSITIVE, SHARE = (0, math.inf), (1, math.inf), (0, 1)
 ABOVE_ZERO, ENTROPY = (1e-9, 1e9), (-1e3, 1e3)
-BATCH = (1, 65_536)
+BATCH, N_STEP = (1, 65_536), (1, 1000)
 WIDTH = (1 / 32, 1)
 """Ranges of settings, both ends included; channels are scaled down from those of Table 3."""
 
@@ -73,7 +73,7 @@ class PhaseConfig:
         _check_ranges(
             self, steps=ANY, learning_rate=(0, 1e9), temperature=(0, 1e9),
             initial_temperature=ABOVE_ZERO, target_entropy=ENTROPY, final_target_entropy=ENTROPY,
-            entropy_steps=ANY, reward_scale=(-1e9, 1e9), n_step=POSITIVE, success_share=SHARE,
+            entropy_steps=ANY, reward_scale=(-1e9, 1e9), n_step=N_STEP, success_share=SHARE,
         )  # fmt: skip
 
     def target_entropy_at(self, step: int) -> float:
@@ -144,8 +144,9 @@ class TrainingConfig:
     ``replay_size``: observations in the replay memory; the oldest are removed.
     ``force_scale``: the finger forces (N) that the networks see as 1.
     ``log_every``: control steps between two rows of ``progress.csv``. After each
-    ``evaluate_every`` (0: never) the policy plays ``evaluate_episodes`` episodes of its own, and
-    there is a row as well. ``checkpoint_every``: control steps that a killed training may lose.
+    ``evaluate_every`` (0: never) the policy plays ``evaluate_episodes`` episodes of its own, with
+    the objects of the task, and there is a row as well. ``checkpoint_every``: control steps that a
+    killed training may lose.
     """
 
     task: str

@@ -15,6 +15,7 @@ from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.logged_data import fill_from_log
 from minitouch_bench.agents.progress import Evaluation, ProgressRow, Tally, append_row, cut_rows
 from minitouch_bench.agents.replay import Replay
+from minitouch_bench.errors import InvalidActionError
 from minitouch_bench.files import PROGRESS_FILE
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
@@ -83,6 +84,7 @@ class Training:
 
         Raises:
             RunDirectoryError: a file cannot be written; the last checkpoint is kept.
+            InvalidActionError: the training diverged, so that the policy gives no numbers.
         """
         while self.step < self.config.steps:
             if self._callbacks.should_stop():
@@ -193,9 +195,12 @@ class Training:
         return self._seconds
 
     def _finish(self) -> None:
+        actor = self._learner.actor()
+        if not all(bool(weight.isfinite().all()) for weight in actor.state_dict().values()):
+            raise InvalidActionError("a weight of the policy is NaN or infinite")
         if self._learner.exploring:
-            save_native(self._learner.actor(), self._directory / EXPLORED_FILE)
-        save_native(self._learner.actor(), self._directory / TRAINED_FILE)
+            save_native(actor, self._directory / EXPLORED_FILE)
+        save_native(actor, self._directory / TRAINED_FILE)
         self._save()
 
     def _save(self) -> None:

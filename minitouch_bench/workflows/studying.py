@@ -59,7 +59,7 @@ def run_study(
     run_jobs = find_job_runner(engine)
     with lock_directory(directory):
         _keep_settings(config, directory)
-        for training in config.trainings():
+        for training in config.trainings() if wanted is None else wanted:
             (directory / training.name / FAILURE_FILE).unlink(missing_ok=True)
         results = report_study(config, directory, on_state)
         jobs = [

@@ -123,6 +123,19 @@ def test_a_training_that_diverges_says_so(tmp_path):
     assert "smaller learning_rate" in str(stopped.value)
 
 
+def test_a_policy_that_diverges_after_its_last_action_is_not_kept(tmp_path):
+    late = replace(
+        CONFIG,
+        random_steps=CONFIG.steps - 1,
+        updates_per_step=20.0,
+        evaluate_every=0,
+        task_phase=replace(CONFIG.task_phase, learning_rate=1e6),
+    )
+    with pytest.raises(UsageError, match="diverged after step 50: a weight of the policy is NaN"):
+        run_training(late, tmp_path / "run", device="cpu")
+    assert not (tmp_path / "run" / "final.safetensors").exists()
+
+
 def test_rows_of_a_training_that_diverges_are_not_damaged(tmp_path):
     file = tmp_path / "progress.csv"
     row = progress.Tally().row(5, "task", None, 1.0)

@@ -24,6 +24,11 @@ def test_two_hundred_layouts_keep_the_rules():
     assert np.all(high - low > (0.13, 0.32))
 
 
+def test_the_object_s_clearance_is_from_where_the_arm_starts(environment):
+    environment.reset(seed=0)
+    assert environment.arm.position[:2] == pytest.approx(START_XY, abs=5e-4)
+
+
 def test_never_in_contact_at_the_start(environment):
     for seed in range(30):
         _, info = environment.reset(seed=seed)
