@@ -108,9 +108,9 @@ class Prover:
     def run_fresh(self, count: int, draw: str) -> FreshProof:
         """Run ``count`` new episodes of each task of each run, and compare with the official ones.
 
-        A significant drop is a problem. An episode that ends by a policy fault is a failed one:
-        on a machine that is too slow, official episodes that are run again fail before. On novel
-        shapes they are the first ``count`` of the suite: its shapes in its order, in new scenes.
+        A significant drop is a problem. An episode that ends by a policy fault is a failed one; to
+        find a machine that is too slow, call ``run_again`` first. On novel shapes they are the
+        first ``count`` of the suite: its shapes in its order, in new scenes.
         """
         seeds: dict[str, int] = {}
         played: dict[str, dict[tuple[Role, str], Values]] = {}
