@@ -55,8 +55,8 @@ NOTES: Final = (
     f"Detectable: the difference of means that one comparison shows in {100 * POWER:.0f} % of "
     "studies at the strictest level of the correction, if the values are normal and vary as here; "
     "a dash where the worse method leaves no room for it.",
-    f"{WAITING.capitalize()}: not every training of the claim has a value yet.",
 )
+WAITING_NOTE: Final = f"{WAITING.capitalize()}: not every training of the claim has a value yet."
 
 
 @dataclass(frozen=True)
@@ -289,7 +289,8 @@ def claims_table(judged: Sequence[JudgedClaim]) -> Table:
         )
     words = ("Claim", "Means over seeds", "The paper", "Verdict")
     columns = make_columns(*words[:3], "Detectable", "p", words[3], words=words)
-    return Table("Claims", ("Task", "Metric"), columns, tuple(rows), NOTES)
+    notes = (*NOTES, *((WAITING_NOTE,) * any(one.is_waiting for one in judged)))
+    return Table("Claims", ("Task", "Metric"), columns, tuple(rows), notes)
 
 
 def _means(judged: JudgedClaim) -> str:

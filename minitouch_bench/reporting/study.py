@@ -66,13 +66,15 @@ ESTIMATES: Final = (*HEAD, "suite", "conditions", "metric", "value", "low", "hig
 class StudyResults:
     """Which trainings of a study are done, which failed and why, and which are left.
 
-    ``runs``: those that there are of what the study's file asks for.
+    ``untrained``: those left that have no policy yet; the others are to be evaluated. ``runs``:
+    those that there are of what the study's file asks for.
     """
 
     directory: Path
     done: tuple[StudyTraining, ...]
     failed: Mapping[StudyTraining, str]
     left: tuple[StudyTraining, ...]
+    untrained: tuple[StudyTraining, ...]
     runs: Mapping[StudyTraining, tuple[Run, ...]]
     claims: tuple[Claim, ...] = ()
 
@@ -175,7 +177,7 @@ def _time_left(results: StudyResults) -> str:
 
     A training takes the mean of those of its task that are done, of all where there is none.
     """
-    if not results.done or not results.left:
+    if not results.done or not results.untrained:
         return ""
     seconds = {one: last_progress(results.directory, one)[1] for one in results.done}
     of_task = {
@@ -183,7 +185,7 @@ def _time_left(results: StudyResults) -> str:
         for task in {one.task for one in seconds}
     }
     usual = float(np.mean([*seconds.values()]))
-    minutes = sum(of_task.get(one.task, usual) for one in results.left) / 60
+    minutes = sum(of_task.get(one.task, usual) for one in results.untrained) / 60
     time = f"{minutes:.0f} minutes" if minutes < 120 else f"{minutes / 60:.0f} hours"
     return f"; those left train for about {time}, one at a time"
 

@@ -76,7 +76,10 @@ def _seeds_table(estimates: pd.DataFrame) -> Table:
 def _conditions_table(joined: pd.DataFrame) -> Table:
     """Return a row per task and condition: what ranks the task, after the longest exploration."""
     longest = joined["steps"] == joined.groupby("task")["steps"].transform("max")
-    shown = joined[longest & (joined["metric"] == joined["task"].map(ranking_metric))]
+    changed = joined[joined["conditions"] != ""]
+    played = joined["task"].isin(changed["task"]) & joined["method"].isin(changed["method"])
+    ranking = joined["metric"] == joined["task"].map(ranking_metric)
+    shown = joined[longest & ranking & played]
     methods = list(dict.fromkeys(shown["method"]))
     rows = [
         make_row(

@@ -43,8 +43,8 @@ class TaskGrid:
 class StudyCondition:
     """Conditions under which final policies play once more, in ``episodes`` of the main suite.
 
-    ``without`` and ``perturb`` are those of ``evaluate``. ``methods``: whose policies; by default
-    those of every method.
+    ``without`` and ``perturb`` are those of ``evaluate``. ``methods``: whose policies; ``tasks``:
+    in which tasks; by default all.
 
     Raises:
         UsageError: no condition is named, or one does not exist.
@@ -54,6 +54,7 @@ class StudyCondition:
     perturb: tuple[str, ...] = ()
     episodes: Count = 40
     methods: tuple[str, ...] = ()
+    tasks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if parse_conditions(self.without, self.perturb) == STANDARD:
@@ -64,6 +65,12 @@ class StudyCondition:
         """Its directory in a training's."""
         words = parse_conditions(self.without, self.perturb).as_options()
         return "-".join(word.removeprefix("--") for word in (*words, str(self.episodes)))
+
+    def concerns(self, task: str, method: str) -> bool:
+        """Return whether policies of this method play under it in this task."""
+        return (not self.tasks or task in self.tasks) and (
+            not self.methods or method in self.methods
+        )
 
 
 @dataclass(frozen=True)
@@ -154,7 +161,7 @@ class StudyConfig:
             if training.task in suite.tasks
         }
         for one in self.conditions:
-            if not one.methods or training.method in one.methods:
+            if one.concerns(training.task, training.method):
                 changes = {"without": one.without, "perturb": one.perturb}
                 found[one.name] = {**changes, "episodes": one.episodes or None}
         return found
@@ -187,13 +194,21 @@ def read_study(path: Path) -> StudyConfig:
         study.config_of(training)
         study.evaluations_of(training)
     trained = {(training.task, training.method) for training in study.trainings()}
-    named = {method for condition in study.conditions for method in condition.methods}
-    if unknown := named - {method for _, method in trained}:
-        raise UsageError(f"{path} has a condition for '{min(unknown)}', and does not train it")
+    if name := _untrained(study.conditions, trained):
+        raise UsageError(f"{path} has a condition for '{name}', and does not train it")
     for claim in study.claims:
         if fault := _fault(study, claim, trained):
             raise UsageError(f"{path} has a claim on {fault}")
     return study
+
+
+def _untrained(conditions: Sequence[StudyCondition], trained: Set[tuple[str, str]]) -> str:
+    """Return a task or method that a condition names in vain; "" if there is none."""
+    for one in conditions:
+        for name in (*one.tasks, *one.methods):
+            if not any(name in pair and one.concerns(*pair) for pair in trained):
+                return name
+    return ""
 
 
 def _fault(study: StudyConfig, claim: Claim, trained: Set[tuple[str, str]]) -> str:

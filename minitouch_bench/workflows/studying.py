@@ -150,6 +150,7 @@ def report_study(config: StudyConfig, directory: Path, on_state: OnState) -> Stu
     """
     done: list[StudyTraining] = []
     left: list[StudyTraining] = []
+    untrained: list[StudyTraining] = []
     failed: dict[StudyTraining, str] = {}
     runs: dict[StudyTraining, tuple[Run, ...]] = {}
     for training in config.trainings():
@@ -161,7 +162,11 @@ def report_study(config: StudyConfig, directory: Path, on_state: OnState) -> Stu
             whole = len(runs[training]) == len(config.evaluations_of(training))
             trained = (directory / training.name / TRAINED_FILE).exists()
             (done if whole and trained else left).append(training)
-    results = StudyResults(directory, tuple(done), failed, tuple(left), runs, config.claims)
+            if not trained:
+                untrained.append(training)
+    results = StudyResults(
+        directory, tuple(done), failed, tuple(left), tuple(untrained), runs, config.claims
+    )
     write_study(results)
     on_state(results)
     return results

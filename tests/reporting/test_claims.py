@@ -93,6 +93,9 @@ def test_a_claim_waits_for_its_trainings_and_still_counts():
     assert [str(cell) for cell in claims_table([second]).rows[0].cells] == [
         "hac > sac", "—", "0.733, —", "—", "—", "waiting",
     ]  # fmt: skip
+    assert [claims_table([one]).notes[-1].startswith("Waiting") for one in (first, second)] == [
+        False, True,
+    ]  # fmt: skip
 
 
 def test_a_metric_that_a_method_lacks_decides_nothing():

@@ -6,6 +6,7 @@ from minitouch_bench.reporting.study import (
     StudyResults,
     StudyTraining,
     last_progress,
+    state_lines,
     trainings_table,
 )
 
@@ -27,7 +28,7 @@ def test_each_training_says_how_far_it_is(tmp_path):
     )
     left = (under_way, begun, waiting, partly)
     runs = {done: (object(),), partly: (object(),)}
-    results = StudyResults(tmp_path, (done,), {failed: "a full disk"}, left, runs)
+    results = StudyResults(tmp_path, (done,), {failed: "a full disk"}, left, left[:-1], runs)
     found = {
         row.heads[0]: [cell.text for cell in row.cells] for row in trainings_table(results).rows
     }
@@ -39,6 +40,8 @@ def test_each_training_says_how_far_it_is(tmp_path):
         "opening-hac-8000-4": ["waiting", "0", "0.0 min"],
         "opening-hac-8000-5": ["evaluated in part", "1,000", "1.0 min"],
     }
+    # Three of those left are to be trained, one only to be evaluated.
+    assert "left train for about 3 minutes" in state_lines(results)[0]
 
 
 @pytest.mark.parametrize("text", ["step\n500\n", "\0\1\2\n", "step,episodes\nmany,few\n"])

@@ -343,6 +343,10 @@ def test_claims_are_judged_once_their_trainings_are_done(finished, tmp_path):
             ("[settings]", "[[conditions]]\nwithout = ['touch']\nmethods = ['sac']\n[settings]"),
             "for 'sac'",
         ),
+        (
+            ("[settings]", "[[conditions]]\nwithout = ['touch']\ntasks = ['opening']\n[settings]"),
+            "for 'opening'",
+        ),
         (("[settings]", "[[conditions]]\n[settings]"), "needs 'without' or 'perturb'"),
         (("[settings]", 2 * CLAIM + "[settings]"), "claims twice"),
         (("[settings]", f"suites = []\n{claim_on('rnd', 'touch_share')}"), "does not play table4"),
