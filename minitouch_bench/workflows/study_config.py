@@ -62,9 +62,10 @@ class StudyCondition:
 
     @property
     def name(self) -> str:
-        """Its directory in a training's."""
+        """Its directory in a training's: without colons, which Windows cannot check out."""
         words = parse_conditions(self.without, self.perturb).as_options()
-        return "-".join(word.removeprefix("--") for word in (*words, str(self.episodes)))
+        name = "-".join(word.removeprefix("--") for word in (*words, str(self.episodes)))
+        return name.replace(":", "-to-")
 
     def concerns(self, task: str, method: str) -> bool:
         """Return whether policies of this method play under it in this task."""

@@ -290,17 +290,17 @@ def test_a_task_may_have_its_own_methods_lengths_and_suites(tmp_path):
 def test_final_policies_play_under_other_conditions_too(finished, tmp_path):
     shutil.copytree(finished, tmp_path / "out")
     (tmp_path / "s.toml").write_text(
-        STUDY + "[[conditions]]\nwithout = ['forces']\nperturb = ['mass=2']\nepisodes = 2\n"
+        STUDY + "[[conditions]]\nwithout = ['forces']\nperturb = ['mass=2:3']\nepisodes = 2\n"
         "methods = ['hac']\n"
     )
     found = run_study(read_study(tmp_path / "s.toml"), tmp_path / "out")
     assert (len(found.done), found.failed, found.left) == (2, {}, ())
-    place = tmp_path / "out" / "playing-hac-60-0" / "without-forces-perturb-mass=2-2"
+    place = tmp_path / "out" / "playing-hac-60-0" / "without-forces-perturb-mass=2-to-3-2"
     plan = json.loads((place / "run.json").read_text())["header"]["plan"]
     assert (plan["episodes"], plan["conditions"]["without"]) == (2, ["forces"])
     assert not (tmp_path / "out" / "playing-rnd-60-0" / place.name).exists()
     report = (tmp_path / "out" / "report.md").read_text()
-    assert "without forces, mass 2 times" in report
+    assert "without forces, mass 2 to 3 times" in report
     # Table 4 is of the protocol's own conditions.
     before, after = (
         pd.read_csv(folder / "estimates.csv", keep_default_na=False)
