@@ -153,7 +153,7 @@ def _generalize_task(
     return Generalization(
         task=task,
         gaps={
-            name: _gap(task, METRICS[name], held_out, train, root)
+            name: compare_episodes(task, METRICS[name], held_out, train, root)
             for name in metrics_shown_in(ShownIn.NOVEL_SHAPES, task)
         },
         family_metric=family_metric.name,
@@ -167,13 +167,17 @@ def _generalize_task(
     )
 
 
-def _gap(
+def compare_episodes(
     task: str,
     metric: Metric,
     held_out: Sequence[EpisodeMetrics],
     train: Sequence[EpisodeMetrics],
     root: Root,
 ) -> Gap:
+    """Estimate a metric in two sets of episodes, as independent, and the first less the second.
+
+    The metric has a value in every episode. The sets are those of a split of shapes, or others.
+    """
     first = metric.estimate(held_out, stream(root, task, metric.name, HELD_OUT))
     second = metric.estimate(train, stream(root, task, metric.name, TRAIN))
     assert first is not None  # such a metric has a value in every episode

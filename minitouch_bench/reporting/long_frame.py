@@ -21,6 +21,9 @@ COLUMNS = ("method", "seed", *KEY[1:], *ESTIMATE)
 GAP = f", {DIFFERENCE}"
 """What follows a metric's name where its value is a difference of splits."""
 
+CHANGE = ", change"
+"""What follows it where the value is the difference that other conditions make."""
+
 FrameRow = tuple[Any, ...]
 
 

@@ -9,11 +9,14 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from minitouch_bench.conditions import STANDARD
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import PROGRESS_FILE, write_file
-from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import bootstrap_mean
+from minitouch_bench.metrics.summary import compare_episodes
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
+from minitouch_bench.records import Estimate
 from minitouch_bench.rendering import latex
 from minitouch_bench.rendering.figure_files import write_figures
 from minitouch_bench.rendering.markdown import escape, table_section
@@ -94,7 +97,7 @@ def write_study(results: StudyResults) -> None:
         row
         for training, runs in results.runs.items()
         for run in runs
-        for row in _rows(training, run)
+        for row in _rows(training, run, runs)
     )
     estimates, curves = long_frame.make_long_frame(rows), _curves(results)
     judged = _judge(results, estimates)
@@ -119,10 +122,11 @@ def write_study(results: StudyResults) -> None:
     write_file(directory / "report.html", page)
 
 
-def _rows(training: StudyTraining, run: Run) -> Iterator[tuple[Any, ...]]:
+def _rows(training: StudyTraining, run: Run, runs: Sequence[Run]) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of a run, and what Figure 9 shows of the policy at the end of exploration.
 
-    The steps of the frame are those of exploration.
+    Of a run under other conditions also what they change. The steps of the frame are those of
+    exploration.
     """
     label = long_frame.RunLabel(training.method, training.seed, training.exploration_steps)
     yield from long_frame.frame_rows(label, run)
@@ -130,6 +134,20 @@ def _rows(training: StudyTraining, run: Run) -> Iterator[tuple[Any, ...]]:
         if values := METRICS[metric].values(run.exploration_episodes):
             estimate = bootstrap_mean(values, np.random.default_rng(0))
             yield long_frame.frame_row(label, run, training.task, metric + EXPLORING, estimate)
+    if run.plan.conditions != STANDARD:
+        for other in runs:
+            if other.plan.conditions == STANDARD and other.plan.suite == run.plan.suite:
+                metric, change = _change(training.task, run, other)
+                yield long_frame.frame_row(label, run, training.task, metric, change)
+
+
+def _change(task: str, run: Run, standard: Run) -> tuple[str, Estimate]:
+    """Return what ranks the task, less its value in the same episodes of the standard run."""
+    metric = METRICS[ranking_metric(task)]
+    both = {row.index for row in run.episodes} & {row.index for row in standard.episodes}
+    first, second = ([row for row in one.episodes if row.index in both] for one in (run, standard))
+    change = compare_episodes(task, metric, first, second, (run.plan.seed,)).difference
+    return metric.name + long_frame.CHANGE, change
 
 
 def _judge(results: StudyResults, estimates: pd.DataFrame) -> list[JudgedClaim]:

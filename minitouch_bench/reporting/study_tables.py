@@ -7,6 +7,7 @@ import pandas as pd
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import OVER_SEEDS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
+from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.tables import (
     Cell,
     Table,
@@ -27,6 +28,12 @@ SEEDS_NOTE = (
 )
 
 EPISODES_NOTE = "95 % intervals of the episodes of each training seed's policy."
+
+CONDITIONS_NOTE = (
+    "Without a sense: it stays as it is at the reset, a combination that no training contains. "
+    "Change: the value less that of the same policy in the same episodes under standard "
+    "conditions, whose row is of all episodes."
+)
 
 
 def study_tables(estimates: pd.DataFrame) -> Iterator[Table]:
@@ -74,29 +81,34 @@ def _seeds_table(estimates: pd.DataFrame) -> Table:
 
 
 def _conditions_table(joined: pd.DataFrame) -> Table:
-    """Return a row per task and condition: what ranks the task, after the longest exploration."""
+    """Return what ranks a task under each condition, after the longest exploration.
+
+    Of each condition there are two rows: the values, and what it changes.
+    """
     longest = joined["steps"] == joined.groupby("task")["steps"].transform("max")
     changed = joined[joined["conditions"] != ""]
     played = joined["task"].isin(changed["task"]) & joined["method"].isin(changed["method"])
-    ranking = joined["metric"] == joined["task"].map(ranking_metric)
-    shown = joined[longest & ranking & played]
+    names = joined["metric"].str.removesuffix(long_frame.CHANGE)
+    shown = joined[longest & played & (names == joined["task"].map(ranking_metric))]
     methods = list(dict.fromkeys(shown["method"]))
-    rows = [
-        make_row(
-            (task_title(task), METRICS[metric].label, conditions or "standard"),
-            *(
-                estimate_cell(
-                    metric, long_frame.find_row(shown, task=task, conditions=conditions, method=one)
-                )
-                for one in methods
-            ),
-        )
-        for task, conditions, metric in dict.fromkeys(
-            zip(shown["task"], shown["conditions"], shown["metric"], strict=True)
-        )
-    ]
-    heads = ("Task", "Metric", "Condition")
-    return Table("Other conditions", heads, make_columns(*methods), tuple(rows), (SEEDS_NOTE,))
+    keys = shown[["task", "conditions", "metric"]].drop_duplicates()
+    rows = []
+    for task, conditions, metric in keys.itertuples(index=False, name=None):
+        of_key = long_frame.select(shown, task=task, conditions=conditions, metric=metric)
+        cells = (_cell(metric, long_frame.find_row(of_key, method=one)) for one in methods)
+        label = metric.replace(ranking_metric(task), METRICS[ranking_metric(task)].label)
+        rows.append(make_row((task_title(task), conditions or "standard", label), *cells))
+    heads = ("Task", "Condition", "Metric")
+    notes = (CONDITIONS_NOTE, SEEDS_NOTE)
+    return Table("Other conditions", heads, make_columns(*methods), tuple(rows), notes)
+
+
+def _cell(metric: str, estimate: Estimate | None) -> Cell:
+    """Write an estimate, with a sign where it is a difference."""
+    for suffix in (long_frame.GAP, long_frame.CHANGE):
+        if estimate is not None and metric.endswith(suffix):
+            return difference_cell(metric.removesuffix(suffix), estimate)
+    return estimate_cell(metric, estimate)
 
 
 def _table(title: str, metrics: Sequence[str], part: pd.DataFrame) -> Table:
@@ -106,10 +118,8 @@ def _table(title: str, metrics: Sequence[str], part: pd.DataFrame) -> Table:
     with_paper = metrics is TABLE4_METRICS
 
     def cell(task: str, index: int, name: str) -> Cell:
-        estimate = long_frame.find_row(part, task=task, method=methods[index], metric=name)
-        if estimate is not None and name.endswith(long_frame.GAP):
-            return difference_cell(name.removesuffix(long_frame.GAP), estimate)
-        return estimate_cell(name, estimate)
+        row = long_frame.find_row(part, task=task, method=methods[index], metric=name)
+        return _cell(name, row)
 
     notes = (
         f"Control steps of exploration: {explored}.",

@@ -1,8 +1,11 @@
 """The study of Table 4: what is shown of it is what its stored trainings give."""
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from benchmarks.study_report import STUDY, write_report
+from minitouch_bench.runs.run import read_run
 from tests.docs.test_links import DOCS
 
 RESULTS = DOCS / "results" / "reproduction.md"
@@ -34,3 +37,19 @@ def test_the_results_page_has_the_claims_of_the_report():
 def test_nothing_stored_names_a_directory_of_a_machine():
     for file in STUDY.glob("*/*/run.json"):
         assert '"source": "docs/studies/table4/' in file.read_text(), file
+
+
+def test_a_change_is_that_of_one_policy_in_the_same_episodes():
+    training = STUDY / "pick-up-hac-30000-0"
+    changed, standard = (read_run(training / name) for name in ("without-forces-20", "table4"))
+    assert len(changed.episodes) == 20
+    wanted = np.mean([row.success for row in changed.episodes]) - np.mean(
+        [row.success for row in standard.episodes[:20]]
+    )
+    frame = pd.read_csv(STUDY / "estimates.csv", keep_default_na=False)
+    row = frame.query(
+        "task == 'pick-up' and method == 'hac' and seed == 0"
+        " and conditions == 'without forces' and metric == 'success, change'"
+    )
+    assert wanted < -0.5
+    assert row["value"].tolist() == pytest.approx([wanted])

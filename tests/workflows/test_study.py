@@ -301,6 +301,15 @@ def test_final_policies_play_under_other_conditions_too(finished, tmp_path):
     assert not (tmp_path / "out" / "playing-rnd-60-0" / place.name).exists()
     report = (tmp_path / "out" / "report.md").read_text()
     assert "without forces, mass 2 to 3 times" in report
+    estimates = pd.read_csv(tmp_path / "out" / "estimates.csv", keep_default_na=False)
+    change = estimates.query("metric == 'touch_share, change'")
+    assert "Touch share, change" in report
+    # Both runs have episode 0.
+    rows = [
+        pd.read_csv(place.with_name(name) / "episodes.csv")["touch_share"][0]
+        for name in (place.name, "table4")
+    ]
+    assert change[["method", "value"]].to_numpy().tolist() == [["hac", rows[0] - rows[1]]]
     # Table 4 is of the protocol's own conditions.
     before, after = (
         pd.read_csv(folder / "estimates.csv", keep_default_na=False)
