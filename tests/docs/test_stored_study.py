@@ -1,5 +1,7 @@
 """The study of Table 4: what is shown of it is what its stored trainings give."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -32,6 +34,15 @@ def test_the_results_page_has_the_claims_of_the_report():
     section = report.partition("## Claims\n")[2].partition("\n- ")[0].strip()
     assert section.count("\n") == 1 + 12  # head, ruler, and a line per claim
     assert section in RESULTS.read_text(), "copy the table of docs/studies/table4/report.md"
+
+
+def test_the_results_page_has_the_changes_without_a_sense():
+    report = (STUDY / "report.md").read_text()
+    rows = re.findall(r"\| (.*) \| (without .*) \| Success, change \| (.*) \|\n", report)
+    assert len(rows) == 3 * 2  # tasks, senses
+    for task, condition, cells in rows:
+        shown = cells.replace("\\", "").replace("-", "\N{MINUS SIGN}")
+        assert f"| {task} | {condition} | {shown} |" in RESULTS.read_text()
 
 
 def test_nothing_stored_names_a_directory_of_a_machine():
