@@ -1,16 +1,19 @@
 """The figures of a study: learning curves, and the paper's Figures 9, 10 and 11 from our runs."""
 
 from collections.abc import Iterator, Sequence
+from itertools import product
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
+from minitouch_bench.conditions import PERTURBATIONS
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import bootstrap_seeds
 from minitouch_bench.metrics.summary import HELD_OUT, TRAIN
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.rendering.charts import (
+    ROW,
     Axis,
     Band,
     Chart,
@@ -25,6 +28,7 @@ from minitouch_bench.rendering.charts import (
     name_axis,
     run_legend,
     share_axis,
+    short_names,
     upright_line,
     value_axis,
 )
@@ -59,6 +63,7 @@ def study_figures(estimates: pd.DataFrame, curves: pd.DataFrame) -> tuple[Figure
         movement_and_touch(main, methods),
         exploration_lengths(main, methods),
         novel_shapes(select(estimates, suite=NOVEL_SHAPES, conditions=""), methods),
+        other_conditions(select(estimates, suite=MAIN_SUITE), methods),
     )
     return tuple(figure for figure in figures if figure.plots)
 
@@ -176,6 +181,38 @@ def novel_shapes(novel: pd.DataFrame, methods: Sequence[str]) -> Figure:
         "interval (the paper's Figure 11)."
     )
     return Figure("novel-shapes", "Novel shapes", text, tuple(plots))
+
+
+def other_conditions(estimates: pd.DataFrame, methods: Sequence[str]) -> Figure:
+    """Return what ranks each task under the standard and the other conditions, a row each."""
+    changed = estimates[estimates["conditions"] != ""]
+    played = [method for method in methods if method in {*changed["method"]}]
+    names = ["", *dict.fromkeys(changed["conditions"])]
+    rows = name_axis(["standard", *short_names([_without_units(name) for name in names[1:]])])
+    plots = []
+    for task, steps, part in study_parts(estimates):
+        if part["conditions"].eq("").all():
+            continue
+        metric = ranking_metric(task)
+        joined = join_seeds(select(part, metric=metric))
+        marks: list[Mark] = []
+        for (row, name), (turn, method) in product(enumerate(names), enumerate(played)):
+            estimate = find_row(joined, conditions=name, method=method)
+            if estimate is not None:
+                at = row + 0.7 * ((turn + 0.5) / len(played) - 0.5)
+                marks += estimate_marks(methods.index(method), at, estimate, size=6)
+        height = 1.6 * ROW * len(names)
+        chart = Chart(share_axis(METRICS[metric].label), rows, tuple(marks), height)
+        plots.append(_plot(task, steps, "other conditions", chart))
+    text = "Mean over training seeds and its 95 % interval."
+    legend = tuple(item for item in run_legend(methods) if item.text in played)
+    return Figure("conditions", "Other conditions", text, tuple(plots), legend)
+
+
+def _without_units(conditions: str) -> str:
+    for one in PERTURBATIONS.values():
+        conditions = conditions.replace(f" {one.unit}", "")
+    return conditions
 
 
 def _plot(task: str, steps: int, what: str, chart: Chart) -> Plot:

@@ -126,6 +126,19 @@ def test_held_out_shapes_stand_beside_train_shapes(figures):
     assert {(dot.x, dot.is_hollow) for dot in dots} == {(0.6, True), (0.5, False)}
 
 
+def test_each_condition_has_a_row_with_the_methods_that_played_under_it():
+    main = estimates((1000,))
+    changed = main[(main["metric"] == "success") & (main["method"] == "hac")]
+    changed = changed.assign(conditions="mass 0.5 to 2 times", value=0.2, low=0.1, high=0.3)
+    both = pd.concat([main, changed])
+    figure = {one.key: one for one in study_figures(both, curves((1000,)))}["conditions"]
+    (plot,) = figure.plots
+    rows = plot.charts[0].y.ticks
+    assert [tick.text for tick in rows] == ["standard", "mass 0.5 to 2"]
+    assert [(dot.x, dot.y) for dot in marks(figure, Dot)] == [(pytest.approx(0.85), 0), (0.2, 1)]
+    assert [item.text for item in figure.legend] == ["hac"]
+
+
 def test_one_length_and_one_suite_give_no_empty_figures():
     main = estimates((1000,))
     main = main[main["suite"] == "table4"]
@@ -208,9 +221,9 @@ def test_other_conditions_stand_beside_the_standard_ones():
     *_, table = study_tables(pd.concat([estimates((1000, 2000)), others]))
     assert table.title == "Other conditions"
     # The longest exploration is shown, and what there is of it.
-    assert [row.heads for row in table.rows] == [("Opening", "Success", "standard")]
+    assert [row.heads for row in table.rows] == [("Opening", "standard", "Success")]
     *_, table = study_tables(pd.concat([estimates((1000,)), others]))
-    assert [row.heads[2] for row in table.rows] == ["standard", "without forces"]
+    assert [row.heads[1] for row in table.rows] == ["standard", "without forces"]
     assert [cell.text for row in table.rows for cell in row.cells] == ["0.850"] * 2 + ["0.425"] * 2
 
 
