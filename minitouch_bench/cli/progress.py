@@ -18,6 +18,7 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Column
 
 from minitouch_bench.cli.console import note, notes
 from minitouch_bench.cli.output import show_validation
@@ -42,6 +43,9 @@ LINE_INTERVAL_S = 60.0
 
 REFRESH_S = 10.0
 """Between two looks at all trainings' rows: a training writes a row about as often."""
+
+WIDE = 110
+"""Columns of a terminal from which the bar of episodes is a long one."""
 
 SHOWN = 3
 """Trainings under way that are named; the others are counted."""
@@ -76,13 +80,14 @@ class EpisodeProgress:
         self._bar: TaskID | None = None
         self._progress = Progress(
             TextColumn("[bold]{task.description}"),
-            BarColumn(bar_width=30),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[success]}", markup=False),
+            BarColumn(bar_width=30 if console.width >= WIDE else 10),
+            MofNCompleteColumn(table_column=Column(no_wrap=True)),
+            # Where there is little room only this one is broken into lines.
+            TextColumn("{task.fields[success]}", markup=False, table_column=Column()),
             TextColumn("{task.fields[faults]}", style="red", markup=False),
-            TimeElapsedColumn(),
+            TimeElapsedColumn(table_column=Column(no_wrap=True)),
             TextColumn("left"),
-            TimeRemainingColumn(),
+            TimeRemainingColumn(table_column=Column(no_wrap=True)),
             console=console,
             refresh_per_second=2,
         )

@@ -3,6 +3,7 @@
 import io
 import signal
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,6 +31,21 @@ def test_without_a_terminal_there_is_one_line_per_minute():
     assert [line.split("  ")[0].strip() for line in lines] == [
         "episodes: 7 of 20", "episodes: 13 of 20", "episodes: 19 of 20",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("width", [80, 200])
+def test_in_a_narrow_terminal_every_number_is_whole(width):
+    console = Console(file=io.StringIO(), width=width)
+    with EpisodeProgress(console) as callbacks:
+        callbacks.phase("proof", 5750)
+        for task in ("pushing", "opening", "pick-up"):
+            spec = replace(SPEC, task=task)
+            for _ in range(100):
+                callbacks.episode(make_record(np.random.default_rng(1), spec, 1.0))
+    shown = console.file.getvalue()
+    assert "300/5750" in shown
+    assert shown.count("/100") == 3
+    assert "…" not in shown
 
 
 @pytest.fixture
