@@ -1,4 +1,4 @@
-"""The study of Table 4: what is shown of it is what its stored trainings give."""
+"""The stored studies: what is shown of them is what their stored trainings give."""
 
 import re
 
@@ -6,16 +6,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks.study_report import STUDY, write_report
+from benchmarks.study_report import STUDIES, write_report
 from minitouch_bench.runs.run import read_run
 from tests.docs.test_links import DOCS
 
+NAMES = sorted(file.stem for file in STUDIES.glob("*.toml"))
+STUDY = STUDIES / "table4"
 RESULTS = DOCS / "results" / "reproduction.md"
 
 
-@pytest.fixture(scope="module")
-def fresh(tmp_path_factory):
-    directory = tmp_path_factory.mktemp("study") / STUDY.name
+@pytest.fixture(scope="module", params=NAMES)
+def fresh(request, tmp_path_factory):
+    directory = tmp_path_factory.mktemp("study") / request.param
     directory.mkdir()
     write_report(directory)
     return directory
@@ -24,9 +26,9 @@ def fresh(tmp_path_factory):
 @pytest.mark.parametrize(
     "name", ["report.md", "claims.csv", "estimates.csv", "curves.csv", "tables.tex", "study.json"]
 )
-def test_the_stored_report_is_that_of_the_stored_trainings(fresh, name):
-    wanted = (fresh / name).read_text()
-    assert (STUDY / name).read_text() == wanted, "run python -m benchmarks.study_report"
+def test_a_stored_report_is_that_of_the_stored_trainings(fresh, name):
+    stored = STUDIES / fresh.name / name
+    assert stored.read_text() == (fresh / name).read_text(), "run python -m benchmarks.study_report"
 
 
 def test_the_results_page_has_the_claims_of_the_report():
@@ -46,8 +48,8 @@ def test_the_results_page_has_the_changes_without_a_sense():
 
 
 def test_nothing_stored_names_a_directory_of_a_machine():
-    for file in STUDY.glob("*/*/run.json"):
-        assert '"source": "docs/studies/table4/' in file.read_text(), file
+    for file in STUDIES.glob("*/*/*/run.json"):
+        assert '"source": "docs/studies/' in file.read_text(), file
 
 
 def test_a_change_is_that_of_one_policy_in_the_same_episodes():
