@@ -72,16 +72,26 @@ def test_a_training_shows_its_rows_and_is_stopped_by_a_ctrl_c(capsys):
 def test_a_study_shows_the_steps_in_the_files_of_its_trainings(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(progress, "REFRESH_S", 0.01)
     config = StudyConfig(("hac", "rnd"), ("playing",), seeds=(0,), exploration_steps=(60,))
-    file = tmp_path / "playing-hac-60-0" / "progress.csv"
-    file.parent.mkdir()
-    file.write_text("step,episodes,success,touch_share,seconds\n40,1,,0.5,3.0\n")
-    with progress.study_progress() as callbacks:
-        callbacks.begin(config, tmp_path, config.trainings())
+
+    def has_done(name, steps):
+        file = tmp_path / name / "progress.csv"
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(f"step,episodes,success,touch_share,seconds\n{steps},1,,0.5,3.0\n")
+
+    def wait_for(words):
         deadline = time.monotonic() + 60
-        while "playing-hac-60-0 40/60" not in (lines := capsys.readouterr().err):
+        while words not in (lines := capsys.readouterr().err):
             assert time.monotonic() < deadline
             time.sleep(0.01)
-    assert "40 of 120 control steps" in lines
+        return lines
+
+    has_done("playing-hac-60-0", 40)
+    with progress.study_progress() as callbacks:
+        callbacks.begin(config, tmp_path, config.trainings())
+        assert "40 of 120 control steps" in wait_for("playing-hac-60-0 40/60")
+        has_done("playing-hac-60-0", 60)
+        has_done("playing-rnd-60-0", 60)
+        assert "120 of 120 control steps" in wait_for("trained; evaluations follow")
 
 
 def test_a_count_has_no_bar_before_its_first_step(capsys):
