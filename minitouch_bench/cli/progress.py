@@ -272,6 +272,6 @@ def _steps_done(totals: "Mapping[StudyTraining, int]", directory: Path) -> tuple
         if 0 < steps < totals[training]
     ]
     if done == totals:
-        return sum(done.values()), "trained; evaluations follow"
+        named = ["trained; evaluations follow"]
     more = [f"{len(named) - SHOWN} more"] if len(named) > SHOWN else []
     return sum(done.values()), "  ".join([*named[:SHOWN], *more])

@@ -174,9 +174,10 @@ def compare_episodes(
     train: Sequence[EpisodeMetrics],
     root: Root,
 ) -> Gap:
-    """Estimate a metric in two sets of episodes, as independent, and the first less the second.
+    """Estimate a metric in two sets of episodes, and the first less the second as independent.
 
-    The metric has a value in every episode. The sets are those of a split of shapes, or others.
+    The metric has a value in every episode. The names are those of a shape set's splits, for
+    which it is made; the episodes can also be of two conditions.
     """
     first = metric.estimate(held_out, stream(root, task, metric.name, HELD_OUT))
     second = metric.estimate(train, stream(root, task, metric.name, TRAIN))

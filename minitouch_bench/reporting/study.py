@@ -134,11 +134,10 @@ def _rows(training: StudyTraining, run: Run, runs: Sequence[Run]) -> Iterator[tu
         if values := METRICS[metric].values(run.exploration_episodes):
             estimate = bootstrap_mean(values, np.random.default_rng(0))
             yield long_frame.frame_row(label, run, training.task, metric + EXPLORING, estimate)
-    if run.plan.conditions != STANDARD:
-        for other in runs:
-            if other.plan.conditions == STANDARD and other.plan.suite == run.plan.suite:
-                metric, change = _change(training.task, run, other)
-                yield long_frame.frame_row(label, run, training.task, metric, change)
+    for other in runs if run.plan.conditions != STANDARD else ():
+        if (other.plan.suite, other.plan.conditions) == (run.plan.suite, STANDARD):
+            metric, change = _change(training.task, run, other)
+            yield long_frame.frame_row(label, run, training.task, metric, change)
 
 
 def _change(task: str, run: Run, standard: Run) -> tuple[str, Estimate]:

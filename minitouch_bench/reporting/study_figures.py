@@ -1,4 +1,4 @@
-"""The figures of a study: learning curves, and the paper's Figures 9, 10 and 11 from our runs."""
+"""A study's figures: learning curves, the paper's Figures 9, 10 and 11, and other conditions."""
 
 from collections.abc import Iterator, Sequence
 from itertools import product

@@ -32,7 +32,7 @@ EPISODES_NOTE = "95 % intervals of the episodes of each training seed's policy."
 CONDITIONS_NOTE = (
     "Without a sense: it stays as it is at the reset, a combination that no training contains. "
     "Change: the value less that of the same policy in the same episodes under standard "
-    "conditions, whose row is of all episodes."
+    "conditions; over episodes the two count as independent. The standard row is of all episodes."
 )
 
 
@@ -118,8 +118,8 @@ def _table(title: str, metrics: Sequence[str], part: pd.DataFrame) -> Table:
     with_paper = metrics is TABLE4_METRICS
 
     def cell(task: str, index: int, name: str) -> Cell:
-        row = long_frame.find_row(part, task=task, method=methods[index], metric=name)
-        return _cell(name, row)
+        estimate = long_frame.find_row(part, task=task, method=methods[index], metric=name)
+        return _cell(name, estimate)
 
     notes = (
         f"Control steps of exploration: {explored}.",
