@@ -7,6 +7,7 @@ exit code is its own.
 import errno
 import io
 import os
+import signal
 import sys
 
 from minitouch_bench.errors import InfrastructureError, InterruptedRunError
@@ -35,6 +36,7 @@ def main() -> None:
     output, notes = _Output(1), _Output(2)
     sys.stdout, sys.stderr = _text(output), _text(notes)
     code: object = 0
+    interrupted = False
     try:
         # Not at the top: loading takes a second in which Ctrl-C must be caught as well.
         from minitouch_bench.cli.app import main as run_application
@@ -43,6 +45,9 @@ def main() -> None:
     except SystemExit as end:
         code = end.code
     except KeyboardInterrupt:
+        interrupted = True
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # one more Ctrl-C ends it without a traceback
+    if interrupted:
         sys.stderr.write("minitouch-bench: interrupted\n")
         code = InterruptedRunError.exit_code
     sys.stdout.flush()
