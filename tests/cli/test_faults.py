@@ -7,6 +7,7 @@ import random
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -155,6 +156,19 @@ def test_a_second_ctrl_c_ends_it_as_well(place):
     assert broken.code in (130, -signal.SIGINT)
     assert "Traceback" not in broken.err
     assert run(*EVALUATE, "--resume", directory=place).code == 0
+
+
+def test_a_ctrl_c_after_the_end_shows_no_traceback(tmp_path):
+    program = (
+        "import atexit, signal, sys; from minitouch_bench.cli import entry; "
+        "atexit.register(signal.raise_signal, signal.SIGINT); "
+        "sys.argv = ['', 'tasks']; entry.main()"
+    )
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, check=False, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == -signal.SIGINT
+    assert "pushing" in done.stdout
+    assert done.stderr == ""
 
 
 def test_another_checkpoint_under_the_same_name_does_not_resume(uninterrupted, place):
