@@ -1,6 +1,7 @@
 """Checking submissions and drawing the board, as a maintainer types it."""
 
 import contextlib
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -154,6 +155,16 @@ def test_the_stored_leaderboard_is_what_is_built_today(tmp_path):
         for folder in (tmp_path, stored)
     )
     assert built == kept, "make leaderboard"
+
+
+def test_the_page_about_it_has_the_learned_rows_of_today():
+    board = (ROOT / "reports" / "leaderboard" / "leaderboard.md").read_text()
+    overall = board.partition("## Overall")[2].partition("\n## ")[0].replace("\\", "")
+    page = (ROOT / "docs" / "results" / "leaderboard.md").read_text()
+    rows = re.findall(r"(?m)^\| (\d.*?) \| (\S+) \| (.*?) \|", overall)
+    assert len(rows) == page.count("| `")
+    for rank, name, mean in rows:
+        assert f"| `{name}` | {mean} | {rank} |" in page
 
 
 def test_the_same_submissions_give_the_same_board(root):
