@@ -47,6 +47,16 @@ def test_the_results_page_has_the_changes_without_a_sense():
         assert f"| {task} | {condition} | {shown} |" in RESULTS.read_text()
 
 
+def test_the_results_page_has_the_lengths_of_exploration():
+    report = (STUDIES / "pushing-lengths" / "report.md").read_text().replace("\\", "")
+    steps = re.findall(r"Control steps of exploration: Pushing (\S+)\.", report)
+    names = ("Exploration ↑", "Success ↑", "Episode steps ↓")
+    columns = [re.findall(rf"\| {name}.*?\| (.*?) \|", report) for name in names]
+    assert len(steps) == 3
+    for row in zip(steps, *columns, strict=True):
+        assert f"| {' | '.join(row)} |" in RESULTS.read_text()
+
+
 def test_nothing_stored_names_a_directory_of_a_machine():
     for file in STUDIES.glob("*/*/*/run.json"):
         assert '"source": "docs/studies/' in file.read_text(), file
