@@ -26,29 +26,36 @@ from tests.evaluation.runs import run
 
 PLACE = "seed-0/table4"
 CHECKPOINT = checkpoint_place(0, Role.FINAL, "table.pt")
-OFFICIAL, FRESH = 8, 6
+OFFICIAL, FRESH = 20, 8  # four lucky episodes of eight are still a significant drop
 
 
-class Table(torch.nn.Module):
+class Table(torch.jit.ScriptModule):
     """Find the episode by its first image or its seed, then give what once succeeded in it.
 
-    A checkpoint is not told the seed, but torch's own generator is seeded with it.
+    A checkpoint is not told the seed, but torch's own generator is seeded with it. The fresh seeds
+    follow from the file's bytes: the code is a text, as that of a class holds its source's path.
     """
 
     def __init__(self, keys: torch.Tensor, actions: torch.Tensor, *, by_seed: bool) -> None:
         super().__init__()
-        self.keys, self.actions = torch.nn.Buffer(keys), torch.nn.Buffer(actions)
-        self.by_seed = by_seed
-        self.episode, self.step = -1, 0
+        self.register_buffer("keys", keys)
+        self.register_buffer("actions", actions)
+        self.by_seed = torch.jit.Attribute(by_seed, bool)
+        self.episode = torch.jit.Attribute(-1, int)
+        self.step = torch.jit.Attribute(0, int)
+        self.define(FORWARD)
 
-    def forward(self, image: torch.Tensor, touch: torch.Tensor) -> torch.Tensor:
-        if self.episode < 0:
-            key = torch.rand(1, 1, 1, 1) if self.by_seed else image.float()
-            differences = (self.keys - key).abs().sum(dim=(1, 2, 3))
-            self.episode = int(differences.argmin().item())
-        action = self.actions[self.episode, min(self.step, self.actions.shape[1] - 1)]
-        self.step += 1
-        return action[None]
+
+FORWARD = """
+def forward(self, image: Tensor, touch: Tensor) -> Tensor:
+    if self.episode < 0:
+        key = torch.rand(1, 1, 1, 1) if self.by_seed else image.float()
+        differences = (self.keys - key).abs().sum(dim=(1, 2, 3))
+        self.episode = int(differences.argmin().item())
+    action = self.actions[self.episode, min(self.step, self.actions.shape[1] - 1)]
+    self.step += 1
+    return action[None]
+"""
 
 
 def drawn(spec):
@@ -73,7 +80,7 @@ def verdict(tmp_path_factory, request):
         row[: len(one)] = one
     table = Table(keys, torch.from_numpy(actions).float(), by_seed=by_seed)
     with pytest.warns(DeprecationWarning, match="torch.jit"):
-        torch.jit.save(torch.jit.script(table), directory / CHECKPOINT)
+        torch.jit.save(table, directory / CHECKPOINT)
 
     wanted = wanted_run(str(directory / CHECKPOINT), ("pushing",), OFFICIAL)
     done = run(wanted, directory / PLACE)
@@ -97,7 +104,7 @@ def test_fresh_episodes_tell(verdict):
     assert "pushing: success 1.000 officially" in str(problem)
     assert "fits the official episodes" in str(problem)
     (found,) = fresh.results[PLACE]
-    assert found.fresh <= 1 / 3
+    assert found.fresh <= 1 / 2
     assert fresh.seeds[PLACE] == fresh_seed(verdict.runs[PLACE].header.policy.digest, "a phrase")
 
 
