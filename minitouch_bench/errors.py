@@ -12,9 +12,9 @@
     │       ├── InvalidActionError      wrong length, type, NaN or infinite
     │       ├── PolicyTimeoutError      no answer before the deadline
     │       ├── PolicyExitError         its process ended
-    │       │   └── PolicyKilledError       killed from outside, perhaps not through its own fault
     │       └── PolicyRaisedError       its code raised
     ├── InfrastructureError         5   a worker died, a file could not be written
+    │   ├── PolicyKilledError       5   a policy's process was killed from outside
     │   └── CheckpointChangedError  5   a policy's file changed after the evaluation began
     ├── IncompleteCheckError        5   a check could not be made: no checkpoint, or no time left
     ├── HopelessRunError            5   its first episodes are all policy faults
@@ -76,10 +76,6 @@ class PolicyExitError(PolicyFaultError):
     """The policy's process ended."""
 
 
-class PolicyKilledError(PolicyExitError):
-    """The policy's process was killed by a SIGKILL that was not ours."""
-
-
 class PolicyRaisedError(PolicyFaultError):
     """The policy's code raised an exception; the text is its own, and is told as such."""
 
@@ -91,6 +87,10 @@ class InfrastructureError(MiniTouchError):
     """Something of ours or of the machine failed; never the policy's fault."""
 
     exit_code = 5
+
+
+class PolicyKilledError(InfrastructureError):
+    """The policy's process was killed by a SIGKILL that was not ours, as where memory ran out."""
 
 
 class CheckpointChangedError(InfrastructureError):

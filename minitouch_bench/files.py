@@ -49,7 +49,7 @@ RUN_FOLDERS = {
     VIDEOS: re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+\.(mp4|gif)"),
     TENSORBOARD: re.compile(r"events\.out\.tfevents\.[\w.-]+"),
     UNFINISHED: re.compile(
-        r"\.[0-9a-f]{16}\.partial|header\.unit|(exploration-)?[a-z][a-z0-9-]*-\d+\.(unit|given)"
+        r"\.[0-9a-f]{16}\.partial|header\.unit|(exploration-)?[a-z][a-z0-9-]*-\d+\.unit"
     ),
 }
 """A run's folders, and what its files in them are called."""

@@ -16,11 +16,6 @@ def unit_name(key: str) -> str:
     return key.replace("/", "-")
 
 
-def given_path(folder: Path, key: str) -> Path:
-    """Return where the actions that attempts at an episode gave are, by the episode's key."""
-    return folder / f"{unit_name(key)}.given"
-
-
 class Units:
     """The units of one job, in a directory; each has a name that suits a file.
 

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -22,13 +21,8 @@ class Engine(Protocol):
     def workers(self) -> int:
         """How many episodes it runs at a time."""
 
-    def run(
-        self, source: "ActorSource", specs: Sequence[EpisodeSpec], attempts: Path | None = None
-    ) -> Iterator[EpisodeRecord]:
+    def run(self, source: "ActorSource", specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
         """Yield one record per episode, in the order in which they end.
-
-        ``attempts`` is a folder that keeps what attempts gave until their record is kept: see
-        ``GivenActions``. Without one it is forgotten at the end.
 
         Raises:
             InfrastructureError: an episode failed three times for no fault of the policy.

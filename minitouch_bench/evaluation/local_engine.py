@@ -3,8 +3,6 @@
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.engine import Engine, EngineOptions, Job, Note
@@ -27,23 +25,19 @@ class LocalEngine:
     def __init__(self, workers: int) -> None:
         self.workers = workers
 
-    def run(
-        self, source: ActorSource, specs: Sequence[EpisodeSpec], attempts: Path | None = None
-    ) -> Iterator[EpisodeRecord]:
+    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
         """Yield records as episodes end; a worker that dies is replaced, its episode retried.
 
         Raises:
             InfrastructureError: an episode failed three times for no fault of the policy.
         """
-        with contextlib.ExitStack() as stack:
-            folder = stack.enter_context(TemporaryDirectory(prefix="minitouch-"))
-            records = run_in_workers(
-                partial(_run_episode, EpisodeRunner(source, attempts or Path(folder))),
-                specs,
-                self.workers,
-                name=lambda spec: f"episode {spec.key}",
-            )
-            stack.enter_context(contextlib.closing(records))  # before the folder is removed
+        records = run_in_workers(
+            partial(_run_episode, EpisodeRunner(source)),
+            specs,
+            self.workers,
+            name=lambda spec: f"episode {spec.key}",
+        )
+        with contextlib.closing(records):
             for _, record in records:
                 yield record
 
@@ -52,6 +46,8 @@ def _run_episode(runner: EpisodeRunner, spec: EpisodeSpec) -> EpisodeRecord:
     """Run an episode in a worker. A policy's fault is a record: any error is the machine's."""
     try:
         return runner.run(spec)
+    except InfrastructureError:
+        raise
     except Exception as error:
         raise InfrastructureError(f"{type(error).__name__}: {error}") from error
 

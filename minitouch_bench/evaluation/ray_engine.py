@@ -3,7 +3,6 @@
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -52,13 +51,10 @@ class RayEngine:
         cpus = int(self._ray.cluster_resources().get("CPU", 0))
         return max(1, cpus if self._workers is None else min(cpus, self._workers))
 
-    def run(
-        self, source: ActorSource, specs: Sequence[EpisodeSpec], attempts: Path | None = None
-    ) -> Iterator[EpisodeRecord]:
+    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
         """Yield records as episodes end; what a lost worker was doing goes to another one.
 
-        Nodes that cannot write to ``attempts`` forget an attempt with its worker. A node that is
-        lost takes nothing from an episode's three attempts.
+        A node that is lost takes nothing from an episode's three attempts.
 
         Raises:
             InfrastructureError: an episode failed three times for no fault of the policy, or
@@ -66,7 +62,7 @@ class RayEngine:
         """
         waiting = deque(specs)
         failed: defaultdict[EpisodeSpec, list[FailedAttempt]] = defaultdict(list)
-        pool = RayPool(self._ray, pack(source, attempts), self._workers, self._note)
+        pool = RayPool(self._ray, pack(source), self._workers, self._note)
         try:
             while waiting or pool.is_busy():
                 pool.add_workers(len(waiting))

@@ -1,6 +1,5 @@
 """The far side of an engine on other machines: what goes there, and what runs there."""
 
-import os
 import platform
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -20,21 +19,20 @@ STEM = "policy"
 
 @dataclass(frozen=True)
 class WorkerPayload:
-    """A source of actors, its checkpoints' bytes by SHA-256, and the run's folder of attempts."""
+    """A source of actors, and its checkpoints' bytes by SHA-256."""
 
     source: ActorSource
     files: Mapping[str, bytes]
-    attempts: Path | None = None
 
 
-def pack(source: ActorSource, attempts: Path | None = None) -> WorkerPayload:
+def pack(source: ActorSource) -> WorkerPayload:
     """Read the checkpoints of a run's policies; a recording has none.
 
     Raises:
         CheckpointChangedError: one cannot be read, or is no longer what it was.
     """
     files = {file.digest: read_again(file.target, file.digest) for file in _files_of(source)}
-    return WorkerPayload(source, files, attempts and attempts.resolve())
+    return WorkerPayload(source, files)
 
 
 def unpack(payload: WorkerPayload) -> tuple[ActorSource, dict[str, str]]:
@@ -58,12 +56,6 @@ def unpack(payload: WorkerPayload) -> tuple[ActorSource, dict[str, str]]:
         exploration=source.exploration and _moved(source.exploration, paths),
     )
     return here, {new: old for old, new in paths.items()}
-
-
-def attempts_here(payload: WorkerPayload) -> Path | None:
-    """Return the run's folder of attempts if this machine can write to it."""
-    folder = payload.attempts
-    return folder if folder is not None and os.access(folder, os.W_OK | os.X_OK) else None
 
 
 def _files_of(source: ActorSource) -> Iterator[PolicySource]:
@@ -138,9 +130,8 @@ class EpisodeWorker:
         if problem := this_machine().refusal(asked):
             return problem
         try:
-            payload = fetch()
-            source, self._old_names = unpack(payload)
-            self._runner = EpisodeRunner(source, attempts_here(payload))
+            source, self._old_names = unpack(fetch())
+            self._runner = EpisodeRunner(source)
         except Exception as error:
             return f"{type(error).__name__}: {error}"
         return ""

@@ -1,23 +1,16 @@
 """One episode: the only place where a policy and a simulated world meet."""
 
-import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.conditions import Conditions
-from minitouch_bench.errors import PolicyFaultError, PolicyKilledError, PolicyLoadError
-from minitouch_bench.files import MIB, open_plain, read_file
+from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.policies.policy import Observation
-from minitouch_bench.processes import MAX_ATTEMPTS
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
 from minitouch_bench.tasks.environment import OBJECT, OUTCOMES, MiniTouchEnv
-from minitouch_bench.units import given_path
-
-NOT_REPEATED = "tried again, it did not repeat its actions"
 
 
 class Actor(Protocol):
@@ -52,62 +45,11 @@ class ActorSource(Protocol):
         """Return a new actor for the episodes of a role."""
 
 
-class GivenActions:
-    """The longest sequence of actions that any attempt at an episode gave.
-
-    An attempt can fail for no fault of the policy: its process is killed, its worker dies, the
-    run is interrupted. A policy could use another attempt for another try. So each action is in
-    a file before it is applied, and stays there until the episode's record is kept.
-    ``path`` names the file; None: only the attempts of this process are known.
-    """
-
-    def __init__(self, size: int, path: Path | None = None) -> None:
-        self._given: list[bytes] = []
-        self._count = 0
-        self._file = -1
-        if path is None:
-            return
-        self._file = open_plain(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-        row = size * np.dtype(np.float32).itemsize
-        content = read_file(path, MIB)
-        whole = len(content) - len(content) % row  # a full disk can cut the last one short
-        os.ftruncate(self._file, whole)
-        self._given = [content[at : at + row] for at in range(0, whole, row)]
-
-    def __enter__(self) -> "GivenActions":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._file >= 0:
-            os.close(self._file)
-
-    def begin_attempt(self) -> None:
-        """Expect the first action again."""
-        self._count = 0
-
-    def add(self, action: NDArray[np.float32]) -> None:
-        """Note the next action.
-
-        Raises:
-            PolicyFaultError: an earlier attempt gave another one here.
-            OSError: the disk is full.
-        """
-        row = np.asarray(action, "<f4").tobytes()
-        if self._count == len(self._given):
-            if self._file >= 0:
-                os.write(self._file, row)
-            self._given.append(row)
-        elif row != self._given[self._count]:
-            raise PolicyFaultError(NOT_REPEATED)
-        self._count += 1
-
-
 class EpisodeRunner:
-    """Runs episodes one after the other; ``attempts``: the folder of actions to be repeated."""
+    """Runs episodes one after the other; it keeps an environment per task, an actor per role."""
 
-    def __init__(self, source: ActorSource, attempts: Path | None = None) -> None:
+    def __init__(self, source: ActorSource) -> None:
         self._source = source
-        self._attempts = attempts
         self._environments: dict[str, MiniTouchEnv] = {}
         self._actors: dict[Role, Actor] = {}
 
@@ -120,9 +62,7 @@ class EpisodeRunner:
         if spec.role not in self._actors:
             self._actors[spec.role] = self._source.make_actor(spec.role)
         environment, actor = self._environments[spec.task], self._actors[spec.role]
-        path = self._attempts and given_path(self._attempts, spec.key)
-        with GivenActions(environment.task.spec.action_size, path) as given:
-            return run_episode(environment, actor, spec, given)
+        return run_episode(environment, actor, spec)
 
     def close(self) -> None:
         """End the policies and the worlds."""
@@ -132,53 +72,29 @@ class EpisodeRunner:
             environment.close()
 
 
-def run_episode(
-    environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec, given: GivenActions | None = None
-) -> EpisodeRecord:
+def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> EpisodeRecord:
     """Run one episode from its seed to its end.
 
     A fault of the policy ends the episode, as a failed one. Any other exception is an
-    infrastructure fault and passes through.
-
-    Where the policy's process was killed from outside, perhaps by a machine out of memory,
-    the episode is tried again, ``MAX_ATTEMPTS`` times in all. A policy could have itself
-    killed to get another chance: it must repeat the actions ``given`` in any earlier attempt.
+    infrastructure fault and passes through; an engine then runs the episode again. The policy's
+    process being killed from outside, perhaps by a machine out of memory, is one.
     """
-    given = given or GivenActions(environment.task.spec.action_size)
-    for _ in range(MAX_ATTEMPTS):
-        attempt = _attempt(environment, actor, spec, given)
-        if not attempt.killed:
-            break
-    return attempt.record
-
-
-class _Attempt(NamedTuple):
-    record: EpisodeRecord
-    killed: bool
-
-
-def _attempt(
-    environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec, given: GivenActions
-) -> _Attempt:
     observation, info = environment.reset(seed=spec.seed, options={OBJECT: spec.shape})
     touch, infos, rewards = [observation["touch"]], [info], []
-    outcome, fault = None, None
-    given.begin_attempt()
+    outcome, fault = None, ""
     try:
         actor.reset(environment, spec)
         while outcome is None:
             action = actor.act(observation)
-            given.add(action)
             observation, reward, _, _, info = environment.step(action)
             touch.append(observation["touch"])
             infos.append(info)
             rewards.append(reward)
             outcome = OUTCOMES[info["outcome"]]
     except (PolicyFaultError, PolicyLoadError) as error:
-        outcome, fault = Outcome.POLICY_FAULT, error
+        outcome, fault = Outcome.POLICY_FAULT, str(error)
     trace = _trace(environment.task.spec.action_size, touch, infos, rewards)
-    record = EpisodeRecord(spec, outcome, trace, str(fault or ""))
-    return _Attempt(record, isinstance(fault, PolicyKilledError))
+    return EpisodeRecord(spec, outcome, trace, fault)
 
 
 def _trace(

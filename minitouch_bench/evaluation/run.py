@@ -126,11 +126,10 @@ def play_missing(
     # Not those that end first: a fault ends early, and other workers would be other episodes.
     first = in_turn[:HOPELESS_AFTER] if len(specs) > HOPELESS_AFTER else ()
     started, clock, workers = datetime.now(UTC), time.monotonic(), engine.workers
-    unfinished, attempts = None, None
+    unfinished = None
     if directory is not None:
         setup, unfinished = setup.keep_out_of(directory), UnfinishedRun(directory)
-        attempts = unfinished.attempts
-    for record in engine.run(setup, missing, attempts):
+    for record in engine.run(setup, missing):
         if unfinished is not None:
             unfinished.keep(record)
         records[record.spec] = record

@@ -13,7 +13,6 @@ from minitouch_bench.errors import (
     InfrastructureError,
     MiniTouchError,
     PolicyFaultError,
-    PolicyKilledError,
     PolicyLoadError,
     PolicyRaisedError,
 )
@@ -182,8 +181,6 @@ def _kept_generators() -> Iterator[None]:
 def _try_once(policy: PolicyProcess | InProcessPolicy, part: PolicySource, task: str) -> None:
     try:
         policy.reset(0, task)
-    except PolicyKilledError as error:  # by the kernel where memory ran out, say
-        raise InfrastructureError(f"{part.target} cannot be tried: {error}") from error
     except PolicyFaultError as fault:
         raise PolicyLoadError(f"{part.target} cannot be reset: {fault}") from fault
     with contextlib.suppress(PolicyFaultError):

@@ -118,6 +118,7 @@ class PolicyProcess:
             InvalidActionError: wrong length or type, NaN or infinity.
             PolicyTimeoutError: no answer in time; the child is killed.
             PolicyExitError: the child ended; the text has its code and last line.
+            PolicyKilledError: the child was killed from outside.
             PolicyRaisedError: the policy's code raised; the text has type and message.
             InfrastructureError: the host process ended.
         """
@@ -189,8 +190,6 @@ class PolicyProcess:
         late = f"it was not loaded within {self._limits.load_timeout_s:g} s"
         try:
             self._ask(wire.Frame.LOAD, b"", wire.Frame.LOADED, deadline, late)
-        except errors.PolicyKilledError:
-            raise
         except errors.PolicyFaultError as fault:
             raise errors.PolicyLoadError(f"{self._target} cannot be loaded: {fault}") from fault
 
@@ -235,7 +234,7 @@ class PolicyProcess:
         self._stop(0.0)
         raise errors.PolicyExitError(f"the policy's process broke the protocol: {error}") from None
 
-    def _exit_error(self) -> errors.PolicyExitError:
+    def _exit_error(self) -> errors.PolicyExitError | errors.PolicyKilledError:
         """Say how a child ended that closed its pipe, and what it printed last."""
         ending = self._stop(EXIT_GRACE_S)
         if ending.killed:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.conditions import Conditions
 from minitouch_bench.documents import read_json, write_json
-from minitouch_bench.errors import InfrastructureError, RunDirectoryError
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import UNFINISHED, clear_folder, make_folder, os_errors_as
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.protocol.minitouch import PROTOCOL
@@ -23,7 +23,7 @@ from minitouch_bench.records import (
 )
 from minitouch_bench.runs.actions import check_actions, pack_arrays, unpack_arrays
 from minitouch_bench.runs.run import RunHeader
-from minitouch_bench.units import Units, given_path, unit_name
+from minitouch_bench.units import Units, unit_name
 
 HEADER = "header"
 DTYPES = {
@@ -105,20 +105,12 @@ class UnfinishedRun:
             InfrastructureError: the disk is full or fails; what is kept stays.
         """
         self._units.keep(unit_name(record.spec.key), _pack(record))
-        given = given_path(self._folder, record.spec.key)
-        with os_errors_as(InfrastructureError, given, "removed"):
-            given.unlink(missing_ok=True)
 
     def records(self, specs: Sequence[EpisodeSpec]) -> tuple[EpisodeRecord, ...]:
         """Return those of the episodes that are done; a damaged one is done again."""
         kept = ((spec, self._units.read(unit_name(spec.key))) for spec in specs)
         records = (_unpack(spec, content) for spec, content in kept if content is not None)
         return tuple(record for record in records if record is not None)
-
-    @property
-    def attempts(self) -> Path:
-        """The folder of what attempts at an episode gave: see ``given_path``."""
-        return self._folder
 
     def remove(self) -> None:
         """Remove all of it: the run is finished.

@@ -85,38 +85,10 @@ class IsKilled(Still):
     """Is killed at its third step, so many times as a file says."""
 
     steps = 0
-    end = staticmethod(die)
 
     def act(self, observation):
         self.steps += 1
         left = deaths_left()
         if left and self.steps == 3:
-            self.end(left)
-        return super().act(observation)
-
-
-class TriesItsLuck(IsKilled):
-    """Acts otherwise after each death: what it would gain is another chance."""
-
-    def act(self, observation):
-        return super().act(observation) + np.float32(deaths_left())
-
-
-class KillsItsWorker(IsKilled):
-    """Kills the worker at its third step, so many times as a file says, and then acts otherwise."""
-
-    end = staticmethod(kill_worker)
-
-    def act(self, observation):
-        return super().act(observation) + np.float32(0 if deaths_left() else 0.1)
-
-
-class ForgetsInBetween(IsKilled):
-    """Gives three actions and is killed, gives none and is killed, and then acts otherwise."""
-
-    def act(self, observation):
-        left = deaths_left()
-        self.steps += 1
-        if left == 1 or (left == 2 and self.steps == 3):
             die(left)
-        return np.full(5, left / 10, np.float32)
+        return super().act(observation)

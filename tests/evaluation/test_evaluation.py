@@ -174,8 +174,8 @@ def test_ten_faults_are_a_whole_run_and_nine_are_no_reason(tmp_path, importable,
 class Backwards(LocalEngine):
     """The last episodes end first, as faults do beside the long episode of another worker."""
 
-    def run(self, source, specs, attempts=None):
-        return super().run(source, specs[::-1], attempts)
+    def run(self, source, specs):
+        return super().run(source, specs[::-1])
 
 
 def test_the_first_episodes_are_those_of_the_plan_whatever_ends_first(
@@ -247,34 +247,14 @@ def test_a_policy_killed_from_outside_is_tried_again_with_the_same_result(
     assert deaths_file.read_text() == "0"
 
 
-@pytest.mark.parametrize(
-    ("policy", "deaths", "fault"),
-    [
-        ("IsKilled", 3, "was killed by SIGKILL"),
-        ("TriesItsLuck", 1, "did not repeat its actions"),
-        ("ForgetsInBetween", 2, "did not repeat its actions"),
-        ("KillsItsWorker", 1, "did not repeat its actions"),
-    ],
-)
-def test_a_policy_gains_nothing_by_being_killed(deaths_file, importable, policy, deaths, fault):
-    deaths_file.write_text(str(deaths))
-    wanted = request(f"misbehaved:{policy}", ("opening",), 1, isolation=Isolation.PROCESS)
-    done = run(wanted, deaths_file.parent / "run")
-    assert done.episodes[0].outcome is Outcome.POLICY_FAULT
-    assert fault in done.faults["opening/0"]
-
-
-def test_a_resumed_run_holds_a_policy_to_the_actions_of_before(deaths_file, importable):
+def test_a_policy_killed_three_times_leaves_the_run_incomplete(deaths_file, importable):
     place = deaths_file.parent / "run"
     deaths_file.write_text("3")
-    wanted = request("misbehaved:KillsItsWorker", ("opening",), 1, isolation=Isolation.PROCESS)
-    with pytest.raises(InfrastructureError):
+    wanted = request("misbehaved:IsKilled", ("opening",), 1, isolation=Isolation.PROCESS)
+    with pytest.raises(InfrastructureError, match=r"opening/0 failed 3 times.*SIGKILL"):
         run(wanted, place)
-    kept = place / UNFINISHED
-    assert {path.name for path in kept.iterdir()} == {"header.unit", "opening-0.given"}
-    done = run(wanted, place, resume=True)
-    assert "did not repeat its actions" in done.faults["opening/0"]
-    assert {path.name for path in kept.iterdir()} == {"header.unit", "opening-0.unit"}
+    assert UnfinishedRun(place).records(wanted.plan.specs()) == ()
+    assert not run(wanted, place, resume=True).faults
 
 
 def test_what_there_is_to_resume_is_said_and_the_views_are_written_again(tmp_path):

@@ -173,10 +173,7 @@ def test_what_is_not_a_plain_file_is_not_read_and_a_link_is_not_followed(folder,
 
 
 def test_a_directory_in_the_place_of_a_file_is_said(folder):
-    record = kept(folder)[0]
-    (folder / "pushing-0.given").mkdir()
-    with pytest.raises(InfrastructureError, match=r"pushing-0\.given cannot be removed"):
-        UnfinishedRun(folder.parent).keep(record)
+    (folder / "playing-0.unit").mkdir()
     with pytest.raises(RunDirectoryError, match="unfinished cannot be removed"):
         UnfinishedRun(folder.parent).remove()
 

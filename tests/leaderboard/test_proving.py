@@ -97,8 +97,8 @@ def test_episodes_run_again_with_the_policy_give_the_same_actions(prover):
 class SlowEngine(LocalEngine):
     """A machine on which every episode of a policy is late. The first is played for all."""
 
-    def run(self, source, specs, attempts=None):
-        (record,) = super().run(source, specs[:1], attempts)
+    def run(self, source, specs):
+        (record,) = super().run(source, specs[:1])
         for spec in specs:
             late = {"spec": spec, "outcome": Outcome.POLICY_FAULT, "fault": "it is late"}
             yield dataclasses.replace(record, **late)

@@ -81,7 +81,7 @@ class Replayed:
     def __init__(self, records: tuple[EpisodeRecord, ...]) -> None:
         self._records = {record.spec: record for record in records}
 
-    def run(self, source, specs, attempts=None):
+    def run(self, source, specs):
         for spec in specs:
             if spec not in self._records:
                 raise MiniTouchError(f"{spec.key} cannot be replayed here")

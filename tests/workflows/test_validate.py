@@ -25,7 +25,7 @@ class Played:
         self.records = {record.spec: record for record in official_run(kind="zero").records}
         self.fresh = 0
 
-    def run(self, source, specs, attempts=None):
+    def run(self, source, specs):
         for spec in specs:
             self.fresh += spec not in self.records
             rng = np.random.default_rng(spec.seed)
