@@ -3,15 +3,17 @@
 The site is an index and a page per submission, each complete in itself.
 """
 
-import json
 import math
-import shutil
+import os
+import re
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
-from minitouch_bench.documents import write_json
+from minitouch_bench.documents import read_json, write_json
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.files import os_errors_as, read_file, write_file
+from minitouch_bench.files import is_folder, make_folder, os_errors_as, read_file, write_file
 from minitouch_bench.leaderboard.board import FACTS, Board, BoardRow, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown, notes
 from minitouch_bench.leaderboard.facts import Place, amount
@@ -33,8 +35,11 @@ WIDE, NARROW = 1124, 340
 
 BOARD_FILE = "leaderboard.json"
 
-PAGES = "submission"
-"""Directory of the submissions' pages in the site."""
+PAGES, SITE_PICTURES = "submission", "pictures"
+"""Directories of the submissions' pages, and of the tasks' pictures, in the site."""
+
+COPIED_VIDEO = re.compile(r"seed-\d+-[a-z0-9-]+-\d+\.mp4")
+"""What ``video_address`` calls a video in its submission's directory of the site."""
 
 
 def build_board(
@@ -59,6 +64,8 @@ def build_board(
             log(f"{printable(directory.name)} is listed without a proof: {error}")
     board = make_board(verdicts)
     tables = views(board)
+    for folder in (PAGES, SITE_PICTURES):
+        make_folder(output / folder)
     _remove_pages(output, {row.name for row in board.rows})
     write_file(output / "leaderboard.md", board_markdown(board, tables))
     write_file(output / "leaderboard.csv", board_csv(board))
@@ -98,7 +105,7 @@ def _write_site(
     for task in BOARD_TASKS:
         picture = PICTURES / f"{task}.png"
         if picture.exists():  # a new task may have none yet
-            write_file(output / "pictures" / picture.name, picture.read_bytes())
+            write_file(output / SITE_PICTURES / picture.name, picture.read_bytes())
 
 
 def index_html(board: Board, tables: Sequence[BoardView]) -> str:
@@ -158,25 +165,56 @@ def _efficiency_marks(power: float, row: BoardRow) -> tuple[Mark, Mark]:
 
 def _copy_videos(verdict: Verdict, pages: Path) -> None:
     """Copy a submission's videos beside its page, and remove those it no longer has."""
-    name, kept = verdict.submission.name, set()
+    folder, kept = pages / verdict.submission.name, set()
     for path in verdict.videos():
-        source, target = verdict.directory / path, pages / video_address(name, path)
-        kept.add(target)
+        source, target = verdict.directory / path, pages / video_address(folder.name, path)
+        kept.add(target.name)
+        make_folder(folder)
         with os_errors_as(RunDirectoryError, source, "copied"):
             write_file(target, read_file(source, MAX_VIDEO), durable=False)
-    for other in (pages / name).glob("*"):
-        if other not in kept:
-            other.unlink()
+    _remove_videos(folder, kept)
+
+
+@dataclass(frozen=True)
+class _Listed:
+    name: str
+
+
+@dataclass(frozen=True)
+class _EarlierBoard:
+    """What is read of the leaderboard that a directory had before."""
+
+    ranked: tuple[_Listed, ...]
+    unranked: tuple[_Listed, ...]
+    calibration: tuple[_Listed, ...]
 
 
 def _remove_pages(output: Path, kept: Collection[str]) -> None:
-    """Remove the pages and videos of rows that the leaderboard in a directory had before."""
+    """Remove the pages and videos of rows that the leaderboard in a directory had before.
+
+    Only files with the names that this program gives are removed, and no link is followed:
+    anybody can have written the earlier leaderboard.
+    """
     try:
-        board = json.loads((output / BOARD_FILE).read_bytes())
-        rows = (*board["ranked"], *board["unranked"], *board["calibration"])
-        names = {row["name"] for row in rows if NAME.fullmatch(row["name"])}
-    except (OSError, ValueError, LookupError, TypeError):  # there is none, or another file
+        board = read_json(read_file(output / BOARD_FILE), _EarlierBoard, BOARD_FILE)
+    except (OSError, RunDirectoryError):  # there is none, or another file
         return
-    for name in names.difference(kept):
-        (output / PAGES / f"{name}.html").unlink(missing_ok=True)
-        shutil.rmtree(output / PAGES / name, ignore_errors=True)
+    rows = (*board.ranked, *board.unranked, *board.calibration)
+    for name in {row.name for row in rows if NAME.fullmatch(row.name)}.difference(kept):
+        page = output / PAGES / f"{name}.html"
+        if page.is_file() and not page.is_symlink():
+            with os_errors_as(RunDirectoryError, page, "removed"):
+                page.unlink()
+        _remove_videos(output / PAGES / name)
+
+
+def _remove_videos(folder: Path, kept: Collection[str] = ()) -> None:
+    """Remove copied videos from a directory of the site, and the directory if it is empty then."""
+    if not is_folder(folder):
+        return
+    with os_errors_as(RunDirectoryError, folder, "cleared"):
+        for name in filter(COPIED_VIDEO.fullmatch, os.listdir(folder)):
+            if name not in kept and not is_folder(folder / name):
+                (folder / name).unlink()
+        with suppress(OSError):  # something else is in it
+            folder.rmdir()

@@ -2,12 +2,14 @@
 
 import json
 import re
+import shutil
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.leaderboard.board import CALIBRATION_POLICIES
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.proof import (
@@ -321,13 +323,72 @@ def test_hostile_texts_of_a_run_are_only_text(tmp_path):
 
 
 def test_pages_of_submissions_that_are_gone_are_removed(tmp_path):
-    from shutil import rmtree
-
     make_submission(tmp_path / "submissions", "one")
     make_submission(tmp_path / "submissions", "two", seeds=(1,))
     build_board(tmp_path / "submissions", tmp_path / "board")
-    rmtree(tmp_path / "submissions" / "two")
+    shutil.rmtree(tmp_path / "submissions" / "two")
     build_board(tmp_path / "submissions", tmp_path / "board")
     pages = sorted(path.name for path in (tmp_path / "board" / "submission").iterdir())
     assert pages == ["one.html"]
     assert not re.search("two", (tmp_path / "board" / "leaderboard.csv").read_text())
+
+
+VIDEO = "seed-0-table4-pushing-0.mp4"
+HOSTILE = ("gone", "../outside", "../../outside", ".", "..", "", "/etc")
+
+
+@pytest.fixture
+def built(tmp_path):
+    """A site whose ``leaderboard.json`` names hostile rows, beside a directory of somebody's."""
+    for name in ("submissions", "outside"):
+        (tmp_path / name).mkdir()
+    build_board(tmp_path / "submissions", tmp_path / "board")
+
+    def name_rows(document):
+        document.update(unranked=[{"name": name} for name in HOSTILE])
+
+    edit_document(tmp_path / "board/leaderboard.json", name_rows)
+    for name in (VIDEO, "notes.txt", "gone.html"):
+        (tmp_path / "outside" / name).write_text("somebody's own")
+    return tmp_path
+
+
+def outside_is_whole(root):
+    return len(list((root / "outside").iterdir())) == 3
+
+
+def test_a_directory_of_pages_that_is_a_link_is_refused(built):
+    pages = built / "board" / "submission"
+    pages.rmdir()
+    pages.symlink_to(built / "outside")
+    with pytest.raises(RunDirectoryError, match="submission"):
+        build_board(built / "submissions", built / "board")
+    assert outside_is_whole(built)
+
+
+def test_no_link_below_the_pages_is_followed(built):
+    pages = built / "board" / "submission"
+    (pages / "gone").symlink_to(built / "outside")
+    (pages / "gone.html").symlink_to(built / "outside" / "gone.html")
+    build_board(built / "submissions", built / "board")
+    assert outside_is_whole(built)
+
+
+def test_only_what_the_program_wrote_is_removed(built):
+    folder = built / "board" / "submission" / "gone"
+    (folder / "mine").mkdir(parents=True)
+    (folder / "seed-1-table4-pushing-0.mp4").mkdir()  # a directory with the name of a video
+    for name in (VIDEO, "notes.txt"):
+        (folder / name).write_text("")
+    folder.with_suffix(".html").mkdir()
+    build_board(built / "submissions", built / "board")
+    left = {path.name for path in folder.iterdir()}
+    assert left == {"mine", "seed-1-table4-pushing-0.mp4", "notes.txt"}
+    assert folder.with_suffix(".html").is_dir()
+
+
+@pytest.mark.parametrize("content", [b"[" * 10**6, b"{}", b'{"ranked": 1}', b"\xff"])
+def test_another_file_in_place_of_the_earlier_board_is_replaced(built, content):
+    (built / "board/leaderboard.json").write_bytes(content)
+    build_board(built / "submissions", built / "board")
+    assert json.loads((built / "board/leaderboard.json").read_bytes())["ranked"] == []
