@@ -242,5 +242,6 @@ def _find_policy(
             f"{source.target} is named after {source.name} and plays {', '.join(tasks)}: "
             "choose --tasks, or give a directory with a file for each task"
         )
-    try_policy(source, tasks, isolation, deterministic=role is Role.FINAL)
+    for warning in try_policy(source, tasks, isolation, deterministic=role is Role.FINAL):
+        note(warning)
     return source

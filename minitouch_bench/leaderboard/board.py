@@ -77,7 +77,10 @@ class Ending(StrEnum):
         "object left the workspace", "left",
         "a finger touched the object, which then left the workspace",
     )  # fmt: skip
-    NEVER_TOUCHED = "never touched", "limit", "no finger ever touched the object"
+    NEVER_TOUCHED = (
+        "never touched by a finger", "limit",
+        "no finger touched the object; the hand may have pushed it out of the workspace",
+    )  # fmt: skip
     FAULT = "policy fault", "fault", "the policy raised, timed out or gave no valid action"
 
 

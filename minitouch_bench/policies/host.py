@@ -42,7 +42,7 @@ from minitouch_bench.policies.isolation.kernel import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.isolation.readable import NOTHING, factory_paths
 from minitouch_bench.policies.isolation.sandbox import Sandbox, prepare
-from minitouch_bench.policies.policy import Checkpoint, action_size, close_policy
+from minitouch_bench.policies.policy import Checkpoint, action_size, close_policy, warning_of
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.processes import die_with
 from minitouch_bench.tasks.action import fit_action
@@ -233,7 +233,7 @@ def _serve(episode: Episode, channel: int) -> None:
             if request is wire.Frame.LOAD:
                 checkpoint = Checkpoint(order.target, episode.content, order.deterministic)
                 policy = load_policy(order.kind, checkpoint)
-                kind, answer = wire.Frame.LOADED, b""
+                kind, answer = wire.Frame.LOADED, warning_of(policy).encode(errors="replace")
             elif policy is None:
                 raise wire.WireError(f"a request of kind {request} before LOAD")
             elif request is wire.Frame.RESET:

@@ -25,6 +25,7 @@ from minitouch_bench.policies.policy import (
     Policy,
     action_size,
     close_policy,
+    warning_of,
     zero_observation,
 )
 from minitouch_bench.policies.process import PolicyProcess
@@ -52,6 +53,7 @@ class InProcessPolicy:
         self._trust = trust
         self._policy: Policy | None = None
         self._size = 0
+        self.warning = ""
 
     def reset(self, seed: int, task: str) -> None:
         """End the episode before, load the policy again and begin an episode.
@@ -71,6 +73,7 @@ class InProcessPolicy:
         self._size = action_size(task)
         seed_everything(seed)
         self._policy = load_policy(part.kind, checkpoint)
+        self.warning = warning_of(self._policy)
         if "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(1)
         seed_everything(seed)
@@ -134,8 +137,11 @@ def try_policy(
     options: IsolationOptions = SANDBOXED,
     *,
     deterministic: bool = True,
-) -> None:
+) -> tuple[str, ...]:
     """Load every checkpoint of a source once and ask for an action, whose faults are passed over.
+
+    Returns:
+        What loaders warn of, one line each.
 
     Raises:
         PolicyLoadError: it cannot be loaded or reset.
@@ -144,7 +150,7 @@ def try_policy(
         InfrastructureError: its process or its host was killed again and again.
     """
     if source.kind == "scripted":
-        return
+        return ()
     first_task = {source.for_task(task): task for task in reversed(tasks)}
     for trial in range(1, MAX_TRIALS + 1):
         try:
@@ -152,13 +158,13 @@ def try_policy(
                 _kept_generators(),
                 contextlib.closing(isolate(source, options, deterministic=deterministic)) as policy,
             ):
-                for part, task in first_task.items():
-                    _try_once(policy, part, task)
+                warnings = [_try_once(policy, *item) for item in first_task.items()]
         except InfrastructureError:  # its host was killed, say
             if trial == MAX_TRIALS:
                 raise
         else:
-            return
+            return tuple(filter(None, warnings))
+    raise AssertionError("the last trial raises")
 
 
 @contextlib.contextmanager
@@ -178,10 +184,12 @@ def _kept_generators() -> Iterator[None]:
                 torch.set_num_threads(threads)
 
 
-def _try_once(policy: PolicyProcess | InProcessPolicy, part: PolicySource, task: str) -> None:
+def _try_once(policy: PolicyProcess | InProcessPolicy, part: PolicySource, task: str) -> str:
+    """Load a checkpoint and ask for an action; return what its loader warns of."""
     try:
         policy.reset(0, task)
     except PolicyFaultError as fault:
         raise PolicyLoadError(f"{part.target} cannot be reset: {fault}") from fault
     with contextlib.suppress(PolicyFaultError):
         policy.act(zero_observation())
+    return f"{part.target}: {policy.warning}" if policy.warning else ""

@@ -1,6 +1,7 @@
 """ONNX checkpoints: inputs ``image`` and ``touch``, output ``action``. Runs as exported."""
 
 import math
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -20,8 +21,9 @@ MAX_ITEM_BYTES = 16
 class OnnxPolicy:
     """Run a graph with onnxruntime, on one thread."""
 
-    def __init__(self, session: Any) -> None:
+    def __init__(self, session: Any, warning: str = "") -> None:
         self._session = session
+        self.warning = warning
 
     def reset(self, seed: int, task: str) -> None:
         """Do nothing: the graph is loaded afresh for every episode."""
@@ -55,7 +57,24 @@ def load_onnx(checkpoint: Checkpoint) -> OnnxPolicy:
     session = runtime.InferenceSession(
         checkpoint.content, options, providers=["CPUExecutionProvider"]
     )
+    if recurrent := find_recurrent(model):
+        return OnnxPolicy(
+            session,
+            f"it has a recurrent layer ({recurrent}), and an ONNX graph keeps nothing from one "
+            "action to the next. If it shall remember, export with torch.jit.script",
+        )
     return OnnxPolicy(session)
+
+
+def find_recurrent(model: Any) -> str:
+    """Name a recurrent layer of a graph, also one that torch exported as its single steps."""
+    for node in model.graph.node:
+        if node.op_type in ("GRU", "LSTM", "RNN"):
+            return str(node.op_type)
+        for entry in node.metadata_props:  # the classes of torch that a node comes from
+            if match := re.search(r"torch\.nn\.modules\.rnn\.(\w+)", entry.value):
+                return match[1]
+    return ""
 
 
 def check_model(onnx: Any, model: Any, target: str) -> None:

@@ -16,7 +16,10 @@ IMAGE_SHAPE, TOUCH_SHAPE = PROTOCOL.observation.image_shape, PROTOCOL.observatio
 
 
 class Policy(Protocol):
-    """Anything that can be evaluated."""
+    """Anything that can be evaluated.
+
+    Where its loader found something that its author should know, it has a text ``warning``.
+    """
 
     def reset(self, seed: int, task: str) -> None:
         """Begin an episode of a task; the seed is the episode's only source of chance."""
@@ -29,6 +32,12 @@ def close_policy(policy: Policy | None) -> None:
     """Tell a policy of the end of its episode, if it has a method ``close``: a server wants it."""
     if callable(close := getattr(policy, "close", None)):
         close()
+
+
+def warning_of(policy: Policy) -> str:
+    """Return what a policy's loader warns of, "" for nothing."""
+    warning = getattr(policy, "warning", "")
+    return warning if isinstance(warning, str) else ""
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,7 @@ class PolicyProcess:
         self._deterministic = deterministic
         self._host: HostConnection | None = None
         self._channel: EpisodeChannel | None = None
+        self.warning = ""
         self._target = ""
         self._size = 0
         self._end_grace_s = 0.0
@@ -189,9 +190,10 @@ class PolicyProcess:
     def _load(self, deadline: float) -> None:
         late = f"it was not loaded within {self._limits.load_timeout_s:g} s"
         try:
-            self._ask(wire.Frame.LOAD, b"", wire.Frame.LOADED, deadline, late)
+            answer = self._ask(wire.Frame.LOAD, b"", wire.Frame.LOADED, deadline, late)
         except errors.PolicyFaultError as fault:
             raise errors.PolicyLoadError(f"{self._target} cannot be loaded: {fault}") from fault
+        self.warning = wire.plain_line(answer.decode(errors="replace"), 2 * wire.MAX_TEXT)
 
     def _ask(
         self, request: wire.Frame, question: bytes, wanted: wire.Frame, deadline: float, late: str
@@ -214,7 +216,9 @@ class PolicyProcess:
         self._left_s -= time.monotonic() - began
         if kind is not wanted:
             self._refuse_answer(request, kind, payload)
-        if payload and wanted is not wire.Frame.ACTION:  # on a stream, packets that came together
+        # On a stream packets can come together; a packet's first byte is no printable character.
+        printable = wanted is wire.Frame.LOADED and payload.decode(errors="replace").isprintable()
+        if payload and wanted is not wire.Frame.ACTION and not printable:
             self._break_off(wire.WireError(f"{kind.name} with {len(payload)} bytes behind it"))
         return payload
 

@@ -2,6 +2,7 @@
 
 import io
 import warnings
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,12 @@ from minitouch_bench.policies.wire import plain_line
 RAN = "failed in the TorchScript interpreter"
 """What torch says where a file's code failed, and not the reading of the file."""
 
+RECURRENT = ("GRU", "GRUCell", "LSTM", "LSTMCell", "RNN", "RNNCell")
+"""Names of torch's recurrent modules, which a saved module keeps."""
+
+VIEWS = ("aten::select", "aten::slice", "aten::view", "aten::reshape", "aten::narrow")
+"""Operations that return a part of the tensor that they are given, not a copy."""
+
 
 def last_line(error: Exception) -> str:
     """Return the end of torch's message, where it says what went wrong."""
@@ -28,6 +35,11 @@ class TorchScriptPolicy:
 
     def __init__(self, module: Any) -> None:
         self._module = module
+        memory = find_memory(module)
+        self.warning = memory and (
+            f"it has {memory} and keeps nothing from one action to the next: torch.jit.trace "
+            "drops what forward assigns. If it shall remember, export with torch.jit.script"
+        )
 
     def reset(self, seed: int, task: str) -> None:
         """Do nothing: the module is loaded afresh, and torch is seeded, for every episode."""
@@ -61,7 +73,7 @@ def load_torchscript(checkpoint: Checkpoint) -> TorchScriptPolicy:
             ) from error
         raise PolicyLoadError(
             f"{checkpoint.target} is not a TorchScript file. Weights alone are not enough: "
-            "save a module with torch.jit.trace(...).save, or use .safetensors"
+            "save a module with torch.jit.script(module).save(...), or use .safetensors"
         ) from error
     module.eval()
     arguments = [argument.name for argument in module.forward.schema.arguments[1:]]
@@ -70,3 +82,38 @@ def load_torchscript(checkpoint: Checkpoint) -> TorchScriptPolicy:
             f"{checkpoint.target}: forward takes ({', '.join(arguments)}), not (image, touch)"
         )
     return TorchScriptPolicy(module)
+
+
+def find_memory(module: Any) -> str:
+    """Name what a module could remember with, where its ``forward`` writes to no attribute.
+
+    It is a recurrent layer, or a buffer of zeros as a hidden state begins with. "": there is none,
+    or ``forward`` writes.
+    """
+    modules = [(name, part, part.original_name) for name, part in module.named_modules()]
+    found = [f"a recurrent layer ({kind})" for _, _, kind in modules if kind in RECURRENT]
+    found += [
+        f"a buffer of zeros ('{buffer}')"
+        for _, part, kind in modules
+        if "Norm" not in kind
+        for buffer, value in part.named_buffers(recurse=False)
+        if value.is_floating_point() and not value.any()
+    ]
+    return "" if not found or any(map(_writes, _nodes(module.inlined_graph))) else found[0]
+
+
+def _nodes(block: Any) -> Iterator[Any]:
+    for node in block.nodes():
+        yield node
+        for inner in node.blocks():
+            yield from _nodes(inner)
+
+
+def _writes(node: Any) -> bool:
+    """Tell whether a node of a graph changes an attribute of its module."""
+    if not node.kind().endswith("_"):
+        return bool(node.kind() == "prim::SetAttr")
+    changed = next(node.inputs()).node()
+    while changed.kind() in VIEWS:
+        changed = next(changed.inputs()).node()
+    return bool(changed.kind() == "prim::GetAttr")

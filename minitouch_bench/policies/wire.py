@@ -65,7 +65,7 @@ class Frame(IntEnum):
     """To the order to start, before a byte of the checkpoint is looked at; or UNCONFINED."""
     UNCONFINED = 5
     LOADED = 6
-    """To LOAD; or REFUSED."""
+    """To LOAD, with what the loader warns of; or REFUSED."""
     REFUSED = 7
     READY = 8
     """To RESET; or RAISED."""
