@@ -1,7 +1,6 @@
 """The settings of a training, as one frozen value that a TOML file can hold."""
 
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -295,14 +294,3 @@ def apply_settings(config: TrainingConfig, settings: Mapping[str, Any]) -> Train
         UsageError: an unknown name, or a value of another type.
     """
     return take_table(settings, TrainingConfig, base=config)
-
-
-def trained_steps(directory: Path) -> int:
-    """Return the control steps of the training in a directory, 0 if there is none.
-
-    Raises:
-        UsageError: its settings are damaged.
-    """
-    file = directory / CONFIG_FILE
-    # Path's own test fails in a directory that cannot be read.
-    return read_config(file, TrainingConfig("")).steps if os.path.isfile(file) else 0

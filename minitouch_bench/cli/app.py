@@ -39,7 +39,9 @@ COMMANDS: dict[Callable[..., None], str] = {
     ),
     as_command(study, output.show_study, progress.study_progress): "study my-study.toml",
     as_command(record, output.show_dataset): "record scripted pushing --output data/pushing",
-    as_command(submit, output.show_packed): "submit my_policy.onnx --name my-policy",
+    as_command(submit, output.show_packed): (
+        "submit reports/a --name my-policy --training-steps 20000"
+    ),
     tasks: "tasks --json",
     as_command(doctor): "doctor",
 }

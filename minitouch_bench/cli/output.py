@@ -19,6 +19,7 @@ from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.workflows import options
 
 if TYPE_CHECKING:
+    from minitouch_bench.leaderboard.packing import Packed
     from minitouch_bench.records import EpisodeRecord
     from minitouch_bench.regression.comparison import Comparison
     from minitouch_bench.regression.gate import GateResult
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from minitouch_bench.workflows.replay import ReplayedEpisode
     from minitouch_bench.workflows.report import WrittenReport
     from minitouch_bench.workflows.results import Run
-    from minitouch_bench.workflows.submitting import Packed
 
 CHECK_FAILED = 1
 """Exit code of a check that was made; one that cannot be made has that of its error."""

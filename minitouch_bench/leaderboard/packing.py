@@ -1,6 +1,6 @@
-"""Make a submission's directory of finished runs and their checkpoints."""
+"""Pack finished runs and the checkpoints of their policies as a submission."""
 
-import secrets
+import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -9,18 +9,8 @@ from pathlib import Path
 
 from minitouch_bench import files
 from minitouch_bench.documents import write_toml
-from minitouch_bench.errors import (
-    PolicyLoadError,
-    RunDirectoryError,
-    UnreadableFileError,
-    UsageError,
-)
-from minitouch_bench.leaderboard.inventory import (
-    MAX_SUBMISSION_FILE,
-    MAX_VIDEO,
-    RUN_LIMITS,
-    read_plain,
-)
+from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.leaderboard.inventory import MAX_VIDEO, RUN_LIMITS
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     SUBMITTED_SUITES,
@@ -28,10 +18,9 @@ from minitouch_bench.leaderboard.submission import (
     Submission,
     TrainingSeed,
     checkpoint_place,
-    read_submission,
     run_place,
 )
-from minitouch_bench.leaderboard.submission_rules import check_file_name
+from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.sources import (
     DIRECTORY,
     HUB,
@@ -41,66 +30,158 @@ from minitouch_bench.policies.sources import (
 )
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import PolicyIdentity, Role
-from minitouch_bench.runs.run import RunHeader
-from minitouch_bench.verification.problems import Problems
+from minitouch_bench.runs.run import Run
+from minitouch_bench.verification.problems import Problem
+
+PACKING = ".packing"
+"""Folder beside the submissions where one is made; the next call removes a killed call's."""
 
 
-def begun_submission(directory: Path) -> Submission | None:
-    """Return the submission that the directory holds already, None if there is none.
+@dataclass(frozen=True)
+class Packed:
+    """A submission's directory, and the problems for which a maintainer would refuse it."""
+
+    directory: Path
+    problems: tuple[Problem, ...]
+
+
+@dataclass(frozen=True)
+class Training:
+    """One training of a method: its finished runs by suite, and its checkpoint files.
+
+    ``files`` maps each entry of ``submission.toml`` to the file that is copied, None where only
+    its SHA-256 is kept.
+    """
+
+    runs: Mapping[str, Run]
+    files: Mapping[CheckpointFile, Path | None]
+
+    def entry(self, seed: int) -> TrainingSeed:
+        """Return what ``submission.toml`` says of this training, whose number is ``seed``."""
+        places = {suite: run_place(seed, suite) for suite in self.runs}
+        entries = (
+            replace(file, path=checkpoint_place(seed, file.role, file.file) if source else "")
+            for file, source in self.files.items()
+        )
+        return TrainingSeed(seed, places, tuple(entries))
+
+
+def group_by_training(runs: Sequence[Run], *, include: bool) -> list[Training]:
+    """Return the trainings in the order of their first runs: runs of one policy are one training.
+
+    Args:
+        runs: Official runs, one per policy and suite, each policy with one of MAIN_SUITE.
+        include: Copy the checkpoints that are still where they were evaluated.
 
     Raises:
-        UsageError: its ``submission.toml`` has a problem.
-        UnreadableFileError: it cannot be read.
+        UsageError: a run is not official, missing or there twice, or the policy of a run is a
+            directory that has changed.
     """
-    file = directory / files.SUBMISSION_FILE
-    with files.os_errors_as(UnreadableFileError, file, "read"):
-        if not file.exists():
-            return None
-    return _checked(read_plain(directory, files.SUBMISSION_FILE, MAX_SUBMISSION_FILE))
+    by_policy: dict[tuple[str, str], dict[str, Run]] = {}
+    for run in runs:
+        policy, suite = run.header.policy, run.plan.suite
+        if suite not in SUBMITTED_SUITES or not run.header.official:
+            reasons = "; ".join(run.header.unofficial_because) or f"suite {suite}"
+            raise UsageError(f"{run.directory} is not an official run: {reasons}")
+        of_policy = by_policy.setdefault((policy.kind, policy.digest or policy.source), {})
+        if suite in of_policy:
+            both = f"{of_policy[suite].directory} and {run.directory}"
+            raise UsageError(f"{both} are runs of {suite} with one policy: give one of them")
+        of_policy[suite] = run
+    trainings = []
+    for of_policy in by_policy.values():
+        if MAIN_SUITE not in of_policy:
+            alone = next(iter(of_policy.values())).directory
+            raise UsageError(f"no run is of {MAIN_SUITE} with the policy of {alone}: add it")
+        header = of_policy[MAIN_SUITE].header
+        policies = {Role.FINAL: header.policy, Role.EXPLORATION: header.exploration}
+        named = dict(
+            file
+            for role, recorded in policies.items()
+            if recorded is not None
+            for file in _checkpoint_files(role, _find_source(recorded))
+        )
+        files_there = {file: path if include else None for file, path in named.items()}
+        listed = {suite: of_policy[suite] for suite in SUBMITTED_SUITES if suite in of_policy}
+        trainings.append(Training(listed, files_there))
+    return trainings
 
 
-def with_seeds(
-    begun: Submission | None, about: Submission, seeds: Sequence[TrainingSeed]
-) -> Submission:
-    """Return ``about`` with the seeds begun and these, added or in place of their old entries.
+def _find_source(recorded: PolicyIdentity) -> PolicySource:
+    """Find the policy of a finished run again, or what is known of it where it is gone."""
+    try:
+        source = parse_source(recorded.source, trust=True, contact=False)
+        if (source.kind, source.digest) == (recorded.kind, recorded.digest):
+            return source
+    except PolicyLoadError:
+        pass
+    if recorded.kind == DIRECTORY:  # which is known by its files alone
+        raise UsageError(f"the policy {recorded.source} has changed or is gone: put it back")
+    return PolicySource(recorded.kind, recorded.name, recorded.source, recorded.digest)
+
+
+def _checkpoint_files(
+    role: Role, policy: PolicySource
+) -> Iterator[tuple[CheckpointFile, Path | None]]:
+    """Walk through the files of a policy, each with where it is, None where it is gone."""
+    parts = policy.parts if policy.kind == DIRECTORY else ((ALL_TASKS, policy),)
+    for task, part in parts:
+        if part.digest:
+            address = part.target
+            name = parse_hub_address(address).file if address.startswith(HUB) else address
+            path = Path(address) if Path(address).is_file() else None
+            yield CheckpointFile(role, task, Path(name).name, part.digest), path
+
+
+def pack(
+    submission: Submission, trainings: Sequence[Training], submissions: Path
+) -> tuple[Problem, ...]:
+    """Make a submission in a folder aside, check it, and move it to its name in one rename.
+
+    Args:
+        submission: Its seeds are the entries of ``trainings``, in their order.
+        trainings: What is copied.
+        submissions: Directory of all submissions.
+
+    Returns:
+        The problems for which it would be refused; with any of them there is no submission.
 
     Raises:
-        UsageError: ``validate`` would refuse the result.
+        RunDirectoryError: one of this name is there, or a file cannot be read or written.
     """
-    by_number = {seed.seed: seed for seed in (*(begun.seeds if begun else ()), *seeds)}
-    submission = replace(about, seeds=tuple(by_number[number] for number in sorted(by_number)))
-    check_submission(submission)
-    return submission
+    target = submissions / submission.name
+    with lock_aside(submissions) as folder:
+        if os.path.lexists(target):
+            raise RunDirectoryError(f"{target} is there: move it away, or choose another --name")
+        copy = folder / submission.name
+        files.write_file(copy / files.SUBMISSION_FILE, write_toml(submission))
+        for seed, training in zip(submission.seeds, trainings, strict=True):
+            for suite, run in training.runs.items():
+                assert run.directory is not None
+                copy_run(run.directory, copy / seed.runs[suite])
+            for file, source in zip(seed.checkpoints, training.files.values(), strict=True):
+                if source is not None:
+                    _copy(source, copy / file.path, files.LARGEST_CHECKPOINT, follow=True)
+        problems = validate(copy).problems
+        if not problems:
+            with files.os_errors_as(RunDirectoryError, target, "written"):
+                copy.rename(target)
+        return problems
 
 
-def add_seeds(directory: Path, about: Submission, seeds: Sequence[TrainingSeed]) -> Submission:
-    """Write ``with_seeds`` of the submission that a directory holds into it.
-
-    Raises:
-        UsageError: ``validate`` would refuse the result.
-        RunDirectoryError: it cannot be written.
-    """
-    submission = with_seeds(begun_submission(directory), about, seeds)
-    files.write_file(directory / files.SUBMISSION_FILE, write_toml(submission))
-    return submission
-
-
-def check_submission(submission: Submission) -> None:
-    """Refuse what ``validate`` would refuse before any episode, with or without a training seed.
-
-    Raises:
-        UsageError: the first problem.
-    """
-    seeds = submission.seeds or (TrainingSeed(0, {MAIN_SUITE: run_place(0, MAIN_SUITE)}),)
-    _checked(write_toml(replace(submission, seeds=seeds)).encode())
-
-
-def _checked(content: bytes) -> Submission | None:
-    problems = Problems()
-    submission = read_submission(content, problems)
-    for problem in problems:
-        raise UsageError(str(problem))
-    return submission
+@contextmanager
+def lock_aside(submissions: Path) -> Iterator[Path]:
+    """Hold an empty folder beside the submissions, which no board reads; remove it afterwards."""
+    folder = submissions / PACKING
+    with files.lock_directory(submissions, wait=True):
+        with files.os_errors_as(RunDirectoryError, folder, "cleared"):
+            if os.path.lexists(folder):
+                shutil.rmtree(folder)
+            folder.mkdir()
+        try:
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def copy_run(run: Path, target: Path) -> None:
@@ -115,117 +196,7 @@ def copy_run(run: Path, target: Path) -> None:
         _copy(video, target / files.VIDEOS / video.name, MAX_VIDEO)
 
 
-@dataclass(frozen=True)
-class Parts:
-    """What a training seed's part of a submission is made of: its runs by suite, its policies."""
-
-    runs: Mapping[str, Path]
-    policy: PolicySource
-    exploration: PolicySource | None
-
-    def gone(self) -> list[str]:
-        """Return the checkpoint files that are no longer where they were evaluated."""
-        return [file.target for _, _, file in self._files() if not Path(file.target).exists()]
-
-    def digests_there(self, removed: Path | None) -> set[str]:
-        """Return the SHA-256 of the checkpoint files that are where they were evaluated.
-
-        Those in a directory that is to be ``removed`` do not count.
-        """
-        return {
-            file.digest
-            for _, _, file in self._files()
-            if (path := Path(file.target)).is_file()
-            and not (removed and path.resolve().is_relative_to(removed.resolve()))
-        }
-
-    def name_files(
-        self, directory: Path, seed: int, *, include: bool
-    ) -> tuple[CheckpointFile, ...]:
-        """Return the checkpoint files of both policies; with ``include`` those there are copied.
-
-        Raises:
-            UsageError: a file's name is not plain.
-            RunDirectoryError: one cannot be copied.
-        """
-        named = []
-        for role, task, source in self._files():
-            target = source.target
-            name = Path(parse_hub_address(target).file if target.startswith(HUB) else target).name
-            check_file_name(name)
-            file = CheckpointFile(role, task, name, source.digest)
-            if include and Path(target).exists():
-                file = replace(file, path=checkpoint_place(seed, role, name))
-                _copy(Path(target), directory / file.path, files.LARGEST_CHECKPOINT, follow=True)
-            named.append(file)
-        return tuple(named)
-
-    def _files(self) -> Iterator[tuple[Role, str, PolicySource]]:
-        """Walk through the files of both policies, each with its role and its task."""
-        for role, source in ((Role.FINAL, self.policy), (Role.EXPLORATION, self.exploration)):
-            if source is not None and source.kind == DIRECTORY:
-                yield from ((role, task, part) for task, part in source.parts)
-            elif source is not None and source.digest:
-                yield role, ALL_TASKS, source
-
-
 def _copy(file: Path, target: Path, limit: int, *, follow: bool = False) -> None:
     """Copy a plain file; the user's own may be a link, one of a run may not."""
     with files.os_errors_as(RunDirectoryError, file, "copied"):
         files.write_file(target, files.read_file(file, limit, follow=follow))
-
-
-def check_submittable(header: RunHeader, path: Path, main: PolicyIdentity) -> None:
-    """Refuse a run that is not official, or that is of another policy than the ``main`` run.
-
-    Raises:
-        UsageError: it is one of these.
-    """
-    if header.plan.suite not in SUBMITTED_SUITES or not header.official:
-        reasons = "; ".join(header.unofficial_because) or f"suite {header.plan.suite}"
-        raise UsageError(f"{path} is not an official run: {reasons}")
-    if (header.policy.kind, header.policy.digest) != (main.kind, main.digest):
-        raise UsageError(f"{path} is the run of another policy than that of {MAIN_SUITE}")
-
-
-def find_source(recorded: PolicyIdentity) -> PolicySource:
-    """Find the policy of a finished run again, or what is known of it where it is gone.
-
-    Raises:
-        UsageError: it is a directory, which is known by its files alone.
-    """
-    try:
-        source = parse_source(recorded.source, trust=True, contact=False)
-        if (source.kind, source.digest) == (recorded.kind, recorded.digest):
-            return source
-    except PolicyLoadError:
-        pass
-    if recorded.kind == DIRECTORY:
-        raise UsageError(f"the policy {recorded.source} has changed or is gone: put it back")
-    return PolicySource(recorded.kind, recorded.name, recorded.source, recorded.digest)
-
-
-@contextmanager
-def aside(directory: Path) -> Iterator[Path]:
-    """Make a folder beside the submissions, which no board reads, and remove it afterwards."""
-    folder = files.make_folder(directory / f".{secrets.token_hex(8)}.packing")
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def swap(new: Path, target: Path, old: Path) -> None:
-    """Put a directory in the place of another one, which is kept until the new one is there."""
-    with files.os_errors_as(RunDirectoryError, target, "replaced"):
-        old.parent.mkdir(parents=True, exist_ok=True)
-        if target.exists():
-            target.rename(old)
-        if new.exists():
-            target.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                new.rename(target)
-            except OSError:
-                if old.exists():
-                    old.rename(target)
-                raise

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, Literal
 
 from msgspec import Meta
 
-from minitouch_bench.documents import parse_toml, read_table
+from minitouch_bench.documents import parse_toml, read_table, write_toml
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import CHECKPOINTS, SUBMISSION_FILE
 from minitouch_bench.leaderboard import submission_rules as rules
@@ -185,6 +185,18 @@ def read_submission(content: bytes, problems: Problems) -> Submission | None:
         if key in document and not any(known.startswith(key) for known in mistakes):
             problems.add(SUBMISSION_FILE, f"{key}: {mistake}", SEE)
     return replace(submission, seeds=tuple(map(_in_place, submission.seeds)))
+
+
+def check_submission(submission: Submission) -> None:
+    """Refuse what a submission cannot say of itself.
+
+    Raises:
+        UsageError: the first problem.
+    """
+    problems = Problems()
+    read_submission(write_toml(submission).encode(), problems)
+    for problem in problems:
+        raise UsageError(str(problem))
 
 
 def _texts(submission: Submission) -> Iterator[tuple[str, str]]:

@@ -25,7 +25,7 @@ from minitouch_bench.leaderboard.inventory import (
     read_plain,
 )
 from minitouch_bench.leaderboard.proof import Proof, ProofLevel, find_proof, level_of
-from minitouch_bench.leaderboard.run_checks import check_policies, check_submitted
+from minitouch_bench.leaderboard.run_checks import check_submitted
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     CheckpointFile,
@@ -148,17 +148,6 @@ def _file_digests(content: bytes, runs: Mapping[str, Run]) -> dict[str, str]:
         for folder, run in runs.items()
         for name, digest in run.file_digests().items()
     }
-
-
-def check_planned(
-    submission: Submission, seed: TrainingSeed, headers: Sequence[RunHeader], directory: Path
-) -> tuple[Problem, ...]:
-    """Return all that would be wrong before the first episode of runs with these headers."""
-    problems = Problems()
-    for header in headers:
-        check_policies(header, seed, seed.runs[header.plan.suite], problems)
-    _check_about(submission, headers, directory, problems)
-    return tuple(problems)
 
 
 def _read_content(directory: Path, files: Mapping[str, int], problems: Problems) -> bytes | None:

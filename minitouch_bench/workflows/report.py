@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minitouch_bench.errors import MiniTouchError, UsageError
-from minitouch_bench.files import REPORTS, list_videos, write_file
+from minitouch_bench.files import REPORTS, SUBMISSION_FILE, list_videos, read_file, write_file
 from minitouch_bench.records import PolicyIdentity, Role
 from minitouch_bench.workflows import options
 from minitouch_bench.workflows.options import Numbers, StrPath, Words
@@ -96,13 +96,15 @@ def find_origin(path: Path, run: "SavedRun") -> "RunOrigin":
     of the training directory that holds the policy or the run.
     """
     from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_config
-    from minitouch_bench.leaderboard.packing import begun_submission
+    from minitouch_bench.leaderboard.submission import read_submission
     from minitouch_bench.reporting.labels import RunOrigin
+    from minitouch_bench.verification.problems import Problems
 
     policy = run.header.policy
     source, directory = Path(policy.source), path.resolve()
     try:
-        if submission := begun_submission(directory.parent.parent):
+        about = directory.parent.parent / SUBMISSION_FILE
+        if about.is_file() and (submission := read_submission(read_file(about), Problems())):
             return RunOrigin(submission.name, submission.training_steps)
         if not policy.digest:  # a built-in policy
             return RunOrigin()

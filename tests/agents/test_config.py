@@ -12,7 +12,6 @@ from minitouch_bench.agents.config import (
     TrainingConfig,
     make_config,
     read_config,
-    trained_steps,
 )
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
@@ -136,13 +135,6 @@ def test_the_paper_preset_is_table_2():
         assert phase.reward_scale == 100
     assert (config.sac.batch_size, config.sac.discount) == (128, 0.99)
     assert config.replay_size == 10**6
-
-
-def test_the_steps_of_a_training_are_read_from_its_directory(tmp_path):
-    assert trained_steps(tmp_path) == 0
-    config = replace(TrainingConfig("opening"), exploration=PhaseConfig(30))
-    (tmp_path / "config.toml").write_text(write_toml(config))
-    assert trained_steps(tmp_path) == 30 + config.task_phase.steps
 
 
 def test_sac_has_the_tasks_reward_from_the_first_step():

@@ -1,8 +1,7 @@
-"""From a policy to a packed submission, as a user types it."""
+"""From finished runs to a packed submission, as a user types it."""
 
 import os
 import signal
-import time
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -10,79 +9,37 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.leaderboard.packing import PACKING
+from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.workflows.submit import submit
-from tests.cli.command import finish, run, start
+from tests.cli.command import run
 from tests.leaderboard.synthetic import CHECKPOINT, official_run, write_official
 
-HOPELESS = ("submit", "hopeless:Policy", "--trust", "--name", "hopeless", "--workers", 2)
+RUN = Path("reports/hac-table4")
+ABOUT = {"name": "hac", "training_steps": 1000}
+FACTS = {"run.json", "actions.npz"}
+HOPELESS = ("hopeless:Policy", "--trust", "--workers", 2)
 """A policy that fails at every first step: the official episodes take seconds."""
 
-PACK = {"name": "hac", "runs": (Path("reports/hac-table4"),), "fresh": True}
-FACTS = {"run.json", "actions.npz"}
 
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    """A finished official run, and the checkpoint that it says it evaluated."""
-    root = tmp_path_factory.mktemp("finished")
-    write_official(official_run(), root / "reports" / "hac-table4")
-    (root / "hac.safetensors").write_bytes(CHECKPOINT)
-    return root
-
-
-def pack(directory, *options):
-    reports = directory / "reports" / "hac-table4"
-    return run("submit", "--run", reports, "--name", "hac", *options, directory=directory)
-
-
-def test_a_finished_run_is_packed_with_its_checkpoint(finished):
-    done = pack(finished, "--training-steps", 1000, "--method", "HaC", "--authors", "A. B, C. D")
-    assert done.code == 0, done.err
-    assert done.out == "submissions/hac\n"
-    assert "leaderboard validate submissions/hac" in done.err
-    place = finished / "submissions" / "hac"
-    assert set(os.listdir(place / "seed-0" / "table4")) == FACTS
-    told = tomllib.loads((place / "submission.toml").read_text())
-    assert (told["method"], told["training_steps"]) == ("HaC", 1000)
-    assert told["authors"] == ["A. B", "C. D"]
-    (file,) = told["seeds"][0]["checkpoints"]
-    assert (place / file["path"]).read_bytes() == CHECKPOINT
-
-
-def test_another_training_seed_is_added_and_what_was_told_is_kept(finished):
-    again = pack(finished, "--training-seed", 0, "--method", "HaC")
-    assert again.code == 6
-    assert "--fresh" in again.err
-    run_again = official_run(seed=5)
-    write_official(run_again, finished / "reports" / "five")
-    done = run(
-        "submit", "--run", "reports/five", "--name", "hac", "--training-seed", 5,
-        "--no-include-checkpoint", "--notes", "two seeds", directory=finished,
-    )  # fmt: skip
-    assert done.code == 0, done.err
-    told = tomllib.loads((finished / "submissions/hac/submission.toml").read_text())
-    assert (told["method"], told["notes"]) == ("HaC", "two seeds")
-    assert [seed["seed"] for seed in told["seeds"]] == [0, 5]
-    assert [seed["checkpoints"][0]["path"] != "" for seed in told["seeds"]] == [True, False]
-
-
-def test_a_checkpoint_that_is_gone_is_named_by_its_digest(finished, tmp_path):
-    write_official(official_run(), tmp_path / "reports" / "hac-table4")
-    done = pack(tmp_path)
-    assert done.code == 0, done.err
-    assert "only its SHA-256 is kept" in done.err
-    told = tomllib.loads((tmp_path / "submissions/hac/submission.toml").read_text())
-    assert told["seeds"][0]["checkpoints"][0]["path"] == ""
+def write_run(place, policy="hac.safetensors", **about):
+    """Write a finished official run, whose policy has the file's bytes if it is there."""
+    played = official_run(**about)
+    identity = replace(played.header.policy, source=policy)
+    write_official(replace(played, header=replace(played.header, policy=identity)), Path(place))
 
 
 @pytest.fixture
-def packed(tmp_path, monkeypatch):
-    """A submission, packed of a run and its checkpoint, in the working directory."""
+def evaluated(tmp_path, monkeypatch):
+    """A working directory with a finished run and the checkpoint that was evaluated."""
     monkeypatch.chdir(tmp_path)
-    write_official(official_run(), Path("reports/hac-table4"))
+    write_run(RUN)
     Path("hac.safetensors").write_bytes(CHECKPOINT)
-    assert submit(**PACK).problems == ()
-    return tmp_path / "submissions" / "hac"
+    return tmp_path
+
+
+def told(name="hac"):
+    return tomllib.loads(Path("submissions", name, "submission.toml").read_text())
 
 
 def state(directory):
@@ -90,179 +47,165 @@ def state(directory):
     return {path.relative_to(directory): path.read_bytes() for path in files}
 
 
-def test_no_source_and_submission_lie_one_in_the_other(packed):
-    before = state(packed)
-    inside = packed / "seed-0" / "table4"
-    checkpoint = packed / "checkpoints" / "seed-0" / "final" / "hac.safetensors"
-    for other in (
-        {"runs": (inside,)},
-        {"runs": (), "policy": str(checkpoint)},
-        {"runs": (), "policy": str(packed.parents[1])},
-    ):
-        with pytest.raises(UsageError, match="one in the other"):
-            submit(**{**PACK, **other})
-    assert state(packed) == before
+def test_a_finished_run_is_packed_with_its_checkpoint(evaluated):
+    about = ("--name", "hac", "--training-steps", 1000, "--authors", "A. B, C. D")
+    done = run("submit", RUN, *about, "--method", "HaC", directory=evaluated)
+    assert done.code == 0, done.err
+    assert done.out == "submissions/hac\n"
+    assert "leaderboard validate submissions/hac" in done.err
+    place = evaluated / "submissions" / "hac"
+    assert set(os.listdir(place / "seed-0" / "table4")) == FACTS
+    assert (told()["method"], told()["training_steps"]) == ("HaC", 1000)
+    assert told()["authors"] == ["A. B", "C. D"]
+    (file,) = told()["seeds"][0]["checkpoints"]
+    assert (place / file["path"]).read_bytes() == CHECKPOINT
+    assert os.listdir("submissions") == ["hac"]
+    again = run("submit", RUN, *about, directory=evaluated)
+    again.refused(6, "submissions/hac", "--name")
 
 
-def test_the_only_copy_of_a_checkpoint_is_never_removed(packed):
-    before = state(packed)
-    Path("hac.safetensors").unlink()
-    for include in (True, False):
-        with pytest.raises(RunDirectoryError, match="no other copy"):
-            submit(**PACK, include_checkpoint=include)
-    assert state(packed) == before
-    Path("hac.safetensors").write_bytes(CHECKPOINT)
-    assert submit(**PACK, include_checkpoint=False).problems == ()
-    assert not list(packed.rglob("*.safetensors"))
+def test_runs_of_several_trainings_and_suites_are_packed_together(evaluated):
+    """Each policy is one training, whatever the order of its suites."""
+    write_run("reports/zero", "zero", seed=3, kind="factory")
+    write_run("reports/novel", suite="novel-shapes")
+    packed = submit("reports/novel", RUN, "reports/zero", training_seeds=(7, 5), **ABOUT)
+    assert packed.problems == ()
+    seeds = {seed["seed"]: seed for seed in told()["seeds"]}
+    assert [*seeds] == [7, 5]
+    assert [*seeds[7]["runs"]] == ["table4", "novel-shapes"]
+    assert [*seeds[5]["runs"]] == ["table4"]
+    assert not validate(packed.directory).problems
 
 
 @pytest.mark.parametrize("include", [True, False])
-def test_a_checkpoint_that_a_submission_alone_holds_stays(tmp_path, monkeypatch, include):
-    """The run was made with the submission's own file."""
-    monkeypatch.chdir(tmp_path)
-    checkpoint = Path("submissions/hac/checkpoints/seed-0/final/only.safetensors")
-    checkpoint.parent.mkdir(parents=True)
-    checkpoint.write_bytes(CHECKPOINT)
-    done = official_run()
-    policy = replace(done.header.policy, source=str(checkpoint))
-    write_official(replace(done, header=replace(done.header, policy=policy)), PACK["runs"][0])
+def test_a_checkpoint_that_is_not_there_or_not_included_is_named_by_its_digest(evaluated, include):
     if include:
-        assert submit(**PACK).problems == ()
-    else:
-        with pytest.raises(RunDirectoryError, match="no other copy"):
-            submit(**PACK, include_checkpoint=False)
-    assert checkpoint.read_bytes() == CHECKPOINT
+        Path("hac.safetensors").unlink()
+    notes = []
+    callbacks = type("Notes", (), {"note": notes.append})
+    assert not submit(RUN, include_checkpoint=include, callbacks=callbacks, **ABOUT).problems
+    assert [("only its SHA-256 is kept" in note) for note in notes] == [True] * include
+    (file,) = told()["seeds"][0]["checkpoints"]
+    assert (file["file"], file["path"]) == ("hac.safetensors", "")
+    assert not list(Path("submissions").rglob("*.safetensors"))
 
 
-def test_a_file_of_the_user_in_a_submission_s_run_is_not_replaced(packed):
-    (packed / "seed-0" / "table4" / "notes.txt").write_text("mine")
-    with pytest.raises(RunDirectoryError, match=r"notes\.txt"):
-        submit(**PACK)
+@pytest.mark.parametrize("file", ["run.json", "actions.npz"])
+def test_a_damaged_run_leaves_nothing(evaluated, file):
+    path = RUN / file
+    path.write_bytes(path.read_bytes().replace(b"0", b"1", 1))
+    done = run("submit", RUN, "--name", "hac", "--training-steps", 0, directory=evaluated)
+    assert done.code == 1, done.err
+    assert "seed-0/table4" in done.out
+    assert not state(evaluated / "submissions")
 
 
-def test_a_submission_that_would_be_refused_changes_nothing(packed):
-    before = state(packed)
-    Path("reports/hac-table4/actions.npz").write_bytes(b"damaged")
-    assert submit(**PACK).problems
-    assert state(packed) == before
-    assert os.listdir("submissions") == ["hac"]
-
-
-def test_one_training_is_not_two_seeds_and_the_first_stays_as_it_is(packed):
-    before = state(packed)
-    (problem,) = submit(**PACK, training_seed=1).problems
-    assert "bit for bit those of seed-0/table4" in str(problem)
-    assert state(packed) == before
+def test_a_checkpoint_that_was_changed_since_is_refused(evaluated):
+    Path("hac.safetensors").write_bytes(b"trained further")
+    (problem,) = submit(RUN, **ABOUT).problems
+    assert "SHA-256" in str(problem)
+    assert os.listdir("submissions") == []
 
 
 def test_an_unofficial_run_is_refused(scripted, tmp_path):
-    done = run("submit", "--run", scripted[1], "--name", "scripted", directory=tmp_path)
+    about = ("--name", "scripted", "--training-steps", 0)
+    done = run("submit", scripted[1], *about, directory=tmp_path)
     done.refused(2, "not an official run", "2 of 100 episodes per task")
     assert os.listdir(tmp_path) == []
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("runs", "options", "words"),
     [
-        (("zero", "--name", "../up"), ("is no name",)),
-        (("zero", "--name", "zero", "--paper", "javascript:1"), ("paper", "is no link")),
-        (("zero", "--name", "zero", "--method", "<script>"), ("method", "HTML")),
-        (("zero", "--name", "zero", "--modalities", "smell"), ("smell",)),
-        (("zero", "--name", "zero", "--suites", "smoke"), ("--suites",)),
-        (("--name", "zero"), ("POLICY", "--run")),
-        (("--run", "reports/zero"), ("--name",)),
-        (("Mine.onnx",), ("name", "Mine")),
-        (("random", "--name", "my-random"), ("built-in policy random is not 'my-random'",)),
-        (("random", "--modalities", "vision"), ("random is one seed with the modalities []",)),
-        (("zero", "--exploration", "scripted"), ("its exploration is the scripted policy's",)),
-        (("hopeless:Policy", "--trust", "--name", "zero"), ("is a built-in policy's",)),
-        (("zero", "--training-seed", 2**63), ("seed",)),
+        ((RUN,), {"name": "../up"}, "no name"),
+        ((RUN,), {"paper": "javascript:1"}, "paper"),
+        ((RUN,), {"method": "<script>"}, "method"),
+        ((RUN,), {"modalities": "smell"}, "modalities"),
+        ((RUN,), {"training_seeds": "1,2"}, "--training-seeds"),
+        ((RUN, RUN), {}, "with one policy"),
+        (("reports/novel",), {}, "table4"),
+        (("reports/odd-name",), {}, "file name"),
     ],
 )
-def test_mistakes_are_told_before_anything_is_run(tmp_path, options, words):
-    run("submit", *options, directory=tmp_path).refused(2, *words)
-    assert os.listdir(tmp_path) == []
+def test_mistakes_are_told_and_nothing_is_written(evaluated, runs, options, words):
+    write_run("reports/novel", suite="novel-shapes")
+    write_run("reports/odd-name", "my policy.safetensors")
+    with pytest.raises(UsageError, match=words):
+        submit(*runs, **{**ABOUT, **options})
+    assert not Path("submissions").exists()
 
 
-@pytest.fixture
-def nothing_is_played(monkeypatch):
-    def play(*_):
-        raise AssertionError("an episode would be played")
-
-    monkeypatch.setattr("minitouch_bench.workflows.submitting.play", play)
-
-
-@pytest.mark.usefixtures("nothing_is_played")
-def test_a_checkpoint_s_name_is_checked_before_anything_is_run(tmp_path, monkeypatch):
-    from minitouch_bench.policies.native import save_native
-    from minitouch_bench.policies.networks import TouchActor
-
-    monkeypatch.chdir(tmp_path)
-    save_native(TouchActor(action_size=4), Path("my policy.safetensors"))
-    with pytest.raises(UsageError, match="no plain file name"):
-        submit("my policy.safetensors", name="mine")
-    assert os.listdir(tmp_path) == ["my policy.safetensors"]
+def test_a_folder_or_a_link_that_is_there_is_never_replaced(evaluated):
+    Path("submissions").mkdir()
+    Path("submissions/hac").symlink_to(evaluated / "elsewhere")
+    with pytest.raises(RunDirectoryError, match="is there"):
+        submit(RUN, **ABOUT)
+    Path("submissions/hac").unlink()
+    Path("submissions", PACKING).symlink_to(evaluated / "reports")
+    with pytest.raises(RunDirectoryError, match="cleared"):
+        submit(RUN, **ABOUT)
+    assert RUN.exists()
 
 
-@pytest.mark.usefixtures("nothing_is_played")
-def test_every_suite_s_directory_is_checked_before_the_first_is_run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    place = Path("submissions/zero/seed-0")
-    write_official(official_run("novel-shapes", kind="zero"), place / "novel-shapes")
-    both = {"policy": "zero", "suites": ("table4", "novel-shapes")}
-    with pytest.raises(RunDirectoryError, match="novel-shapes already contains a run"):
-        submit(**both)
-    (place / "novel-shapes" / "run.json").unlink()
-    (place / "novel-shapes" / "unfinished").mkdir()
-    with pytest.raises(RunDirectoryError, match="novel-shapes already contains a run"):
-        submit(**both)
-    assert os.listdir(place) == ["novel-shapes"]
+KILLING = ("rename", "replace", "mkdir", "rmdir", "unlink")
+
+
+def submit_and_be_killed_at(number):
+    """Submit in a child that kills itself before its n-th change of a directory; True if it did."""
+    child = os.fork()
+    if child == 0:
+        try:
+            calls = iter(range(number))
+            for name in KILLING:
+                setattr(os, name, _counted(getattr(os, name), calls))
+            submit(RUN, **ABOUT)
+        finally:
+            os._exit(0)
+    _, status = os.waitpid(child, 0)
+    return os.WIFSIGNALED(status)
+
+
+def _counted(call, calls):
+    def counted(*given, **named):
+        if next(calls, None) is None:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return call(*given, **named)
+
+    return counted
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_a_kill_at_any_moment_leaves_a_whole_submission_or_none(evaluated):
+    submit(RUN, **ABOUT)
+    place = evaluated / "submissions"
+    whole, number, there = state(place), 1, set()
+    (place / "hac").rename(evaluated / "kept-0")
+    while submit_and_be_killed_at(number):
+        there.add((place / "hac").exists())
+        if (place / "hac").exists():
+            found = {path: bits for path, bits in state(place).items() if path.parts[0] == "hac"}
+            assert found == whole
+            (place / "hac").rename(evaluated / f"kept-{number}")
+        number += 1
+    assert there == {False, True}
+    assert number > 10
+    assert state(place) == whole
+    assert os.listdir(place) == ["hac"]
 
 
 @pytest.mark.slow
 def test_three_commands_lead_from_a_policy_to_a_row(tmp_path):
-    given_up = run(*HOPELESS, "--method", "Hopeless", directory=tmp_path)
+    given_up = run("evaluate", *HOPELESS, directory=tmp_path)
     assert given_up.code == 5
-    assert "the first 10 episodes are all policy faults" in given_up.err
-    assert "--resume continues" in given_up.err
-    done = run(*HOPELESS, "--method", "Hopeless", "--resume", directory=tmp_path)
-    assert done.code == 0, done.err
-    assert "400 faults" in done.err
-    place = tmp_path / "submissions" / "hopeless" / "seed-0" / "table4"
-    assert set(os.listdir(place)) == FACTS
+    done = run("evaluate", *HOPELESS, "--resume", directory=tmp_path)
+    assert done.code == 4, done.err
+    (place,) = (tmp_path / "reports").iterdir()
+    about = ("--name", "hopeless", "--training-steps", 0)
+    packed = run("submit", place, *about, directory=tmp_path)
+    assert packed.code == 0, packed.err
     proved = run("leaderboard", "validate", "submissions/hopeless", "--replay", directory=tmp_path)
     assert (proved.code, proved.out) == (0, "hopeless: valid, replay-verified\n")
     built = run("leaderboard", "build", directory=tmp_path)
     assert built.code == 0, built.err
     page = (tmp_path / "reports" / "leaderboard" / "index.html").read_text()
     assert 'href="submission/hopeless.html"' in page
-    assert "Not ranked: nobody has run them again yet" in page
-    again = run(*HOPELESS, directory=tmp_path)
-    again.refused(6, "already contains a run", "--training-seed")
-    kept = run(*HOPELESS, "--resume", directory=tmp_path)
-    assert kept.code == 0, kept.err
-    other = run("submit", "strangers:Policy", *HOPELESS[2:], "--resume", directory=tmp_path)
-    assert other.code == 6
-    assert "holds another run" in other.err
-
-
-@pytest.mark.slow
-def test_a_submission_that_was_broken_off_is_resumed(tmp_path):
-    assert run(*HOPELESS, directory=tmp_path).code == 5
-    process = start(*HOPELESS, "--resume", directory=tmp_path)
-    place = tmp_path / "submissions" / "hopeless" / "seed-0" / "table4"
-    deadline = time.monotonic() + 300
-    while len(list((place / "unfinished").glob("*.unit"))) < 20:
-        assert time.monotonic() < deadline
-        assert process.poll() is None
-        time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGINT)
-    broken = finish(process)
-    assert broken.code == 130
-    assert "--resume continues" in broken.err
-    invalid = run("leaderboard", "validate", "submissions/hopeless", directory=tmp_path)
-    assert invalid.code == 1
-    assert "this is no submission" in invalid.out
-    done = run(*HOPELESS, "--resume", directory=tmp_path)
-    assert done.code == 0, done.err
-    assert set(os.listdir(place)) == FACTS

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.leaderboard.packing import add_seeds
+from minitouch_bench.documents import write_toml
 from minitouch_bench.leaderboard.proof import (
     PROVED_LEVELS,
     ProofLevel,
@@ -23,7 +23,6 @@ from minitouch_bench.leaderboard.submission import (
     run_place,
 )
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import PolicyIdentity, Role
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.plan import SUITES, make_plan
@@ -106,6 +105,7 @@ def make_submission(
     directory = root / name
     built_in = kind in ("random", "zero", "scripted")
     modalities = {"scripted": ("state",)}.get(kind, ()) if built_in else about.modalities
+    entries = []
     for seed in seeds:
         for suite in suites:
             run = official_run(
@@ -118,9 +118,9 @@ def make_submission(
             )
             write_official(run, directory / run_place(seed, suite))
         files = _files(directory, seed, exploration, include) if kind == "native" else ()
-        entry = TrainingSeed(seed, {s: run_place(seed, s) for s in suites}, files)
-        told = replace(about, name=name, modalities=modalities)
-        add_seeds(directory, told, [entry])
+        entries.append(TrainingSeed(seed, {s: run_place(seed, s) for s in suites}, files))
+    told = replace(about, name=name, modalities=modalities, seeds=tuple(entries))
+    (directory / "submission.toml").write_text(write_toml(told))
     if level in PROVED_LEVELS:
         write_proof(make_proof(validate(directory).files, level, 5), proof_path(directory))
     return directory
@@ -136,18 +136,3 @@ def _files(directory: Path, seed: int, exploration: bool, include: bool):
             (directory / place).parent.mkdir(parents=True)
             (directory / place).write_bytes(CHECKPOINT)
     return tuple(files)
-
-
-def task_run(run: Played, task: str) -> Played:
-    """Return the part of a run that is of one task, as if it had been evaluated alone."""
-    header, goal = run.header, task in GOAL_TASKS
-    return replace(
-        run,
-        header=make_header(
-            make_plan(header.plan.suite, (task,)),
-            header.policy,
-            header.exploration if goal else None,
-            header.isolation,
-        ),
-        records=tuple(record for record in run.records if record.spec.task == task),
-    )

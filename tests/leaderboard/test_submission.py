@@ -12,11 +12,11 @@ from benchmarks.schemas import board_schema, submission_schema
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
 from minitouch_bench.leaderboard.build import build_board
-from minitouch_bench.leaderboard.packing import add_seeds, check_submission
 from minitouch_bench.leaderboard.submission import (
     CheckpointFile,
     Submission,
     TrainingSeed,
+    check_submission,
     checkpoint_place,
     read_submission,
 )
@@ -135,18 +135,11 @@ def test_the_board_s_json_is_as_its_schema_says(tmp_path):
     }
 
 
-def test_another_training_seed_is_added_and_the_same_one_replaced(tmp_path):
-    add_seeds(tmp_path, ABOUT, [SEEDS[1]])
-    both = add_seeds(tmp_path, ABOUT, [SEEDS[0]])
-    assert [seed.seed for seed in both.seeds] == [0, 3]
-    again = add_seeds(tmp_path, ABOUT, [replace(SEEDS[0], checkpoints=())])
-    assert [len(seed.checkpoints) for seed in again.seeds] == [0, 0]
-
-
 def test_mistakes_are_told_before_any_episode_is_run():
+    whole = replace(ABOUT, seeds=SEEDS)
     with pytest.raises(UsageError, match="paper"):
-        check_submission(replace(ABOUT, paper="ftp://example.org"))
-    check_submission(ABOUT)
+        check_submission(replace(whole, paper="ftp://example.org"))
+    check_submission(whole)
 
 
 def test_a_key_of_many_parts_is_not_parsed():
