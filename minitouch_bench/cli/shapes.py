@@ -26,6 +26,8 @@ def generate(
     """Make a set; after an interruption the same command continues it."""
     from minitouch_bench.shapegen import generate as workflow
 
+    if others := workflow.other_libraries():
+        note(f"{', '.join(others)}: the shapes can differ from those of the documented version")
     with count_progress("shapes") as progress:
         result = workflow.generate(output, count, seed, workers, progress)
     print(f"{result.count} shapes in {result.folder}, digest {result.digest}")
@@ -49,17 +51,7 @@ def check(
     if report.problems:
         note(f"{folder}: {len(report.problems)} problems")
         raise typer.Exit(1)
-    chance = "" if report.p_value is None else f", split p = {report.p_value:.3f}"
-    print(f"{len(report.shapes.shapes)} shapes hold, digest {report.shapes.digest}{chance}")
-
-
-@app.command("stats", cls=Command)
-def show_stats(folder: Folder) -> None:
-    """Print the distribution of a set and the test of its split."""
-    from minitouch_bench.shapegen.manifest import load_shape_set
-    from minitouch_bench.shapegen.stats import stats_text
-
-    print(stats_text(load_shape_set(folder)))
+    print(f"{len(report.shapes.shapes)} shapes are as listed, digest {report.shapes.digest}")
 
 
 @app.command(cls=Command)
@@ -84,12 +76,12 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
     workers: Workers = 1,
 ) -> None:
     """Make a set of given objects; exit 1 with the reason of each refusal."""
-    from minitouch_bench.shapegen import importing
+    from minitouch_bench.shapegen import exchange
     from minitouch_bench.shapegen.soundness import Reason
 
-    config = importing.ImportConfig(scale, fit, density)
+    config = exchange.ImportConfig(scale, fit, density)
     with count_progress("objects") as progress:
-        result = importing.import_objects(source, output, config, workers, progress)
+        result = exchange.import_objects(source, output, config, workers, progress)
     for name, reason in result.refused.items():
         print(f"{name}: {reason}")
     print(f"{result.accepted} accepted, {len(result.refused)} refused")
@@ -108,14 +100,14 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
 def export(
     folder: Folder,
     output: Output,
-    form: Annotated[str, typer.Option("--format", help="urdf, obj, glb or mjcf.")] = "urdf",
+    form: Annotated[str, typer.Option("--format", help="urdf or obj.")] = "urdf",
     split: Annotated[str | None, typer.Option(help="train or held-out; by default both.")] = None,
 ) -> None:
     """Write the shapes as files for other programs."""
-    from minitouch_bench.shapegen import exporting
+    from minitouch_bench.shapegen import exchange
     from minitouch_bench.shapegen.manifest import load_shape_set
 
-    count = exporting.export(load_shape_set(folder), output, form, split)
+    count = exchange.export(load_shape_set(folder), output, form, split)
     print(f"{count} files in {output}")
 
 

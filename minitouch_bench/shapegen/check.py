@@ -14,13 +14,6 @@ from minitouch_bench.files import GIB, read_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.build import entry_of
 from minitouch_bench.shapegen.generate import Progress
-from minitouch_bench.shapegen.likeness import (
-    SMALLEST_P,
-    descriptor,
-    held_out_of,
-    near_duplicates,
-    split_p_value,
-)
 from minitouch_bench.shapegen.manifest import (
     COUNTED,
     MEASURED,
@@ -41,11 +34,10 @@ POSE_ROUNDING = (1e-4, *[0.01] * 10)
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What a check found: ``problems``, a line each, and the split's p, None if untestable."""
+    """What a check found: ``problems``, a line each."""
 
     shapes: ShapeSet
     problems: tuple[str, ...]
-    p_value: float | None
 
 
 def check_set(
@@ -69,11 +61,7 @@ def check_set(
         problems += _number_problems(shape, bodies[position])
     if not quick:
         problems += _unsound(shapes, bodies, workers, progress)
-    p_value = None
-    if len(bodies) == len(shapes.shapes) and not problems:
-        likeness, p_value = _likeness_problems(shapes, [bodies[i] for i in sorted(bodies)])
-        problems += likeness
-    return CheckReport(shapes, tuple(problems), p_value)
+    return CheckReport(shapes, tuple(problems))
 
 
 def _pack_problems(shapes: ShapeSet) -> Iterator[str]:
@@ -176,23 +164,3 @@ def examine_record(record: bytes) -> tuple[str, dict[str, Any]]:
     except UnsoundError as error:
         return str(error), {}
     return "", entry_of(body, measures, body.mass / measures.volume)
-
-
-def _likeness_problems(shapes: ShapeSet, bodies: list[Body]) -> tuple[list[str], float | None]:
-    listed = shapes.shapes
-    descriptors = np.array([descriptor(body) for body in bodies])
-    problems = []
-    for pair in near_duplicates(bodies):
-        first, second = listed[pair.first], listed[pair.second]
-        where = "within" if first.split == second.split else "across"
-        problems.append(
-            f"{second.name} is a near-duplicate of {first.name}, {where} the split "
-            f"(IoU {pair.iou:.3f})"
-        )
-    if (held := held_out_of(listed)) is None:
-        return problems, None
-    families = [shape.family for shape in listed]
-    p_value = split_p_value(descriptors, held, families, np.random.default_rng(0))
-    if p_value < SMALLEST_P:
-        problems.append(f"held-out and train differ in distribution (MMD, p = {p_value:.4f})")
-    return problems, p_value

@@ -17,7 +17,13 @@ from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen.build import BUILD, make_shape
 from minitouch_bench.shapegen.families import GENERATOR_VERSION
-from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, splits_of
+from minitouch_bench.shapegen.manifest import (
+    MANIFEST,
+    PACK,
+    SCHEMA,
+    canonical_shape_set,
+    splits_of,
+)
 from minitouch_bench.shapegen.record import digest
 from minitouch_bench.simulation.bullet import BUILDS
 from minitouch_bench.units import Units
@@ -120,6 +126,16 @@ def versions() -> dict[str, str]:
     """Return the versions of everything a shape's bytes depend on."""
     libraries = {name: version(name) for name in LIBRARIES}
     return {"python": platform.python_version(), **libraries, **installed_versions(BUILDS)}
+
+
+def other_libraries() -> tuple[str, ...]:
+    """Name the libraries whose installed versions did not make ``minitouch-1000``."""
+    made_with = canonical_shape_set().document["versions"]
+    return tuple(
+        f"{name} {version(name)} (not {made_with[name]})"
+        for name in LIBRARIES[1:]  # numpy draws the same numbers in every version
+        if version(name) != made_with[name]
+    )
 
 
 def write_set(

@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 
 from minitouch_bench.cli.shapes import app
 from minitouch_bench.shapegen.check import check_set
-from minitouch_bench.shapegen.manifest import load_shape_set, splits_of
-from minitouch_bench.shapegen.record import body_files, digest, files_digest
+from minitouch_bench.shapegen.manifest import load_shape_set
+from minitouch_bench.shapegen.record import digest
 from tests.altered import edit_document
 
 
@@ -29,9 +29,7 @@ def with_record(folder: Path, position: int, record: bytes, rehash: bool = True)
 
 
 def test_a_whole_set_holds(small_set: Path) -> None:
-    report = check_set(small_set, quick=True)
-    assert report.problems == ()
-    assert report.p_value is not None
+    assert check_set(small_set, quick=True).problems == ()
 
 
 def test_soundness_is_proven_again(tiny_set: Path) -> None:
@@ -91,48 +89,6 @@ def test_a_copied_shape_is_found_and_named(small_set: Path) -> None:
     assert "shape-0007 is a copy of shape-0002" in problems
 
 
-def test_a_copy_with_one_changed_bit_is_a_near_duplicate(small_set: Path) -> None:
-    shapes = load_shape_set(small_set)
-    record = bytearray(shapes.shapes[4].record())
-    record[0x32] ^= 1  # lowest bit of the first coordinate: 2 micrometres
-    pack = (small_set / "shapes.bin").read_bytes() + bytes(record)
-    (small_set / "shapes.bin").write_bytes(pack)
-    copy = shapes.shapes[4].entry["name"]
-
-    def append(document: dict[str, Any]) -> None:
-        entry = {**document["shapes"][4], "name": "shape-9999", "sha256": digest(bytes(record))}
-        entry["offset"] = len(pack) - len(record)
-        document["shapes"].append(entry)
-        document["count"] += 1
-        document["pack_sha256"] = digest(pack)
-        rule = split_after(document)
-        for shape, split in zip(document["shapes"], rule, strict=True):
-            shape["split"] = split
-
-    edit_document(small_set / "manifest.json", append)
-    set_files_hash(small_set, "shape-9999")
-    problems = check_set(small_set, quick=True).problems
-    assert any(f"shape-9999 is a near-duplicate of {copy}" in text for text in problems), problems
-
-
-def split_after(document: dict[str, Any]) -> tuple[str, ...]:
-    shapes = document["shapes"]
-    families, digests = [s["family"] for s in shapes], [s["sha256"] for s in shapes]
-    return splits_of(document["seed"], families, digests)
-
-
-def set_files_hash(folder: Path, name: str) -> None:
-    body = load_shape_set(folder).by_name(name).body()
-
-    def hashed(document: dict[str, Any]) -> None:
-        for entry in document["shapes"]:
-            if entry["name"] == name:
-                entry["files_sha256"] = files_digest(body_files(body).values())
-                entry["extents_m"] = body.visual.extents.tolist()
-
-    edit_document(folder / "manifest.json", hashed)
-
-
 def test_a_number_that_is_not_finite_is_found_and_named(small_set: Path) -> None:
     record = bytearray(load_shape_set(small_set).shapes[6].record())
     record[12:20] = np.array([np.nan]).tobytes()  # the first moment of inertia
@@ -151,7 +107,7 @@ def test_the_command_exits_1_with_the_reasons(small_set: Path) -> None:
     runner = CliRunner()
     fine = runner.invoke(app, ["check", str(small_set), "--quick"])
     assert fine.exit_code == 0
-    assert "16 shapes hold" in fine.stdout
+    assert "16 shapes are as listed" in fine.stdout
     edit_document(small_set / "manifest.json", lambda d: d["shapes"][0].update(mass_kg=9.0))
     broken = runner.invoke(app, ["check", str(small_set), "--quick"])
     assert broken.exit_code == 1

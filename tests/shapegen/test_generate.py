@@ -104,3 +104,10 @@ def test_workers_and_kill_nine_change_nothing(tmp_path: Path) -> None:
     found = load_shape_set(tmp_path / "two").shapes
     there = canonical_shape_set().shapes[:24]
     assert [(s.digest, s.split) for s in found] == [(s.digest, s.split) for s in there]
+
+
+def test_libraries_of_other_versions_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    installed = generating.version
+    other = {"coacd": "1.0.99"}
+    monkeypatch.setattr(generating, "version", lambda name: other.get(name) or installed(name))
+    assert any("coacd 1.0.99" in text for text in generating.other_libraries())

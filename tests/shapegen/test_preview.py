@@ -4,7 +4,6 @@ from PIL import Image
 
 from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.shapegen.preview import preview
-from minitouch_bench.shapegen.stats import stats_text
 
 
 def test_sheets_and_page_show_every_shape(small_set: Path, tmp_path: Path) -> None:
@@ -19,10 +18,3 @@ def test_sheets_and_page_show_every_shape(small_set: Path, tmp_path: Path) -> No
         low, high = sheet.convert("L").getextrema()
     assert low < 100
     assert high == 255
-
-
-def test_the_statistics_name_every_family_and_the_split(small_set: Path) -> None:
-    text = stats_text(load_shape_set(small_set))
-    assert "stacked" in text
-    assert "the set's split" in text
-    assert "biased on purpose: heavier, strength 1.0" in text

@@ -1,7 +1,9 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from minitouch_bench.shapegen.likeness import (
+from benchmarks.shape_evidence import (
     CELLS,
     TURNS,
     biased_split,
@@ -9,8 +11,9 @@ from minitouch_bench.shapegen.likeness import (
     descriptor,
     near_duplicates,
     split_p_value,
+    stats_text,
 )
-from minitouch_bench.shapegen.manifest import canonical_shape_set
+from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
 from minitouch_bench.shapegen.mesh import Mesh
 from minitouch_bench.shapegen.record import Body
 from minitouch_bench.shapegen.solids import to_solid
@@ -69,3 +72,10 @@ def test_a_fair_split_passes_and_a_biased_one_fails() -> None:
     assert p_biased < 0.01
     again = split_p_value(descriptors, fair, FAMILIES, np.random.default_rng(2), 499)
     assert again == p_fair
+
+
+def test_the_statistics_name_every_family_and_the_split(small_set: Path) -> None:
+    text = stats_text(load_shape_set(small_set))
+    assert "stacked" in text
+    assert "the set's split" in text
+    assert "biased on purpose: heavier, strength 1.0" in text

@@ -1,14 +1,22 @@
-"""How alike shapes are: a descriptor, near-duplicates, and whether two splits are one kind."""
+"""What a shape set is made of, near-duplicates in it, and whether its split is fair.
 
-from collections.abc import Sequence
+    python -m benchmarks.shape_evidence shapes/minitouch-1000
+
+Quantities: mean, extremes and three quantiles, of all shapes and by family. Nearest: median and
+least distance from a shape to its nearest, earth mover's between distance histograms.
+"""
+
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from minitouch_bench.shapegen.manifest import HELD_OUT, Shape
+from minitouch_bench.shapegen.manifest import HELD_OUT, TRAIN, Shape, ShapeSet, load_shape_set
 from minitouch_bench.shapegen.mesh import Points, face_normals
 from minitouch_bench.shapegen.record import Body
 from minitouch_bench.shapegen.solids import Solid, symmetric_difference, to_mesh, to_solid
@@ -27,8 +35,6 @@ SLACK = 0.06
 """What the rays may make a bound of the IoU too low by: 0.029 was the most in 5,000 trials."""
 TURNS = np.rint(Rotation.create_group("O").as_matrix())
 """The 24 turns of a cube as matrices, float64 (24, 3, 3)."""
-SMALLEST_P = 0.01
-"""A split is refused when the permutation test gives less."""
 
 
 @dataclass(frozen=True)
@@ -178,3 +184,97 @@ def biased_split(
         score = bias * ranks + (1.0 - bias) * rng.random(len(members))
         held[members[np.argsort(-score)[: max(1, round(len(members) / 5))]]] = True
     return held
+
+
+QUANTITIES: Mapping[str, Callable[[Shape], float]] = {
+    "mass, g": lambda shape: shape.mass * 1000.0,
+    "density, kg/m3": lambda shape: shape.entry["density"],
+    "volume, cm3": lambda shape: shape.entry["volume_m3"] * 1e6,
+    "longest side, mm": lambda shape: max(shape.extents) * 1000.0,
+    "shortest side, mm": lambda shape: min(shape.extents) * 1000.0,
+    "convexity": lambda shape: shape.entry["convexity"],
+    "hulls": lambda shape: shape.entry["hulls"],
+    "hull misfit": lambda shape: shape.entry["misfit"],
+    "hull outside, mm": lambda shape: shape.entry["outside_m"] * 1000.0,
+    "stable poses": lambda shape: len(shape.poses),
+    "grip trials lifted": lambda shape: shape.entry["lifted"],
+}
+"""Each quantity of the table, from a shape."""
+
+
+BY_FAMILY = ("hulls", "convexity", "mass, g")
+"""Quantities that are told of each family, too."""
+
+
+def stats_text(shapes: ShapeSet) -> str:
+    """Measure a set and return its statistics as a plain table."""
+    listed = shapes.shapes
+    by_family = {
+        family: [shape for shape in listed if shape.family == family]
+        for family in sorted({shape.family for shape in listed})
+    }
+    lines = [f"{'quantity':20} {'of':10} {'mean':>9} {'min':>9} {'5 %':>9} {'median':>9} "
+             f"{'95 %':>9} {'max':>9}"]  # fmt: skip
+    lines += [_quantity_line(name, "all", listed) for name in QUANTITIES]
+    for family, members in by_family.items():
+        lines += [_quantity_line(name, family, members) for name in BY_FAMILY]
+    lines += ["", f"{'family':20} {TRAIN:>9} {HELD_OUT:>9}"]
+    for family, members in by_family.items():
+        held = sum(shape.split == HELD_OUT for shape in members)
+        lines.append(f"{family:20} {len(members) - held:9d} {held:9d}")
+    descriptors = np.array([descriptor(shape.body()) for shape in listed])
+    lines += ["", f"{'nearest shape, mm':20} {'median':>9} {'least':>9}"]
+    lines += _nearest_lines(listed, descriptors)
+    lines += ["", "permutation test that train and held-out are one kind"]
+    lines += _split_lines(listed, descriptors)
+    return "\n".join(lines)
+
+
+def _quantity_line(name: str, group: str, shapes: Sequence[Shape]) -> str:
+    values = np.array([float(QUANTITIES[name](shape)) for shape in shapes])
+    numbers = (values.mean(), *np.quantile(values, (0, 0.05, 0.5, 0.95, 1)))
+    return f"{name:20} {group:10} " + " ".join(f"{number:9.3f}" for number in numbers)
+
+
+def _nearest_lines(shapes: Sequence[Shape], descriptors: Points) -> Iterator[str]:
+    if (held := held_out_of(shapes)) is None:
+        return
+    gaps = histogram_gaps(descriptors) * 1000.0
+    np.fill_diagonal(gaps, np.inf)
+    for name, rows in (("train to train", ~held), ("held-out to train", held)):
+        least = gaps[np.ix_(rows, ~held)].min(axis=1)
+        yield f"{name:20} {np.median(least):9.3f} {least.min():9.3f}"
+
+
+def _split_lines(shapes: Sequence[Shape], descriptors: Points) -> Iterator[str]:
+    """Test the set's split, and beside it splits that were biased on purpose."""
+    if (held := held_out_of(shapes)) is None:
+        return
+    families = [shape.family for shape in shapes]
+    convexity = np.array([float(shape.entry["convexity"]) for shape in shapes])
+    mass = np.array([shape.mass for shape in shapes])
+    splits = {"the set's split": held}
+    for label, values in (("heavier", mass), ("more convex", convexity)):
+        for bias in (0.25, 0.5, 1.0):
+            splits[f"biased on purpose: {label}, strength {bias}"] = biased_split(
+                values, families, bias, np.random.default_rng(0)
+            )
+    for name, labels in splits.items():
+        p_value = split_p_value(descriptors, labels, families, np.random.default_rng(0))
+        yield f"{name:40} p = {p_value:.4f}"
+
+
+def main(folder: Path) -> None:
+    """Print the statistics of a set and its near-duplicates; exit 1 if there are any."""
+    shapes = load_shape_set(folder)
+    print(stats_text(shapes))
+    pairs = near_duplicates([shape.body() for shape in shapes.shapes])
+    for pair in pairs:
+        first, second = shapes.shapes[pair.first], shapes.shapes[pair.second]
+        where = "within" if first.split == second.split else "across"
+        print(f"{second.name} is like {first.name}, {where} the split (IoU {pair.iou:.3f})")
+    sys.exit(bool(pairs))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

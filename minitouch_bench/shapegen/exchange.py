@@ -1,0 +1,402 @@
+"""Exchange shapes with other programs: objects become a set, or a set becomes files.
+
+An object is an OBJ, STL or GLB file of a watertight mesh, or a URDF of one link. Files can be a
+stranger's: their sizes are bounded before anything is parsed, and no other file is opened.
+"""
+
+import io
+import math
+import re
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+from xml.etree import ElementTree
+
+import manifold3d
+import numpy as np
+import trimesh
+
+from minitouch_bench.errors import InfrastructureError, UsageError
+from minitouch_bench.files import MIB, lock_directory, os_errors_as, read_file, replace_file
+from minitouch_bench.processes import run_in_workers
+from minitouch_bench.protocol.spec import content_digest
+from minitouch_bench.shapegen.build import BUILD, entry_of, weighed
+from minitouch_bench.shapegen.generate import Progress, write_set
+from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet
+from minitouch_bench.shapegen.mesh import Mesh, Points, in_body_frame, solid_moments
+from minitouch_bench.shapegen.record import Body, body_files, encode, obj_text, quantized
+from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
+from minitouch_bench.shapegen.soundness import (
+    LIMITS,
+    Reason,
+    UnsoundError,
+    check_mesh,
+    examine,
+    grip_scale,
+    stable_poses,
+)
+
+FAMILY = "imported"
+LONGEST_STEM = 150
+"""Characters of a file's name that its shape keeps."""
+
+NOT_WATERTIGHT = (
+    "not a watertight mesh; repair it in another program, such as Blender (3D Print Toolbox) "
+    "or MeshLab, and import it again"
+)
+SUFFIXES = (".urdf", ".obj", ".stl", ".glb")
+"""Read in this order: a URDF claims the meshes it names, which then do not count again."""
+MOST_FACES = 500_000
+MOST_BYTES = 64 * MIB
+"""More than half a million faces of any of these formats."""
+
+
+class UnreadableError(Exception):
+    """A file holds no mesh we can use; the text says why, in few words."""
+
+
+@dataclass(frozen=True)
+class ImportConfig:
+    """How objects become shapes.
+
+    ``scale`` turns the files' units into m. ``fit`` then shrinks or grows each object into the
+    size the Panda can grip. ``density`` in kg/m³, moved to the nearest at which the
+    mass is within the bounds of a shape.
+
+    Raises:
+        UsageError: ``scale`` is not a number above 0.
+    """
+
+    scale: float = 1.0
+    fit: bool = False
+    density: float = 1000.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.scale < math.inf:
+            raise UsageError(f"--scale is a number above 0, not {self.scale:g}")
+
+
+@dataclass(frozen=True)
+class ImportResult:
+    """The set made ("" as digest if nothing was accepted), and each refusal by file."""
+
+    folder: Path
+    digest: str
+    accepted: int
+    refused: dict[str, str]
+
+    def reasons(self) -> dict[str, int]:
+        """Return the number of refusals by reason, without the measured number."""
+        return dict(Counter(text.partition(" (")[0] for text in self.refused.values()))
+
+
+def import_objects(
+    source: Path,
+    folder: Path,
+    config: ImportConfig,
+    workers: int = 1,
+    progress: Progress = lambda *_: None,
+) -> ImportResult:
+    """Import every object below ``source`` into a new set in ``folder``.
+
+    Raises:
+        UsageError: there are no objects, or ``folder`` holds a set already.
+        RunDirectoryError: another process works there.
+        InfrastructureError: the folder cannot be written, or a worker died.
+    """
+    paths = find_objects(source)
+    if (folder / MANIFEST).exists():
+        raise UsageError(f"{folder} holds a shape set already; choose another --output")
+    answers: dict[int, Any] = {}
+    with lock_directory(folder):
+        tasks = [(str(path), config) for path in paths]
+        for position, answer in run_in_workers(
+            import_one, tasks, workers, name=lambda task: task[0]
+        ):
+            answers[position] = answer
+            progress(len(answers), len(paths))
+        names = [str(path.relative_to(source)) for path in paths]
+        refused = {names[i]: answers[i][0] for i in sorted(answers) if answers[i][0]}
+        kept = [
+            ({"name": name, "family": FAMILY, "source": names[i], **answers[i][1]}, answers[i][2])
+            for i, name in enumerate(_plain_names(names)) if not answers[i][0]
+        ]  # fmt: skip
+        digest = ""
+        if kept:
+            header = {"name": folder.name, "imported": {"scale": config.scale, "fit": config.fit}}
+            digest = content_digest(write_set(folder, {**header, "refused": refused}, kept))
+    return ImportResult(folder, digest, len(kept), refused)
+
+
+def import_one(task: tuple[str, ImportConfig]) -> tuple[str, dict[str, Any], bytes]:
+    """Return (reason refused or "", entry, record) of one file; runs in a worker."""
+    path, config = task
+    try:
+        mesh = prepared(read_object(Path(path)), config)
+        return "", *_proven(mesh, config)
+    except (UnreadableError, UnsoundError) as error:
+        return str(error), {}, b""
+
+
+def prepared(mesh: Mesh, config: ImportConfig) -> Mesh:
+    """Return a closed mesh of about 400 faces in its body frame, sized by the config.
+
+    Raises:
+        UnreadableError: it is not watertight.
+        UnsoundError: at no size can the Panda grip it.
+    """
+    if not np.isfinite(mesh.vertices).all():
+        raise UnreadableError("a vertex, mass or moment is not a finite number")
+    solid = _solid_of(mesh)
+    if solid.volume() <= 0.0:
+        raise UnreadableError(NOT_WATERTIGHT)
+    moved = in_body_frame(_simplified_solid(solid, BUILD.faces))
+    factor = config.scale
+    if config.fit:
+        factor = grip_scale(moved, BUILD.width[1])
+    try:
+        mesh = Mesh(quantized(moved.vertices * factor), moved.faces)
+        # Slivers may have lost their area to the grid; the way through a solid drops them.
+        cleaned = to_mesh(to_solid(mesh))
+        return Mesh(quantized(cleaned.vertices), cleaned.faces)
+    except ValueError:
+        longest = float(moved.extents.max()) * factor * 1000.0
+        raise UnreadableError(f"{Reason.SIZE} ({longest:.1f} mm)") from None
+
+
+def _simplified_solid(solid: Solid, faces: int) -> Mesh:
+    """Return a closed mesh of at most about ``faces`` faces, where that can be had."""
+    mesh = to_mesh(solid)
+    for target in (faces, faces * 7 // 8, faces * 3 // 4):
+        small = simplified(mesh, target)
+        check = to_solid(small)
+        if not check.is_empty() and check.volume() > 0.0 and len(check.decompose()) == 1:
+            return small
+    # Slower to shrink and coarser, but it never breaks a closed surface.
+    tolerance = float(mesh.extents.max()) / 1000.0
+    for _ in range(6):
+        if solid.num_tri() <= faces:
+            break
+        solid, tolerance = solid.simplify(tolerance), 1.6 * tolerance
+    return to_mesh(solid)
+
+
+def _solid_of(mesh: Mesh) -> Solid:
+    """Return the solid of a watertight mesh, as one body where its parts overlap or touch.
+
+    Raises:
+        UnreadableError: it is not watertight.
+    """
+    solid = to_solid(mesh)
+    if solid.is_empty():
+        raise UnreadableError(NOT_WATERTIGHT)
+    if solid.volume() < 0.0:  # its faces are turned inward
+        return to_solid(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
+    parts = list(solid.decompose())
+    # A part of negative volume is a cavity, which a union would fill.
+    if len(parts) == 1 or any(part.volume() < 0.0 for part in parts):
+        return solid
+    return Solid.batch_boolean(_swollen(parts), manifold3d.OpType.Add)
+
+
+def _swollen(parts: list[Solid]) -> list[Solid]:
+    """Grow parts by a thousandth, so that hulls which only touch become one body."""
+    grown = []
+    for part in parts:
+        low, high = np.array(part.bounding_box()).reshape(2, 3)
+        middle = (low + high) / 2.0
+        part_at_zero = part.translate((-middle).tolist()).scale([1.002, 1.002, 1.002])
+        grown.append(part_at_zero.translate(middle.tolist()))
+    return grown
+
+
+def _proven(mesh: Mesh, config: ImportConfig) -> tuple[dict[str, Any], bytes]:
+    """Return entry and record of a mesh that passes every criterion.
+
+    Raises:
+        UnsoundError: it does not.
+    """
+    check_mesh(mesh)
+    stable_poses(hull_of(mesh.vertices))
+    volume = solid_moments(mesh).volume
+    low, high = (mass / volume for mass in LIMITS.mass)
+    density = float(np.clip(config.density, low * 1.0001, high * 0.9999))
+    body = weighed(mesh, density)
+    return entry_of(body, examine(body), density), encode(body)
+
+
+def _plain_names(sources: Iterable[str]) -> list[str]:
+    """Return a shape's name for each file, fit for ``PLAIN_NAME``, no two alike."""
+    names: dict[str, None] = {}
+    for source in sources:
+        plain = re.sub("[^A-Za-z0-9._-]+", "_", source.rpartition(".")[0].replace("/", "-"))
+        stem = name = plain.lstrip("._-")[:LONGEST_STEM] or "object"
+        number = 1
+        while name in names:
+            number += 1
+            name = f"{stem}-{number}"
+        names[name] = None
+    return list(names)
+
+
+def find_objects(folder: Path) -> list[Path]:
+    """Return the object files below a folder, sorted, one for each object.
+
+    Raises:
+        UsageError: there are none.
+    """
+    if not folder.is_dir():
+        raise UsageError(f"{folder} is no folder")
+    files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
+    claimed: set[Path] = set()
+    for path in files:
+        if path.suffix.lower() == ".urdf":
+            claimed.update(name.resolve() for name, _ in _urdf_meshes(path, strict=False))
+    objects = [path for path in files if path.resolve() not in claimed]
+    if not objects:
+        raise UsageError(f"{folder} contains no object: looked for {', '.join(SUFFIXES)}")
+    return objects
+
+
+def read_object(path: Path) -> Mesh:
+    """Return the mesh of one file in the file's units; a URDF's is its first link's collision.
+
+    Raises:
+        UnreadableError: it is no mesh, too large, empty, or has vertices that are not finite.
+    """
+    if path.suffix.lower() == ".urdf":
+        meshes = [(read_object(name), placed) for name, placed in _urdf_meshes(path)]
+        if not meshes:
+            raise UnreadableError("the URDF names no mesh")
+        joined: Any = trimesh.util.append_faces(
+            [trimesh.transform_points(mesh.vertices, placed) for mesh, placed in meshes],
+            [mesh.faces for mesh, _ in meshes],
+        )
+        return Mesh(joined[0], joined[1].astype(np.int32))
+    try:
+        content = read_file(path, MOST_BYTES, follow=True)
+    except OSError as error:
+        raise UnreadableError(f"cannot be read: {error.strerror}") from error
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            # From memory: the materials and buffers that a file names are not opened.
+            kind = path.suffix.lower().lstrip(".")
+            loaded: Any = trimesh.load(
+                io.BytesIO(content), file_type=kind, force="mesh", process=False
+            )
+        vertices = np.asarray(loaded.vertices, dtype=np.float64)
+        faces = np.asarray(loaded.faces, dtype=np.int32)
+    except Exception as error:  # each parser of each format raises its own kinds
+        raise UnreadableError(f"no readable {path.suffix} file ({type(error).__name__})") from error
+    if len(faces) == 0 or vertices.ndim != 2:
+        raise UnreadableError("no faces in the file")
+    if len(faces) > MOST_FACES:
+        raise UnreadableError(f"more than {MOST_FACES} faces ({len(faces)})")
+    if not np.isfinite(vertices).all():
+        raise UnreadableError("a vertex, mass or moment is not a finite number")
+    return _welded(Mesh(vertices, faces))
+
+
+def _welded(mesh: Mesh) -> Mesh:
+    """Join vertices at the same place (STL repeats each), and drop faces left with no area."""
+    points, inverse = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    faces = inverse.reshape(-1)[mesh.faces].astype(np.int32)
+    kept = (
+        (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    )
+    return Mesh(points, faces[kept])
+
+
+def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, Points]]:
+    """Return the collision meshes of a one-link URDF, each with its transform into the link.
+
+    Raises:
+        UnreadableError: ``strict`` and it is not a URDF of a single link made of meshes.
+    """
+    try:
+        text = read_file(path, MIB, follow=True).decode(errors="replace")
+        if re.search(r"<!(DOCTYPE|ENTITY)", text):
+            raise ElementTree.ParseError("entities are not read")
+        root = ElementTree.fromstring(text)
+    except (OSError, ElementTree.ParseError) as error:
+        if strict:
+            raise UnreadableError("no readable .urdf file") from error
+        return []
+    links = root.findall("link")
+    if strict and len(links) != 1:
+        raise UnreadableError(f"a URDF of {len(links)} links, not one")
+    meshes: list[tuple[Path, Points]] = []
+    for link in links:
+        kind = "visual" if link.find("collision/geometry/mesh") is None else "collision"
+        for element in link.findall(kind):
+            try:
+                meshes.append(_placed_mesh(path, element))
+            except UnreadableError:
+                if strict:
+                    raise
+    if strict and any(file.suffix.lower() == ".urdf" for file, _ in meshes):
+        raise UnreadableError("the URDF names a URDF as its mesh")
+    return meshes
+
+
+def _placed_mesh(path: Path, element: ElementTree.Element) -> tuple[Path, Points]:
+    """Return the mesh of a collision or visual element, and its transform, float64 (4, 4).
+
+    Raises:
+        UnreadableError: it is another geometry, or its scale or origin is damaged.
+    """
+    mesh, origin = element.find("geometry/mesh"), element.find("origin")
+    if mesh is None:
+        raise UnreadableError("a geometry of the URDF is not a mesh")
+    name = mesh.get("filename", "").removeprefix("package://")
+    placed: Points = trimesh.transformations.compose_matrix(  # type: ignore[no-untyped-call]
+        scale=_three(mesh, "scale", "1 1 1"),
+        angles=_three(origin, "rpy", "0 0 0"),
+        translate=_three(origin, "xyz", "0 0 0"),
+    )
+    return path.parent / name, placed
+
+
+def _three(element: ElementTree.Element | None, key: str, default: str) -> tuple[float, ...]:
+    text = default if element is None else element.get(key, default)
+    try:
+        x, y, z = (float(part) for part in text.split())
+    except ValueError as error:
+        raise UnreadableError(f"the URDF's {key} is not three numbers") from error
+    return x, y, z
+
+
+Writer = Callable[[Body, str], dict[str, bytes]]
+"""From a body and its name to file names and their bytes."""
+
+
+def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) -> int:
+    """Write every shape, or those of one split, into a folder; return the number of files.
+
+    Raises:
+        UsageError: the format or the split is unknown.
+        InfrastructureError: the folder cannot be written.
+    """
+    if form not in WRITERS:
+        raise UsageError(f"unknown format '{form}': {', '.join(WRITERS)}")
+    written = 0
+    with os_errors_as(InfrastructureError, folder, "written"):
+        folder.mkdir(parents=True, exist_ok=True)
+        for shape in shapes.split(split) if split else shapes.shapes:
+            for name, content in WRITERS[form](shape.body(), shape.name).items():
+                replace_file(folder / name, content)
+                written += 1
+    return written
+
+
+def _obj(body: Body, name: str) -> dict[str, bytes]:
+    return {f"{name}.obj": obj_text((body.visual,)).encode()}
+
+
+WRITERS: Mapping[str, Writer] = MappingProxyType({"urdf": body_files, "obj": _obj})
+"""Every export format by name."""
