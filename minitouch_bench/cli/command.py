@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from copy import copy
@@ -13,6 +14,7 @@ from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 from typer.models import ArgumentInfo, OptionInfo
 
 from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.errors import UsageError
 from minitouch_bench.workflows import ignore
 from minitouch_bench.workflows.options import COMMAND_TYPES
 
@@ -99,7 +101,28 @@ def _parameter_help(function: Callable[..., Any]) -> dict[str, str]:
     return {name: " ".join(text.split()) for name, text in entries}
 
 
-class Command(TyperCommand):
+class _Once:
+    """A command, or a group of them, that refuses an option which is given twice.
+
+    Otherwise the last value would be used, and the first one lost without a word.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """Parse the arguments of the command line.
+
+        Raises:
+            UsageError: an option that takes one value is given twice.
+        """
+        parse: Any = super()
+        given = [] if ctx.resilient_parsing else parse.make_parser(ctx).parse_args([*args])[2]
+        for parameter, count in Counter(given).items():
+            if count > 1 and isinstance(parameter, TyperOption) and not parameter.multiple:
+                names = " / ".join((*parameter.opts, *parameter.secondary_opts))
+                raise UsageError(f"{names} is given {count} times: give it once")
+        return parse.parse_args(ctx, args)
+
+
+class Command(_Once, TyperCommand):
     """A command whose help is plain text, with the groups of its options.
 
     Typer's help with boxes and colors imports a Markdown parser and a syntax highlighter, which
@@ -134,7 +157,7 @@ def make_group(**about: Any) -> typer.Typer:
     return typer.Typer(cls=_Group, no_args_is_help=True, rich_markup_mode=None, **about)
 
 
-class _Group(TyperGroup):
+class _Group(_Once, TyperGroup):
     """A group whose help has a whole sentence about each command."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:

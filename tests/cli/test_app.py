@@ -2,9 +2,12 @@ import shlex
 import subprocess
 
 import pytest
+from typer.core import TyperOption
 from typer.main import get_command
+from typer.testing import CliRunner
 
 from minitouch_bench.cli.app import app
+from minitouch_bench.errors import UsageError
 from tests.cli.command import COMMAND, run
 
 USAGE = [
@@ -45,6 +48,31 @@ def test_every_option_has_a_help_and_is_spelled_once(name, command):
     for option in command.params:
         assert option.help, f"{name}: {option.name}"
         assert len(option.opts) == 1, option.opts
+
+
+@pytest.mark.parametrize(("name", "command"), COMMANDS, ids=[name for name, _ in COMMANDS])
+def test_an_option_is_given_once_unless_its_help_says_that_it_may_be_repeated(name, command):
+    for option in command.params:
+        if isinstance(option, TyperOption):
+            given = [option.opts[0], *([] if option.is_flag else ["1"])]
+            done = CliRunner().invoke(app, [*name.split(), *given, *given])
+            refused = isinstance(done.exception, UsageError) and "2 times" in str(done.exception)
+            assert refused != ("repeat" in option.help), f"{name} {option.name}: {done.output}"
+            assert not refused or str(done.exception).startswith(option.opts[0])
+
+
+def test_a_switch_and_its_opposite_are_one_option():
+    both = ["submit", "zero", "--include-checkpoint", "--no-include-checkpoint"]
+    done = CliRunner().invoke(app, both)
+    assert isinstance(done.exception, UsageError)
+    assert "--no-include-checkpoint" in str(done.exception)
+
+
+def test_an_option_given_twice_ends_a_command_before_it_does_anything(tmp_path):
+    twice = ("--tasks", "pushing", "--tasks", "opening")
+    run("evaluate", "zero", *twice, directory=tmp_path).refused(2, "--tasks", "once")
+    run("--version", "--version", directory=tmp_path).refused(2, "--version")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_help_has_the_options_in_groups(tmp_path):
