@@ -27,11 +27,9 @@ TABLE4_FILE = "table4.csv"
 GENERALIZATION_FILE = "generalization.csv"
 REPORT_FILE = "report.md"
 REPORT_PAGE = "report.html"
-SETTINGS_FILE = "evaluate.toml"
 PROGRESS_FILE = "progress.csv"
 """A training's curves: a row per some hundred control steps."""
 VIDEOS = "videos"
-TENSORBOARD = "tensorboard"
 SUBMISSION_FILE, CHECKPOINTS = "submission.toml", "checkpoints"
 
 REPORTS, SUBMISSIONS = Path("reports"), Path("submissions")
@@ -41,13 +39,12 @@ UNFINISHED = "unfinished"
 
 RUN_FILES = (
     ACTIONS_FILE, RUN_FILE, EPISODES_FILE, EXPLORATION_FILE, TABLE4_FILE,
-    GENERALIZATION_FILE, REPORT_FILE, REPORT_PAGE, SETTINGS_FILE,
+    GENERALIZATION_FILE, REPORT_FILE, REPORT_PAGE,
 )  # fmt: skip
 """What a run writes, beside its folders."""
 
 RUN_FOLDERS = {
     VIDEOS: re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+\.(mp4|gif)"),
-    TENSORBOARD: re.compile(r"events\.out\.tfevents\.[\w.-]+"),
     UNFINISHED: re.compile(
         r"\.[0-9a-f]{16}\.partial|header\.unit|(exploration-)?[a-z][a-z0-9-]*-\d+\.unit"
     ),

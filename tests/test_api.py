@@ -255,10 +255,11 @@ def test_environments_are_made_by_the_task_s_name():
 @pytest.mark.parametrize("first", ["gymnasium", "minitouch_bench"])
 def test_gymnasium_knows_the_tasks_whichever_is_imported_first(first):
     second = {"gymnasium": "minitouch_bench", "minitouch_bench": "gymnasium"}[first]
-    show = "print(gymnasium.spec('MiniTouch/Pushing-v1').max_episode_steps)"
+    names = ("MiniTouch/Pushing-v1", "minitouch_bench:MiniTouch/Pushing-v1")
+    show = f"print(*[gymnasium.make(name).spec.max_episode_steps for name in {names}])"
     code = f"import {first}, {second}; {show}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "200\n"
+    assert done.stdout.endswith("200 200\n")
 
 
 def test_every_public_name_is_there_and_no_other():
@@ -272,8 +273,7 @@ def test_every_public_name_is_there_and_no_other():
 def test_importing_it_is_cheap():
     code = "import sys, minitouch_bench; print(*{name.split('.')[0] for name in sys.modules})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    heavy = {"gymnasium", "torch", "pybullet", "pandas", "matplotlib", "trimesh", "scipy"}
-    heavy |= {"jinja2", "typer"}
+    heavy = {"torch", "pybullet", "pandas", "matplotlib", "trimesh", "scipy", "jinja2", "typer"}
     assert not set(done.stdout.split()) & heavy
 
 

@@ -161,5 +161,5 @@ def test_a_worker_has_the_simulator_and_no_torch():
 
 def test_the_command_line_loads_what_a_command_needs_when_it_runs():
     heavy = {"torch", "pybullet", "matplotlib", "pandas", "scipy", "trimesh", "coacd", "jinja2"}
-    heavy |= {"numpy", "markdown_it", "pygments"}
+    heavy |= {"markdown_it", "pygments"}
     assert not loaded_by("minitouch_bench.cli.app") & heavy

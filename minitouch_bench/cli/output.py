@@ -43,7 +43,6 @@ STEP_HEADINGS = ("step", "action", "end effector (m)", "fingers (N)", "contact (
 def show_evaluation(
     run: "Run",
     *,
-    config: options.Config = None,  # noqa: ARG001  its callback reads it before the others
     as_json: Annotated[bool, options.output_option("--json")] = False,
 ) -> None:
     """Print Table 4 and where the report is; a run with policy faults has its own exit code.

@@ -5,16 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from minitouch_bench.conditions import CHANGES, SENSES, parse_conditions
-from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
-from minitouch_bench.files import (
-    MAX_EPISODES,
-    REPORTS,
-    SETTINGS_FILE,
-    holds_run,
-    lock_directory,
-    write_file,
-)
+from minitouch_bench.files import MAX_EPISODES, REPORTS, holds_run, lock_directory
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 from minitouch_bench.workflows import SILENT, Callbacks, options
@@ -25,9 +17,6 @@ if TYPE_CHECKING:
 
 AUTO_OUTPUT = "auto"
 """Stands for ``reports/POLICY-SUITE``."""
-
-NOT_SETTINGS = ("output", "resume", "fresh", "trust", "callbacks")
-"""Parameters that say where a run goes, or what only a user can say."""
 
 
 def evaluate(
@@ -58,7 +47,6 @@ def evaluate(
     ] = None,
     output: Annotated[StrPath | None, output_option(metavar="DIR")] = None,
     video: Annotated[int, output_option(min=0)] = 0,
-    log: Annotated[str | None, output_option(metavar="wandb|tensorboard")] = None,
     resume: options.Resume = False,
     fresh: options.Fresh = False,
     workers: options.Workers = options.AUTO,
@@ -86,24 +74,23 @@ def evaluate(
         seed: Seed in place of the suite's; unofficial.
         output: Directory of the run; auto: reports/POLICY-SUITE.
         video: Record videos of the first N episodes of each task.
-        log: Send the estimates and the episodes to a tracker.
 
     Raises:
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
     """
-    settings = _settings(locals())
     # Not at the top: the simulator and scipy take a second, and --help shall not.
     from minitouch_bench.evaluation.actors import prepare_policies
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.evaluation.run import RunUnderWay, header_of, open_run, run_name
+    from minitouch_bench.evaluation.video import require_video
     from minitouch_bench.runs.plan import make_plan
     from minitouch_bench.workflows import playing
-    from minitouch_bench.workflows.experiment_log import log_run
     from minitouch_bench.workflows.results import Run
 
-    if output is None and (resume or fresh or video or log):
-        raise UsageError("resume, fresh, video and log need a directory: give an output")
-    playing.check_views(video, log)
+    if output is None and (resume or fresh or video):
+        raise UsageError("resume, fresh and video need a directory: give an output")
+    if video:
+        require_video()
     opening = open_engine(options.engine_options(engine, workers, address), callbacks.note)
     isolated = options.isolation_options(isolation, trust, act_timeout, episode_timeout)
     plan = make_plan(
@@ -129,22 +116,5 @@ def evaluate(
             callbacks.note(f"no run to resume in {directory}: starting a new one")
         opened = open_run(setup, directory, resume=resume, fresh=fresh)
         run = playing.play(setup, opened, running, callbacks)
-        if settings:
-            text = f"# minitouch-bench evaluate --config {SETTINGS_FILE}\n"
-            write_file(directory / SETTINGS_FILE, text + write_toml(settings))
         playing.write_views(run, directory, video)
-        if log is not None:
-            log_run(log, run, directory)
     return Run(run)
-
-
-def _settings(given: dict[str, object]) -> dict[str, object]:
-    """Return what ``evaluate`` was asked for, as a file for --config says it; none of an object."""
-    texts = (str, int, float, tuple, list)
-    if not isinstance(given["policy"], str) or not isinstance(given["exploration"], str | None):
-        return {}
-    return {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in given.items()
-        if name not in NOT_SETTINGS and isinstance(value, texts) and value not in ((), "", [])
-    }

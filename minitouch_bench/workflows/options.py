@@ -14,7 +14,6 @@ from typing import Annotated, Any
 
 import typer
 
-from minitouch_bench.documents import read_toml, take_table
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import ENGINES, EngineOptions
 from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
@@ -48,8 +47,6 @@ COMMAND_TYPES: Mapping[Any, Any] = {
 
 MAX_WORKERS = 1024
 AUTO = "auto"
-SETTING: Any = bool | int | float | str | tuple[str | int, ...]
-"""What an option can be in a file."""
 
 episodes_option = partial(typer.Option, rich_help_panel="Episodes")
 output_option = partial(typer.Option, rich_help_panel="Output")
@@ -104,52 +101,6 @@ EpisodeTimeout = Annotated[
 Resume = Annotated[bool, output_option(help="Continue the run in the directory.")]
 Fresh = Annotated[bool, output_option(help="Replace the run in the directory.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-
-
-def _take_config(context: typer.Context, path: Path | None) -> None:
-    """Take the options that are not on the command line from a file.
-
-    A hyphen in a name can be an underscore.
-
-    Raises:
-        UsageError: it is not readable, or an option does not exist or has no such value.
-    """
-    if path is None or context.resilient_parsing:
-        return
-    parameters = {_long_name(parameter): parameter for parameter in context.command.params}
-    known = sorted(parameters.keys() - {"config", "help", "trust"})
-    context.default_map = {}
-    for key, value in read_toml(path).items():
-        name = key.replace("-", "_")
-        if name == "trust":
-            raise UsageError(f"{path}: trust is given on the command line alone: add --trust")
-        if name not in known:
-            raise UsageError(f"{path} has no use for '{key}'; its names are {', '.join(known)}")
-        setting = take_table(value, SETTING, f"{path}: '{key}'")
-        if not isinstance(setting, bool):
-            try:
-                texts = list(map(str, setting if isinstance(setting, tuple) else (setting,)))
-            except ValueError as error:  # a number of thousands of digits
-                raise UsageError(f"{path}: '{key}': {error}") from error
-            setting = texts if parameters[name].multiple else ",".join(texts)
-        context.default_map[str(parameters[name].name)] = setting
-
-
-def _long_name(parameter: Any) -> str:
-    """Return a parameter's name on the command line, with underscores."""
-    longest = max(parameter.opts, key=len)
-    return str(longest).lstrip("-").replace("-", "_")
-
-
-Config = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        callback=_take_config,
-        is_eager=True,
-        help="Options from a TOML file; those on the command line win.",
-    ),
-]
 
 
 def engine_options(engine: str, workers: int | str | None, address: str | None) -> EngineOptions:

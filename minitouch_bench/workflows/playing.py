@@ -14,14 +14,13 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.run import RunUnderWay, play_missing
-from minitouch_bench.evaluation.video import require_video, video_name, write_video
+from minitouch_bench.evaluation.video import video_name, write_video
 from minitouch_bench.files import RUN_FILE, VIDEOS, list_videos, make_folder, write_file
 from minitouch_bench.records import EpisodeSpec
 from minitouch_bench.reporting.views import write_report, write_tables
 from minitouch_bench.runs.run import Run, run_json
 from minitouch_bench.runs.unfinished import UnfinishedRun
 from minitouch_bench.workflows import Callbacks
-from minitouch_bench.workflows.experiment_log import check_tracker
 
 
 def play(
@@ -72,19 +71,6 @@ def resumable(directory: Path | None) -> Iterator[None]:
         raise InfrastructureError(f"{error}\n{advice}") from error
     except KeyboardInterrupt as error:
         raise InterruptedRunError(f"interrupted\n{advice}") from error
-
-
-def check_views(video: int, log: str | None) -> None:
-    """See that videos can be made and a tracker be used, before an hour of episodes.
-
-    Raises:
-        UsageError: there is no such tracker.
-        MissingExtraError: a package is not installed.
-    """
-    if log is not None:
-        check_tracker(log)
-    if video:
-        require_video()
 
 
 def write_views(run: Run, directory: Path, video: int = 0) -> None:

@@ -161,43 +161,6 @@ def test_chosen_episodes_that_do_not_exist(tmp_path):
     run(*wrong, "pushing/1", "--episodes", 2, directory=tmp_path).refused(2, "leave out")
 
 
-# Options in a file
-
-
-def test_options_come_from_a_file_and_those_of_the_command_line_win(tmp_path):
-    (tmp_path / "run.toml").write_text(
-        'policy = "zero"\nepisodes-from = ["opening/0", "pushing/1"]\nworkers = 1\nseed = 3\n'
-    )
-    first = ("evaluate", "--config", "run.toml", "--output", "first", "--seed", "4")
-    assert run(*first, directory=tmp_path).code == 0
-    kept = tmp_path / "first" / "evaluate.toml"
-    assert "seed = 4" in kept.read_text()
-    assert str(tmp_path) not in kept.read_text()
-    again = run("evaluate", "--config", kept, "--output", "again", directory=tmp_path)
-    assert again.code == 0
-    same_numbers(tmp_path / "first", tmp_path / "again")
-    assert (tmp_path / "again" / "evaluate.toml").read_bytes() == kept.read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("polcy = 'zero'", ("no use for 'polcy'", "act_timeout", "policy")),
-        ("policy = ", ("TOML",)),
-        ("trust = true", ("--trust",)),
-        ("seed = 1.5", ("--seed",)),
-        (f"seed = 0x{'f' * 9000}", ("'seed'", "4300 digits")),
-        ("tasks = {a = 1}", ("'tasks'",)),
-        ("resume = 'perhaps'", ("--resume",)),
-        (None, ("run.toml cannot be read",)),
-    ],
-)
-def test_a_file_of_options_that_cannot_be_used(tmp_path, text, words):
-    if text is not None:
-        (tmp_path / "run.toml").write_text(text)
-    run("evaluate", "zero", "--config", "run.toml", directory=tmp_path).refused(2, *words)
-
-
 # Policies that cannot be used: 3
 
 
