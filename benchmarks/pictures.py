@@ -1,6 +1,6 @@
 """Draw the pictures that reports and the README show, from the tasks themselves.
 
-The video is of policies that were trained by ``hac`` in the stored study: it replays their actions.
+The video is of policies that were trained by ``hac``: it replays the actions of their submission.
 """
 
 from pathlib import Path
@@ -18,15 +18,14 @@ from minitouch_bench.tasks.registry import TASKS
 
 REPORT_PICTURES = Path("minitouch_bench/rendering/pictures")
 DOCUMENT_PICTURES = Path("docs/pictures")
-STUDY = Path("docs/studies/table4")
 WIDTH, HEIGHT = 640, 480
 SMOOTHING = 2
 """Pixels drawn for each one kept, in both directions."""
 VIDEO_WIDTH, VIDEO_HEIGHT = 240, 180
 VIDEO_STEPS = 30
 """Control steps of the video; a task that ends earlier stays as it ended."""
-FILMED = "{task}-hac-*-0/table4"
-"""The run whose episodes are in the video: of training seed 0."""
+FILMED = Path("submissions/hac/seed-0/table4")
+"""The run whose episodes are in the video."""
 FRAME_MS = 160
 
 MOMENTS = {"playing": (3, 6), "pushing": (5, 8), "opening": (1, 15), "pick-up": (2, 9)}
@@ -67,12 +66,12 @@ def frames_of(task: str) -> list[np.ndarray]:
 
     In a task with a goal it is one of those that succeed.
     """
-    (directory,) = STUDY.glob(FILMED.format(task=task))
-    run = read_run(directory)
+    run = read_run(FILMED)
     fitting = [
         (spec, row)
         for spec, row in run.rows()
-        if spec.role is Role.FINAL
+        if spec.task == task
+        and spec.role is Role.FINAL
         and (task not in GOAL_TASKS or (row.success and row.steps < VIDEO_STEPS))
     ]
     spec, _ = max(fitting, key=lambda pair: pair[1].steps)

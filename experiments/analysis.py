@@ -1,0 +1,325 @@
+"""Make the tables and figures of an experiment from its CSV files: ``report.md``, ``claims.csv``.
+
+The same files give the same bytes. Run ``python -m experiments.analysis`` for the stored studies,
+or name the design file and the directory of another experiment.
+"""
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from experiments.claims import NOTES, judge_claims
+from experiments.figures import write_figures
+from experiments.grid import KEY, cells_of, finished_cells, read_design
+from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in, ranking_metric
+from minitouch_bench.metrics.intervals import OVER_SEEDS, newcombe, over_seeds, wilson
+from minitouch_bench.metrics.metric import ShownIn
+from minitouch_bench.records import Estimate
+from minitouch_bench.reporting.labels import task_title
+from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
+
+STUDIES = Path(__file__).parents[1] / "docs" / "studies"
+
+POINT = ["task", "exploration_steps", "method", "suite", "conditions", "metric"]
+"""What has one value per training seed."""
+
+ESTIMATE = ["value", "low", "high", "episodes", "interval"]
+GAP, CHANGE = ", held-out minus train", ", change"
+"""What follows a metric's name where the value is a difference."""
+
+TABLE4 = metrics_shown_in(ShownIn.TABLE4)
+RANKING = ("success", "touch_share")
+"""What ranks a task: success, in Playing the touch share."""
+
+IN_PAPER = dict(zip(("hac", "rnd-touch", "rnd"), PAPER_METHODS, strict=True))
+ABSENT = "—"
+
+SEEDS_NOTE = (
+    f"95 % intervals: {OVER_SEEDS}. They describe training seeds on the suite's scenes. Where few "
+    "seeds fail and others succeed they are too narrow. With one training seed they are over "
+    "episodes only."
+)
+EPISODES_NOTE = "95 % intervals of the episodes of each training seed's policy."
+CONDITIONS_NOTE = (
+    "Without a sense: it stays as it is at the reset, a combination that no training contains. "
+    "Change: the value less that of the same policy in the same episodes under standard "
+    "conditions; over episodes the two count as independent. The standard row is of all episodes."
+)
+
+
+@dataclass(frozen=True)
+class Results:
+    """What an experiment shows: its report, a row per claim and comparison, and all values.
+
+    ``joined`` has a row per ``POINT`` with its estimate over training seeds.
+    """
+
+    report: str
+    judged: pd.DataFrame
+    joined: pd.DataFrame
+
+
+def write_results(design: Mapping[str, Any], directory: Path) -> None:
+    """Write ``report.md``, ``claims.csv`` and the figures of an experiment into its directory."""
+    results = analyze(design, directory)
+    (directory / "report.md").write_text(results.report, encoding="utf-8")
+    if len(results.judged):
+        results.judged.to_csv(directory / "claims.csv", index=False)
+    curves, episodes = (read_rows(directory, name) for name in ("curves", "episodes"))
+    write_figures(results.joined, episodes, curves, directory / "figures")
+
+
+def read_rows(directory: Path, name: str) -> pd.DataFrame:
+    """Read one of the CSV files of an experiment; NaN only in the curves."""
+    return pd.read_csv(directory / f"{name}.csv", keep_default_na=name == "curves")
+
+
+def analyze(design: Mapping[str, Any], directory: Path) -> Results:
+    """Make the results of an experiment from its CSV files.
+
+    Args:
+        design: The content of its design file.
+        directory: Where the CSV files are.
+    """
+    estimates, trainings = (read_rows(directory, name) for name in ("estimates", "trainings"))
+    changes = changes_of(read_rows(directory, "episodes"))
+    joined = join_seeds(pd.concat([estimates[estimates["metric"].map(_is_shown)], changes]))
+    judged = judge_claims(design.get("claims", []), _claimed_values(design, estimates))
+    state = f"{len(finished_cells(directory))} of {len(cells_of(design))} trainings"
+    lines = [f"# Study {directory.resolve().name}", "", f"{state} are done and evaluated."]
+    gaps = [name for name in dict.fromkeys(joined["metric"]) if name.endswith(GAP)]
+    for section in (
+        _claims(design, judged),
+        _over_seeds("Table 4", joined, "table4", TABLE4),
+        _over_seeds("Novel shapes", joined, "novel-shapes", gaps),
+        _training_seeds(estimates),
+        _conditions(joined),
+        _trainings(trainings),
+    ):
+        lines += section
+    return Results("\n".join(lines) + "\n", judged, joined)
+
+
+def _is_shown(metric: str) -> bool:
+    name, _, split = metric.partition(", ")
+    return metric in TABLE4 or metric.endswith(GAP) or (bool(split) and name in RANKING)
+
+
+def join_seeds(estimates: pd.DataFrame) -> pd.DataFrame:
+    """Return a row per ``POINT`` with its estimate over training seeds, in order of appearance."""
+    rows = []
+    for point, group in estimates.groupby(POINT, sort=False):
+        task, metric = str(point[0]), str(point[-1])
+        of_seeds = [Estimate(*row) for row in group[ESTIMATE].itertuples(index=False, name=None)]
+        rows.append((*point, *astuple(over_seeds(of_seeds, task, metric))))
+    return pd.DataFrame(rows, columns=[*POINT, *ESTIMATE])
+
+
+def changes_of(episodes: pd.DataFrame) -> pd.DataFrame:
+    """Return what other conditions change of each policy's success, in the same episodes."""
+    main = episodes[(episodes["role"] == "final") & (episodes["suite"] == "table4")]
+    standard = main[main["conditions"] == ""].set_index([*KEY, "index"])["success"]
+    rows = []
+    others = main[main["conditions"] != ""].groupby([*KEY, "conditions"], sort=False)
+    for (*cell, conditions), group in others:
+        index = pd.MultiIndex.from_frame(group[[*KEY, "index"]])
+        pair = (wilson(int(won.sum()), len(won)) for won in (group["success"], standard[index]))
+        named = (*cell, "table4", conditions, f"success{CHANGE}")
+        rows.append((*named, *astuple(newcombe(*pair))))
+    return pd.DataFrame(rows, columns=[*KEY, "suite", "conditions", "metric", *ESTIMATE])
+
+
+def _claimed_values(design: Mapping[str, Any], estimates: pd.DataFrame) -> pd.DataFrame:
+    """Return the values of the methods of which every seed is finished, at the longest exploration.
+
+    The others have none until then, so that no claim is judged early.
+    """
+    main = estimates[(estimates["suite"] == "table4") & (estimates["conditions"] == "")]
+    longest: dict[str, int] = {}
+    for cell in cells_of(design):
+        longest[cell.task] = max(cell.exploration_steps, longest.get(cell.task, 0))
+    main = main[main["exploration_steps"] == main["task"].map(longest)]
+    of_method = main.groupby(["task", "method"])["training_seed"]
+    return main[of_method.transform("nunique") == len(design["seeds"])]
+
+
+# Tables
+
+
+def value_text(metric: str, value: float, sign: str = "") -> str:
+    """Write a value of a metric with the digits it deserves."""
+    return format(value, sign + METRICS[metric].number_format)
+
+
+def estimate_text(rows: pd.DataFrame) -> str:
+    """Write the estimate of a frame's only row with its interval, a dash for no row."""
+    if rows.empty:
+        return ABSENT
+    metric = str(rows["metric"].iloc[0])
+    sign = "+z" if metric.endswith((GAP, CHANGE)) else ""
+    ends = (rows[end].iloc[0] for end in ("value", "low", "high"))
+    value, low, high = (value_text(metric.partition(",")[0], end, sign) for end in ends)
+    return f"{value} [{low}, {high}]"
+
+
+def table_lines(heads: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> list[str]:
+    """Return a table in Markdown; the first ``words`` columns are of words."""
+    ruler = ["---"] * words + ["---:"] * (len(heads) - words)
+    return ["", *(f"| {' | '.join(row)} |" for row in (heads, ruler, *rows))]
+
+
+def _notes(*notes: str) -> list[str]:
+    return ["", *(f"- {note}" for note in notes)]
+
+
+def _title(point: Sequence[Any]) -> str:
+    task, steps = point
+    return f"{task_title(task)}, {steps:,} control steps of exploration"
+
+
+def _over_seeds(
+    title: str, joined: pd.DataFrame, suite: str, metrics: Sequence[str]
+) -> Iterator[str]:
+    """Yield a table per task and length of exploration, with a column per method."""
+    part = joined[(joined["suite"] == suite) & (joined["conditions"] == "")]
+    part = part[part["metric"].isin(metrics)]
+    with_paper = suite == "table4"
+    if len(part):
+        yield from ("", f"## {title}")
+    for point, group in part.groupby(["task", "exploration_steps"], sort=False):
+        task, methods = str(point[0]), [*dict.fromkeys(group["method"])]
+        paper = PAPER_METHODS if with_paper else ()
+        rows = []
+        for metric in (one for one in metrics if one in {*group["metric"]}):
+            known, comma, suffix = metric.partition(",")
+            name = f"{METRICS[known].label} {METRICS[known].direction_in(task)}".strip()
+            found = group[group["metric"] == metric]
+            cells = [estimate_text(found[found["method"] == method]) for method in methods]
+            cells += [paper_cell(task, metric, method).text for method in paper]
+            rows.append([f"{name}{comma}{suffix}<br>{METRICS[known].unit_in(task)}", *cells])
+        yield from ("", f"### {_title(point)}")
+        yield from table_lines(["Metric", *methods, *(f"{one} (paper)" for one in paper)], rows)
+    if len(part):
+        yield from _notes(SEEDS_NOTE, *([PAPER_NOTE] if with_paper else []))
+
+
+def _training_seeds(estimates: pd.DataFrame) -> Iterator[str]:
+    """Yield the table of each training seed: exploration, and what ranks the task."""
+    main = estimates[(estimates["suite"] == "table4") & (estimates["conditions"] == "")]
+    ranks = main["metric"] == main["task"].map(ranking_metric)
+    part = main[ranks | (main["metric"] == "exploration")].sort_values("metric", kind="stable")
+    seeds = sorted({*part["training_seed"]})
+    rows = []
+    names = ["metric", "task", "method", "exploration_steps"]
+    for (metric, task, method, steps), group in part.groupby(names, sort=False):
+        cells = [estimate_text(group[group["training_seed"] == seed]) for seed in seeds]
+        rows.append([METRICS[metric].label, task_title(task), method, f"{steps:,}", *cells])
+    yield from ("", "## Training seeds")
+    heads = ["Metric", "Task", "Method", "Exploration, control steps"]
+    yield from table_lines([*heads, *(f"seed {seed}" for seed in seeds)], rows, len(heads))
+    yield from _notes(EPISODES_NOTE)
+
+
+def _conditions(joined: pd.DataFrame) -> Iterator[str]:
+    """Yield the table of what ranks a task under each condition, and what the condition changes."""
+    main = joined[joined["suite"] == "table4"]
+    changed = main[main["conditions"] != ""]
+    is_played = main["task"].isin(changed["task"]) & main["method"].isin(changed["method"])
+    ranks = main["metric"].str.removesuffix(CHANGE) == main["task"].map(ranking_metric)
+    shown = main[is_played & ranks]
+    methods = [*dict.fromkeys(shown["method"])]
+    rows = []
+    for (task, conditions), _ in shown.groupby(["task", "conditions"], sort=False):
+        of_both = shown[(shown["task"] == task) & (shown["conditions"] == conditions)]
+        for metric, group in of_both.groupby("metric", sort=False):
+            label = str(metric).replace("success", METRICS["success"].label)
+            cells = [estimate_text(group[group["method"] == method]) for method in methods]
+            rows.append([task_title(str(task)), str(conditions) or "standard", label, *cells])
+    if rows:
+        yield from ("", "## Other conditions")
+        yield from table_lines(["Task", "Condition", "Metric", *methods], rows, 3)
+        yield from _notes(CONDITIONS_NOTE, SEEDS_NOTE)
+
+
+def _claims(design: Mapping[str, Any], judged: pd.DataFrame) -> Iterator[str]:
+    """Yield the table of the claims: the means, those of the paper, and the verdict."""
+    if judged.empty:
+        return
+    rows = []
+    for number, claim in enumerate(design["claims"], 1):
+        group = judged[judged["claim"] == number]
+        metric, first = claim["metric"], group.iloc[0]
+        is_against = first["verdict"] == "contradicted"
+        p = first["p_reversed_adjusted" if is_against else "p_adjusted"]
+        is_whole = group[["better_values", "worse_values"]].map(len).to_numpy().all()
+        detectable = first["detectable"]
+        rows.append(
+            [
+                ", ".join(map(task_title, claim["tasks"])),
+                METRICS[metric].label,
+                f"{claim['better']} \\> {', '.join(claim['worse'])}",
+                _means(metric, group) if is_whole else ABSENT,
+                _papers(claim),
+                ABSENT if pd.isna(detectable) else value_text(metric, detectable),
+                f"{p:.3f}" if p >= 0.001 else "< 0.001",
+                first["verdict"] if is_whole else "waiting for trainings",
+            ]
+        )  # fmt: skip
+    yield from ("", "## Claims")
+    heads = ("Task", "Metric", "Claim", "Means over seeds", "The paper", "Detectable", "p")
+    yield from table_lines([*heads, "Verdict"], rows, 5)
+    yield from _notes(*NOTES)
+
+
+def _means(metric: str, group: pd.DataFrame) -> str:
+    """Write the means over seeds of the better method and of each worse one, task by task."""
+    tasks = []
+    for _, rows in group.groupby("task", sort=False):
+        values = [rows["better_values"].iloc[0], *rows["worse_values"]]
+        tasks.append(", ".join(value_text(metric, sum(one) / len(one)) for one in values))
+    return "; ".join(tasks)
+
+
+def _papers(claim: Mapping[str, Any]) -> str:
+    """Write what the paper printed of the claim's methods, in our unit."""
+    texts = []
+    for task in claim["tasks"]:
+        names = (IN_PAPER.get(method, "") for method in (claim["better"], *claim["worse"]))
+        cells = [paper_cell(task, claim["metric"], name) if name else None for name in names]
+        values = [cell.text if cell and cell.sort_key is not None else ABSENT for cell in cells]
+        texts.append(", ".join(values))
+    return ABSENT if {*"".join(texts)} <= {*f"{ABSENT}, "} else "; ".join(texts)
+
+
+def _trainings(trainings: pd.DataFrame) -> Iterator[str]:
+    rows = [
+        [f"{row.task}-{row.method}-{row.exploration_steps}-{row.training_seed}",
+         f"{row.control_steps:,}", f"{row.seconds / 60:.1f} min"]
+        for row in trainings.itertuples()
+    ]  # fmt: skip
+    yield from ("", "## Trainings")
+    yield from table_lines(["Training", "Control steps", "Time"], rows)
+    yield from _notes("Time: of the training alone, without its evaluation, beside other work.")
+
+
+def main() -> None:
+    """Write the reports of the stored studies, or of one experiment."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.analysis", description=__doc__)
+    parser.add_argument("design", type=Path, nargs="?")
+    parser.add_argument("directory", type=Path, nargs="?", help="default: reports/studies/NAME")
+    given = parser.parse_args()
+    if given.design is None:
+        pairs = [(file, file.with_suffix("")) for file in sorted(STUDIES.glob("*.toml"))]
+    else:
+        usual = Path("reports/studies") / given.design.stem
+        pairs = [(given.design, given.directory or usual)]
+    for design, directory in pairs:
+        write_results(read_design(design), directory)
+
+
+if __name__ == "__main__":
+    main()

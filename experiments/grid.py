@@ -1,0 +1,230 @@
+"""Train and evaluate every cell of a grid; after an interruption the same command continues.
+
+A cell is a task, a method, a training seed and a length of exploration. Its training and its runs
+are in a directory of its name. When the last of them is finished, the cell's rows are added to the
+CSV files of the experiment, from which ``experiments.analysis`` makes tables and figures.
+"""
+
+import argparse
+import sys
+import tomllib
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+import minitouch_bench as mt
+
+KEY = ["task", "method", "training_seed", "exploration_steps"]
+"""The columns that name a cell, in every CSV file."""
+
+FILES = ("episodes", "estimates", "curves", "trainings")
+"""The CSV files of an experiment; a cell is finished once it is in the last one."""
+
+SAME_IN_ALL = ("preset", "settings", "task_steps", "episodes")
+"""What may not change between two starts, because unlike trainings would be mixed."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One training of a grid; its fields are ``KEY``."""
+
+    task: str
+    method: str
+    training_seed: int
+    exploration_steps: int
+
+    @property
+    def name(self) -> str:
+        """Its directory."""
+        return f"{self.task}-{self.method}-{self.exploration_steps}-{self.training_seed}"
+
+
+def read_design(file: Path) -> dict[str, Any]:
+    """Read the TOML file that describes a grid: see README.md."""
+    with file.open("rb") as opened:
+        return tomllib.load(opened)
+
+
+def in_task(design: Mapping[str, Any], task: str) -> dict[str, Any]:
+    """Return the design with what is different in one task."""
+    return {**design, **design.get("per_task", {}).get(task, {})}
+
+
+def cells_of(design: Mapping[str, Any]) -> list[Cell]:
+    """Return the cells in the order in which they are trained: seed by seed."""
+    return [
+        Cell(task, method, seed, steps)
+        for seed in design["seeds"]
+        for task in design["tasks"]
+        for steps in in_task(design, task)["exploration_steps"]
+        for method in in_task(design, task)["methods"]
+    ]
+
+
+def evaluations_of(design: Mapping[str, Any], cell: Cell) -> dict[str, dict[str, Any]]:
+    """Return the options of ``mt.evaluate`` for each run of a cell, by directory."""
+    suites = in_task(design, cell.task).get("suites", ["table4"])
+    asked = {suite: {"suite": suite, "episodes": design.get("episodes")} for suite in suites}
+    for one in design.get("conditions", []):
+        if cell.task in one.get("tasks", [cell.task]) and cell.method in one.get(
+            "methods", [cell.method]
+        ):
+            changes = {key: one.get(key, []) for key in ("without", "perturb")}
+            words = [f"{key}-{','.join(value)}" for key, value in changes.items() if value]
+            name = "-".join([*words, str(one["episodes"])]).replace(":", "-to-")
+            asked[name] = {**changes, "episodes": one["episodes"]}
+    return asked
+
+
+def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str, pd.DataFrame]:
+    """Train and evaluate what is missing of a cell; return its rows of each CSV file."""
+    place = output / cell.name
+    final, explored = place / "final.safetensors", place / "exploration.safetensors"
+    if not final.exists():
+        task_steps = (
+            None if cell.task == "playing" else in_task(design, cell.task).get("task_steps")
+        )
+        mt.train(
+            cell.task, cell.method, seed=cell.training_seed,
+            exploration_steps=cell.exploration_steps, task_steps=task_steps,
+            preset=design.get("preset", "default"), settings=design.get("settings", {}),
+            output=place, resume=True,
+        )  # fmt: skip
+    runs = []
+    for name, options in evaluations_of(design, cell).items():
+        rates_exploration = name == "table4" and cell.task != "playing" and explored.exists()
+        run = mt.evaluate(
+            str(final), tasks=[cell.task], name=cell.name, workers=1, resume=True,
+            exploration=str(explored) if rates_exploration else None,
+            output=place / name, **options,
+        )  # fmt: skip
+        runs.append(run)
+    return rows_of(cell, runs, place)
+
+
+def rows_of(cell: Cell, runs: list[mt.Run], place: Path) -> dict[str, pd.DataFrame]:
+    """Return a cell's rows of each CSV file."""
+    progress = pd.read_csv(place / "progress.csv", dtype=str, keep_default_na=False)
+    main = runs[0].header
+    training = {
+        "control_steps": progress["step"].iloc[-1],
+        "seconds": progress["seconds"].iloc[-1],
+        "final_policy": main.policy.digest,
+        "exploration_policy": main.exploration.digest if main.exploration else "",
+        "run_digests": " ".join(run.facts.digest for run in runs),
+    }
+    rows = {
+        "episodes": pd.concat([_episodes(run) for run in runs]),
+        "estimates": pd.DataFrame([row for run in runs for row in _estimates(run)]),
+        "curves": progress,
+        "trainings": pd.DataFrame([training]),
+    }
+    for frame in rows.values():
+        for column, value in reversed([*asdict(cell).items()]):
+            frame.insert(0, column, value)
+    return rows
+
+
+def _where(run: mt.Run) -> dict[str, str]:
+    plan = run.header.plan
+    return {"suite": plan.suite, "conditions": ", ".join(plan.conditions.in_words())}
+
+
+def _episodes(run: mt.Run) -> pd.DataFrame:
+    both = {"final": run.episodes, "exploration": run.exploration_episodes}
+    frame = pd.concat([rows.assign(role=role) for role, rows in both.items() if len(rows)])
+    frame = frame.assign(**_where(run)).drop(columns=["task", "digest"])
+    first = ["suite", "conditions", "role", "index"]
+    return frame[[*first, *frame.columns.drop(first)]]
+
+
+def _estimates(run: mt.Run) -> Iterator[dict[str, Any]]:
+    """Yield the estimates of a run, unchanged; also those of both splits and of their gap."""
+    summary = run.facts.summary
+    named = [*summary.tasks[0].estimates.items()]
+    for gaps in (result.gaps for result in summary.generalization):
+        for metric, gap in gaps.items():
+            named += [
+                (f"{metric}, held-out", gap.held_out),
+                (f"{metric}, train", gap.train),
+                (f"{metric}, held-out minus train", gap.difference),
+            ]
+    for metric, estimate in named:
+        values = asdict(estimate)
+        interval, episodes = values.pop("method"), values.pop("count")
+        yield {
+            **_where(run),
+            "metric": metric,
+            **values,
+            "episodes": episodes,
+            "interval": interval,
+        }
+
+
+def add_rows(output: Path, cell: Cell, rows: Mapping[str, pd.DataFrame]) -> None:
+    """Add a cell's rows to the CSV files; rows that it has there already are replaced."""
+    for name in FILES:
+        file = output / f"{name}.csv"
+        frame = rows[name]
+        if file.exists():
+            before = pd.read_csv(file, keep_default_na=False, dtype=str)
+            is_other = (before[KEY] != [str(value) for value in asdict(cell).values()]).any(axis=1)
+            frame = pd.concat([before[is_other], frame])
+        temporary = file.with_suffix(".tmp")
+        frame.to_csv(temporary, index=False)
+        temporary.replace(file)
+
+
+def finished_cells(output: Path) -> set[Cell]:
+    """Return the cells whose rows are in the CSV files."""
+    file = output / "trainings.csv"
+    if not file.exists():
+        return set()
+    return {Cell(*row) for row in pd.read_csv(file)[KEY].itertuples(index=False)}
+
+
+def run_grid(design_file: Path, output: Path, workers: int = 1) -> dict[Cell, str]:
+    """Finish the cells that are left; return why a cell failed, by cell."""
+    design = read_design(design_file)
+    output.mkdir(parents=True, exist_ok=True)
+    kept = output / "design.toml"
+    if kept.exists():
+        before = read_design(kept)
+        if changed := [key for key in SAME_IN_ALL if before.get(key) != design.get(key)]:
+            sys.exit(f"{output} was started with another {changed[0]}: choose another --output")
+    kept.write_bytes(design_file.read_bytes())
+    cells = cells_of(design)
+    left = [cell for cell in cells if cell not in finished_cells(output)]
+    print(f"{len(cells) - len(left)} of {len(cells)} cells are finished", file=sys.stderr)
+    failed = {}
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        jobs = {pool.submit(finish_cell, design, cell, output): cell for cell in left}
+        for job in as_completed(jobs):
+            cell = jobs[job]
+            try:
+                add_rows(output, cell, job.result())
+                print(cell.name, file=sys.stderr)
+            except mt.MiniTouchError as error:
+                failed[cell] = str(error)
+                print(f"{cell.name} failed: {error}", file=sys.stderr)
+    return failed
+
+
+def main() -> None:
+    """Run the grid of a design file."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.grid", description=__doc__)
+    parser.add_argument("design", type=Path)
+    parser.add_argument("--output", type=Path, help="default: reports/studies/NAME")
+    parser.add_argument("--workers", type=int, default=1, help="cells at a time, a core each")
+    given = parser.parse_args()
+    output = given.output or Path("reports/studies") / given.design.stem
+    sys.exit(1 if run_grid(given.design, output, given.workers) else 0)
+
+
+if __name__ == "__main__":
+    main()

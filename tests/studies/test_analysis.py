@@ -1,0 +1,145 @@
+"""The stored studies: what is shown of them is what their stored rows give."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments.analysis import STUDIES, analyze, read_rows, write_results
+from experiments.claims import detectable_shift, judge_claims
+from experiments.grid import FILES, KEY, read_design
+from tests.docs.test_links import DOCS
+
+NAMES = sorted(file.stem for file in STUDIES.glob("*.toml"))
+RESULTS = (DOCS / "results" / "reproduction.md").read_text()
+CLAIM = {"metric": "success", "tasks": ["pushing"], "better": "hac", "worse": ["rnd-touch", "rnd"]}
+HIGH = (0.5, 0.6, 0.7, 0.8, 0.9)
+LOW = (0.0, 0.1, 0.2, 0.3, 0.4)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_stored_tables_follow_from_the_stored_rows(name, tmp_path):
+    stored = STUDIES / name
+    results = analyze(read_design(STUDIES / f"{name}.toml"), stored)
+    assert results.report == (stored / "report.md").read_text(), "python -m experiments.analysis"
+    if len(results.judged):
+        results.judged.to_csv(tmp_path / "claims.csv", index=False)
+        assert (tmp_path / "claims.csv").read_text() == (stored / "claims.csv").read_text()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_stored_estimates_are_means_of_stored_episodes(name):
+    episodes, estimates = (read_rows(STUDIES / name, file) for file in ("episodes", "estimates"))
+    columns = {"success": "success", "episode_steps": "steps", "touch_share": "touch_share"}
+    run = [*KEY, "suite", "conditions"]
+    for role, metric, column in [
+        *(("final", *pair) for pair in columns.items()), ("exploration", "exploration", "success")
+    ]:  # fmt: skip
+        means = episodes[episodes["role"] == role].groupby(run)[column].agg(["mean", "size"])
+        shown = estimates[estimates["metric"] == metric].set_index(run)
+        both = shown.join(means)
+        assert len(shown) >= 15
+        assert both["value"].tolist() == pytest.approx(both["mean"].tolist())
+        assert both["episodes"].tolist() == both["size"].tolist()
+
+
+def test_the_same_rows_give_the_same_files(tmp_path):
+    design, stored = read_design(STUDIES / "pushing-lengths.toml"), STUDIES / "pushing-lengths"
+    texts = []
+    for place in (tmp_path / "a" / "s", tmp_path / "b" / "s"):
+        place.mkdir(parents=True)
+        for name in FILES:
+            (place / f"{name}.csv").write_bytes((stored / f"{name}.csv").read_bytes())
+        write_results(design, place)
+        texts.append({file.name: file.read_bytes() for file in place.rglob("*.*")})
+    assert texts[0] == texts[1]
+    assert {"curves.svg", "movement.svg", "lengths.svg", "report.md"} <= {*texts[0]}
+
+
+def test_the_results_page_has_the_claims_of_the_report():
+    report = (STUDIES / "table4" / "report.md").read_text()
+    section = report.partition("## Claims\n")[2].partition("\n- ")[0].strip()
+    assert section.count("\n") == 1 + 12  # head, ruler, and a line per claim
+    assert section in RESULTS, "copy the table of docs/studies/table4/report.md"
+
+
+def test_the_results_page_has_the_changes_without_a_sense():
+    report = (STUDIES / "table4" / "report.md").read_text()
+    rows = re.findall(r"\| (.*) \| (without .*) \| Success, change \| (.*) \|\n", report)
+    assert len(rows) == 3 * 2  # tasks, senses
+    for task, condition, cells in rows:
+        shown = cells.replace("-", "\N{MINUS SIGN}")
+        assert f"| {task} | {condition} | {shown} |" in RESULTS
+
+
+def test_the_results_page_has_the_lengths_of_exploration():
+    report = (STUDIES / "pushing-lengths" / "report.md").read_text()
+    table = report.partition("## Table 4")[2].partition("## Training seeds")[0]
+    steps = re.findall(r"### Pushing, (\S+) control steps", table)
+    names = ("Exploration ↑", "Success ↑", "Episode steps ↓")
+    columns = [re.findall(rf"\| {name}.*?\| (.*?) \|", table) for name in names]
+    assert len(steps) == 3
+    for row in zip(steps, *columns, strict=True):
+        assert f"| {' | '.join(row)} |" in RESULTS
+
+
+def values(metric="success", task="pushing", **methods):
+    rows = [
+        (task, method.replace("_", "-"), seed, metric, value)
+        for method, seeds in methods.items()
+        for seed, value in enumerate(seeds)
+    ]
+    return pd.DataFrame(rows, columns=["task", "method", "training_seed", "metric", "value"])
+
+
+def judge(claim, frame, family=1):
+    """Judge a claim in a family that has others, about which nothing is known yet."""
+    others = [{**CLAIM, "tasks": ["opening"], "worse": [f"m{i}"]} for i in range(family - 1)]
+    judged = judge_claims([claim, *others], frame)
+    return judged[judged["claim"] == 1]
+
+
+def verdict(*args):
+    (found,) = {*judge(*args)["verdict"]}
+    return found
+
+
+def test_five_seeds_without_overlap_bear_a_family_of_twelve_and_no_more():
+    frame = values(hac=HIGH, rnd_touch=LOW, rnd=LOW)
+    assert judge(CLAIM, frame)["p_adjusted"].tolist() == pytest.approx([1 / 252] * 2)
+    assert verdict(CLAIM, frame, 12) == "confirmed"
+    assert verdict(CLAIM, frame, 13) == "not decided"
+
+
+def test_a_claim_needs_every_comparison_in_every_task():
+    assert verdict(CLAIM, values(hac=HIGH, rnd_touch=HIGH, rnd=LOW)) == "not decided"
+    assert verdict(CLAIM, values(hac=HIGH, rnd=LOW)) == "not decided"  # one is missing
+    both = {**CLAIM, "tasks": ["pushing", "opening"], "worse": ["sac"]}
+    frame = pd.concat([values(hac=HIGH, sac=LOW), values(task="opening", hac=HIGH, sac=LOW)])
+    assert verdict(both, frame) == "confirmed"
+    frame.loc[frame["task"] == "opening", "value"] = 0.5
+    assert verdict(both, frame) == "not decided"
+
+
+def test_a_claim_is_contradicted_where_every_comparison_is_the_other_way_round():
+    assert verdict(CLAIM, values(hac=LOW, rnd_touch=HIGH, rnd=HIGH), 12) == "contradicted"
+    assert verdict(CLAIM, values(hac=LOW, rnd_touch=HIGH, rnd=LOW)) == "not decided"
+    fewer = {**CLAIM, "metric": "episode_steps", "worse": ["rnd"]}
+    few = values("episode_steps", hac=(20, 30, 25, 28, 21), rnd=(90, 80, 85, 200, 70))
+    assert verdict(fewer, few) == "confirmed"
+
+
+def test_fewer_than_five_seeds_decide_nothing():
+    judged = judge(CLAIM, values(hac=HIGH[:4], rnd_touch=LOW[:4], rnd=LOW[:4]))
+    assert judged["p_adjusted"].tolist() == [1.0, 1.0]
+    assert judged["detectable"].isna().all()
+
+
+def test_the_detectable_shift_has_a_power_of_80_percent():
+    """Counted here with other samples than there, and the test by its rank sums."""
+    shift = detectable_shift(5, 5, 1 / 252)  # the smallest p-value: no overlap
+    rng = np.random.default_rng(7)
+    better, worse = rng.standard_normal((4000, 5)) + shift, rng.standard_normal((4000, 5))
+    assert np.mean(better.min(axis=1) > worse.max(axis=1)) == pytest.approx(0.8, abs=0.03)
+    assert np.isnan(detectable_shift(3, 3, 0.01))  # its smallest p-value is 0.05

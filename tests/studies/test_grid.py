@@ -1,0 +1,99 @@
+"""A small grid for real: killed at any moment, it ends in the same rows."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from experiments.grid import FILES, cells_of, evaluations_of, read_design, run_grid
+
+ROOT = Path(__file__).parents[2]
+DESIGN = """
+tasks = ["playing", "opening"]
+methods = ["hac", "rnd"]
+seeds = [0]
+exploration_steps = [60]
+episodes = 1
+
+[per_task.opening]
+methods = ["rnd"]
+task_steps = 30
+
+[settings]
+random_steps = 40
+evaluate_every = 0
+log_every = 20
+checkpoint_every = 20
+sac = { batch_size = 8 }
+
+[[conditions]]
+without = ["forces"]
+perturb = ["mass=2:3"]
+episodes = 2
+tasks = ["opening"]
+"""
+
+
+@pytest.fixture
+def design(tmp_path):
+    file = tmp_path / "small.toml"
+    file.write_text(DESIGN)
+    return file
+
+
+def test_cells_and_their_runs(design):
+    read = read_design(design)
+    cells = {cell.name: cell for cell in cells_of(read)}
+    assert [*cells] == ["playing-hac-60-0", "playing-rnd-60-0", "opening-rnd-60-0"]
+    runs = {name: [*evaluations_of(read, cell)] for name, cell in cells.items()}
+    assert runs["playing-hac-60-0"] == ["table4"]
+    assert runs["opening-rnd-60-0"] == ["table4", "without-forces-perturb-mass=2-to-3-2"]
+
+
+@pytest.mark.slow
+def test_killed_three_times_it_ends_in_the_rows_of_an_undisturbed_one(design, tmp_path):
+    assert run_grid(design, tmp_path / "calm") == {}
+    output = tmp_path / "killed"
+    command = [sys.executable, "-m", "experiments.grid", design, "--output", output]
+    for cell in ("playing-hac-60-0", "opening-rnd-60-0"):
+        kill_once_there_is(output / cell / "checkpoint.pt", command)
+    kill_once_there_is(output / "opening-rnd-60-0" / "final.safetensors", command)
+    subprocess.run(command, cwd=ROOT, check=True)
+    for name in FILES:
+        calm, killed = (pd.read_csv(place / f"{name}.csv") for place in (tmp_path / "calm", output))
+        drop = [column for column in ("seconds",) if column in calm]
+        pd.testing.assert_frame_equal(calm.drop(columns=drop), killed.drop(columns=drop))
+    assert {*pd.read_csv(output / "episodes.csv", keep_default_na=False)["conditions"]} == {
+        "", "without forces, mass 2 to 3 times",
+    }  # fmt: skip
+
+
+def kill_once_there_is(file, command):
+    process = subprocess.Popen(command, cwd=ROOT, start_new_session=True)
+    while not file.exists():
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+
+
+@pytest.mark.slow
+def test_a_failed_cell_is_named_and_the_others_are_finished(design, tmp_path):
+    bad = tmp_path / "out" / "playing-hac-60-0"
+    bad.mkdir(parents=True)
+    (bad / "config.toml").write_text("seed = 7\n")  # of another training
+    (bad / "progress.csv").write_text("")
+    failed = run_grid(design, tmp_path / "out")
+    assert [cell.name for cell in failed] == [bad.name]
+    assert len(pd.read_csv(tmp_path / "out" / "trainings.csv")) == 2
+
+
+def test_another_setting_needs_another_directory(design, tmp_path):
+    output = tmp_path / "out"
+    output.mkdir()
+    (output / "design.toml").write_text(DESIGN.replace("random_steps = 40", "random_steps = 50"))
+    with pytest.raises(SystemExit, match="settings"):
+        run_grid(design, output)
