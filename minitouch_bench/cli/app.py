@@ -20,7 +20,7 @@ from minitouch_bench.workflows.regress import regress
 from minitouch_bench.workflows.replay import replay
 from minitouch_bench.workflows.report import compare, report
 from minitouch_bench.workflows.submit import submit
-from minitouch_bench.workflows.train import study, train
+from minitouch_bench.workflows.train import train
 from minitouch_bench.workflows.verify import verify
 
 COMMANDS: dict[Callable[..., None], str] = {
@@ -37,7 +37,6 @@ COMMANDS: dict[Callable[..., None], str] = {
     as_command(train, output.show_directory, progress.training_progress): (
         "train opening --method hac --seed 1"
     ),
-    as_command(study, output.show_study, progress.study_progress): "study my-study.toml",
     as_command(record, output.show_dataset): "record scripted pushing --output data/pushing",
     as_command(submit, output.show_packed): (
         "submit reports/a --name my-policy --training-steps 20000"

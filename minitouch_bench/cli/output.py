@@ -11,7 +11,6 @@ import typer
 from minitouch_bench.cli.console import data_console, note
 from minitouch_bench.errors import (
     IncompleteCheckError,
-    InfrastructureError,
     PolicyFaultError,
     RunDirectoryError,
 )
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from minitouch_bench.records import EpisodeRecord
     from minitouch_bench.regression.comparison import Comparison
     from minitouch_bench.regression.gate import GateResult
-    from minitouch_bench.reporting.study import StudyResults
     from minitouch_bench.verification.verify import Verification
     from minitouch_bench.workflows.proving import Validation
     from minitouch_bench.workflows.record import RecordedDataset
@@ -209,19 +207,6 @@ def _print_steps(record: "EpisodeRecord") -> None:
 def show_directory(directory: Path) -> None:
     """Print the training's directory."""
     print(directory)
-
-
-def show_study(results: "StudyResults") -> None:
-    """Print where a study's report is.
-
-    Raises:
-        InfrastructureError: a training failed.
-    """
-    from minitouch_bench.reporting.study import state_lines
-
-    if results.failed:
-        raise InfrastructureError("\n".join(state_lines(results)[1:]))
-    print(results.directory / "report.html")
 
 
 def show_dataset(dataset: "RecordedDataset", episodes: int) -> None:

@@ -1,11 +1,9 @@
 """Bars on stderr while a command runs; where there is no terminal, one line per minute."""
 
 import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -22,33 +20,23 @@ from rich.table import Column
 
 from minitouch_bench.cli.console import note, notes
 from minitouch_bench.cli.output import show_validation
-from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import EpisodeRecord, Outcome, Role
 from minitouch_bench.workflows import (
     Callbacks,
-    StudyProgress,
     TrainingProgress,
     ValidationProgress,
 )
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.progress import ProgressRow
-    from minitouch_bench.reporting.study import StudyTraining
     from minitouch_bench.workflows.proving import Validation
-    from minitouch_bench.workflows.study_config import StudyConfig
 
 LINE_INTERVAL_S = 60.0
 """Seconds between two lines of progress where no terminal shows a bar."""
 
-REFRESH_S = 10.0
-"""Between two looks at all trainings' rows: a training writes a row about as often."""
-
 WIDE = 110
 """Columns of a terminal from which the bar of episodes is a long one."""
-
-SHOWN = 3
-"""Trainings under way that are named; the others are counted."""
 
 
 class _Lines:
@@ -159,7 +147,19 @@ def count_progress(label: str) -> Iterator[Callable[[int, int], None]]:
 def training_progress() -> Iterator[TrainingProgress]:
     """Show a training on the screen, and end it between two steps after a Ctrl-C."""
     lines = _Lines(notes)
-    with _interrupts() as interrupts, _step_bar("{task.fields[figures]}", 2) as bar:
+    bar = Progress(
+        TextColumn("[bold]{task.description}"),
+        BarColumn(bar_width=20),
+        TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[figures]}", markup=False),
+        console=notes,
+        refresh_per_second=2,
+        speed_estimate_period=600,
+    )
+    with _interrupts() as interrupts, bar:
 
         def begin(steps: int) -> None:
             bar.add_task("training", total=steps, figures="")
@@ -196,82 +196,3 @@ def _interrupts() -> Iterator[list[int]]:
         yield seen
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def _step_bar(text: str, refresh_per_second: float) -> Progress:
-    """Return a bar of control steps; ``text`` stands behind it."""
-    return Progress(
-        TextColumn("[bold]{task.description}"),
-        BarColumn(bar_width=20),
-        TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn(text, markup=False),
-        console=notes,
-        refresh_per_second=refresh_per_second,
-        speed_estimate_period=600,
-    )
-
-
-@contextmanager
-def study_progress() -> Iterator[StudyProgress]:
-    """Show a study's state on the screen, and its trainings while they run."""
-    from minitouch_bench.reporting.study import state_lines
-
-    with ExitStack() as stack:
-        yield StudyProgress(
-            begin=lambda *study: stack.enter_context(_trainings_shown(*study)),
-            state=lambda results: note(state_lines(results)[0]),
-        )
-
-
-@contextmanager
-def _trainings_shown(
-    config: "StudyConfig", directory: Path, trainings: Sequence["StudyTraining"]
-) -> Iterator[None]:
-    """Show the control steps of these trainings, and those under way, as their files say."""
-    totals = {training: config.config_of(training).steps for training in trainings}
-    lines, ended = _Lines(notes), threading.Event()
-    bar = _step_bar("{task.fields[under_way]}", 1)
-    task = bar.add_task("control steps", total=sum(totals.values()), under_way="")
-
-    def look() -> None:
-        with suppress(RunDirectoryError):  # the study reads the file too, and reports it
-            steps, under_way = _steps_done(totals, directory)
-            bar.update(task, completed=steps, under_way=under_way)
-
-    def watch() -> None:
-        while not ended.wait(REFRESH_S):
-            look()
-            shown = bar.tasks[task]
-            line = f"{shown.completed:,.0f} of {shown.total:,.0f} control steps"
-            lines.show(f"{line}  {shown.fields['under_way']}")
-
-    look()
-    watcher = threading.Thread(target=watch, daemon=True)
-    with bar:
-        watcher.start()
-        try:
-            yield
-        finally:
-            ended.set()
-            watcher.join()
-            look()
-            bar.update(task, under_way="")
-
-
-def _steps_done(totals: "Mapping[StudyTraining, int]", directory: Path) -> tuple[int, str]:
-    """Return the control steps of all trainings so far, and in words those that are under way."""
-    from minitouch_bench.reporting.study import last_progress
-
-    done = {training: last_progress(directory, training)[0] for training in totals}
-    named = [
-        f"{training.name} {steps:,}/{totals[training]:,}"
-        for training, steps in done.items()
-        if 0 < steps < totals[training]
-    ]
-    if done == totals:
-        named = ["trained; evaluations follow"]
-    more = [f"{len(named) - SHOWN} more"] if len(named) > SHOWN else []
-    return sum(done.values()), "  ".join([*named[:SHOWN], *more])

@@ -1,8 +1,8 @@
 """95 % intervals over episodes and over training seeds, and the random streams they draw from.
 
-Every interval in a report, on the leaderboard and in a study comes from these functions, or is
-computed from what they give. Those over the episodes of one run are computed once and stored in
-its ``run.json``.
+Every interval in a report, on the leaderboard and in ``experiments/`` comes from these functions,
+or is computed from what they give. Those over the episodes of one run are computed once and stored
+in its ``run.json``.
 """
 
 import hashlib

@@ -1,17 +1,13 @@
 """The work behind each command as functions: options in, a result out, callbacks on the way."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from minitouch_bench.agents.progress import ProgressRow
     from minitouch_bench.records import EpisodeRecord
-    from minitouch_bench.reporting.study import StudyResults, StudyTraining
     from minitouch_bench.workflows.proving import Validation
-    from minitouch_bench.workflows.study_config import StudyConfig
 
 
 def ignore(*_: object) -> None:
@@ -49,21 +45,6 @@ class TrainingProgress:
 
 
 UNSEEN = TrainingProgress()
-
-
-@dataclass(frozen=True)
-class StudyProgress:
-    """Functions that a study calls while it runs; each does nothing by default.
-
-    ``begin`` takes the grid, the study's directory and the trainings to make; ``state`` takes
-    which trainings are done, failed and left, whenever that changes.
-    """
-
-    begin: Callable[["StudyConfig", "Path", Sequence["StudyTraining"]], None] = ignore
-    state: Callable[["StudyResults"], None] = ignore
-
-
-UNSEEN_STUDY = StudyProgress()
 
 
 @dataclass(frozen=True)

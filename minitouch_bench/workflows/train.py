@@ -1,9 +1,9 @@
-"""Train a learner, or a grid of them: the commands ``train`` and ``study``."""
+"""Train a learner: the command ``train``."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -11,19 +11,10 @@ from minitouch_bench.agents import METHODS
 from minitouch_bench.errors import InterruptedRunError
 from minitouch_bench.files import REPORTS
 from minitouch_bench.protocol.minitouch import TASK_NAMES
-from minitouch_bench.workflows import (
-    UNSEEN,
-    UNSEEN_STUDY,
-    StudyProgress,
-    TrainingProgress,
-    options,
-)
-from minitouch_bench.workflows.options import StrPath, Words
+from minitouch_bench.workflows import UNSEEN, TrainingProgress
+from minitouch_bench.workflows.options import StrPath
 
-if TYPE_CHECKING:
-    from minitouch_bench.reporting.study import StudyResults
-
-TRAININGS, STUDIES = REPORTS / "training", REPORTS / "studies"
+TRAININGS = REPORTS / "training"
 
 
 def train(
@@ -90,43 +81,3 @@ def train(
             "--resume continues"
         )
     return directory
-
-
-def study(
-    file: Annotated[StrPath, typer.Argument(metavar="FILE")],
-    *,
-    tasks: Annotated[Words | None, typer.Option(metavar="A,B")] = None,
-    methods: Annotated[Words | None, typer.Option(metavar="A,B")] = None,
-    output: Annotated[StrPath | None, typer.Option()] = None,
-    workers: options.Workers = 1,
-    engine: options.EngineName = "local",
-    address: options.Address = None,
-    callbacks: StudyProgress = UNSEEN_STUDY,
-) -> "StudyResults":
-    """Train and evaluate a grid of methods, tasks and seeds; the same command continues it.
-
-    A training that fails is named in the report and does not stop the others; the next start of
-    the study tries it again. On the command line such a study ends with exit code 5.
-
-    Args:
-        file: The grid: see docs/how-to/studies.md.
-        tasks: Only these tasks of the file now; the report has all of them.
-        methods: Only these methods of the file now.
-        output: The study's directory; by default reports/studies/NAME, after the file.
-
-    Raises:
-        UsageError: the file is not readable, or names what does not exist.
-        MissingExtraError: Ray or, for the figures, matplotlib is not installed.
-        InfrastructureError: no cluster answers.
-        RunDirectoryError: the directory is in use, cannot be written, or was started with
-            other settings.
-    """
-    from minitouch_bench.workflows.study_config import read_study
-    from minitouch_bench.workflows.studying import run_study
-
-    runs_it = options.engine_options(engine, workers, address)
-    config = read_study(Path(file))
-    directory = STUDIES / Path(file).stem if output is None else Path(output)
-    wanted = config.select(options.words(tasks), options.words(methods))
-    callbacks.begin(config, directory, wanted)
-    return run_study(config, directory, runs_it, callbacks.state, wanted)

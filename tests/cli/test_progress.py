@@ -2,7 +2,6 @@
 
 import io
 import signal
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ from minitouch_bench.agents.progress import COLUMNS, ProgressRow
 from minitouch_bench.cli import progress
 from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.records import EpisodeSpec, Role
-from minitouch_bench.workflows.study_config import StudyConfig
 from tests.reporting.synthetic import make_record
 
 SPEC = EpisodeSpec(Role.FINAL, "pushing", 0, 1, 0, "cube")
@@ -66,32 +64,6 @@ def test_a_training_shows_its_rows_and_is_stopped_by_a_ctrl_c(capsys):
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
     assert "exploration: 500 of 2,000 control steps  touch 0.25" in capsys.readouterr().err
-
-
-@pytest.mark.usefixtures("each_line")
-def test_a_study_shows_the_steps_in_the_files_of_its_trainings(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(progress, "REFRESH_S", 0.01)
-    config = StudyConfig(("hac", "rnd"), ("playing",), seeds=(0,), exploration_steps=(60,))
-
-    def has_done(name, steps):
-        file = tmp_path / name / "progress.csv"
-        file.parent.mkdir(exist_ok=True)
-        file.write_text(f"step,episodes,success,touch_share,seconds\n{steps},1,,0.5,3.0\n")
-
-    def wait_for(words):
-        deadline = time.monotonic() + 60
-        while words not in (lines := capsys.readouterr().err):
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        return lines
-
-    has_done("playing-hac-60-0", 40)
-    with progress.study_progress() as callbacks:
-        callbacks.begin(config, tmp_path, config.trainings())
-        assert "40 of 120 control steps" in wait_for("playing-hac-60-0 40/60")
-        has_done("playing-hac-60-0", 60)
-        has_done("playing-rnd-60-0", 60)
-        assert "120 of 120 control steps" in wait_for("trained; evaluations follow")
 
 
 def test_a_count_has_no_bar_before_its_first_step(capsys):
