@@ -34,20 +34,17 @@ SUBMISSION_FILE, CHECKPOINTS = "submission.toml", "checkpoints"
 
 REPORTS, SUBMISSIONS = Path("reports"), Path("submissions")
 """Where runs, reports and submissions without ``output`` get a directory of their own."""
-UNFINISHED = "unfinished"
-"""Folder of what is done of a run; a finished run has none."""
+JOURNAL_FILE = "run.journal"
+"""What is done of a run; a finished run has none."""
 
 RUN_FILES = (
-    ACTIONS_FILE, RUN_FILE, EPISODES_FILE, EXPLORATION_FILE, TABLE4_FILE,
+    ACTIONS_FILE, RUN_FILE, JOURNAL_FILE, EPISODES_FILE, EXPLORATION_FILE, TABLE4_FILE,
     GENERALIZATION_FILE, REPORT_FILE, REPORT_PAGE,
 )  # fmt: skip
 """What a run writes, beside its folders."""
 
 RUN_FOLDERS = {
     VIDEOS: re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+\.(mp4|gif)"),
-    UNFINISHED: re.compile(
-        r"\.[0-9a-f]{16}\.partial|header\.unit|(exploration-)?[a-z][a-z0-9-]*-\d+\.unit"
-    ),
 }
 """A run's folders, and what its files in them are called."""
 
@@ -73,7 +70,7 @@ PARTIAL_PATTERN = f".{'[0-9a-f]' * 16}.partial"
 
 def holds_run(directory: Path) -> bool:
     """Tell whether a run was started in this directory."""
-    return any(os.path.lexists(directory / name) for name in (UNFINISHED, RUN_FILE))
+    return any(os.path.lexists(directory / name) for name in (JOURNAL_FILE, RUN_FILE))
 
 
 def entries_of(directory: Path) -> list[str]:

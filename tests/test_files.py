@@ -94,7 +94,6 @@ def test_clearing_removes_the_run_and_nothing_else(tmp_path):
     folders = (
         "videos/pushing-0.mp4",
         "videos/mine.mp4",
-        "unfinished/pushing-3.unit",
         "other/a.mp4",
     )
     for name in folders:
@@ -114,13 +113,13 @@ def test_clearing_follows_no_link(tmp_path):
     run.mkdir()
     mine.mkdir()
     (mine / "pushing-0.mp4").write_text("kept")
-    for name in ("unfinished", "videos"):
+    for name in ("tensorboard", "videos"):
         (run / name).symlink_to(mine)
     (run / "run.json").symlink_to(mine / "pushing-0.mp4")
     clear_run(run)
-    assert sorted(os.listdir(run)) == ["unfinished", "videos"]
+    assert sorted(os.listdir(run)) == ["tensorboard", "videos"]
     assert (mine / "pushing-0.mp4").read_text() == "kept"
-    assert foreign_entries(run) == ["videos", "unfinished"]
+    assert foreign_entries(run) == ["videos", "tensorboard"]
 
 
 def test_what_cannot_be_cleared_is_said(tmp_path):

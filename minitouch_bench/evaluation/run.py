@@ -17,8 +17,8 @@ from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Outcome
 from minitouch_bench.runs.actions import write_actions
+from minitouch_bench.runs.journal import Journal, check_same
 from minitouch_bench.runs.run import Run, RunEnvironment, RunHeader, make_header, make_run, read_run
-from minitouch_bench.runs.unfinished import UnfinishedRun, check_same
 from minitouch_bench.simulation.bullet import BUILDS
 
 PACKAGES = ("minitouch-bench", *BUILDS, "gymnasium", "numpy", *computing_packages())
@@ -68,13 +68,13 @@ def open_run(
     """
     if resume and fresh:
         raise UsageError("choose one of --resume and --fresh")
-    header, unfinished = header_of(setup), UnfinishedRun(directory)
+    header, journal = header_of(setup), Journal(directory)
     if fresh:
         clear_run(directory)
     if fresh or not holds_run(directory):
         if not fresh:
             _check_empty(directory)
-        unfinished.begin(header, package_versions())
+        journal.begin(header, package_versions())
         return RunUnderWay(header, directory)
     if not resume:
         raise RunDirectoryError(
@@ -84,10 +84,10 @@ def open_run(
     if (directory / RUN_FILE).exists():
         run = read_run(directory)
         check_same(header, run.header, directory)
-        unfinished.remove()
+        journal.remove()
         return run
-    unfinished.check(header, package_versions())
-    return RunUnderWay(header, directory, unfinished.records(header.specs()))
+    journal.check(header, package_versions())
+    return RunUnderWay(header, directory, journal.records(header.specs()))
 
 
 def _check_empty(directory: Path) -> None:
@@ -126,12 +126,12 @@ def play_missing(
     # Not those that end first: a fault ends early, and other workers would be other episodes.
     first = in_turn[:HOPELESS_AFTER] if len(specs) > HOPELESS_AFTER else ()
     started, clock, workers = datetime.now(UTC), time.monotonic(), engine.workers
-    unfinished = None
+    journal = None
     if directory is not None:
-        setup, unfinished = setup.keep_out_of(directory), UnfinishedRun(directory)
+        setup, journal = setup.keep_out_of(directory), Journal(directory)
     for record in engine.run(setup, missing):
-        if unfinished is not None:
-            unfinished.keep(record)
+        if journal is not None:
+            journal.keep(record)
         records[record.spec] = record
         on_record(record)
         if record.spec in first and all(spec in records for spec in first):

@@ -14,9 +14,9 @@ from minitouch_bench.documents import read_json, write_json
 from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError
 from minitouch_bench.files import (
     ACTIONS_FILE,
+    JOURNAL_FILE,
     LARGEST_ACTIONS,
     RUN_FILE,
-    UNFINISHED,
     os_errors_as,
     read_file,
 )
@@ -334,7 +334,7 @@ def read_run(directory: Path) -> Run:
     try:
         content = read_file(file)
     except FileNotFoundError as error:
-        if (file.parent / UNFINISHED).exists():
+        if (file.parent / JOURNAL_FILE).exists():
             what = "holds an unfinished run: the command that began it finishes it with --resume"
         elif file.parent.exists():
             what = f"is not a run directory: it has no {RUN_FILE}"

@@ -18,8 +18,8 @@ from minitouch_bench.evaluation.video import video_name, write_video
 from minitouch_bench.files import RUN_FILE, VIDEOS, list_videos, make_folder, write_file
 from minitouch_bench.records import EpisodeSpec
 from minitouch_bench.reporting.views import write_report, write_tables
+from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.run import Run, run_json
-from minitouch_bench.runs.unfinished import UnfinishedRun
 from minitouch_bench.workflows import Callbacks
 
 
@@ -48,7 +48,7 @@ def play(
             return run
         content = run_json(run)
         write_file(run.directory / RUN_FILE, content)  # a directory with it holds a finished run
-    UnfinishedRun(run.directory).remove()
+    Journal(run.directory).remove()
     return replace(run, content=content)
 
 

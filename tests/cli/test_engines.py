@@ -9,6 +9,7 @@ import time
 
 import pytest
 
+from minitouch_bench.files import JOURNAL_FILE
 from tests.cli.command import finish, run, start
 from tests.cli.conftest import SCRIPTED
 from tests.cli.test_evaluate import ONE, same_numbers, wait_for_records
@@ -79,7 +80,7 @@ def test_after_ctrl_c_nothing_is_left_and_the_run_goes_on_without_ray(home, tmp_
     assert "Traceback" not in broken.err
     assert "--resume" in broken.err
     wait_until_gone(family, helpers_s=5.0)
-    assert list((tmp_path / "run" / "unfinished").glob("*-*.unit"))
+    assert (tmp_path / "run" / JOURNAL_FILE).exists()
     done = run(*LONG, "--resume", directory=tmp_path)
     assert done.code == 0
 

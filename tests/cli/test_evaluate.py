@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 
-from minitouch_bench.files import RUN_FILES, lock_directory
+from minitouch_bench.files import JOURNAL_FILE, RUN_FILES, lock_directory
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from tests.cli.command import finish, run, start
@@ -270,7 +270,8 @@ def test_a_directory_in_use(tmp_path):
 def wait_for_records(run, count, process):
     """Wait until so many episodes of a run under way are kept; 0: until it has begun."""
     deadline = time.monotonic() + 60
-    while len(list((run / "unfinished").glob("*.unit"))) <= count:  # one is the header
+    journal = run / JOURNAL_FILE
+    while not journal.exists() or journal.read_bytes().count(b"\n") < count:
         assert time.monotonic() < deadline
         assert process.poll() is None
         time.sleep(0.005)
@@ -298,8 +299,8 @@ def test_after_kill_9_the_run_is_resumed_with_the_same_result(scripted, tmp_path
     wait_for_records(tmp_path / "run", 1, process)
     process.kill()
     process.communicate()
-    unit = min((tmp_path / "run" / "unfinished").glob("*-*.unit"))
-    unit.write_bytes(unit.read_bytes()[:99])  # what a crash of the machine may leave
+    journal = tmp_path / "run" / JOURNAL_FILE
+    journal.write_bytes(journal.read_bytes()[:-99])  # what a crash of the machine may leave
     done = run(*SCRIPTED, "--workers", 2, "--output", "run", "--resume", directory=tmp_path)
     assert done.code == 0
     same_numbers(tmp_path / "run", scripted[1])

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from tests.cli.command import finish, run, start
@@ -90,7 +91,7 @@ def undisturbed(tmp_path_factory) -> Path:
 
 def begun(run: Path, process: subprocess.Popen[str]) -> None:
     """Wait until the first episodes are on their way."""
-    while not (run / "unfinished").exists() and process.poll() is None:
+    while not (run / JOURNAL_FILE).exists() and process.poll() is None:
         time.sleep(0.02)
 
 
@@ -145,7 +146,7 @@ def test_kill_9_of_workers_and_policies_changes_nothing(undisturbed, tmp_path, k
 
 def test_a_second_ctrl_c_ends_it_as_well(place):
     process = start(*EVALUATE, directory=place)
-    while not (place / "run" / "unfinished").exists():
+    while not (place / "run" / JOURNAL_FILE).exists():
         time.sleep(0.01)
     time.sleep(1.0)
     for _ in range(2):

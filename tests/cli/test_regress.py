@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import time
 from xml.etree import ElementTree
 
 import pytest
@@ -11,6 +10,7 @@ import pytest
 from minitouch_bench.runs.run import parse_run, run_digest
 from tests.cli.command import finish, run, start
 from tests.cli.test_compare import write
+from tests.cli.test_evaluate import wait_for_records
 
 SIXTEEN = ("--tasks", "pushing,opening", "--episodes", "16")
 
@@ -242,10 +242,7 @@ def test_the_number_of_workers_and_a_break_do_not_change_the_answer(baseline):
     assert answers[0] == answers[1]
     broken = ("regress", "random", "--baseline", "base", "--output", "broken")
     process = start(*broken, "--workers", 1, directory=baseline)
-    deadline = time.monotonic() + 60
-    while len(list((baseline / "broken" / "unfinished").glob("*.unit"))) < 3:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_for_records(baseline / "broken", 2, process)
     os.killpg(process.pid, signal.SIGINT)
     ended = finish(process)
     assert ended.code == 130

@@ -67,7 +67,7 @@ class ReadsItsRun(Still):
     """Reads what the run knows of earlier episodes; it lies in the working directory."""
 
     def act(self, observation):
-        Path("run/unfinished/header.unit").read_bytes()
+        Path("run/run.journal").read_bytes()
         return super().act(observation)
 
 

@@ -1,5 +1,3 @@
-import shutil
-
 import pytest
 
 from minitouch_bench.errors import (
@@ -11,16 +9,15 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.run import header_of, open_run, package_versions
-from minitouch_bench.files import ACTIONS_FILE, UNFINISHED
+from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.optional import installed_versions
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.records import Outcome
+from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import make_plan
-from minitouch_bench.runs.unfinished import UnfinishedRun
 from minitouch_bench.simulation.bullet import BUILDS
-from minitouch_bench.units import unit_name
 from minitouch_bench.workflows import Callbacks
 from minitouch_bench.workflows.evaluate import evaluate
 from tests.evaluation.runs import digests, request, run
@@ -56,10 +53,9 @@ def test_a_policy_s_own_chance_comes_from_the_episode_alone(tmp_path):
 
 
 def begin(source, target, count):
-    """Copy the first episodes that a run kept."""
-    (target / UNFINISHED).mkdir()
-    for name in ["header", *map(unit_name, KEYS[:count])]:
-        shutil.copy(source / UNFINISHED / f"{name}.unit", target / UNFINISHED)
+    """Copy a run's journal up to its first episodes, as one worker wrote them."""
+    lines = (source / JOURNAL_FILE).read_bytes().split(b"\n")
+    (target / JOURNAL_FILE).write_bytes(b"\n".join(lines[: count + 1]))
 
 
 @pytest.mark.parametrize("count", [0, 3, 6])
@@ -71,11 +67,11 @@ def test_resuming_gives_the_same_run(finished, tmp_path, count):
     assert (tmp_path / ACTIONS_FILE).read_bytes() == (directory / ACTIONS_FILE).read_bytes()
 
 
-def test_a_damaged_episode_and_one_of_another_run_are_played_again(finished, tmp_path):
+def test_damaged_episodes_are_played_again(finished, tmp_path):
     done, directory = finished
-    begin(directory, tmp_path, 6)
-    (tmp_path / UNFINISHED / "pushing-1.unit").write_bytes(b"torn")
-    shutil.copy(directory / UNFINISHED / "opening-1.unit", tmp_path / UNFINISHED / "opening-0.unit")
+    lines = (directory / JOURNAL_FILE).read_bytes().split(b"\n")
+    lines[2], lines[4] = b"torn", lines[4][:-1]
+    (tmp_path / JOURNAL_FILE).write_bytes(b"\n".join(lines))
     opened = open_run(request(), tmp_path, resume=True, fresh=False)
     assert len(opened.records) == 4
     assert digests(run(request(), tmp_path, resume=True)) == digests(done)
@@ -105,23 +101,17 @@ def test_a_directory_that_holds_a_run_is_neither_resumed_nor_replaced_unasked(fi
         run(request(), tmp_path)
     with pytest.raises(UsageError, match="choose one"):
         run(request(), tmp_path, resume=True, fresh=True)
-    for file in (tmp_path / UNFINISHED).iterdir():
-        assert file.read_bytes() == (finished[1] / UNFINISHED / file.name).read_bytes()
+    kept = [directory / JOURNAL_FILE for directory in (tmp_path, finished[1])]
+    assert kept[0].read_bytes() == kept[1].read_bytes()
 
 
 def test_a_fresh_run_replaces_the_old_one_and_leaves_the_rest(finished, tmp_path):
     begin(finished[1], tmp_path, 6)
-    others = (tmp_path / "notes.txt", tmp_path / UNFINISHED / "notes.txt")
-    for file in others:
-        file.write_text("mine")
+    (tmp_path / "notes.txt").write_text("mine")
     done = run(request(tasks=("opening",), episodes=1), tmp_path, fresh=True)
     assert [spec.key for spec, _ in done.rows()] == ["opening/0"]
-    assert sorted(path.name for path in (tmp_path / UNFINISHED).iterdir()) == [
-        "header.unit",
-        "notes.txt",
-        "opening-0.unit",
-    ]
-    assert [file.read_text() for file in others] == ["mine", "mine"]
+    assert len(Journal(tmp_path).records(request().plan.specs())) == 1
+    assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.parametrize("name", ["notes.txt", "report.md", "actions.npz", "videos"])
@@ -157,7 +147,7 @@ def test_a_run_that_begins_with_ten_faults_ends_and_can_be_resumed(tmp_path, imp
     wanted = request("misbehaved:Hopeless", ("opening",), 12)
     with pytest.raises(HopelessRunError, match="policy faults: the policy said: ValueError"):
         run(wanted, tmp_path)
-    assert len(UnfinishedRun(tmp_path).records(wanted.plan.specs())) == 10
+    assert len(Journal(tmp_path).records(wanted.plan.specs())) == 10
     done = run(wanted, tmp_path, resume=True)
     assert [row.outcome for row in done.episodes] == [Outcome.POLICY_FAULT] * 12
 
@@ -206,7 +196,7 @@ def test_another_episode_timeout_is_unofficial_and_another_run(tmp_path):
     assert "600 s per episode" in header_of(other).unofficial_because
     assert not any("per episode" in reason for reason in header_of(usual).unofficial_because[1:])
     run(other, tmp_path)
-    UnfinishedRun(tmp_path).check(header_of(other), package_versions())
+    Journal(tmp_path).check(header_of(other), package_versions())
     with pytest.raises(RunDirectoryError, match=r"600\.0 there, \d+\.0 asked for"):
         run(usual, tmp_path, resume=True)
 
@@ -253,7 +243,7 @@ def test_a_policy_killed_three_times_leaves_the_run_incomplete(deaths_file, impo
     wanted = request("misbehaved:IsKilled", ("opening",), 1, isolation=Isolation.PROCESS)
     with pytest.raises(InfrastructureError, match=r"opening/0 failed 3 times.*SIGKILL"):
         run(wanted, place)
-    assert UnfinishedRun(place).records(wanted.plan.specs()) == ()
+    assert Journal(place).records(wanted.plan.specs()) == ()
     assert not run(wanted, place, resume=True).faults
 
 
@@ -262,11 +252,11 @@ def test_what_there_is_to_resume_is_said_and_the_views_are_written_again(tmp_pat
     options = {"tasks": "opening", "episodes": 1, "workers": 1, "output": directory}
     options |= {"resume": True, "callbacks": Callbacks(note=notes.append)}
     first = evaluate("zero", **options).facts
-    assert not (directory / UNFINISHED).exists()
+    assert not (directory / JOURNAL_FILE).exists()
     content = {path.name: path.read_bytes() for path in directory.iterdir()}
     (directory / "report.html").unlink()
     (directory / "episodes.csv").write_text("edited")
-    (directory / UNFINISHED).mkdir()  # a crash after the last file left it
+    (directory / JOURNAL_FILE).touch()  # a crash after the last file left it
     again = evaluate("zero", **options).facts
     assert again == first
     assert content == {path.name: path.read_bytes() for path in directory.iterdir()}

@@ -12,8 +12,9 @@ import pytest
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.run import header_of
-from minitouch_bench.files import UNFINISHED
+from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import find_suite
 from tests.evaluation.runs import digests, request, run
 
@@ -78,7 +79,7 @@ def test_an_episode_is_tried_three_times(tmp_path, monkeypatch, importable, deat
     else:
         with pytest.raises(InfrastructureError, match=r"opening/0 failed 3 times.*-9"):
             run(wanted, directory)
-        assert not list((directory / UNFINISHED).glob("*-*.unit"))
+        assert Journal(directory).records(wanted.plan.specs()) == ()
     assert counter.read_text() == "0"
     wait_until(lambda: not any(map(is_worker, children(os.getpid()))))
 
@@ -115,4 +116,4 @@ def test_everybody_dies_with_the_parent(tmp_path):
         family = children(parent.pid)
         parent.kill()
     wait_until(lambda: not any(map(alive, family)), 5.0)
-    assert (tmp_path / "run" / UNFINISHED).exists()
+    assert (tmp_path / "run" / JOURNAL_FILE).exists()

@@ -3,7 +3,6 @@
 import contextlib
 import os
 import re
-import shutil
 import signal
 import socket
 import sys
@@ -20,13 +19,14 @@ from minitouch_bench.errors import InfrastructureError, MissingExtraError, Usage
 from minitouch_bench.evaluation.ray_cluster import ray_cluster
 from minitouch_bench.evaluation.ray_engine import RayEngine
 from minitouch_bench.evaluation.run import header_of
-from minitouch_bench.files import ACTIONS_FILE, UNFINISHED
+from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from tests.evaluation import ray_nodes
 from tests.evaluation.ray_nodes import command_line, holds_a_policy
 from tests.evaluation.runs import digests, request, run
+from tests.evaluation.test_evaluation import begin
 from tests.evaluation.test_local_engine import wait_until
 
 HERE = Path(__file__).parent
@@ -87,14 +87,12 @@ def test_two_nodes_give_the_bits_of_one_worker_on_every_task(cluster, script, tm
 @pytest.mark.slow
 def test_a_run_begun_here_goes_on_there_and_ends_here(finished, cluster, tmp_path):
     done, directory = finished
-    shutil.copytree(directory / UNFINISHED, tmp_path / UNFINISHED)
+    begin(directory, tmp_path, 3)
     wanted = request()
-    for lost in ("opening-0", "pick-up-1"):
-        (tmp_path / UNFINISHED / f"{lost}.unit").unlink()
     with engine_on(cluster, 1) as (engine, _):
         again = run(wanted, tmp_path, engine=engine, resume=True)
     assert digests(again) == digests(done)
-    (tmp_path / UNFINISHED / "pushing-1.unit").unlink()
+    begin(tmp_path, tmp_path, 5)
     assert digests(run(wanted, tmp_path, resume=True)) == digests(done)
 
 

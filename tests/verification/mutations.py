@@ -5,7 +5,6 @@ process of its own, because a limit of memory cannot be taken back.
 """
 
 import contextlib
-import hashlib
 import io
 import json
 import os
@@ -39,9 +38,9 @@ from minitouch_bench.evaluation.run import header_of, open_run
 from minitouch_bench.files import (
     ACTIONS_FILE,
     GIB,
+    JOURNAL_FILE,
     MIB,
     RUN_FILE,
-    UNFINISHED,
     lock_directory,
     write_file,
 )
@@ -52,10 +51,10 @@ from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EpisodeRecord
 from minitouch_bench.regression.comparison import compare_runs
 from minitouch_bench.reporting.views import write_report, write_tables
-from minitouch_bench.runs.actions import unpack_arrays, write_actions
+from minitouch_bench.runs.actions import write_actions
+from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import RunEnvironment, make_run, read_run, run_json
-from minitouch_bench.runs.unfinished import UnfinishedRun
 from minitouch_bench.workflows import TrainingProgress
 from minitouch_bench.workflows.report import report
 from minitouch_bench.workflows.training import run_training
@@ -99,10 +98,10 @@ def sound_run(directory: Path) -> tuple[EpisodeRecord, ...]:
         records.append(replace(record, trace=replace(record.trace, clipped=unclipped)))
     environment = RunEnvironment({"numpy": "2"}, {"system": "Linux"}, 1, "2025-01-01", 1.0)
     directory.mkdir()
-    unfinished = UnfinishedRun(directory)
-    unfinished.begin(header, {})
+    journal = Journal(directory)
+    journal.begin(header, {})
     for record in records:
-        unfinished.keep(record)
+        journal.keep(record)
     write_actions(records, directory)
     run = make_run(header, environment, records, "run", directory)
     write_file(directory / RUN_FILE, run_json(run))
@@ -159,7 +158,7 @@ def link(file: Path, chance: random.Random, mine: Path) -> None:
 def folder_link(file: Path, chance: random.Random, mine: Path) -> None:
     folder = file.parent
     if folder.name in ("run", "hac", "training", "log"):
-        names = ["videos", UNFINISHED, "replays", "checkpoints", "seed-0", "events"]
+        names = ["videos", "tensorboard", "replays", "checkpoints", "seed-0", "events"]
         folder /= chance.choice(names)
     if not folder.is_symlink():
         shutil.rmtree(folder, ignore_errors=True)
@@ -168,7 +167,7 @@ def folder_link(file: Path, chance: random.Random, mine: Path) -> None:
 
 def special(file: Path, chance: random.Random, mine: Path) -> None:
     """Put a pipe, a directory or a device in the place of a file, or of one that may come."""
-    file = chance.choice([file, file, file.with_name(".lock"), file.with_name(UNFINISHED)])
+    file = chance.choice([file, file, file.with_name(".lock"), file.with_name(JOURNAL_FILE)])
     with contextlib.suppress(FileNotFoundError):
         file.unlink()
     kind = chance.choice(["pipe", "directory", "device"])
@@ -220,8 +219,6 @@ def other_type(file: Path, chance: random.Random, mine: Path) -> None:
         for _ in range(chance.choice([1, 1, 3])):
             document = change_value(document, chance, mine)
         file.write_text(json.dumps(document, indent=1) + "\n")
-    elif file.suffix == ".unit":
-        change_unit(file, chance, mine)
     elif file.name == ACTIONS_FILE:
         with np.load(file) as archive:
             arrays = dict(archive)
@@ -242,26 +239,6 @@ def other_type(file: Path, chance: random.Random, mine: Path) -> None:
     else:
         text = file.read_text(errors="replace").replace("0", str(other_value(chance, mine))[:99], 2)
         file.write_text(text, errors="replace")
-
-
-def change_unit(file: Path, chance: random.Random, mine: Path) -> None:
-    """Put another value or array into an episode's file, whose digest is made to agree."""
-    _, content = file.read_bytes().split(b"\n", 1)
-    if file.name == "header.unit":
-        changed = json.dumps(change_value(json.loads(content), chance, mine)).encode()
-    else:
-        head, packed = content.split(b"\n", 1)
-        arrays = dict(unpack_arrays(packed, 20))
-        name = chance.choice(list(arrays))
-        arrays[name] = chance.choice([
-            np.zeros(30_000_000, "<f4"), np.array(5.0), arrays[name][:-1], arrays[name][None],
-            np.full_like(arrays[name], 1), arrays[name].astype("<f8") * np.nan,
-        ])  # fmt: skip
-        out = io.BytesIO()
-        np.savez_compressed(out, **arrays)
-        values = change_value(json.loads(head), chance, mine)
-        changed = json.dumps(values).encode() + b"\n" + out.getvalue()
-    file.write_bytes(hashlib.sha256(changed).hexdigest().encode() + b"\n" + changed)
 
 
 def change_state(state: object, chance: random.Random) -> object:

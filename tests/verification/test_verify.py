@@ -5,7 +5,7 @@ import pytest
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.files import UNFINISHED
+from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.runs.run import read_run
 from tests.altered import edit_actions, edit_document
 from tests.verification.conftest import Here, verify_run
@@ -163,7 +163,8 @@ def test_a_view_is_never_read_back(copy):
 
 
 def test_what_is_no_run_is_said(tmp_path):
-    (tmp_path / "begun" / UNFINISHED).mkdir(parents=True)
+    (tmp_path / "begun").mkdir()
+    (tmp_path / "begun" / JOURNAL_FILE).touch()
     with pytest.raises(RunDirectoryError, match=r"unfinished run: .* --resume"):
         verify(tmp_path / "begun")
     with pytest.raises(RunDirectoryError, match="is not a run"):

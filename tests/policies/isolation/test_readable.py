@@ -33,7 +33,7 @@ CLOSED = (".env", "reports/run/run.json")
 @pytest.fixture
 def home(tmp_path, monkeypatch):
     """A working directory with a factory, its data, a secret and a run."""
-    for name in (*OPEN, *CLOSED, "reports/run/unfinished/opening-0.unit"):
+    for name in (*OPEN, *CLOSED, "reports/run/run.journal"):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("x")
@@ -72,7 +72,7 @@ def test_a_factory_is_not_started_in_a_folder_of_the_system(monkeypatch, folder)
 
 
 def test_a_run_in_the_working_directory_itself_is_left_out(home):
-    (home / "unfinished").mkdir()
+    (home / "run.journal").touch()
     readable, _ = factory_paths("reader:Reader", str(home))
-    assert str(home / "unfinished") not in readable
+    assert str(home / "run.journal") not in readable
     assert str(home / "reader.py") in readable
