@@ -19,7 +19,6 @@ BASE = {
     "cache",
     "processes",
     "documents",
-    "units",
 }
 LAYERS = (
     "protocol",

@@ -26,9 +26,8 @@ from minitouch_bench.shapegen.manifest import (
 )
 from minitouch_bench.shapegen.record import digest
 from minitouch_bench.simulation.bullet import BUILDS
-from minitouch_bench.units import Units
 
-PARTIAL, PLAN = ".partial", "plan"
+PARTIAL, PLAN = ".partial", "plan.json"
 HINT = "; the shapes made so far are kept: make room and run the same command again"
 Progress = Callable[[int, int], None]
 """Called with (done, total)."""
@@ -62,63 +61,64 @@ def generate(
         "parameters": asdict(BUILD),
     }
     with lock_directory(folder):
-        units = open_units(folder, {**header, "versions": versions(), "count": count})
-        missing = [index for index in range(count) if kept_shape(units, index) is None]
+        parts = open_parts(folder, {**header, "versions": versions(), "count": count})
+        missing = [index for index in range(count) if kept_shape(parts, index) is None]
         progress(count - len(missing), count)
         tasks = [(root, index) for index in missing]
         for done, (position, (entry, record)) in enumerate(
             run_in_workers(make_shape, tasks, workers, name=lambda task: f"shape {task[1]}"),
             start=1,
         ):
-            keep_shape(units, missing[position], entry, record)
+            keep_shape(parts, missing[position], entry, record)
             progress(count - len(missing) + done, count)
-        shapes = (kept_shape(units, index) for index in range(count))
+        shapes = (kept_shape(parts, index) for index in range(count))
         made = [shape for shape in shapes if shape is not None]
         document = write_set(folder, header, made)
-        shutil.rmtree(units.directory)
+        shutil.rmtree(parts)
     refused = sum((Counter(entry["refused"]) for entry, _ in made), Counter[str]())
     return GenerateResult(folder, content_digest(document), count, refused)
 
 
-def open_units(folder: Path, plan: dict[str, Any]) -> Units:
-    """Return the store of single shapes, begun with this plan or fresh.
+def open_parts(folder: Path, plan: dict[str, Any]) -> Path:
+    """Return the folder of single shapes, begun with this plan or new.
 
     Raises:
         RunDirectoryError: a finished set, or shapes of another plan, are there already.
         InfrastructureError: it cannot be written.
     """
-    units = Units(folder / PARTIAL, ".shape", HINT)
-    text = json.dumps(plan, sort_keys=True).encode()
-    if units.read(PLAN) == text:
-        return units
-    if units.path(PLAN).exists():
+    parts, text = folder / PARTIAL, json.dumps(plan, sort_keys=True).encode()
+    if (parts / PLAN).exists():
+        if (parts / PLAN).read_bytes() == text:
+            return parts
         raise RunDirectoryError(
             f"{folder} contains a generation begun with other settings; "
-            f"delete {units.directory} or choose another --output"
+            f"delete {parts} or choose another --output"
         )
     if (folder / MANIFEST).exists():
         raise RunDirectoryError(f"{folder} contains a finished set; choose another --output")
-    with os_errors_as(InfrastructureError, units.directory, "written"):
-        units.directory.mkdir(exist_ok=True)
-    units.keep(PLAN, text)
-    return units
+    with os_errors_as(InfrastructureError, parts, "written"):
+        parts.mkdir(exist_ok=True)
+        replace_file(parts / PLAN, text)
+    return parts
 
 
-def keep_shape(units: Units, index: int, entry: Mapping[str, Any], record: bytes) -> None:
-    """Keep one shape.
+def keep_shape(parts: Path, index: int, entry: Mapping[str, Any], record: bytes) -> None:
+    """Keep one shape, in a file that is whole or missing.
 
     Raises:
         InfrastructureError: the disk is full; what was made before stays.
     """
-    units.keep(str(index), json.dumps(entry, allow_nan=False).encode() + b"\n" + record)
+    file = parts / f"{index}.shape"
+    with os_errors_as(InfrastructureError, file, "written", HINT):
+        replace_file(file, json.dumps(entry, allow_nan=False).encode() + b"\n" + record)
 
 
-def kept_shape(units: Units, index: int) -> tuple[dict[str, Any], bytes] | None:
-    """Return a kept shape, or None if it is missing or damaged."""
-    content = units.read(str(index))
-    if content is None:
+def kept_shape(parts: Path, index: int) -> tuple[dict[str, Any], bytes] | None:
+    """Return a kept shape, or None if it is missing."""
+    file = parts / f"{index}.shape"
+    if not file.exists():
         return None
-    text, _, record = content.partition(b"\n")
+    text, _, record = file.read_bytes().partition(b"\n")
     return json.loads(text), record
 
 

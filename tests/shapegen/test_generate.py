@@ -10,7 +10,7 @@ import pytest
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.shapegen import generate as generating
-from minitouch_bench.shapegen.generate import generate, open_units
+from minitouch_bench.shapegen.generate import generate, open_parts
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
 
 
@@ -43,7 +43,7 @@ def test_what_was_made_before_is_kept(tmp_path: Path, monkeypatch: pytest.Monkey
         patch.setattr(generating, "run_in_workers", until_three)
         with pytest.raises(KeyboardInterrupt):
             generate(tmp_path / "set", 8, 0, 1)
-    os.truncate(tmp_path / "set/.partial/1.shape", 500)
+    (tmp_path / "set/.partial/1.shape").unlink()
     seen: list[int] = []
     again = generate(tmp_path / "set", 8, 0, 1, lambda done, total: seen.append(done))
     assert seen[0] == 2
@@ -69,21 +69,21 @@ def test_two_generators_in_one_folder(tmp_path: Path) -> None:
 
 
 def test_another_plan_in_the_folder(tmp_path: Path) -> None:
-    open_units(tmp_path, {"seed": 0})
+    open_parts(tmp_path, {"seed": 0})
     with pytest.raises(RunDirectoryError, match="other settings"):
-        open_units(tmp_path, {"seed": 1})
+        open_parts(tmp_path, {"seed": 1})
 
 
 def test_a_full_disk_keeps_what_was_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    units = open_units(tmp_path, {"seed": 0})
-    generating.keep_shape(units, 0, {"sha256": ""}, b"first")
+    parts = open_parts(tmp_path, {"seed": 0})
+    generating.keep_shape(parts, 0, {"sha256": ""}, b"first")
 
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("minitouch_bench.units.replace_file", full)
+    monkeypatch.setattr("minitouch_bench.shapegen.generate.replace_file", full)
     with pytest.raises(InfrastructureError, match=r"No space left on device.*are kept"):
-        generating.keep_shape(units, 1, {"sha256": ""}, b"second")
+        generating.keep_shape(parts, 1, {"sha256": ""}, b"second")
     assert (tmp_path / ".partial" / "0.shape").exists()
 
 
