@@ -41,14 +41,12 @@ RUN_FILES = (
     ACTIONS_FILE, RUN_FILE, JOURNAL_FILE, EPISODES_FILE, EXPLORATION_FILE, TABLE4_FILE,
     GENERALIZATION_FILE, REPORT_FILE, REPORT_PAGE,
 )  # fmt: skip
-"""What a run writes, beside its folders."""
+"""What a run writes, beside its videos."""
 
-RUN_FOLDERS = {
-    VIDEOS: re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+\.(mp4|gif)"),
-}
-"""A run's folders, and what its files in them are called."""
+VIDEO_NAME = re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+\.(mp4|gif)")
+"""What a run's videos are called."""
 
-RUN_ENTRIES = frozenset({*RUN_FILES, *RUN_FOLDERS})
+RUN_ENTRIES = frozenset({*RUN_FILES, VIDEOS})
 """All that a run has in its directory."""
 
 LARGEST_FILE = 64 * MIB
@@ -85,48 +83,21 @@ def entries_of(directory: Path) -> list[str]:
         return sorted(name for name in os.listdir(directory) if name != LOCK_FILE)
 
 
-def foreign_entries(directory: Path) -> list[str]:
-    """Return what lies in a run's directory and is not named as a run's files are.
-
-    Raises:
-        RunDirectoryError: it cannot be read.
-    """
-    found = [name for name in entries_of(directory) if name not in RUN_ENTRIES]
-    for folder, name_of in RUN_FOLDERS.items():
-        path = directory / folder
-        if is_folder(path):
-            names = entries_of(path)
-            found += [f"{folder}/{name}" for name in names if not name_of.fullmatch(name)]
-        elif os.path.lexists(path):
-            found.append(folder)
-    return found
-
-
 def clear_run(directory: Path) -> None:
-    """Remove the files of a run, and its folders where nothing else is in them.
+    """Remove the files of a run, and its folder of videos where nothing else is in it.
 
     Raises:
         RunDirectoryError: one of them cannot be removed.
     """
+    videos = directory / VIDEOS
     with os_errors_as(RunDirectoryError, directory, "cleared"):
         for name in RUN_FILES:
             (directory / name).unlink(missing_ok=True)
-        for folder in RUN_FOLDERS:
-            clear_folder(directory, folder)
-
-
-def clear_folder(directory: Path, folder: str) -> None:
-    """Remove a run's files from one of its folders, and the folder if nothing else is in it.
-
-    Raises:
-        OSError: one of them cannot be removed.
-    """
-    path = directory / folder
-    if is_folder(path):
-        for name in filter(RUN_FOLDERS[folder].fullmatch, os.listdir(path)):
-            (path / name).unlink()
-        with suppress(OSError):  # something else is in it
-            path.rmdir()
+        if is_folder(videos):
+            for name in filter(VIDEO_NAME.fullmatch, os.listdir(videos)):
+                (videos / name).unlink()
+            with suppress(OSError):  # something else is in it
+                videos.rmdir()
 
 
 @contextmanager
