@@ -17,6 +17,7 @@ from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageErro
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.reporting.frames import EPISODE_COLUMNS
+from tests.reporting.synthetic import make_run, write
 
 ROOT = Path(__file__).parents[1]
 SHORT = {"suite": "smoke", "tasks": ["opening"], "episodes": 1}
@@ -105,6 +106,34 @@ def test_what_people_print_is_readable(counted):
     printed = str(run)
     for words in ("Opening", "Diagnostics: Counter", "RND+touch", "unofficial: "):
         assert words in printed
+
+
+def test_a_notebook_prints_once_and_shows_a_result_in_a_line_or_two(tmp_path):
+    nbformat = pytest.importorskip("nbformat", reason="pip install 'minitouch-bench[dev]'")
+    nbclient = pytest.importorskip("nbclient", reason="pip install 'minitouch-bench[dev]'")
+    for seed in (1, 2):
+        write(make_run(seed=seed, name=f"run-{seed}", episodes=5), tmp_path / f"run-{seed}")
+    load = "import minitouch_bench as mt\nrun, other = map(mt.load_run, ('run-1', 'run-2'))"
+    results = ("run", "run['playing']", "mt.compare(run, other)", "run['playing'].touch_share")
+    sources = [load, *(f"print({result})" for result in results), *results]
+    cells = [nbformat.v4.new_code_cell(source) for source in sources]
+    notebook = nbformat.v4.new_notebook(cells=cells)
+    resources = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(notebook, timeout=120, resources=resources).execute()
+    assert not cells[0].outputs
+    for cell in cells[1:5]:
+        (output,) = cell.outputs
+        assert output.output_type == "stream", cell.source
+    assert cells[2].outputs[0].text.count("Playing\n") == 1
+    for cell in cells[5:]:
+        (output,) = cell.outputs
+        assert len(output.data["text/plain"]) < 400, cell.source
+
+
+def test_outcomes_are_words(counted):
+    run, _ = counted
+    assert repr(run["opening"].outcomes).startswith("{'success': ")
+    assert {type(word) for word in run.episodes["outcome"].tolist()} == {str}
 
 
 def test_an_object_of_a_script_s_own_class_is_resumed_when_the_script_runs_again(tmp_path):

@@ -81,7 +81,7 @@ class RunPair:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """All runs against the first; ``alpha``: chance of a false difference in a metric."""
 
@@ -107,6 +107,11 @@ class Comparison:
             for compared in pair.metrics
             for effect in (compared.effect,)
         )  # fmt: skip
+
+    def __repr__(self) -> str:
+        names = ", ".join(f"{run.title} {run.name}" for run in self.runs)
+        changed = sum(len(pair.changes) for pair in self.pairs)
+        return f"<Comparison of {names}: {changed} changed outcomes>"
 
     def __str__(self) -> str:
         from minitouch_bench.regression.writers import comparison_text  # noqa: PLC0415  needs this

@@ -43,7 +43,8 @@ def on_screen(blocks: Iterable[Block]) -> Group:
 
 def as_text(blocks: Iterable[Block]) -> str:
     """Return what a terminal of PAGE_WIDTH shows, without its styles."""
-    console = Console(width=PAGE_WIDTH, file=io.StringIO(), record=True)
+    # A notebook would show by itself what is printed here, in addition to the returned text.
+    console = Console(width=PAGE_WIDTH, file=io.StringIO(), record=True, force_jupyter=False)
     console.print(on_screen(blocks))
     lines = console.export_text().splitlines()
     return "\n".join(line.rstrip() for line in lines)

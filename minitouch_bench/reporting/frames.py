@@ -48,6 +48,7 @@ def episodes_frame(episodes: Iterable[EpisodeMetrics]) -> "pd.DataFrame":
         for episode in episodes
     ]
     frame = pd.DataFrame(rows, columns=[*EPISODE_COLUMNS, *_BESIDE])
+    frame["outcome"] = frame["outcome"].map(str)  # plain words, not members of the enumeration
     return frame.astype({"outcome": "str", "time_to_first_touch": "float64"})
 
 

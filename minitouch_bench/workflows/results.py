@@ -5,20 +5,20 @@ from pathlib import Path
 
 import pandas as pd
 
-from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
-from minitouch_bench.metrics.metric import ShownIn
-from minitouch_bench.records import Estimate, Outcome, TaskSummary
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.records import Estimate, TaskSummary
 from minitouch_bench.rendering.blocks import as_text
 from minitouch_bench.rendering.tables import Cell, Column, Row, Table, estimate_cell, metric_head
 from minitouch_bench.reporting.frames import episodes_frame
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.report import build_report
+from minitouch_bench.reporting.tables import TABLE4_METRICS
 from minitouch_bench.reporting.writers import report_blocks
 from minitouch_bench.runs import run as runs
 from minitouch_bench.runs.run import RunHeader
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TaskResult:
     """The results of one task: each metric is an attribute, an estimate with its interval.
 
@@ -34,9 +34,9 @@ class TaskResult:
         return dict(self.summary.estimates)
 
     @property
-    def outcomes(self) -> dict[Outcome, int]:
+    def outcomes(self) -> dict[str, int]:
         """Number of episodes by how they ended."""
-        return dict(self.summary.outcomes)
+        return {outcome.value: count for outcome, count in self.summary.outcomes.items()}
 
     def to_frame(self) -> pd.DataFrame:
         """Return a row per metric: label, unit, value, low and high (95 %), count, method."""
@@ -58,6 +58,11 @@ class TaskResult:
         )
         columns = (Column("Value"), Column("Unit", is_text=True))
         return as_text([Table(task_title(task), ("Metric",), columns, rows)])
+
+    def __repr__(self) -> str:
+        found = self.summary.estimates
+        shown = [f"{name} {found[name]}" for name in TABLE4_METRICS if name in found]
+        return f"<TaskResult of {self.summary.task}: {', '.join(shown)}>"
 
     def __getattr__(self, name: str) -> Estimate:
         estimates = self.__dict__["summary"].estimates if "summary" in self.__dict__ else {}
@@ -116,11 +121,11 @@ class Run:
         """
         columns = {}
         for summary in self.facts.summary.tasks:
-            found = [summary.estimates.get(name) for name in metrics_shown_in(ShownIn.TABLE4)]
+            found = [summary.estimates.get(name) for name in TABLE4_METRICS]
             for part in ("value", "low", "high"):
                 values = [getattr(one, part) if one else float("nan") for one in found]
                 columns[summary.task, part] = values
-        names = pd.Index(metrics_shown_in(ShownIn.TABLE4), name="metric")
+        names = pd.Index(TABLE4_METRICS, name="metric")
         return pd.DataFrame(columns, names)
 
     def __getitem__(self, task: str) -> TaskResult:
