@@ -11,7 +11,6 @@ from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import Actor
-from minitouch_bench.policies.in_memory import keep_in_memory
 from minitouch_bench.policies.isolate import effective_level, isolate, try_policy
 from minitouch_bench.policies.isolation.options import (
     SANDBOXED,
@@ -20,6 +19,7 @@ from minitouch_bench.policies.isolation.options import (
     weakest,
 )
 from minitouch_bench.policies.policy import Observation, Policy, close_policy
+from minitouch_bench.policies.python_objects import keep_in_memory
 from minitouch_bench.policies.scripted import Controller, make_controller
 from minitouch_bench.policies.sources import PolicySource, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES

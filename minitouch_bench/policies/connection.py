@@ -14,7 +14,7 @@ import msgspec
 
 from minitouch_bench.policies import wire
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.policies.isolation.readable import HOST_SETTINGS, HOST_VARIABLES
+from minitouch_bench.policies.isolation.sandbox import HOST_SETTINGS, HOST_VARIABLES
 from minitouch_bench.processes import watch
 
 KEPT_OUTPUT = 4096

@@ -62,10 +62,10 @@ FORMATS: Mapping[str, Format] = {
         is_zip=True,
     ),
     "factory": Format(
-        "minitouch_bench.policies.factory:load_factory", packages=(("torch", "all"),)
+        "minitouch_bench.policies.python_objects:load_factory", packages=(("torch", "all"),)
     ),
-    "remote": Format("minitouch_bench.policies.remote:load_remote"),
-    "in memory": Format("minitouch_bench.policies.in_memory:load_object"),
+    "remote": Format("minitouch_bench.policies.server:load_remote"),
+    "in memory": Format("minitouch_bench.policies.python_objects:load_object"),
 }
 
 BUILT_IN = ("random", "zero", "open-loop", "scripted")

@@ -40,8 +40,7 @@ from minitouch_bench.policies import wire
 from minitouch_bench.policies.formats import FORMATS, check_permitted, find_loader, load_policy
 from minitouch_bench.policies.isolation.kernel import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.policies.isolation.readable import NOTHING, factory_paths
-from minitouch_bench.policies.isolation.sandbox import Sandbox, prepare
+from minitouch_bench.policies.isolation.sandbox import NOTHING, Sandbox, factory_paths, prepare
 from minitouch_bench.policies.policy import Checkpoint, action_size, close_policy, warning_of
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.processes import die_with

@@ -16,11 +16,12 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Outcome
 from minitouch_bench.simulation.bodies import add_table, stock_panda
 from minitouch_bench.simulation.bullet import View
-from minitouch_bench.simulation.camera import GrayCamera, Shadow
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.observation import (
     ContactWatch,
+    GrayCamera,
     Observation,
+    Shadow,
     observation_space,
     read_touch,
 )

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from minitouch_bench.policies.scripted.pushing import PushingController
+from minitouch_bench.policies.scripted import PushingController
 from minitouch_bench.protocol.tasks import PICK_UP, PUSHING
 from minitouch_bench.tasks.environment import MiniTouchEnv
 

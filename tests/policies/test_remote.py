@@ -12,8 +12,7 @@ from minitouch_bench.policies import server as server_module
 from minitouch_bench.policies.formats import load_policy
 from minitouch_bench.policies.isolate import isolate
 from minitouch_bench.policies.policy import Checkpoint
-from minitouch_bench.policies.remote import RemotePolicy
-from minitouch_bench.policies.server import PolicyServer
+from minitouch_bench.policies.server import PolicyServer, RemotePolicy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.policies.wire import OBSERVATION_BYTES
 from tests.policies.recipes import run_recipes

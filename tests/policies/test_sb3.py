@@ -12,8 +12,8 @@ import torch
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies import sb3
 from minitouch_bench.policies.formats import load_policy
-from minitouch_bench.policies.in_memory import keep_in_memory, load_object
 from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.policies.python_objects import keep_in_memory, load_object
 from tests.policies.recipes import StillEnvironment, run_recipes
 
 stable_baselines3 = pytest.importorskip("stable_baselines3")

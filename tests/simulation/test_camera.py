@@ -3,7 +3,7 @@ import numpy as np
 from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.simulation.bodies import add_table
 from minitouch_bench.simulation.bullet import View
-from minitouch_bench.simulation.camera import GrayCamera
+from minitouch_bench.simulation.observation import GrayCamera
 
 ABOVE = CameraSpec((0.5, 0.0, 0.0), yaw=0.0, pitch=-89.0, near=0.05, distance=0.7)
 

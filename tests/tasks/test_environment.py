@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import data_equivalence as equal
 from minitouch_bench.errors import InvalidActionError, UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Outcome
-from minitouch_bench.simulation.camera import GrayCamera
+from minitouch_bench.simulation.observation import GrayCamera
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 from minitouch_bench.tasks.objects import choose_shapes
 from minitouch_bench.tasks.registry import TASKS

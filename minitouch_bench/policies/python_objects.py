@@ -1,13 +1,17 @@
-"""Policies handed over as Python objects, in place of a name or a file.
+"""Policies that are Python objects: made by a named factory, or handed over in memory.
 
-The object is copied by pickle. Every episode starts with a new copy, in whatever worker it
-runs, so that no episode can depend on another one.
+A factory is named as ``package.module:attribute`` and needs trust. An object in memory is copied
+by pickle: every episode starts with a new copy, in whatever worker it runs, so that no episode
+can depend on another one.
 """
 
 import hashlib
+import inspect
+import os
 import pickle
 import re
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import cloudpickle
@@ -15,10 +19,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.optional import look_up
 from minitouch_bench.policies.policy import Checkpoint, Observation, Policy, close_policy
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.policies.wire import describe
 from minitouch_bench.records import IN_MEMORY
+
+
+def make_policy(factory: Callable[..., Policy], deterministic: bool) -> Policy:
+    """Call a factory; its parameter ``deterministic``, if any, says not to sample."""
+    try:
+        asks = "deterministic" in inspect.signature(factory).parameters
+    except ValueError:  # some built-in callables have no signature to look at
+        asks = False
+    return factory(deterministic=deterministic) if asks else factory()
+
+
+def load_factory(checkpoint: Checkpoint) -> Policy:
+    """Import the factory and call it.
+
+    Raises:
+        PolicyLoadError: not importable, or what it gives is not a policy.
+    """
+    sys.path.append(os.getcwd())  # last, so that no file there shadows an installed package
+    factory = look_up(checkpoint.target)
+    if not callable(factory):
+        raise PolicyLoadError(f"'{checkpoint.target}' cannot be called to make a policy")
+    policy = make_policy(factory, checkpoint.deterministic)
+    missing = [name for name in ("reset", "act") if not callable(getattr(policy, name, None))]
+    if missing:
+        raise PolicyLoadError(f"what '{checkpoint.target}' makes has no {missing[0]}()")
+    return policy
+
 
 WANTED = (
     "a policy is a name, a file, an object with act(observation), a Stable-Baselines3 model, or "
