@@ -59,12 +59,35 @@ def plain(document: object) -> Any:
     return msgspec.to_builtins(document)
 
 
-def fault_in_words(error: Exception, name: str) -> str:
-    """Say where in a document a fault is, and which: ``run.json.header.seed: expected int, …``."""
+def whole(pattern: str) -> str:
+    """Return the pattern of a whole text; ``$`` alone lets a line break after it pass."""
+    return rf"^(?:{pattern})$(?!\n)"
+
+
+def fault_in_words(error: Exception, name: str, kind: Any = None) -> str:
+    """Say where in a document a fault is, and which: ``run.json.header.seed: expected int, …``.
+
+    With the ``kind`` that was expected, a pattern is named by its description.
+    """
     what, _, place = str(error).partition(" - at ")
+    for pattern, description in () if kind is None else _descriptions(kind):
+        what = what.replace(f"`str` matching regex {pattern!r}", description)
     place = place.replace("`", "").removeprefix("key in ").removeprefix("$")
     what = ascii(what.replace("`", ""))[1:-1][:SHOWN]  # it may quote a stranger's text
     return f"{name}{place}: {what[:1].lower()}{what[1:]}"
+
+
+def _descriptions(kind: Any) -> Iterator[tuple[str, str]]:
+    """Walk through the patterns in a type, each with its description."""
+    parts: list[Any] = [msgspec.json.schema(kind)]
+    for part in parts:
+        if isinstance(part, Mapping):
+            if "pattern" in part and "description" in part:
+                description = part["description"].rstrip(".")
+                yield part["pattern"], description[:1].lower() + description[1:]
+            parts += part.values()
+        elif isinstance(part, list):
+            parts += part
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -130,7 +153,7 @@ def read_table(table: Mapping[str, Any], kind: type[Document]) -> tuple[Document
         try:
             values[key] = msgspec.convert(table[key], types[key])
         except msgspec.ValidationError as error:
-            faults.append(fault_in_words(error, key))
+            faults.append(fault_in_words(error, key, types[key]))
         else:
             faults += _unknown_keys(table[key], plain(values[key]), key)
     return kind(**values), tuple(faults)

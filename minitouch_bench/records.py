@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta
 
+from minitouch_bench.documents import whole
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -15,8 +17,8 @@ if TYPE_CHECKING:
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Seed = Annotated[int, Meta(ge=0)]
 """Of episodes and runs; fresh episodes have 256 bits."""
-Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
-Sha256OrNone = Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")]
+Sha256 = Annotated[str, Meta(pattern=whole("[0-9a-f]{64}"))]
+Sha256OrNone = Annotated[str, Meta(pattern=whole("(?:[0-9a-f]{64})?"))]
 
 
 class Outcome(StrEnum):

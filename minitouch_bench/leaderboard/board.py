@@ -10,7 +10,7 @@ from enum import StrEnum
 from itertools import chain
 from typing import Annotated, Literal, Self
 
-from minitouch_bench.leaderboard.facts import Fact, Place, facts_of
+from minitouch_bench.leaderboard.columns import ColumnSpec, columns_of
 from minitouch_bench.leaderboard.proof import PROVED_LEVELS, RANKED_LEVELS, FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank, rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY, score, score_gaps
@@ -117,11 +117,11 @@ class BoardRow(About):
     they ended.
     """
 
-    proof: Annotated[ProofLevel, Fact("Proof", Place.COLUMN)]
+    proof: Annotated[ProofLevel, ColumnSpec("Proof", "column")]
     rerun_episodes: Count
     fresh: FreshProof | None
-    same_episodes_as: Annotated[tuple[str, ...], Fact("Repeats", Place.NAME, write=_repeats)]
-    training_seeds: Annotated[tuple[Count, ...], Fact("Training seeds", Place.NAME, write=_seeds)]
+    same_episodes_as: Annotated[tuple[str, ...], ColumnSpec("Repeats", "name", write=_repeats)]
+    training_seeds: Annotated[tuple[Count, ...], ColumnSpec("Training seeds", "name", write=_seeds)]
     runs: Mapping[str, Sha256]
     ranks: Mapping[str, Rank]
     figures: Mapping[str, Mapping[str, Estimate]]
@@ -143,7 +143,7 @@ class BoardRow(About):
         return self.figures.get(task, {}).get(metric)
 
 
-FACTS = facts_of(BoardRow)
+COLUMN_SPECS = columns_of(BoardRow)
 
 
 @dataclass(frozen=True)

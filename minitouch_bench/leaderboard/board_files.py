@@ -7,8 +7,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import astuple
 from typing import Any
 
-from minitouch_bench.leaderboard.board import CEILING, FACTS, FLOORS, Board, BoardRow, LeftOut
-from minitouch_bench.leaderboard.facts import Place
+from minitouch_bench.leaderboard.board import (
+    CEILING,
+    COLUMN_SPECS,
+    FLOORS,
+    Board,
+    BoardRow,
+    LeftOut,
+)
 from minitouch_bench.leaderboard.scores import RANKED_BY
 from minitouch_bench.leaderboard.views import (
     CALIBRATION,
@@ -29,10 +35,10 @@ from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_val
 SHOWN_REASONS = 3
 
 
-TABLE_FACTS = {name: fact for name, fact in FACTS.items() if fact.place is not Place.PAGE}
+TABLE_COLUMNS = {name: column for name, column in COLUMN_SPECS.items() if column.place != "page"}
 
 COLUMNS = (
-    "name", "kind", *TABLE_FACTS, "suite", "task", "metric",
+    "name", "kind", *TABLE_COLUMNS, "suite", "task", "metric",
     "value", "low", "high", "count", "interval", "rank", "worst_rank",
 )  # fmt: skip
 """Those of ``leaderboard.csv``, which has a row per value."""
@@ -70,11 +76,13 @@ def notes() -> tuple[str, ...]:
 
 def _about(board: Board) -> Table:
     rows = tuple(
-        make_row(row.name, *(fact.write(getattr(row, name)) for name, fact in TABLE_FACTS.items()))
+        make_row(
+            row.name, *(column.write(getattr(row, name)) for name, column in TABLE_COLUMNS.items())
+        )
         for row in board.rows
     )
     columns = tuple(
-        Column(fact.label, unit=fact.unit, is_text=fact.is_text) for fact in TABLE_FACTS.values()
+        Column(spec.label, unit=spec.unit, is_text=spec.is_text) for spec in TABLE_COLUMNS.values()
     )
     return Table("Submissions", ("Submission",), columns, rows)
 
@@ -98,7 +106,7 @@ def board_csv(board: Board) -> str:
         head = _head(row)
         rows += [(*head, *rest) for rest in _figures(row)]
     for method in PAPER_METHODS:
-        head = (method, PAPER, *[None] * len(TABLE_FACTS))
+        head = (method, PAPER, *[None] * len(TABLE_COLUMNS))
         for (task, metric), printed in paper_values(method).items():
             value = (float(printed.text), None, None, None, printed.remark)
             rows.append((*head, "", task, metric, *value, None, None))
@@ -107,12 +115,12 @@ def board_csv(board: Board) -> str:
 
 def _head(row: BoardRow) -> CsvRow:
     kind = CALIBRATION if row.is_calibration else RANKED if row.is_ranked else UNRANKED
-    values = [getattr(row, name) for name in TABLE_FACTS]
+    values = [getattr(row, name) for name in TABLE_COLUMNS]
     return row.name, kind, *map(_csv_value, values)
 
 
 def _csv_value(value: Any) -> object:
-    """Return a fact's value: of words all, of several numbers how many there are."""
+    """Return a value: of words all, of several numbers how many there are."""
     if not isinstance(value, tuple):
         return value
     return len(value) if value and isinstance(value[0], int) else " ".join(value)

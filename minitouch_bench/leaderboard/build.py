@@ -14,15 +14,14 @@ from pathlib import Path
 from minitouch_bench.documents import read_json, write_json
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import is_folder, make_folder, os_errors_as, read_file, write_file
-from minitouch_bench.leaderboard.board import FACTS, Board, BoardRow, make_board
+from minitouch_bench.leaderboard.board import COLUMN_SPECS, Board, BoardRow, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown, notes
-from minitouch_bench.leaderboard.facts import Place, amount
+from minitouch_bench.leaderboard.columns import amount
 from minitouch_bench.leaderboard.inventory import MAX_VIDEO
 from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, submission_page, video_address
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel, proof_path, read_proof
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
-from minitouch_bench.leaderboard.submission import BOARD_TASKS, MODALITIES
-from minitouch_bench.leaderboard.submission_rules import NAME
+from minitouch_bench.leaderboard.submission import BOARD_TASKS, MODALITIES, NAME
 from minitouch_bench.leaderboard.validation import Verdict, validate
 from minitouch_bench.leaderboard.views import BoardView, views
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
@@ -117,8 +116,8 @@ def index_html(board: Board, tables: Sequence[BoardView]) -> str:
         ("theme.js", "board.js"),
         board=board,
         views=tables,
-        columns={name: fact for name, fact in FACTS.items() if fact.place is Place.COLUMN},
-        beside={name: fact for name, fact in FACTS.items() if fact.place is Place.NAME},
+        columns={name: column for name, column in COLUMN_SPECS.items() if column.place == "column"},
+        beside={name: column for name, column in COLUMN_SPECS.items() if column.place == "name"},
         levels=list(ProofLevel),
         meanings=MEANINGS,
         modalities=MODALITIES,
@@ -200,7 +199,8 @@ def _remove_pages(output: Path, kept: Collection[str]) -> None:
     except (OSError, RunDirectoryError):  # there is none, or another file
         return
     rows = (*board.ranked, *board.unranked, *board.calibration)
-    for name in {row.name for row in rows if NAME.fullmatch(row.name)}.difference(kept):
+    named = {row.name for row in rows if re.search(str(NAME.pattern), row.name)}
+    for name in named.difference(kept):
         page = output / PAGES / f"{name}.html"
         if page.is_file() and not page.is_symlink():
             with os_errors_as(RunDirectoryError, page, "removed"):

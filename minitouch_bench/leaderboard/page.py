@@ -10,7 +10,13 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from minitouch_bench.files import VIDEOS
-from minitouch_bench.leaderboard.board import FACTS, TOUCH_METRICS, BoardRow, Ending, ending_of
+from minitouch_bench.leaderboard.board import (
+    COLUMN_SPECS,
+    TOUCH_METRICS,
+    BoardRow,
+    Ending,
+    ending_of,
+)
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
@@ -46,7 +52,7 @@ def submission_page(verdict: Verdict, row: BoardRow, ranked: int) -> str:
         ("theme.js", "submission.js"),
         protocol=PROTOCOL.name,
         row=row,
-        facts=FACTS,
+        facts=COLUMN_SPECS,
         seeds=verdict.submission.seeds,
         runs=verdict.runs,
         path=path,

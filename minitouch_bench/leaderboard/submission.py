@@ -1,24 +1,26 @@
 """What a submission says of itself: the types of ``submission.toml`` and its reader.
 
-A problem never stops the reading; the rules for names and texts are those of
-``submission_rules``.
+The types say what each value may be, and the published schema follows from them. A problem never
+stops the reading.
 """
 
+import re
+import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 from types import MappingProxyType
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
 from msgspec import Meta
 
-from minitouch_bench.documents import parse_toml, read_table, write_toml
+from minitouch_bench.documents import parse_toml, read_table, whole, write_toml
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import CHECKPOINTS, SUBMISSION_FILE
-from minitouch_bench.leaderboard import submission_rules as rules
-from minitouch_bench.leaderboard.facts import Fact, Place, amount
+from minitouch_bench.leaderboard.columns import ColumnSpec, amount
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL, TASK_NAMES
 from minitouch_bench.records import Role, Sha256
+from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import TASKS
 from minitouch_bench.verification.problems import Problems
 
@@ -44,18 +46,47 @@ MODALITIES: Mapping[str, str] = MappingProxyType(
 """What a policy may look at, and what that means."""
 
 
-def _looks_like(description: str, pattern: str, longest: int) -> Meta:
-    """Describe a text in the schema; ``submission_rules`` checks it, in words that help."""
-    schema: dict[str, Any] = {"maxLength": longest, "pattern": f"^{pattern}$"}
-    return Meta(description=description, extra_json_schema=schema)
+def _form(pattern: str, description: str, longest: int | None = None) -> Meta:
+    return Meta(pattern=whole(pattern), max_length=longest, description=description)
 
 
-def _plain_text(description: str, longest: int) -> Meta:
-    return _looks_like(description, rules.TEXT_PATTERN, longest)
+DEVICES = re.sub(
+    "[a-z]",
+    lambda letter: f"[{letter[0]}{letter[0].upper()}]",
+    "(?:con|prn|aux|nul|com[0-9]|lpt[0-9])",
+)
+"""What no file can be called on Windows, whatever its ending."""
+PLAIN_FILE = rf"(?!{DEVICES}(?:\.|$))(?!.*\.\.)"
 
-
-def _link(description: str) -> Meta:
-    return _looks_like(description, f"(https://{rules.LINK.pattern})?", rules.MAX_LINK)
+NAME = _form(
+    rf"{PLAIN_FILE}(?!.*\.html$)[a-z0-9](?:[a-z0-9._-]{{0,62}}[a-z0-9])?",
+    "A name of 1 to 64 of a-z, 0-9, '.', '_', '-', that begins and ends with a letter or digit, "
+    "without '..' or '.html', and is not a device of Windows.",
+)
+"""Of a submission: it becomes a directory and an address on every system."""
+FILE_NAME = _form(
+    rf"{PLAIN_FILE}[A-Za-z0-9][A-Za-z0-9._-]{{0,126}}[A-Za-z0-9]",
+    "A file name of letters, digits, '.', '_', '-', that begins and ends with a letter or digit, "
+    "without '..', and is not a device of Windows.",
+)
+PLAIN_TEXT = _form(
+    r"(?![=+@ -])(?!.*(?:  | $))[^<>\x00-\x1f\x7f]*",
+    "Plain text on one line, without <, > and spare spaces, that does not begin as a "
+    "spreadsheet's formula.",
+)
+LINK = _form(
+    r"(?:https://[A-Za-z0-9-]+(?:\.[A-Za-z0-9-]+)+(?::[0-9]+)?"
+    r"(?:[/?#][A-Za-z0-9._~:/?#\[\]@!$&'()*+,;=%-]*)?)?",
+    "A link https://HOST/... without a user name, or nothing.",
+    longest=300,
+)
+LICENSE = _form(
+    "(?:[A-Za-z0-9][A-Za-z0-9.+ ()-]{0,62})?",
+    "An SPDX expression such as Apache-2.0 or MIT, or nothing.",
+)
+MODALITY = _form("|".join(MODALITIES), f"One of {', '.join(MODALITIES)}.")
+SUITE = _form("|".join(SUBMITTED_SUITES), f"One of {', '.join(SUBMITTED_SUITES)}.")
+TASK = _form("|".join((ALL_TASKS, *TASK_NAMES)), f"A task, or '{ALL_TASKS}'.")
 
 
 @dataclass(frozen=True)
@@ -63,8 +94,8 @@ class CheckpointFile:
     """One file of a policy. ``path`` is where it lies in the submission, "" if it is not there."""
 
     role: Role
-    task: Annotated[str, Meta(pattern=f"^({'|'.join((ALL_TASKS, *TASK_NAMES))})$")]
-    file: Annotated[str, _looks_like("Name of the file.", rules.FILE_NAME.pattern, 128)]
+    task: Annotated[str, TASK]
+    file: Annotated[str, FILE_NAME]
     sha256: Sha256
     path: str = ""
 
@@ -73,8 +104,10 @@ class CheckpointFile:
 class TrainingSeed:
     """One training run of the method: its seed, its run directory by suite, its files."""
 
-    seed: Annotated[int, Meta(ge=0, le=rules.MAX_SEED)]
-    runs: Mapping[str, str]
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
+    runs: Annotated[
+        Mapping[Annotated[str, SUITE], str], Meta(extra_json_schema={"required": [MAIN_SUITE]})
+    ]
     checkpoints: tuple[CheckpointFile, ...] = ()
 
     def files(self, role: Role) -> tuple[CheckpointFile, ...]:
@@ -87,45 +120,33 @@ class About:
     """What a submission says of itself, and its row repeats.
 
     ``training_steps`` are control steps in all environments over the whole training, 0 where
-    nothing is trained. Texts and links are "" where there are none.
+    nothing is trained. The modality "state" is the scripted policy's alone. Texts and links are
+    "" where there are none.
     """
 
-    name: Annotated[str, _looks_like("Its name and its directory's.", rules.NAME.pattern, 64)] = ""
+    name: Annotated[str, NAME] = ""
     method: Annotated[
-        str,
-        _plain_text("What the board calls it.", rules.MAX_METHOD),
-        Meta(extra_json_schema={"minLength": 1}),
-        Fact("Method", Place.NAME),
+        str, PLAIN_TEXT, Meta(min_length=1, max_length=120), ColumnSpec("Method", "name")
     ] = ""
     authors: Annotated[
-        tuple[Annotated[str, _plain_text("One of the authors.", rules.MAX_AUTHOR)], ...],
-        Meta(max_length=rules.MAX_AUTHORS),
-        Fact("Authors"),
+        tuple[Annotated[str, PLAIN_TEXT, Meta(max_length=100)], ...],
+        Meta(max_length=50),
+        ColumnSpec("Authors"),
     ] = ()
-    paper: Annotated[str, _link("The paper."), Fact("Paper", is_link=True)] = ""
-    code: Annotated[str, _link("The code."), Fact("Code", is_link=True)] = ""
-    license: Annotated[
-        str,
-        _looks_like(
-            "SPDX expression of the checkpoints' license.",
-            f"({rules.LICENSE.pattern})?",
-            63,
-        ),
-        Fact("License"),
-    ] = ""
+    paper: Annotated[str, LINK, ColumnSpec("Paper", is_link=True)] = ""
+    code: Annotated[str, LINK, ColumnSpec("Code", is_link=True)] = ""
+    license: Annotated[str, LICENSE, ColumnSpec("License")] = ""
     training_steps: Annotated[
         int,
-        Meta(ge=0, le=rules.MAX_STEPS),
-        Fact("Training", Place.COLUMN, "control steps", amount, is_text=False),
+        Meta(ge=0, le=10**12),
+        ColumnSpec("Training", "column", "control steps", amount, is_text=False),
     ] = 0
     modalities: Annotated[
-        tuple[Annotated[str, Meta(pattern=f"^({'|'.join(MODALITIES)})$")], ...],
-        Meta(description="What the policy uses. 'state' is the scripted policy's alone."),
-        Fact("Modalities", Place.NAME),
+        tuple[Annotated[str, MODALITY], ...],
+        Meta(extra_json_schema={"uniqueItems": True}),
+        ColumnSpec("Modalities", "name"),
     ] = ()
-    notes: Annotated[
-        str, _plain_text("Anything else, on one line.", rules.MAX_NOTES), Fact("Notes")
-    ] = ""
+    notes: Annotated[str, PLAIN_TEXT, Meta(max_length=2000), ColumnSpec("Notes")] = ""
 
 
 @dataclass(frozen=True)
@@ -142,7 +163,7 @@ class Submission(About, FormatMark):
 
     seeds: Annotated[
         tuple[TrainingSeed, ...],
-        Meta(max_length=rules.MAX_SEEDS, extra_json_schema={"minItems": 1}),
+        Meta(min_length=1, max_length=20),
     ] = ()
 
 
@@ -200,63 +221,41 @@ def check_submission(submission: Submission) -> None:
 
 
 def _texts(submission: Submission) -> Iterator[tuple[str, str]]:
-    if not submission.method:
-        yield "method", "it is empty"
-    for key, check in rules.TEXT_RULES.items():
+    """Walk through what no pattern can say of texts."""
+    for key in ("method", "authors", "notes"):
         given = getattr(submission, key)
         for text in given if isinstance(given, tuple) else (given,):
-            try:
-                check(text)
-            except UsageError as error:
-                yield key, str(error)
+            if printable(text) != text:
+                yield key, f"'{printable(text)}' has control or unseen characters; remove them"
+            elif not unicodedata.is_normalized("NFC", text):
+                yield key, f"'{text}' is not in Unicode's composed form (NFC)"
     if len(set(submission.modalities)) < len(submission.modalities):
         yield "modalities", "one of them is there twice"
 
 
 def _seeds(submission: Submission) -> Iterator[tuple[str, str]]:
-    if not submission.seeds:
-        yield "seeds", "there is no training seed; add a [[seeds]] table"
     numbers = [seed.seed for seed in submission.seeds]
     for number in sorted({number for number in numbers if numbers.count(number) > 1}):
         yield "seeds", f"training seed {number} is there twice; remove one"
     for seed in submission.seeds:
-        for mistake in (*_runs(seed), *(m for file in seed.checkpoints for m in _file(seed, file))):
-            yield "seeds", f"seed {seed.seed}, {mistake}"
-
-
-def _runs(seed: TrainingSeed) -> Iterator[str]:
-    """Hold the runs' paths against the only ones there are: none can lead outside."""
-    if MAIN_SUITE not in seed.runs:
-        yield f"it has no run of {MAIN_SUITE}; evaluate on {MAIN_SUITE}"
-    for suite, path in seed.runs.items():
-        if suite not in SUBMITTED_SUITES:
-            yield f"'{suite}' is no suite of a submission; remove it"
-        elif path != run_place(seed.seed, suite):
-            yield (
-                f"the run of {suite} is at '{path}', outside its place; "
-                f"move it to {run_place(seed.seed, suite)}"
-            )
+        if MAIN_SUITE not in seed.runs:
+            yield "seeds", f"seed {seed.seed} has no run of {MAIN_SUITE}; add one"
+        places = _in_place(seed)
+        for suite, path in seed.runs.items():
+            if path != places.runs[suite]:
+                what = f"the run of {suite} is at '{path}', outside its place"
+                yield "seeds", f"{what}; move it to {places.runs[suite]}"
+        for file, there in zip(seed.checkpoints, places.checkpoints, strict=True):
+            if file.path != there.path:
+                what = f"{file.file} is at '{file.path}', outside its place"
+                yield "seeds", f"{what}; move it to {there.path}, or write no path"
 
 
 def _in_place(seed: TrainingSeed) -> TrainingSeed:
-    """Return a training seed with the only paths there are, whatever it says."""
-    folders = {suite: run_place(seed.seed, suite) for suite in SUBMITTED_SUITES}
+    """Return a training seed with the only paths there are, whatever it says: none leads out."""
     files = (
         replace(file, path=file.path and checkpoint_place(seed.seed, file.role, file.file))
         for file in seed.checkpoints
-        if not list(_file(seed, replace(file, path="")))
     )
-    runs = {suite: folder for suite, folder in folders.items() if suite in seed.runs}
+    runs = {suite: run_place(seed.seed, suite) for suite in seed.runs}
     return replace(seed, runs=runs, checkpoints=tuple(files))
-
-
-def _file(seed: TrainingSeed, file: CheckpointFile) -> Iterator[str]:
-    try:
-        rules.check_file_name(file.file)
-    except UsageError as error:
-        yield f"file: {error}"
-        return
-    expected = checkpoint_place(seed.seed, file.role, file.file)
-    if file.path not in ("", expected):
-        what = f"{file.file} is at '{file.path}', outside its place"
-        yield f"{what}; move it to {expected}, or write no path"

@@ -117,7 +117,7 @@ def test_an_unofficial_run_is_refused(scripted, tmp_path):
 @pytest.mark.parametrize(
     ("runs", "options", "words"),
     [
-        ((RUN,), {"name": "../up"}, "no name"),
+        ((RUN,), {"name": "../up"}, "a name of"),
         ((RUN,), {"paper": "javascript:1"}, "paper"),
         ((RUN,), {"method": "<script>"}, "method"),
         ((RUN,), {"modalities": "smell"}, "modalities"),

@@ -15,7 +15,7 @@ from minitouch_bench.documents import plain
 from minitouch_bench.leaderboard.board import CALIBRATION_POLICIES, Ending, in_order, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.build import build_board, find_submissions, index_html
-from minitouch_bench.leaderboard.facts import amount
+from minitouch_bench.leaderboard.columns import amount
 from minitouch_bench.leaderboard.proof import (
     MAX_PROOF,
     ProofLevel,

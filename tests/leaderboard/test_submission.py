@@ -1,12 +1,14 @@
 """``submission.toml``: written, read back, and as its published schema describes it."""
 
 import json
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
 import pytest
+import tomli_w
 
 from benchmarks.schemas import board_schema, submission_schema
 from minitouch_bench.documents import write_toml
@@ -20,12 +22,13 @@ from minitouch_bench.leaderboard.submission import (
     checkpoint_place,
     read_submission,
 )
-from minitouch_bench.leaderboard.submission_rules import check_file_name, check_name
 from minitouch_bench.records import Role
 from minitouch_bench.verification.problems import Problems
 from tests.leaderboard.synthetic import ABOUT, make_submission
 
-DOCS = Path(__file__).parents[2] / "docs"
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+STORED = sorted(path.parent for path in ROOT.glob("submissions/*/submission.toml"))
 SEEDS = (
     TrainingSeed(
         0,
@@ -79,41 +82,94 @@ def test_what_is_written_is_read_back(about):
     assert read(write_toml(submission)) == (submission, [])
 
 
-@pytest.mark.parametrize("name", ["con", "nul.safetensors", "LPT1.onnx", "aux.tar.zip", "com0"])
-def test_names_that_windows_cannot_check_out_are_refused(name):
-    with pytest.raises(UsageError, match="device on Windows"):
-        check_file_name(name)
-    with pytest.raises(UsageError):
-        check_name(name)
-    for other in ("a:b.onnx", "a.onnx.", "a.onnx ", "a*.onnx", "..onnx"):
-        with pytest.raises(UsageError):
-            check_file_name(other)
-    check_file_name("console.onnx")
-    check_name("nullary")
-
-
 def test_the_published_schema_describes_what_is_written():
     validator = schema("submission.schema.json")
     validator.validate(tomllib.loads(write_toml(replace(ABOUT, seeds=SEEDS))))
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("name", "../x"),
-        ("name", "x" * 65),
-        ("paper", "http://example.org"),
-        ("training_steps", -1),
-        ("modalities", ["smell"]),
-        ("seeds", []),
-        ("extra", 1),
-        ("method", "<b>"),
-    ],
-)
+REFUSED = [
+    ("name", "../x"),
+    ("name", "x" * 65),
+    ("name", "hac\n"),
+    ("name", "nul"),
+    ("name", "hac.html"),
+    ("name", "a..b"),
+    ("paper", "http://example.org"),
+    ("paper", "https://example.org/x\n"),
+    ("paper", "https://user:pass@example.org/x"),
+    ("code", "https://localhost"),
+    ("code", "https://example.org/" + "x" * 300),
+    ("license", "do what you want!"),
+    ("license", "MIT\n"),
+    ("training_steps", -1),
+    ("modalities", ["smell"]),
+    ("modalities", ["touch", "touch"]),
+    ("seeds", []),
+    ("extra", 1),
+    ("method", ""),
+    ("method", "<b>"),
+    ("method", "two\nlines"),
+    ("method", "a line\n"),
+    ("method", "two  spaces"),
+    ("method", " a"),
+    ("authors", ["=SUM(A1)"]),
+    ("notes", "x" * 2001),
+]
+
+
+@pytest.mark.parametrize(("key", "value"), REFUSED)
 def test_the_schema_refuses_what_the_reader_refuses(key, value):
     document = tomllib.loads(write_toml(replace(ABOUT, seeds=SEEDS)))
     document[key] = value
     assert not schema("submission.schema.json").is_valid(document)
+    assert any(key in problem for problem in read(tomli_w.dumps(document))[1])
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *(("file", name) for name in ("CoN", "nul.onnx", "LPT1.onnx", "aux.tar.zip", "a:b.onnx")),
+        *(
+            ("file", name)
+            for name in ("a.onnx.", "a.onnx ", "a*.onnx", "..onnx", "a.onnx\n", "a/b")
+        ),
+        ("sha256", "ab" * 32 + "\n"),
+        ("task", "all\n"),
+    ],
+)
+def test_a_checkpoint_s_entry_that_both_refuse(key, value):
+    document = tomllib.loads(write_toml(replace(ABOUT, seeds=SEEDS)))
+    document["seeds"][0]["checkpoints"][0][key] = value
+    assert not schema("submission.schema.json").is_valid(document)
+    assert any(key in problem for problem in read(tomli_w.dumps(document))[1])
+
+
+@pytest.mark.parametrize("name", ["console", "nullary", "x.y", "a-1", "com10"])
+def test_names_that_are_let_in(name):
+    file = replace(SEEDS[0].checkpoints[1], file=f"{name}.ONNX")
+    submission = replace(ABOUT, name=name, seeds=(replace(SEEDS[0], checkpoints=(file,)),))
+    assert read(write_toml(submission)) == (submission, [])
+
+
+@pytest.mark.parametrize("text", ["a\u202eb", "a\u200bb", "e\u0301", "a\u2028b"])
+def test_characters_that_no_pattern_names(text):
+    (problem,) = read(write_toml(replace(ABOUT, method=text, seeds=SEEDS)))[1]
+    assert "method" in problem
+
+
+def test_no_pattern_of_a_schema_lets_a_line_break_pass_after_it():
+    for file in DOCS.glob("*.schema.json"):
+        for pattern in re.findall(r'"pattern": ("(?:[^"\\]|\\.)*")', file.read_text()):
+            assert json.loads(pattern).endswith(r"$(?!\n)"), file.name
+
+
+@pytest.mark.parametrize("directory", STORED, ids=lambda path: path.name)
+def test_every_stored_submission_is_read_whole(directory):
+    submission, problems = read((directory / "submission.toml").read_text())
+    assert problems == []
+    assert submission.name == directory.name
+    tables = tomllib.loads((directory / "submission.toml").read_text())
+    assert tomllib.loads(write_toml(submission)) == tables
 
 
 def test_the_board_s_json_is_as_its_schema_says(tmp_path):

@@ -31,7 +31,7 @@ ENTRY = """    Metric(
 """
 
 FACT = """    parameters: Annotated[
-        int, Meta(ge=0), Fact("Parameters", Place.COLUMN, "weights", amount, is_text=False)
+        int, Meta(ge=0), ColumnSpec("Parameters", "column", "weights", amount, is_text=False)
     ] = 0
 """
 
