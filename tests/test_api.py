@@ -242,6 +242,7 @@ def test_a_run_with_a_directory_is_loaded_and_compared(tmp_path, counted):
         (42, "int is not a policy: .* an object with act"),
         (Unpicklable(), "Unpicklable cannot be copied for each episode"),
         ("gone.pt", "does not exist"),
+        ("\udcff.pt", "UTF-8"),
     ],
 )
 def test_what_is_no_policy_is_refused(policy, reason):

@@ -1,7 +1,9 @@
 """The application ``minitouch-bench`` and how its errors reach a user."""
 
+import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -12,7 +14,7 @@ from minitouch_bench.cli.console import note
 from minitouch_bench.cli.information import doctor, tasks
 from minitouch_bench.cli.leaderboard import app as leaderboard
 from minitouch_bench.cli.shapes import app as shapes
-from minitouch_bench.errors import InterruptedRunError, MiniTouchError
+from minitouch_bench.errors import InterruptedRunError, MiniTouchError, UsageError
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.workflows.evaluate import AUTO_OUTPUT, evaluate
 from minitouch_bench.workflows.record import record
@@ -78,6 +80,7 @@ def minitouch_bench(
 def main() -> None:
     """Run the command line; a user's mistake ends in a line or two, without a traceback."""
     try:
+        _check_encoding()
         # So that usage errors come here too; the code of a typer.Exit is then returned.
         code = app(prog_name=PROGRAM, standalone_mode=False)
     except MiniTouchError as error:
@@ -94,6 +97,22 @@ def main() -> None:
     if code == InterruptedRunError.exit_code:
         _complain("interrupted")
     sys.exit(code)
+
+
+def _check_encoding() -> None:
+    """See that each argument and the working directory can be written into the files of a run.
+
+    Raises:
+        UsageError: one has bytes that are not UTF-8, as the name of a file can have.
+    """
+    names = sys.argv[1:]
+    with suppress(FileNotFoundError):  # the working directory was removed
+        names.append(os.getcwd())
+    for name in names:
+        try:
+            name.encode()
+        except UnicodeEncodeError as error:
+            raise UsageError(f"{name!a} is not UTF-8: rename the file or directory") from error
 
 
 def _complain(text: str) -> None:

@@ -105,6 +105,10 @@ def parse_source(
     Raises:
         PolicyLoadError: there is no such policy, or it needs ``trust``.
     """
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise PolicyLoadError(f"the name of a policy is UTF-8, not {text!a}") from error
     if text in BUILT_IN:
         return PolicySource(text, text, text)
     if text.startswith(SERVERS):

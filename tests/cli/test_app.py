@@ -1,3 +1,4 @@
+import os
 import shlex
 import subprocess
 
@@ -129,3 +130,24 @@ def test_escape_codes_of_a_name_reach_no_terminal(tmp_path):
     run("verify", "\x1b[31mred\u200b", directory=tmp_path).refused(
         6, "[31mred is not a run directory"
     )
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("evaluate", b"\xff.onnx"),
+        ("evaluate", "zero", "--exploration", b"\xff"),
+        ("evaluate", "zero", "--name", b"\xff"),
+        ("verify", "here", "--policy", b"\xff"),
+    ],
+)
+def test_a_name_that_is_not_utf_8_is_refused_in_a_line(tmp_path, arguments):
+    words = [word if isinstance(word, str) else os.fsdecode(word) for word in arguments]
+    (tmp_path / os.fsdecode(b"\xff.onnx")).touch()
+    run(*words, directory=tmp_path).refused(2, "UTF-8", "\\udcff")
+
+
+def test_a_directory_whose_name_is_not_utf_8_is_refused_in_a_line(tmp_path):
+    directory = tmp_path / os.fsdecode(b"\xff")
+    directory.mkdir()
+    run("evaluate", "zero", directory=directory).refused(2, "UTF-8", "\\udcff")
