@@ -14,7 +14,7 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Role
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registry import TASKS
+from minitouch_bench.tasks.registry import TASK_CLASSES
 
 REPORT_PICTURES = Path("minitouch_bench/rendering/pictures")
 DOCUMENT_PICTURES = Path("docs/pictures")
@@ -37,7 +37,7 @@ def main() -> None:
     REPORT_PICTURES.mkdir(parents=True, exist_ok=True)
     DOCUMENT_PICTURES.mkdir(parents=True, exist_ok=True)
     strip = []
-    for task in TASKS:
+    for task in TASK_CLASSES:
         picture, observed = draw(task)
         picture.quantize(128).save(REPORT_PICTURES / f"{task}.png", optimize=True)
         small = picture.resize((WIDTH // 2, HEIGHT // 2), Image.Resampling.LANCZOS)
@@ -54,7 +54,7 @@ def main() -> None:
 
 def write_video(file: Path) -> None:
     """Write a video of a trained policy at each task, side by side."""
-    videos = [frames_of(task) for task in TASKS]
+    videos = [frames_of(task) for task in TASK_CLASSES]
     frames = [Image.fromarray(np.concatenate(row, axis=1)) for row in zip(*videos, strict=True)]
     palette = frames[len(frames) // 2].quantize(96)
     first, *others = [frame.quantize(palette=palette, dither=0) for frame in frames]

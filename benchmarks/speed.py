@@ -19,7 +19,7 @@ from rich.table import Table
 
 from minitouch_bench.simulation.bullet import pybullet
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registry import TASKS
+from minitouch_bench.tasks.registry import TASK_CLASSES
 
 RELEASED_STEPS_PER_SECOND = {"playing": 15.0, "pushing": 14.9, "opening": 32.0, "pick-up": 13.7}
 """The released MiniTouch package on a machine of its own: for orientation, not a ratio."""
@@ -44,7 +44,7 @@ def main() -> None:
     table = Table(title="One process, with observations, random actions", title_justify="left")
     for heading in ("task", "control steps/s", "ticks/step", "of the bare limit", "reset, median"):
         table.add_column(heading, justify="right" if heading != "task" else "left")
-    for task in TASKS:
+    for task in TASK_CLASSES:
         runs = [measure_steps(task, seed) for seed in range(EPISODES)]
         steps, ticks = sum(run.steps for run in runs), sum(run.ticks for run in runs)
         shares = [run.bare_seconds / run.seconds for run in runs]

@@ -12,7 +12,7 @@ import pytest
 
 import minitouch_bench
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
-from minitouch_bench.tasks.registry import TASKS
+from minitouch_bench.tasks.registry import TASK_CLASSES
 
 MODULES = sorted(
     module.name
@@ -40,7 +40,7 @@ def test_public_names_are_documented_and_resolve(name):
 
 
 def test_the_tasks_have_one_table_and_one_order():
-    assert tuple(TASKS) == TASK_NAMES == tuple(GYM_IDS)
+    assert tuple(TASK_CLASSES) == TASK_NAMES == tuple(GYM_IDS)
     assert TASK_NAMES[1:] == GOAL_TASKS
     assert {task: PROTOCOL.task(task).gym_id for task in TASK_NAMES} == GYM_IDS
 

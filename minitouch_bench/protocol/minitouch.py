@@ -12,7 +12,7 @@ from minitouch_bench.protocol.spec import (
     PhysicsSpec,
     ProtocolSpec,
 )
-from minitouch_bench.protocol.tasks import SUITES, TASKS
+from minitouch_bench.protocol.tasks import SUITE_SPECS, TASK_SPECS
 
 PROTOCOL = ProtocolSpec(
     name="minitouch-v1",
@@ -68,8 +68,8 @@ PROTOCOL = ProtocolSpec(
         max_draws=50,  # D
     ),
     shapes="975ccc9ddde05b4519a40f17a4b56ae0a3109eb5e3d9b57893312bdb06c26ea8",
-    tasks=TASKS,
-    suites=SUITES,
+    tasks=TASK_SPECS,
+    suites=SUITE_SPECS,
 )
 """The protocol, whose tasks every list of tasks anywhere follows."""
 

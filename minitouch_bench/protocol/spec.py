@@ -1,9 +1,11 @@
 """The types of the protocol: everything that fixes an episode, as frozen values.
 
-``protocol.minitouch`` holds the values. Simulation and tasks receive them; no number
-of the protocol stands anywhere else. A digest is taken over a value's document, whose keys are
-the fields' names, or ``metadata["key"]`` where a field was renamed: names in code may change
-without changing a digest. ``undigested`` marks fields that no episode depends on.
+``protocol.minitouch`` contains the values. Simulation and tasks receive them; no other file
+contains a number of the protocol. A digest is taken over a value's document, whose keys are the
+fields' names, or ``metadata["key"]`` where a field was renamed: names in code may change without
+changing a digest. A tuple can have one key for each of its items. A field that was added later
+is in the document where it differs from ``metadata["frozen"]``, which earlier code implied.
+``undigested`` marks fields that no episode depends on.
 """
 
 import dataclasses
@@ -308,11 +310,14 @@ def _named(name: str, kind: str, known: Sequence[Named]) -> Named:
 def document(value: Any) -> Any:
     """Return a value as JSON holds it, without the undigested fields."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {
-            f.metadata.get("key", f.name): document(getattr(value, f.name))
-            for f in dataclasses.fields(value)
-            if not f.metadata.get("undigested")
-        }
+        found: dict[str, Any] = {}
+        for f in dataclasses.fields(value):
+            key, item = f.metadata.get("key", f.name), getattr(value, f.name)
+            if f.metadata.get("undigested") or f.metadata.get("frozen") == item:
+                continue
+            keys, items = (key, item) if isinstance(key, tuple) else ((key,), (item,))
+            found.update(zip(keys, map(document, items), strict=True))
+        return found
     if isinstance(value, tuple | list):
         return [document(item) for item in value]
     return value

@@ -5,7 +5,7 @@
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from minitouch_bench.protocol.spec import ArmSpec, CameraSpec, SuiteSpec, TaskSpec, Workspace
 
@@ -58,9 +58,11 @@ class PushingSpec(TabletopSpec):
     """Pushing: the polar draws of cube and end effector, and success; m."""
 
     target_margin: float
-    nearest: float
-    furthest: float
-    behind: float
+    cube_distance: tuple[float, float] = field(metadata={"key": ("nearest", "furthest")})
+    """Least and greatest distance of the cube from its target."""
+    hand_distance: tuple[float, float] = field(metadata={"frozen": (0.10, 0.20)})
+    """Least and greatest distance of the end effector's start from the cube."""
+    push_clearance: float = field(metadata={"key": "behind"})
     """The position this far behind the object, seen from the target, is in the workspace."""
     start_height: float
     success_distance: float
@@ -135,9 +137,9 @@ PUSHING = PushingSpec(
     object_can_leave=True,  # T
     cube=CubeSpec(side=0.05, mass=50.0),  # R
     target_margin=0.025,  # D: half the cube
-    nearest=0.10,  # T
-    furthest=0.20,  # T
-    behind=0.07,  # D
+    cube_distance=(0.10, 0.20),  # T
+    hand_distance=(0.10, 0.20),  # T: "in the same way"
+    push_clearance=0.07,  # D
     start_height=0.02,  # D
     success_distance=0.07,  # T
 )
@@ -184,10 +186,10 @@ PICK_UP = PickUpSpec(
     lift=0.05,  # T
 )
 
-TASKS: tuple[TaskSpec, ...] = (PLAYING, PUSHING, OPENING, PICK_UP)
+TASK_SPECS: tuple[TaskSpec, ...] = (PLAYING, PUSHING, OPENING, PICK_UP)
 """Every task, in the order of every table."""
 
-SUITES = (
+SUITE_SPECS = (
     SuiteSpec("table4", ("playing", "pushing", "opening", "pick-up"), 100, rankable=True),
     SuiteSpec(
         "novel-shapes", ("playing", "pushing", "pick-up"), 400, rankable=True, novel_shapes=True

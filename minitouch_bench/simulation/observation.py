@@ -123,15 +123,17 @@ class GrayCamera:
         self._background_bodies = np.full((SIZE, SIZE), -1, np.int32)
         self._is_table = np.zeros((SIZE, SIZE), np.bool_)
 
-    def keep_background(self, client: PhysicsClient, table: int, still: Collection[Part]) -> None:
-        """Take the picture of the table and ``still`` alone as the background, from now on."""
-        still = {(table, -1), *still}
+    def keep_background(
+        self, client: PhysicsClient, table: int, static_parts: Collection[Part]
+    ) -> None:
+        """Render the table and ``static_parts`` alone as the background from now on."""
+        static_parts = {(table, -1), *static_parts}
         colors = client.colors()
-        moving = {part: color for part, color in colors.items() if part not in still}
+        moving = {part: color for part, color in colors.items() if part not in static_parts}
         client.paint(dict.fromkeys(moving, INVISIBLE))
         image = client.render(self._view, SIZE, SIZE, bodies=True)
         client.paint(moving)
-        client.paint(dict.fromkeys(still, INVISIBLE))
+        client.paint(dict.fromkeys(static_parts, INVISIBLE))
         self._background = _pixels(image)
         self._background_depth = image.depth
         assert image.bodies is not None

@@ -129,7 +129,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         for _ in range(OBSERVATION.max_draws):
             self._build(model)
             seen = self._camera.visible_bodies(client)
-            if all((seen == body).sum() >= least for body in task.landmarks):
+            if all((seen == body).sum() >= least for body in task.visible_bodies):
                 break
         else:
             raise UsageError(

@@ -28,7 +28,7 @@ class Pushing(TabletopTask):
         return self._target
 
     @property
-    def landmarks(self) -> tuple[int, ...]:
+    def visible_bodies(self) -> tuple[int, ...]:
         """The object and the target."""
         return self.target_body, self._marker
 
@@ -36,12 +36,12 @@ class Pushing(TabletopTask):
         """Draw the target, the object around it, and the end effector around the object."""
         workspace, model = self.spec.workspace, model or self.own_object()
         self._target = draw_position(workspace, rng, self.spec.target_margin)
-        position = self._draw_around(rng, self._target)
+        position = _draw_around(rng, self._target, self.spec.cube_distance)
         while not workspace.holds(*self._behind(position)):
-            position = self._draw_around(rng, self._target)
-        self._start = self._draw_around(rng, position)
+            position = _draw_around(rng, self._target, self.spec.cube_distance)
+        self._start = _draw_around(rng, position, self.spec.hand_distance)
         while not workspace.holds(*self._start):
-            self._start = self._draw_around(rng, position)
+            self._start = _draw_around(rng, position, self.spec.hand_distance)
         self._object = Placement(model, *position, draw_yaw(rng, model))
 
     def add_scenery(self, client: PhysicsClient) -> tuple[Part, ...]:
@@ -63,14 +63,17 @@ class Pushing(TabletopTask):
             return Outcome.SUCCESS
         return None if self.spec.workspace.holds(x, y) else Outcome.LEFT_WORKSPACE
 
-    def _draw_around(self, rng: np.random.Generator, center: Position) -> Position:
-        """Draw a position around another, uniform in angle and distance."""
-        angle = rng.uniform(0.0, 2.0 * math.pi)
-        distance = rng.uniform(self.spec.nearest, self.spec.furthest)
-        return center[0] + distance * math.cos(angle), center[1] + distance * math.sin(angle)
-
     def _behind(self, position: Position) -> Position:
         """Return the position behind an object from which it is pushed to the target."""
         x, y = position
-        scale = self.spec.behind / math.dist(position, self._target)
+        scale = self.spec.push_clearance / math.dist(position, self._target)
         return x + scale * (x - self._target[0]), y + scale * (y - self._target[1])
+
+
+def _draw_around(
+    rng: np.random.Generator, center: Position, distances: tuple[float, float]
+) -> Position:
+    """Draw a position around another, uniform in angle and distance."""
+    angle = rng.uniform(0.0, 2.0 * math.pi)
+    distance = rng.uniform(*distances)
+    return center[0] + distance * math.cos(angle), center[1] + distance * math.sin(angle)

@@ -17,7 +17,7 @@ from minitouch_bench.tasks.playing import Playing
 from minitouch_bench.tasks.pushing import Pushing
 from minitouch_bench.tasks.task import Task
 
-TASKS: dict[str, type[Task]] = {
+TASK_CLASSES: dict[str, type[Task]] = {
     task.spec.name: task for task in (Playing, Pushing, Opening, PickUp)
 }
 """Every task by its name on the command line."""
@@ -29,7 +29,7 @@ def make_task(name: str) -> Task:
     Raises:
         UsageError: no such task.
     """
-    return TASKS[PROTOCOL.task(name).name]()
+    return TASK_CLASSES[PROTOCOL.task(name).name]()
 
 
 def object_pool(task: Task, objects: Objects | None) -> ObjectPool | None:

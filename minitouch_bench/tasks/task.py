@@ -35,7 +35,7 @@ class Task(ABC):
     """Its links that count (-1 is the base)."""
 
     @property
-    def landmarks(self) -> tuple[int, ...]:
+    def visible_bodies(self) -> tuple[int, ...]:
         """The bodies that the camera must see when an episode begins."""
         return (self.target_body,)
 

@@ -31,7 +31,7 @@ from minitouch_bench.runs.plan import SUITES, find_suite
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.simulation.bullet import BUILDS
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registry import TASKS
+from minitouch_bench.tasks.registry import TASK_CLASSES
 from minitouch_bench.verification.golden import golden_bits, recorded
 
 EPISODES_PER_TASK = 2
@@ -215,7 +215,7 @@ def _same(name: str, here: Bits, again: Bits, how: str) -> Check:
     if other:
         return Check(name, CheckResult.FAIL, f"other bits {how}: {', '.join(other)}")
     return Check(
-        name, CheckResult.OK, f"{len(here)} episodes of {len(TASKS)} tasks, same bits {how}"
+        name, CheckResult.OK, f"{len(here)} episodes of {len(TASK_CLASSES)} tasks, same bits {how}"
     )
 
 

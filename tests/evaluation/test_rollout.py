@@ -9,13 +9,13 @@ from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.records import Outcome, Role
 from minitouch_bench.runs.plan import find_suite
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registry import TASKS
+from minitouch_bench.tasks.registry import TASK_CLASSES
 from tests.evaluation.runs import request
 
 SPECS = {spec.task: spec for spec in find_suite("smoke").episodes(exploration=False)}
 
 
-@pytest.fixture(scope="module", params=list(TASKS))
+@pytest.fixture(scope="module", params=list(TASK_CLASSES))
 def environment(request):
     made = MiniTouchEnv(request.param, max_steps=30)
     yield made

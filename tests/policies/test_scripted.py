@@ -12,7 +12,7 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Outcome
 from minitouch_bench.runs.plan import find_suite
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registry import TASKS
+from minitouch_bench.tasks.registry import TASK_CLASSES
 
 TOUCH_SHARE = 0.95
 """Least share of Playing's control steps in which the scripted policy touches the cube."""
@@ -54,10 +54,10 @@ def touch_share(record):
 
 
 def test_every_task_has_its_controller():
-    assert tuple(CONTROLLERS) == tuple(TASKS)
+    assert tuple(CONTROLLERS) == tuple(TASK_CLASSES)
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", TASK_CLASSES)
 def test_actions_are_those_a_policy_could_give(task):
     environment = MiniTouchEnv(task)
     environment.reset(seed=1)

@@ -126,3 +126,16 @@ class Plain:
 def test_a_document_is_plain():
     assert document(Plain()) == {"pair": [1.0, 2.0]}
     assert all(isinstance(task, TaskSpec) for task in PROTOCOL.tasks)
+
+
+def test_each_distance_of_pushing_changes_the_digest_by_itself():
+    def digest(**changes):
+        tasks = tuple(
+            replace(task, **changes) if task.name == "pushing" else task for task in PROTOCOL.tasks
+        )
+        return replace(PROTOCOL, tasks=tasks).task_digest("pushing", "table4")
+
+    closer = (0.10, 0.12)
+    digests = {digest(), digest(cube_distance=closer), digest(hand_distance=closer)}
+    assert len(digests) == 3
+    assert digest() == PROTOCOL.task_digest("pushing", "table4")

@@ -14,7 +14,7 @@ from minitouch_bench.simulation.panda_arm import (
     PandaArm,
     PandaKinematics,
 )
-from minitouch_bench.tasks.registry import TASKS
+from minitouch_bench.tasks.registry import TASK_CLASSES
 
 DOWN = quaternion_from_euler((0.0, -math.pi, math.pi / 2))
 
@@ -29,9 +29,9 @@ def poses(spec, count=40):
         yield tuple(position), door if spec.arm.faces_door else DOWN
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", TASK_CLASSES)
 def test_every_position_of_the_workspace_is_reached_clear_of_the_table(task):
-    spec = TASKS[task].spec
+    spec = TASK_CLASSES[task].spec
     kinematics, client = PandaKinematics(spec.arm.posture), PhysicsClient()
     table = add_table(client)
     body = client.load_urdf(light_panda(), fixed=True)
@@ -47,7 +47,7 @@ def test_every_position_of_the_workspace_is_reached_clear_of_the_table(task):
 
 
 def test_a_solution_depends_on_the_pose_alone():
-    wanted = list(poses(TASKS["playing"].spec, 10))
+    wanted = list(poses(TASK_CLASSES["playing"].spec, 10))
     one, other = (PandaKinematics(POINTING_DOWN.posture) for _ in range(2))
     forwards = [one.solve(*pose) for pose in wanted]
     backwards = [other.solve(*pose) for pose in reversed(wanted)]
@@ -76,7 +76,7 @@ class Bench:
     """An arm alone over the table, held as a task holds it."""
 
     def __init__(self, task):
-        self.spec = TASKS[task].spec
+        self.spec = TASK_CLASSES[task].spec
         self.client = PhysicsClient()
         add_table(self.client)
         self.kinematics = PandaKinematics(self.spec.arm.posture)
@@ -113,7 +113,7 @@ class Bench:
         return max(0.0, *(limits[:, 0] - now), *(now - limits[:, 1]))
 
 
-@pytest.fixture(params=list(TASKS))
+@pytest.fixture(params=list(TASK_CLASSES))
 def bench(request):
     made = Bench(request.param)
     yield made

@@ -3,19 +3,19 @@ from collections.abc import Iterator
 import pytest
 
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registry import TASKS
+from minitouch_bench.tasks.registry import TASK_CLASSES
 
 
 @pytest.fixture(scope="session")
 def environments() -> Iterator[dict[str, MiniTouchEnv]]:
     """One environment a task, shared: that episodes do not disturb each other is a promise."""
-    made = {task: MiniTouchEnv(task) for task in TASKS}
+    made = {task: MiniTouchEnv(task) for task in TASK_CLASSES}
     yield made
     for environment in made.values():
         environment.close()
 
 
-@pytest.fixture(params=list(TASKS))
+@pytest.fixture(params=list(TASK_CLASSES))
 def environment(request, environments) -> MiniTouchEnv:
     """Each task in turn."""
     return environments[request.param]

@@ -20,7 +20,7 @@ from minitouch_bench.records import Outcome
 from minitouch_bench.simulation.observation import GrayCamera
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 from minitouch_bench.tasks.objects import choose_shapes
-from minitouch_bench.tasks.registry import TASKS
+from minitouch_bench.tasks.registry import TASK_CLASSES
 from minitouch_bench.tasks.task import TabletopTask
 from tests.tasks.playback import digest, play, random_actions
 
@@ -49,7 +49,7 @@ def test_gymnasium_finds_nothing_to_warn_of(environment):
     check_env(environment, skip_render_check=True)
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", TASK_CLASSES)
 def test_gymnasium_finds_nothing_to_warn_of_in_what_it_makes_and_draws(task):
     made = gymnasium.make(
         f"minitouch_bench:{PROTOCOL.task(task).gym_id}",
@@ -159,7 +159,7 @@ def test_the_same_bits_twice_and_after_other_episodes(environment):
     assert digest(environment, 7, STEPS) == first != other
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", TASK_CLASSES)
 def test_the_same_bits_in_a_fresh_process(task, environments):
     command = [sys.executable, "-m", "tests.tasks.playback", task, "7", str(STEPS)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
@@ -362,7 +362,7 @@ def test_without_a_render_mode_nothing_is_drawn(environments):
 class WholeCamera(GrayCamera):
     """Draws everything, each time."""
 
-    def keep_background(self, client, table, still):
+    def keep_background(self, client, table, static_parts):
         self._table = table
 
     def visible_bodies(self, client):

@@ -17,7 +17,7 @@ PEG = Path(__file__).parent / "peg"
 
 def add_the_task(package: Path) -> None:
     """Write the fifth task: three files, a controller and the controller's line."""
-    table = "\nTASKS: tuple[TaskSpec, ...] = (PLAYING, PUSHING, OPENING, PICK_UP)\n"
+    table = "\nTASK_SPECS: tuple[TaskSpec, ...] = (PLAYING, PUSHING, OPENING, PICK_UP)\n"
     suite = '"table4", ("playing", "pushing", "opening", "pick-up"), 100, rankable=True'
     edit(
         package / "protocol" / "tasks.py",

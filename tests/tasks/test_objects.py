@@ -7,7 +7,7 @@ from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_se
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.objects import ObjectPool, choose_shapes, cube_model
-from minitouch_bench.tasks.registry import TASKS
+from minitouch_bench.tasks.registry import TASK_CLASSES
 from tests.shapegen.conftest import subset
 
 CUBE = cube_model(CubeSpec(0.05, 1.0))
@@ -40,9 +40,13 @@ def test_a_pool_loads_what_is_drawn_and_only_once():
 
 
 def test_each_task_says_what_it_draws_from():
-    assert TASKS["opening"].spec.default_objects == ""
-    assert TASKS["pushing"].spec.default_objects == TASKS["playing"].spec.default_objects == "cube"
-    assert len(choose_shapes(TASKS["pick-up"].spec.default_objects)) > 1
+    assert TASK_CLASSES["opening"].spec.default_objects == ""
+    assert (
+        TASK_CLASSES["pushing"].spec.default_objects
+        == TASK_CLASSES["playing"].spec.default_objects
+        == "cube"
+    )
+    assert len(choose_shapes(TASK_CLASSES["pick-up"].spec.default_objects)) > 1
 
 
 def test_unknown_tasks_and_objects_are_usage_errors():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registry import TASKS
+from minitouch_bench.tasks.registry import TASK_CLASSES
 from minitouch_bench.tasks.task import Placement
 
 TRACES = np.load(Path(__file__).parents[1] / "data" / "release_traces.npz")
@@ -23,7 +23,7 @@ DRIFT_M = {"pick-up": 1.4e-3}
 over the steps: in Pick-up, which touches nothing for 60 steps, to 1.3 mm."""
 
 
-@pytest.fixture(params=list(TASKS))
+@pytest.fixture(params=list(TASK_CLASSES))
 def environment(request, monkeypatch):
     task = request.param
     made = MiniTouchEnv(task, **({} if task == "opening" else {"objects": "cube"}))

@@ -25,4 +25,4 @@ PEG = PegSpec(
     apart=0.10,
 )
 
-TASKS: tuple[TaskSpec, ...] = (PLAYING, PUSHING, OPENING, PICK_UP, PEG)
+TASK_SPECS: tuple[TaskSpec, ...] = (PLAYING, PUSHING, OPENING, PICK_UP, PEG)
