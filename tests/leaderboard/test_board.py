@@ -285,11 +285,11 @@ def test_pages_of_rows_that_left_are_removed_and_nothing_else(tmp_path):
     file.write_text(json.dumps({**document, "unranked": [{"name": "gone"}]}))
     for name in ("gone", "mine"):
         (pages / name).mkdir(parents=True)
-        (pages / name / "a.mp4").touch()
+        (pages / name / "seed-0-table4-pushing-0.mp4").touch()
         (pages / f"{name}.html").touch()
     build_board(tmp_path / "submissions", tmp_path)
     assert sorted(os.listdir(pages)) == ["mine", "mine.html"]
-    assert os.listdir(pages / "mine") == ["a.mp4"]
+    assert os.listdir(pages / "mine") == ["seed-0-table4-pushing-0.mp4"]
 
 
 @pytest.mark.parametrize(
