@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Self
 from minitouch_bench.leaderboard.columns import ColumnSpec, columns_of
 from minitouch_bench.leaderboard.proof import PROVED_LEVELS, RANKED_LEVELS, FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank, rank
-from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY, score, score_gaps
+from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY, count_learned, score, score_gaps
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, About
 from minitouch_bench.leaderboard.validation import Verdict, find_copies
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
@@ -113,8 +113,8 @@ class BoardRow(About):
     are the same, bit for bit; ``runs`` has the digest of each run. ``ranks`` by task and "overall",
     empty for a calibration policy; ``figures`` by task (or "overall") and metric, in the units that
     ``docs/reference/metrics.md`` gives; ``novel_shapes`` by task: the metric that ranks it on
-    held-out and on train shapes, and held-out minus train. ``endings``: number of episodes by how
-    they ended.
+    held-out and on train shapes, and held-out minus train. ``learned``: how many training seeds
+    learned each task with a goal. ``endings``: number of episodes by how they ended.
     """
 
     proof: Annotated[ProofLevel, ColumnSpec("Proof", "column")]
@@ -126,6 +126,7 @@ class BoardRow(About):
     ranks: Mapping[str, Rank]
     figures: Mapping[str, Mapping[str, Estimate]]
     novel_shapes: Mapping[str, Gap]
+    learned: Mapping[str, Count]
     endings: Mapping[str, Mapping[Ending, Count]]
 
     @property
@@ -137,6 +138,16 @@ class BoardRow(About):
     def is_ranked(self) -> bool:
         """Whether it has a rank."""
         return self.proof in RANKED_LEVELS and not self.is_calibration
+
+    def learned_in(self, task: str) -> str:
+        """Say how many of several training seeds learned a task, or OVERALL all; "" for one."""
+        seeds = len(self.training_seeds)
+        if seeds == 1 or task not in (OVERALL, *self.learned):
+            return ""
+        if task == OVERALL:
+            trainings = f"{sum(self.learned.values())} of {seeds * len(self.learned)} trainings"
+            return f"{trainings} learned"
+        return f"{self.learned[task]} of {seeds} seeds learned"
 
     def estimate(self, task: str, metric: str) -> Estimate | None:
         """Return an estimate, None where there is none."""
@@ -164,7 +175,7 @@ class Board:
     """
 
     format: Literal["minitouch-leaderboard"]
-    version: Literal[3]
+    version: Literal[4]
     protocol: str
     protocol_digest: str
     ranked: tuple[BoardRow, ...]
@@ -194,7 +205,7 @@ def make_board(verdicts: Sequence[Verdict]) -> Board:
     submitted = in_order([row for row in rows.values() if not row.is_calibration], OVERALL)
     return Board(
         format="minitouch-leaderboard",
-        version=3,
+        version=4,
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
         ranked=tuple(row for row in submitted if row.is_ranked),
@@ -220,6 +231,7 @@ def _row(verdict: Verdict, repeated: Iterable[str]) -> BoardRow:
         ranks={},
         figures=score(verdict.runs_on(MAIN_SUITE)),
         novel_shapes=score_gaps(verdict.runs_on(NOVEL_SHAPES)),
+        learned=count_learned(verdict.runs_on(MAIN_SUITE)),
         endings={task: _endings(chain(*verdict.episodes(task))) for task in BOARD_TASKS},
     )
 

@@ -15,12 +15,13 @@ from minitouch_bench.leaderboard.board import (
     BoardRow,
     LeftOut,
 )
-from minitouch_bench.leaderboard.scores import RANKED_BY
+from minitouch_bench.leaderboard.scores import FLOOR_SUCCESS, RANKED_BY
 from minitouch_bench.leaderboard.views import (
     CALIBRATION,
     EPISODE_VARIANCE,
     PAPER,
     RANKED,
+    SEED_VARIANCE,
     UNRANKED,
     BoardView,
 )
@@ -29,7 +30,7 @@ from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
 from minitouch_bench.rendering.markdown import escape, table_lines
 from minitouch_bench.rendering.tables import Column, Table, make_row
 from minitouch_bench.reporting.frames import CsvRow, rows_csv
-from minitouch_bench.reporting.labels import listed
+from minitouch_bench.reporting.labels import listed, task_title
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_values
 
 SHOWN_REASONS = 3
@@ -39,7 +40,7 @@ TABLE_COLUMNS = {name: column for name, column in COLUMN_SPECS.items() if column
 
 COLUMNS = (
     "name", "kind", *TABLE_COLUMNS, "suite", "task", "metric",
-    "value", "low", "high", "count", "interval", "rank", "worst_rank",
+    "value", "low", "high", "count", "interval", "rank", "worst_rank", "learned_seeds",
 )  # fmt: skip
 """Those of ``leaderboard.csv``, which has a row per value."""
 
@@ -63,15 +64,22 @@ def board_markdown(board: Board, tables: Sequence[BoardView]) -> str:
 def notes() -> tuple[str, ...]:
     """Return what must be said below every table."""
     return (
-        "A rank is 1 + the number of rows that are significantly better; the range behind it "
-        "contains the true rank with 95 % confidence.",
+        "A rank is 1 + the number of rows that are significantly better; its range ends before "
+        "the rows that are significantly worse. All pairs of rows of a table are tested together "
+        "at 5 % (Holm). A row of several training seeds is compared as a method, a row of one as "
+        "a checkpoint. Where a method fails in some seeds, the tests err more often than 5 %.",
         "Brackets: 95 % interval. One training seed: Wilson for shares, bootstrap over episodes "
-        f"for means; {EPISODE_VARIANCE}. Several: bootstrap over training seeds, which contains "
-        "the true mean less often where there are fewer than five.",
+        f"for means; {EPISODE_VARIANCE}. Several: {SEED_VARIANCE}",
+        f"Learned: the lower end of a training seed's interval of success is above {_floors()}, "
+        f"the best of {listed(FLOORS)}.",
         f"Calibration rows are the built-in policies: {CEILING} reads the simulator's state and "
         f"solves each task, {listed(FLOORS)} are floors. They are never ranked.",
         f"{PAPER_NOTE} They are never ranked.",
     )
+
+
+def _floors() -> str:
+    return listed([f"{value:.2f} in {task_title(task)}" for task, value in FLOOR_SUCCESS.items()])
 
 
 def _about(board: Board) -> Table:
@@ -109,7 +117,7 @@ def board_csv(board: Board) -> str:
         head = (method, PAPER, *[None] * len(TABLE_COLUMNS))
         for (task, metric), printed in paper_values(method).items():
             value = (float(printed.text), None, None, None, printed.remark)
-            rows.append((*head, "", task, metric, *value, None, None))
+            rows.append((*head, "", task, metric, *value, None, None, None))
     return rows_csv(COLUMNS, rows)
 
 
@@ -132,8 +140,11 @@ def _figures(row: BoardRow) -> Iterator[CsvRow]:
         for metric, estimate in figures.items():
             rank = row.ranks.get(task) if metric == RANKED_BY[task] else None
             ranks = (rank.best, rank.worst) if rank else (None, None)
-            yield MAIN_SUITE, task, metric, *astuple(estimate), *ranks
+            learned = row.learned.get(task)
+            yield MAIN_SUITE, task, metric, *astuple(estimate), *ranks, learned
     for task, gap in row.novel_shapes.items():
         for part, title in GAP_PARTS.items():
             metric = f"{RANKED_BY[task]}, {title}"
-            yield NOVEL_SHAPES, task, metric, *astuple(getattr(gap, part)), None, None
+            estimate = getattr(gap, part)
+            learned = row.learned.get(task)
+            yield NOVEL_SHAPES, task, metric, *astuple(estimate), None, None, learned

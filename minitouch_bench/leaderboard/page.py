@@ -1,6 +1,7 @@
 """The page of one submission."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.leaderboard.validation import Verdict
-from minitouch_bench.leaderboard.views import EPISODE_VARIANCE
+from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, SEED_VARIANCE, with_learned
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, Role
@@ -30,12 +31,19 @@ from minitouch_bench.rendering.charts import Figure, LegendItem, Plot
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.rendering.pages import render_page
 from minitouch_bench.rendering.svg import draw_share_bar
-from minitouch_bench.rendering.tables import Row, Table, estimate_cell, make_columns, metric_head
+from minitouch_bench.rendering.tables import (
+    Row,
+    Table,
+    estimate_cell,
+    make_columns,
+    make_row,
+    metric_head,
+)
 from minitouch_bench.reporting.figures import steps_plot, touch_plot
 from minitouch_bench.reporting.labels import group_faults, task_title
 from minitouch_bench.reporting.report import Video
 from minitouch_bench.reporting.tables import TABLE4_METRICS, gap_cells
-from minitouch_bench.reporting.writers import make_card
+from minitouch_bench.reporting.writers import Card, make_card
 from minitouch_bench.runs.run import Run
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -59,15 +67,7 @@ def submission_page(verdict: Verdict, row: BoardRow, ranked: int) -> str:
         rank=f"{ranks[OVERALL]} of {ranked}" if ranks else "",
         level=list(ProofLevel).index(row.proof),
         meaning=MEANINGS[row.proof],
-        cards=tuple(
-            make_card(
-                task,
-                [(row.name, row.figures[task])],
-                f"../pictures/{task}.png",
-                ranks.get(task, ""),
-            )
-            for task in BOARD_TASKS
-        ),
+        cards=tuple(_card(row, task, ranks.get(task, "")) for task in BOARD_TASKS),
         legend=tuple(_legend(row)),
         bars=tuple((task_title(task), _ending_bar(row, task)) for task in BOARD_TASKS),
         values=_values(row),
@@ -92,6 +92,12 @@ def _rank_text(rank: Rank) -> str:
     return f"rank {rank.best} to {rank.worst}" if rank.worst > rank.best else f"rank {rank.best}"
 
 
+def _card(row: BoardRow, task: str, rank: str) -> Card:
+    card = make_card(task, [(row.name, row.figures[task])], f"../pictures/{task}.png", rank)
+    values = (replace(one, cell=with_learned(one.cell, row, task)) for one in card.values)
+    return replace(card, values=tuple(values))
+
+
 def _legend(row: BoardRow) -> Iterator[LegendItem]:
     there = {ending for counts in row.endings.values() for ending in counts}
     for ending in Ending:
@@ -107,7 +113,9 @@ def _ending_bar(row: BoardRow, task: str) -> Markup:
 
 
 def _values(row: BoardRow) -> Table:
-    variance = "Bootstrap over training seeds" if len(row.training_seeds) > 1 else EPISODE_VARIANCE
+    several = len(row.training_seeds) > 1
+    learned = (row.learned_in(task).removesuffix(" seeds learned") for task in BOARD_TASKS)
+    note = SEED_VARIANCE if several else f"{EPISODE_VARIANCE[0].upper()}{EPISODE_VARIANCE[1:]}."
     return Table(
         title="All values",
         corner=("Metric", "Unit"),
@@ -118,8 +126,9 @@ def _values(row: BoardRow) -> Table:
                 tuple(estimate_cell(metric, row.estimate(task, metric)) for task in BOARD_TASKS),
             )
             for metric in (*TABLE4_METRICS, *TOUCH_METRICS)
-        ),
-        notes=(f"Brackets: 95 % interval. {variance[0].upper()}{variance[1:]}.",),
+        )
+        + ((make_row(("Learned", "seeds"), *learned),) if several else ()),
+        notes=(f"Brackets: 95 % interval. {note}",),
     )
 
 

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Rank:
-    """A row's rank: 1 + the rows that are better beyond doubt. ``worst`` is the last it may be."""
+    """A row's rank: 1 + the rows that are significantly better; ``worst``: less those worse."""
 
     best: int
     worst: int
@@ -49,19 +49,23 @@ def rank(rows: Sequence[Mapping[str, Sequence[Sequence[float]]]]) -> list[dict[s
 def ranks_of(means: Floats, p_values: Floats) -> list[Rank]:
     """Return the rank of each row, more being better.
 
-    A row's comparisons with the others are judged together at 5 % (Holm), so its range from
-    ``best`` to ``worst`` holds its true rank with 95 % confidence.
+    All pairs of the table are one family, judged together at 5 % (Holm). So A is better than B
+    exactly where B is worse than A. A row that is better than another is also better than all
+    that the other is better than: if both findings are true, this one is. Ranks therefore never
+    contradict a finding: the better row's rank is the smaller one.
 
     Source: S. Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Stat.
-    6 (1979); M. Mogstad et al., "Inference for ranks", Rev. Econ. Stud. 91 (2024).
+    6 (1979).
     """
     number = len(means)
+    pairs = np.triu_indices(number, 1)
     apart = np.zeros((number, number), bool)
-    for row, others in enumerate(~np.eye(number, dtype=bool)):
-        apart[row, others] = np.array(holm(p_values[row, others])) <= ALPHA
-    better = (apart & (means[None, :] > means[:, None])).sum(axis=1)
-    worse = (apart & (means[None, :] < means[:, None])).sum(axis=1)
-    return [Rank(1 + int(b), number - int(w)) for b, w in zip(better, worse, strict=True)]
+    apart[pairs] = np.asarray(holm(p_values[pairs].tolist())) <= ALPHA
+    better = (apart | apart.T) & (means[:, None] > means[None, :])
+    for row in np.argsort(means):  # each row's findings are whole before those above it use them
+        better[row] |= better[better[row]].any(axis=0)
+    above, below = better.sum(axis=0), better.sum(axis=1)
+    return [Rank(1 + int(a), number - int(b)) for a, b in zip(above, below, strict=True)]
 
 
 def share_p_values(samples: Sequence[Floats]) -> Floats:
@@ -82,14 +86,21 @@ def share_p_values(samples: Sequence[Floats]) -> Floats:
 
 
 def mean_p_values(strata: Sequence[Sequence[Floats]]) -> Floats:
-    """Return the p-values of all pairs of means over strata (tasks), (N, N).
+    """Return the p-values of all pairs of means over strata (tasks), (N, N), 1 on the diagonal.
 
-    ``strata`` holds the rows' samples of each task. The variance of a difference has two
-    parts: of the paired differences over episodes, and, for a row of several training seeds,
-    of its seeds' means. Student's t with the degrees of freedom of Satterthwaite.
+    ``strata`` holds the rows' samples of each task. The variance of a difference has two parts:
+    that of the paired differences over episodes, and, of each row of several training seeds,
+    that of its seeds' means. Both contain the variation of single episodes, which is subtracted
+    once, as in the analysis of several readers who judge the same cases. Student's t with the
+    degrees of freedom of Satterthwaite, of the parts before the subtraction. The trainings of
+    one task are independent of those of another.
 
-    Source: F. E. Satterthwaite, "An approximate distribution of estimates of variance
-    components", Biometrics Bulletin 2 (1946).
+    Where a row has one training seed, its checkpoint is compared, not its method.
+
+    Source: N. A. Obuchowski and H. E. Rockette, "Hypothesis testing of diagnostic accuracy for
+    multiple readers and multiple tests", Commun. Stat. Simul. 24 (1995); S. L. Hillis, "A
+    comparison of denominator degrees of freedom methods for multiple observer ROC analysis",
+    Stat. Med. 26 (2007).
     """
     number, tasks = len(strata[0]), len(strata)
     difference, variance, spread = (np.zeros((number, number)) for _ in range(3))
@@ -97,38 +108,42 @@ def mean_p_values(strata: Sequence[Sequence[Floats]]) -> Floats:
         table = np.array([values.mean(axis=0) for values in samples])
         means = table.mean(axis=1)
         difference += (means[:, None] - means[None, :]) / tasks
-        for part, freedom in _variances(samples, table):
-            variance += part / tasks**2
-            spread += (part / tasks**2) ** 2 / freedom
+        seeds = [_seed_variances(values) for values in samples]
+        total, own, freedom = np.array(seeds, np.float64).T
+        paired = _paired_variances(table)
+        variance += (paired + own[:, None] + own[None, :]) / tasks**2
+        parts = total**2 / freedom
+        over_episodes = paired**2 / (table.shape[1] - 1)
+        spread += (over_episodes + parts[:, None] + parts[None, :]) / tasks**4
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(difference == 0, 0.0, difference / np.sqrt(variance))
         freedom = np.where(spread > 0, variance**2 / spread, 1.0)
-    upper = np.triu_indices(number, 1)
-    p_values = np.ones((number, number))
-    p_values[upper] = 2.0 * scipy.special.stdtr(freedom[upper], -np.abs(t[upper]))
-    return np.minimum(p_values, p_values.T)
+    p_values: Floats = 2.0 * scipy.special.stdtr(freedom, -np.abs(t))
+    return p_values
 
 
-def _variances(samples: Sequence[Floats], table: Floats) -> list[tuple[Floats, float | Floats]]:
-    """Return the parts of the variance of all differences in one task, with their freedom."""
-    episodes = table.shape[1]
-    covariance = np.atleast_2d(np.cov(table)) / episodes
+def _paired_variances(table: Floats) -> Floats:
+    """Return the variances of the mean differences over episodes, of row means (N, E), (N, N)."""
+    covariance = np.atleast_2d(np.cov(table)) / table.shape[1]
     single = np.diag(covariance)
-    paired = np.maximum(single[:, None] + single[None, :] - 2 * covariance, 0.0)
-    paired[paired < 1e-12 * (single[:, None] + single[None, :])] = 0.0  # rounding of equal rows
-    of_seeds = np.array([_seed_variance(values) for values in samples])
-    freedom = np.array([max(1, len(values) - 1) for values in samples], np.float64)
-    shape = paired.shape
-    return [
-        (paired, float(episodes - 1)),
-        (np.broadcast_to(of_seeds[:, None], shape), np.broadcast_to(freedom[:, None], shape)),
-        (np.broadcast_to(of_seeds[None, :], shape), np.broadcast_to(freedom[None, :], shape)),
-    ]
+    both = single[:, None] + single[None, :]
+    paired = np.maximum(both - 2 * covariance, 0.0)
+    return np.where(paired < 1e-12 * both, 0.0, paired)  # rounding of equal rows
 
 
-def _seed_variance(values: Floats) -> float:
-    """Return the variance of the mean over training seeds, 0 where one seed tells nothing."""
-    return float(values.mean(axis=1).var(ddof=1)) / len(values) if len(values) > 1 else 0.0
+def _seed_variances(values: Floats) -> tuple[float, float, int]:
+    """Return the variance of a row's mean over training seeds, float64 (S, E), with its freedom.
+
+    First with the variation of single episodes, then without. One seed tells nothing: 0.
+    """
+    seeds, episodes = values.shape
+    if seeds == 1:
+        return 0.0, 0.0, 1
+    means = values.mean(axis=1)
+    total = float(means.var(ddof=1)) / seeds
+    residuals = values - values.mean(axis=0) - means[:, None] + values.mean()
+    within = float((residuals**2).sum()) / (seeds - 1) / (episodes - 1) / (seeds * episodes)
+    return total, max(0.0, total - within), seeds - 1
 
 
 @cache

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.metrics.metric import DOWN, UP, Bounds, Kind, Metric, ShownIn
+from minitouch_bench.metrics.metric import CONTROL_STEPS, DOWN, UP, Bounds, Kind, Metric, ShownIn
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, Outcome, Role
 
@@ -21,6 +21,9 @@ FORCE_COMPONENTS = PROTOCOL.observation.forces
 """Columns of the touch vector that hold the two fingers' forces, N."""
 
 FINGERS = 2
+
+PLAYING_UP = {task.name: UP for task in PROTOCOL.tasks if not task.has_goal}
+"""Better direction of touch: where a task has a goal, touching more is not better."""
 
 
 def _touch_variance(record: EpisodeRecord) -> float:
@@ -90,7 +93,7 @@ _TABLE = (
         shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
     Metric(
-        "episode_steps", "Episode steps", "control steps", "T", ".1f",
+        "episode_steps", "Episode steps", CONTROL_STEPS, "T", ".1f",
         "length of an episode, failures included; with a policy fault, the step limit",
         direction=DOWN, needs_goal=True, column="steps", field="steps",
         measure=lambda record: len(record.trace.actions), possible=_possible_steps,
@@ -98,7 +101,7 @@ _TABLE = (
         shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
     Metric(
-        "steps_to_success", "Steps to success", "control steps", "D", ".1f",
+        "steps_to_success", "Steps to success", CONTROL_STEPS, "D", ".1f",
         "length of an episode that succeeds",
         direction=DOWN, needs_goal=True,
         derive=lambda episode: episode.steps if episode.success else None,
@@ -113,15 +116,14 @@ _TABLE = (
     Metric(
         "touch_interaction", "Touch-interaction", "ticks", "T", ".1f",
         "physics ticks with a finger in contact with the object",
-        task_directions={task.name: UP for task in PROTOCOL.tasks if not task.has_goal},
-        column="touch_interaction",
+        task_directions=PLAYING_UP, column="touch_interaction",
         measure=lambda record: int(record.trace.contact_ticks.sum(dtype=np.int64)),
         possible=lambda e: (0, e.ticks), shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
     Metric(
         "touch_share", "Touch share", "share of control steps", "T", ".3f",
         "share of an episode's control steps with contact",
-        direction=UP, column="touch_share", derive=_touch_share,
+        task_directions=PLAYING_UP, column="touch_share", derive=_touch_share,
         shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
     Metric(
@@ -135,7 +137,7 @@ _TABLE = (
         shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
     ),
     Metric(
-        "touch_steps", "Touch steps", "control steps", "D", ".1f", "control steps with contact",
+        "touch_steps", "Touch steps", CONTROL_STEPS, "D", ".1f", "control steps with contact",
         column="touch_steps",
         measure=lambda record: int(np.count_nonzero(record.trace.contact_ticks)),
         possible=lambda e: (_touched(e), min(e.steps, e.touch_interaction)),
@@ -168,7 +170,7 @@ _TABLE = (
         shown_in=frozenset({ShownIn.DIAGNOSTICS}),
     ),
     Metric(
-        "clipped_actions", "Clipped actions", "control steps", "D", ".1f",
+        "clipped_actions", "Clipped actions", CONTROL_STEPS, "D", ".1f",
         "actions beyond -1 to 1, which are clipped",
         column="clipped_actions",
         measure=lambda record: int(np.count_nonzero(record.trace.clipped)),

@@ -8,6 +8,7 @@ in its ``run.json``.
 import hashlib
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -19,7 +20,8 @@ from minitouch_bench.records import Estimate
 WILSON = "wilson"
 NEWCOMBE = "newcombe"
 BOOTSTRAP = "bootstrap"
-OVER_TASKS = "Wilson intervals of the tasks, added in quadrature"
+OVER_TASKS = "intervals of the tasks, added in quadrature"
+STUDENT = "Student's t over training seeds, no narrower than over all their episodes"
 OVER_SEEDS = "bootstrap over training seeds, no narrower than over all their episodes"
 
 NORMAL_QUANTILE = 1.959963984540054
@@ -216,9 +218,47 @@ def over_seeds(
     return Estimate(seeds.value, low, high, seeds.count, OVER_SEEDS)
 
 
+Range = tuple[float, float]
+"""The least and the greatest value that a figure can have."""
+
+
+def mean_over_seeds(estimates: Sequence[Estimate], possible: Range) -> Estimate:
+    """Estimate a figure over training seeds from the estimate that each seed's run has of it.
+
+    One seed's estimate is returned unchanged. Several seeds give their mean with Student's
+    interval, which is cut at the ends of the ``possible`` range. Where the seeds agree by chance
+    it is narrower than their episodes allow, so it is widened to the interval over all episodes:
+    ``pooled_share`` of shares, otherwise ``quadrature``. It holds its level where the seeds'
+    values are about normal; where some seeds fail, no interval over a few seeds does.
+
+    Raises:
+        ValueError: there is no estimate.
+
+    Source: Student, "The probable error of a mean", Biometrika 6 (1908).
+    """
+    if not estimates:
+        raise ValueError("a mean over training seeds needs one of them")
+    if len(estimates) == 1:
+        return estimates[0]
+    number = len(estimates)
+    mean = math.fsum(estimate.value for estimate in estimates) / number
+    squares = math.fsum((estimate.value - mean) ** 2 for estimate in estimates)
+    quantile = float(scipy.stats.t.ppf(INTERVAL_ENDS[1], number - 1))
+    reach = quantile * math.sqrt(squares / (number - 1) / number)
+    are_shares = all(estimate.method == WILSON for estimate in estimates)
+    over_episodes = (pooled_share if are_shares else quadrature)(estimates)
+    low = max(min(mean - reach, over_episodes.low), possible[0])
+    high = min(max(mean + reach, over_episodes.high), possible[1])
+    return _rounded(Estimate(mean, low, high, number, STUDENT))
+
+
+DIGITS = 12
+"""Decimals of an estimate over seeds or tasks: the last bits depend on versions of libraries."""
+
+
 def pooled_share(shares: Sequence[Estimate]) -> Estimate:
     """Estimate a share over the episodes of several ``wilson`` estimates together."""
-    successes = sum(share.value * share.count for share in shares)
+    successes = math.fsum(share.value * share.count for share in shares)
     return wilson(round(successes), sum(share.count for share in shares))
 
 
@@ -229,8 +269,13 @@ def quadrature(parts: Sequence[Estimate]) -> Estimate:
     a general approach", Stat. Med. 27 (2008).
     """
     number = len(parts)
-    value = sum(part.value for part in parts) / number
+    value = math.fsum(part.value for part in parts) / number
     below = math.hypot(*(part.value - part.low for part in parts)) / number
     above = math.hypot(*(part.high - part.value for part in parts)) / number
     count = sum(part.count for part in parts)
-    return Estimate(value, value - below, value + above, count, OVER_TASKS)
+    return _rounded(Estimate(value, value - below, value + above, count, OVER_TASKS))
+
+
+def _rounded(estimate: Estimate) -> Estimate:
+    value, low, high = (round(x, DIGITS) for x in (estimate.value, estimate.low, estimate.high))
+    return replace(estimate, value=value, low=low, high=high)

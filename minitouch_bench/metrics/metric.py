@@ -7,13 +7,16 @@ from enum import StrEnum
 
 import numpy as np
 
-from minitouch_bench.metrics.intervals import bootstrap_mean, wilson
-from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.metrics.intervals import Range, bootstrap_mean, wilson
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, Estimate, Role
 
 UP = "↑"
 DOWN = "↓"
 NO_DIRECTION = ""
+
+CONTROL_STEPS = "control steps"
+"""Unit of the metrics that no episode can have more of than its task has steps."""
 
 
 class Kind(StrEnum):
@@ -125,6 +128,12 @@ class Metric:
     def is_share(self) -> bool:
         """Whether values lie between 0 and 1."""
         return self.unit.startswith("share")
+
+    def range_in(self, task: str) -> Range:
+        """Return the least and the greatest value in a task; no metric is negative."""
+        if self.is_share:
+            return 0.0, 1.0
+        return 0.0, PROTOCOL.task(task).max_steps if self.unit == CONTROL_STEPS else math.inf
 
     def is_in(self, task: str) -> bool:
         """Tell whether a task has this metric."""

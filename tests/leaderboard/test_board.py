@@ -12,7 +12,13 @@ import numpy as np
 import pytest
 
 from minitouch_bench.documents import plain
-from minitouch_bench.leaderboard.board import CALIBRATION_POLICIES, Ending, in_order, make_board
+from minitouch_bench.leaderboard.board import (
+    CALIBRATION_POLICIES,
+    FLOORS,
+    Ending,
+    in_order,
+    make_board,
+)
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
 from minitouch_bench.leaderboard.build import build_board, find_submissions, index_html
 from minitouch_bench.leaderboard.columns import amount
@@ -26,14 +32,17 @@ from minitouch_bench.leaderboard.proof import (
 from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scores import (
     BOARD_METRICS,
+    FLOOR_SUCCESS,
     MEAN_SUCCESS,
     OVERALL,
+    count_learned,
+    score,
     score_gaps,
 )
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.leaderboard.views import views
-from minitouch_bench.metrics.definitions import ranking_metric
-from minitouch_bench.metrics.intervals import over_seeds, quadrature
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
+from minitouch_bench.metrics.intervals import mean_over_seeds
 from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.rendering.tables import estimate_cell
@@ -82,7 +91,7 @@ def rows(board):
 
 
 def test_every_interval_on_the_board_is_that_of_its_runs(submissions, built):
-    """Those of one seed are in its run.json; of several, ``over_seeds`` of those."""
+    """Those of one seed are in its run.json; of several, ``mean_over_seeds`` of those."""
     document = json.loads((built / "leaderboard.json").read_text())
     compared = 0
     for row in (*document["ranked"], *document["calibration"]):
@@ -95,7 +104,8 @@ def test_every_interval_on_the_board_is_that_of_its_runs(submissions, built):
         for task in TASK_NAMES:
             for metric, figure in row["figures"][task].items():
                 estimates = [one[task][metric] for one in main]
-                assert figure == plain(over_seeds(estimates, task, metric))
+                possible = METRICS[metric].range_in(task)
+                assert figure == plain(mean_over_seeds(estimates, possible))
                 assert len(main) > 1 or figure == plain(estimates[0])
                 compared += 1
             shown = {name for name in BOARD_METRICS if all(name in one[task] for one in main)}
@@ -108,11 +118,10 @@ def test_every_interval_on_the_board_is_that_of_its_runs(submissions, built):
                 for result in run.summary.generalization
                 if result.task == task
             ]
-            for part, title in GAP_PARTS.items():
+            for part in GAP_PARTS:
                 parts = [getattr(one, part) for one in gaps]
-                floor = quadrature(parts) if part == "difference" else None
-                name = f"{metric}, {title}"
-                assert gap[part] == plain(over_seeds(parts, task, name, over_episodes=floor))
+                possible = (-1.0, 1.0) if part == "difference" else (0.0, 1.0)
+                assert gap[part] == plain(mean_over_seeds(parts, possible))
                 compared += 1
     assert compared > 150
 
@@ -145,7 +154,7 @@ def test_a_gap_over_two_seeds_is_no_narrower_than_over_their_episodes(submission
     gaps = [pushing.gaps["success"]] * 2  # two seeds that agree
     summary = replace(run.summary, generalization=(pushing,))
     gap = score_gaps([replace(run, summary=summary)] * 2)["pushing"]
-    assert gap.difference.value == gaps[0].difference.value
+    assert gap.difference.value == pytest.approx(gaps[0].difference.value)
     width = gaps[0].difference.high - gaps[0].difference.low
     assert gap.difference.high - gap.difference.low == pytest.approx(width / 2**0.5)
     assert gap.train.low < gap.train.value < gap.train.high
@@ -169,6 +178,50 @@ def test_several_seeds_are_averaged_and_resampled(submissions, rows):
     ]
     assert steps.low <= min(means) + 1e-9
     assert steps.high >= max(means) - 1e-9
+
+
+def runs_on_table4(directory):
+    return [read_run(place) for place in sorted(directory.glob("seed-*/table4"))]
+
+
+def test_the_overall_mean_does_not_depend_on_the_numbers_of_the_seeds(submissions):
+    """The trainings of one task are independent of those of another."""
+    runs = runs_on_table4(submissions / "seeds")
+    turned = [
+        replace(run, summary=replace(run.summary, tasks=tuple(
+            runs[(index + shift) % len(runs)].summary.tasks[shift]
+            for shift in range(len(run.summary.tasks))
+        )))
+        for index, run in enumerate(runs)
+    ]  # fmt: skip
+    assert turned[0].summary.tasks != runs[0].summary.tasks
+    assert score(turned) == score(runs)
+
+
+def test_a_seed_has_learned_where_it_is_above_the_best_floor(submissions):
+    runs = runs_on_table4(submissions / "seeds")
+    assert count_learned(runs) == dict.fromkeys(GOAL_TASKS, 3)
+    floors = [runs_on_table4(STORED / name)[0] for name in FLOORS]
+    best = {
+        task.task: max(floor.summary.tasks[index].estimates["success"].value for floor in floors)
+        for index, task in enumerate(floors[0].summary.tasks)
+        if task.task in GOAL_TASKS
+    }
+    assert best == FLOOR_SUCCESS
+    assert sum(count_learned([*floors, runs[0]]).values()) == len(GOAL_TASKS)
+
+
+def test_beside_a_mean_over_seeds_is_how_many_learned(board, built, rows):
+    page = (built / "submission" / "seeds.html").read_text()
+    assert page.count("3 of 3 seeds learned") == 3  # in the cards
+    assert page.count(">3 of 3<") == 3
+    for view in views(board):
+        (line,) = [line for line in view.lines if line.name == "seeds"]
+        (single,) = [line for line in view.lines if line.name == "near"]
+        count = sum(" learned" in cell.small for cell in line.cells)
+        assert count == {"overall": 4, "playing": 0, "novel-shapes": 2, "touch": 3}.get(view.key, 1)
+        assert not any(" learned" in cell.small for cell in single.cells)
+    assert rows["seeds"].learned == dict.fromkeys(GOAL_TASKS, 3)
 
 
 def test_no_share_is_ever_certain(rows):

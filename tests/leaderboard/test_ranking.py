@@ -2,8 +2,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
+from benchmarks.board_errors import SETTINGS, simulate
 from minitouch_bench.leaderboard.ranking import mean_p_values, ranks_of, share_p_values
+from minitouch_bench.metrics.significance import holm
 
 
 def single(values):
@@ -60,6 +63,35 @@ def test_training_seeds_add_their_own_doubt():
     assert p[1, 2] > 0.05
 
 
+def test_the_noise_of_episodes_counts_once():
+    """By hand: 2 seeds by 3 episodes of one row, against a row that never varies."""
+    row = np.array([[0.0, 1, 5], [2, 3, 1]])
+    flat = np.zeros((2, 3))
+    over_episodes = np.var([1.0, 2, 3], ddof=1) / 3
+    over_seeds = np.var([2.0, 2], ddof=1) / 2
+    assert (over_episodes, over_seeds) == (1 / 3, 0)  # less the residual, still 0
+    t = 2 / math.sqrt(over_episodes)
+    assert mean_p_values([[row, flat]])[0, 1] == pytest.approx(2 * stats.t.sf(t, 2))
+    apart = np.array([[0.0, 1, 5], [11, 12, 10]])
+    over_seeds = np.var([2.0, 11], ddof=1) / 2
+    residuals = np.array([[-1.0, -1, 2], [1, 1, -2]])
+    residual = (residuals**2).sum() / 2 / 6
+    variance = over_episodes + over_seeds - residual
+    freedom = variance**2 / (over_episodes**2 / 2 + over_seeds**2 / 1)
+    expected = 2 * stats.t.sf(6.5 / math.sqrt(variance), freedom)
+    assert mean_p_values([[apart, flat]])[0, 1] == pytest.approx(expected)
+
+
+def test_false_alarms_over_seeds_stay_near_one_in_twenty():
+    """Of boards of four equal methods, for seeds that vary and seeds that do not."""
+    methods = SETTINGS["equal variances, 5 seeds"]
+    pair, board, _ = simulate(methods, 300, 0.0)
+    assert 0.02 <= pair <= 0.07
+    assert board <= 0.085
+    pair, board, power = simulate(SETTINGS["seeds do not vary, 5 seeds"], 300, 0.1)
+    assert board >= power >= 0.5
+
+
 def false_alarms(strata, compare) -> float:
     """Return the share of 1,000 independent pairs of equal policies that are told apart."""
     rng = np.random.default_rng(4)
@@ -104,6 +136,40 @@ def test_a_row_between_two_that_differ_shares_both_their_ranks():
 def test_a_row_alone_is_first():
     (rank,) = ranks_of(np.array([0.2]), np.ones((1, 1)))
     assert (rank.best, rank.worst) == (1, 1)
+
+
+def random_tables(number):
+    rng = np.random.default_rng(5)
+    for _ in range(number):
+        rows = int(rng.integers(2, 9))
+        upper = np.triu(rng.random((rows, rows)) ** 6, 1)
+        yield rng.random(rows), upper + upper.T + np.eye(rows)
+
+
+def test_no_rank_contradicts_another():
+    """Each finding counts for both of its rows, and the better row has the smaller rank."""
+    found = 0
+    for means, p_values in random_tables(300):
+        ranks = ranks_of(means, p_values)
+        better = sum(rank.best - 1 for rank in ranks)
+        assert better == sum(len(means) - rank.worst for rank in ranks)
+        pairs = np.triu_indices(len(means), 1)
+        adjusted = np.ones_like(p_values)
+        adjusted[pairs] = holm(p_values[pairs])
+        for one, other in np.argwhere(adjusted <= 0.05):
+            first, second = (one, other) if means[one] > means[other] else (other, one)
+            assert ranks[first].best < ranks[second].best
+            assert ranks[first].worst < ranks[second].worst
+            found += 1
+    assert found > 300
+
+
+def test_what_is_better_than_a_better_row_is_better():
+    p = np.ones((3, 3))
+    for one, other in ((0, 1), (1, 2)):
+        p[one, other] = p[other, one] = 1e-6
+    ranks = ranks_of(np.array([0.9, 0.7, 0.5]), p)
+    assert [(rank.best, rank.worst) for rank in ranks] == [(1, 1), (2, 2), (3, 3)]
 
 
 def test_the_range_of_ranks_holds_the_true_rank():

@@ -126,7 +126,7 @@ def test_hostile_names_are_harmless():
     ("metric", "low", "high", "words"),
     [
         ("touch_interaction", 1.0, 2.0, "more on held-out"),
-        ("touch_share", 0.1, 0.2, "better on held-out"),
+        ("touch_share", 0.1, 0.2, "more on held-out"),
         ("success", -0.1, 0.1, "no difference seen"),
         ("success", -0.1, 0.0, "no difference seen"),
         ("success", -0.2, -0.1, "worse on held-out"),

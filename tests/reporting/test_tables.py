@@ -17,7 +17,7 @@ def test_table4_has_the_shape_of_the_paper(hac):
         "Success ↑",
         "Episode steps ↓",
         "Touch-interaction (↑ in playing)",
-        "Touch share ↑",
+        "Touch share (↑ in playing)",
     ]
     assert table.groups == (("Pushing", 4), ("Opening", 4), ("Pick-up", 4), ("Playing", 4))
     assert [column.is_paper for column in table.columns[:4]] == [False, True, True, True]
