@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
+from minitouch_bench.shapegen.body_codec import Body
 from minitouch_bench.shapegen.manifest import HELD_OUT, TRAIN, Shape, ShapeSet, load_shape_set
 from minitouch_bench.shapegen.mesh import Points, face_normals
-from minitouch_bench.shapegen.record import Body
 from minitouch_bench.shapegen.solids import Solid, symmetric_difference, to_mesh, to_solid
 
 BIN, BINS = 0.0025, 48

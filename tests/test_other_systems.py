@@ -74,7 +74,7 @@ def test_a_run_in_a_process_has_the_same_digest_and_is_unofficial(elsewhere, tmp
 
 END = """
 import time
-from minitouch_bench.policies.host import Host
+from minitouch_bench.policies.forkserver import Host
 host = Host(None)
 for act, grace_s in ((lambda: os._exit(7), 60.0), (lambda: time.sleep(1000), 0.1)):
     host._child = os.fork()

@@ -13,7 +13,7 @@ from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.files import RUN_FILE, clear_run, entries_of, holds_run
 from minitouch_bench.optional import installed_versions
-from minitouch_bench.policies.formats import computing_packages
+from minitouch_bench.policies.loaders import computing_packages
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Outcome
 from minitouch_bench.runs.actions import write_actions

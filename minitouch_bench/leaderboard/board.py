@@ -18,7 +18,7 @@ from minitouch_bench.leaderboard.submission import BOARD_TASKS, About
 from minitouch_bench.leaderboard.validation import Verdict, find_copies
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
-from minitouch_bench.policies.formats import BUILT_IN
+from minitouch_bench.policies.loaders import BUILT_IN
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.records import Count, EpisodeMetrics, Estimate, Gap, Outcome, Sha256
 from minitouch_bench.rendering.escaping import printable

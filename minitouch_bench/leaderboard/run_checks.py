@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from minitouch_bench.leaderboard.submission import ALL_TASKS, CheckpointFile, TrainingSeed
-from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.loaders import FORMATS
 from minitouch_bench.policies.sources import DIRECTORY, NOTES, directory_digest
 from minitouch_bench.records import PolicyIdentity, Role
 from minitouch_bench.runs.run import Run, RunHeader

@@ -33,7 +33,7 @@ from minitouch_bench.leaderboard.submission import (
     TrainingSeed,
     read_submission,
 )
-from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
+from minitouch_bench.policies.loaders import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import EpisodeMetrics

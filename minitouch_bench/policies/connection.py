@@ -188,7 +188,7 @@ class HostConnection:
         self._output = OutputPipe()
         self._control = ours
         self._in_order = False
-        command = [sys.executable, "-P", "-u", "-m", "minitouch_bench.policies.host"]
+        command = [sys.executable, "-P", "-u", "-m", "minitouch_bench.policies.forkserver"]
         with theirs:
             self._process = subprocess.Popen(
                 [*command, str(theirs.fileno()), str(os.getpid())],

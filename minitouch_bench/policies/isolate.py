@@ -16,9 +16,9 @@ from minitouch_bench.errors import (
     PolicyLoadError,
     PolicyRaisedError,
 )
-from minitouch_bench.policies.formats import FORMATS, check_permitted, load_policy
-from minitouch_bench.policies.host import seed_everything
+from minitouch_bench.policies.forkserver import seed_everything
 from minitouch_bench.policies.isolation.options import SANDBOXED, Isolation, IsolationOptions
+from minitouch_bench.policies.loaders import FORMATS, check_permitted, load_policy
 from minitouch_bench.policies.policy import (
     Checkpoint,
     Observation,

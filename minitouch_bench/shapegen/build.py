@@ -8,10 +8,7 @@ import coacd
 import numpy as np
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.shapegen.families import FAMILIES
-from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments
-from minitouch_bench.shapegen.poses import RestPose
-from minitouch_bench.shapegen.record import (
+from minitouch_bench.shapegen.body_codec import (
     Body,
     body_files,
     decode,
@@ -20,6 +17,9 @@ from minitouch_bench.shapegen.record import (
     files_digest,
     quantized,
 )
+from minitouch_bench.shapegen.families import FAMILIES
+from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, solid_moments
+from minitouch_bench.shapegen.poses import RestPose
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
     LIMITS,

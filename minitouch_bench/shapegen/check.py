@@ -12,6 +12,7 @@ import numpy as np
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, read_file
 from minitouch_bench.processes import run_in_workers
+from minitouch_bench.shapegen.body_codec import Body, body_files, decode, digest, files_digest
 from minitouch_bench.shapegen.build import entry_of
 from minitouch_bench.shapegen.generate import Progress
 from minitouch_bench.shapegen.manifest import (
@@ -23,7 +24,6 @@ from minitouch_bench.shapegen.manifest import (
     read_pose,
     splits_of,
 )
-from minitouch_bench.shapegen.record import Body, body_files, decode, digest, files_digest
 from minitouch_bench.shapegen.soundness import LIMITS, UnsoundError, examine
 
 ROUNDING = MappingProxyType({"lifted": 1.0 / LIMITS.yaws, "volume_m3": 0.0})

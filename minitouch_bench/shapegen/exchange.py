@@ -24,11 +24,11 @@ from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.files import MIB, lock_directory, os_errors_as, read_file, replace_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
+from minitouch_bench.shapegen.body_codec import Body, body_files, encode, obj_text, quantized
 from minitouch_bench.shapegen.build import BUILD, entry_of, weighed
 from minitouch_bench.shapegen.generate import Progress, write_set
 from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet
 from minitouch_bench.shapegen.mesh import Mesh, Points, in_body_frame, solid_moments
-from minitouch_bench.shapegen.record import Body, body_files, encode, obj_text, quantized
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
     LIMITS,

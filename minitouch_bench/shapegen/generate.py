@@ -15,6 +15,7 @@ from minitouch_bench.files import lock_directory, os_errors_as, replace_file
 from minitouch_bench.optional import installed_versions
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
+from minitouch_bench.shapegen.body_codec import digest
 from minitouch_bench.shapegen.build import BUILD, make_shape
 from minitouch_bench.shapegen.families import GENERATOR_VERSION
 from minitouch_bench.shapegen.manifest import (
@@ -24,7 +25,6 @@ from minitouch_bench.shapegen.manifest import (
     canonical_shape_set,
     splits_of,
 )
-from minitouch_bench.shapegen.record import digest
 from minitouch_bench.simulation.bullet import BUILDS
 
 PARTIAL, PLAN = ".partial", "plan.json"

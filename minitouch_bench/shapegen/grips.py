@@ -10,9 +10,9 @@ import numpy as np
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.tasks import PICK_UP
+from minitouch_bench.shapegen.body_codec import Body, body_files
 from minitouch_bench.shapegen.mesh import Points
 from minitouch_bench.shapegen.poses import Quaternion, RestPose, product, rotation_matrix, yaw
-from minitouch_bench.shapegen.record import Body, body_files
 from minitouch_bench.simulation.bodies import stock_panda
 from minitouch_bench.simulation.bullet import INVISIBLE
 from minitouch_bench.simulation.client import PhysicsClient

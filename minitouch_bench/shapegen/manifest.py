@@ -19,8 +19,7 @@ from minitouch_bench.cache import cache_directory, cache_errors
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, MIB, read_file, replace_file
 from minitouch_bench.protocol.spec import content_digest
-from minitouch_bench.shapegen.poses import RestPose
-from minitouch_bench.shapegen.record import (
+from minitouch_bench.shapegen.body_codec import (
     Body,
     body_files,
     decode,
@@ -29,6 +28,7 @@ from minitouch_bench.shapegen.record import (
     files_digest,
     files_stem,
 )
+from minitouch_bench.shapegen.poses import RestPose
 
 MANIFEST = "manifest.json"
 PACK = "shapes.bin"

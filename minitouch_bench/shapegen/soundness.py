@@ -9,6 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from minitouch_bench.shapegen.body_codec import Body
 from minitouch_bench.shapegen.grips import GripRig, open_rig
 from minitouch_bench.shapegen.mesh import (
     Mesh,
@@ -19,7 +20,6 @@ from minitouch_bench.shapegen.mesh import (
     widest_across,
 )
 from minitouch_bench.shapegen.poses import RestPose, rest_poses
-from minitouch_bench.shapegen.record import Body
 from minitouch_bench.shapegen.solids import (
     hull_of,
     symmetric_difference,

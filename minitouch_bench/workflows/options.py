@@ -16,13 +16,13 @@ import typer
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import ENGINES, EngineOptions
-from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.policies.isolation.options import (
     MAX_TIMEOUT_S,
     Isolation,
     IsolationOptions,
     PolicyLimits,
 )
+from minitouch_bench.policies.loaders import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
 
 StrPath = str | PathLike[str]

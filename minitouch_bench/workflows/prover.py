@@ -13,7 +13,7 @@ from minitouch_bench.leaderboard.proof import FreshProof
 from minitouch_bench.leaderboard.submission import TrainingSeed
 from minitouch_bench.leaderboard.validation import Verdict
 from minitouch_bench.metrics.summary import measure
-from minitouch_bench.policies.formats import BUILT_IN
+from minitouch_bench.policies.loaders import BUILT_IN
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import (

@@ -104,7 +104,7 @@ def test_everybody_dies_with_the_command(tmp_path):
     process = start(*LONG, "--engine", "ray", "--workers", 2, directory=tmp_path)
     wait_for_records(tmp_path / "run", 1, process)
     family = descendants(process.pid)
-    assert any(b"policies.host" in command_line(pid) for pid in family)
+    assert any(b"policies.forkserver" in command_line(pid) for pid in family)
     process.kill()
     process.communicate()
     wait_until_gone(family)

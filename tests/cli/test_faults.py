@@ -77,7 +77,7 @@ def victims(pid: int, kind: str) -> list[int]:
     below = family(pid)
     if kind == "worker":
         return [child for child, line in below.items() if "minitouch_bench.processes" in line]
-    return [child for child, line in below.items() if "policies.host" in line]
+    return [child for child, line in below.items() if "policies.forkserver" in line]
 
 
 @pytest.fixture(scope="module")

@@ -103,7 +103,7 @@ def descendants(pid: int) -> set[int]:
 
 def holds_a_policy(pid: int) -> bool:
     """Tell whether a process below this one holds a policy."""
-    return any(b"policies.host" in command_line(below) for below in descendants(pid))
+    return any(b"policies.forkserver" in command_line(below) for below in descendants(pid))
 
 
 def command_line(pid: int) -> bytes:

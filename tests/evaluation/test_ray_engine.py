@@ -155,7 +155,7 @@ def test_a_worker_that_dies_is_replaced_and_its_policy_dies_with_it(cluster, tmp
 
 def policy_hosts():
     every = {int(path.name) for path in Path("/proc").iterdir() if path.name.isdecimal()}
-    return {pid for pid in every if b"policies.host" in command_line(pid)}
+    return {pid for pid in every if b"policies.forkserver" in command_line(pid)}
 
 
 def kill_workers(hosts):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from minitouch_bench.policies.formats import load_policy
+from minitouch_bench.policies.loaders import load_policy
 from minitouch_bench.policies.policy import Checkpoint, Policy
 from tests.policies.recipes import run_recipes
 

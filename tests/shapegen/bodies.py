@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from minitouch_bench.shapegen.body_codec import Body, quantized
 from minitouch_bench.shapegen.mesh import Mesh, solid_moments
-from minitouch_bench.shapegen.record import Body, quantized
 from minitouch_bench.shapegen.solids import Solid, to_mesh
 
 

@@ -6,9 +6,9 @@ import pytest
 from typer.testing import CliRunner
 
 from minitouch_bench.cli.shapes import app
+from minitouch_bench.shapegen.body_codec import digest
 from minitouch_bench.shapegen.check import check_set
 from minitouch_bench.shapegen.manifest import load_shape_set
-from minitouch_bench.shapegen.record import digest
 from tests.altered import edit_document
 
 

@@ -13,9 +13,9 @@ from benchmarks.shape_evidence import (
     split_p_value,
     stats_text,
 )
+from minitouch_bench.shapegen.body_codec import Body
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
 from minitouch_bench.shapegen.mesh import Mesh
-from minitouch_bench.shapegen.record import Body
 from minitouch_bench.shapegen.solids import to_solid
 from tests.shapegen.bodies import box, box_body
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import InfrastructureError, UsageError
+from minitouch_bench.shapegen.body_codec import encode, file_names, files_stem
 from minitouch_bench.shapegen.build import family_of
 from minitouch_bench.shapegen.manifest import (
     HELD_OUT,
@@ -20,7 +21,6 @@ from minitouch_bench.shapegen.manifest import (
 )
 from minitouch_bench.shapegen.mesh import widest_across
 from minitouch_bench.shapegen.poses import rotation_matrix
-from minitouch_bench.shapegen.record import encode, file_names, files_stem
 from minitouch_bench.shapegen.soundness import LIMITS
 from tests.altered import edit_document
 

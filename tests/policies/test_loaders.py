@@ -11,7 +11,7 @@ import torch
 from onnx import TensorProto, helper
 
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.policies.formats import load_policy
+from minitouch_bench.policies.loaders import load_policy
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.policies.process import PolicyProcess

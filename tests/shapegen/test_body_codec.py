@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.shapegen.record import body_files, decode, encode, quantized
+from minitouch_bench.shapegen.body_codec import body_files, decode, encode, quantized
 from tests.shapegen.bodies import box_body
 
 

@@ -1,6 +1,6 @@
 """The process that policies are forked from: heavy packages imported, no checkpoint loaded.
 
-Started by ``connection`` as ``python -m minitouch_bench.policies.host FD PARENT``. FD is a
+Started by ``connection`` as ``python -m minitouch_bench.policies.forkserver FD PARENT``. FD is a
 socket on which every packet is one JSON object::
 
     a StartOrder and two descriptors
@@ -37,10 +37,10 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
 )
 from minitouch_bench.policies import wire
-from minitouch_bench.policies.formats import FORMATS, check_permitted, find_loader, load_policy
 from minitouch_bench.policies.isolation.kernel import ProcessLimits
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.isolation.sandbox import NOTHING, Sandbox, factory_paths, prepare
+from minitouch_bench.policies.loaders import FORMATS, check_permitted, find_loader, load_policy
 from minitouch_bench.policies.policy import Checkpoint, action_size, close_policy, warning_of
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.processes import die_with
