@@ -1,15 +1,15 @@
 """The settings of a training, as one frozen value that a TOML file can hold."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from minitouch_bench.agents import METHODS
 from minitouch_bench.documents import read_toml, take_table
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
@@ -285,6 +285,33 @@ def read_config(path: Path, base: TrainingConfig) -> TrainingConfig:
         UsageError: the file is unreadable, or sets what there is not.
     """
     return take_table(read_toml(path), TrainingConfig, str(path), base)
+
+
+def read_recorded_config(path: Path) -> TrainingConfig:
+    """Return the settings that a training has recorded in its directory, every one of them.
+
+    Raises:
+        RunDirectoryError: the file is unreadable, sets what there is not, or lacks a setting: a
+            default in its place could make another training of it.
+    """
+    try:
+        table = read_toml(path)
+        config = take_table(table, TrainingConfig, str(path))
+    except UsageError as error:
+        raise RunDirectoryError(str(error)) from error
+    if missing := list(_missing_settings(asdict(config), table)):
+        raise RunDirectoryError(f"{path} lacks {', '.join(missing)}: restore it, or train anew")
+    return config
+
+
+def _missing_settings(
+    known: Mapping[str, Any], given: Mapping[str, Any], table: str = ""
+) -> Iterator[str]:
+    for name, value in known.items():
+        if name not in given:
+            yield f"{table}{name}"
+        elif isinstance(value, Mapping):
+            yield from _missing_settings(value, given[name], f"{name}.")
 
 
 def apply_settings(config: TrainingConfig, settings: Mapping[str, Any]) -> TrainingConfig:

@@ -1,6 +1,5 @@
 """Replay memory: each image is kept once; the sampler computes rewards."""
 
-import math
 import zlib
 from collections import deque
 from collections.abc import Callable
@@ -17,9 +16,6 @@ COMPRESSION_LEVEL = 6
 
 PLAIN_ROWS = 65_536
 """How many of the newest images are kept unpacked, too: 0.46 GB, taken as they come."""
-
-ZLIB_ROOM = 64
-"""Bytes that an image may grow by where zlib cannot make it smaller."""
 
 SUCCESS_STEPS = 50
 """How many of the last steps before a success count as leading to it."""
@@ -200,10 +196,12 @@ class Replay:
     def _unpacked(self, rows: NDArray[np.int64]) -> NDArray[np.uint8]:
         images = self._plain[rows % len(self._plain)]
         for index in np.flatnonzero(rows < self.rows - len(self._plain)):
-            content = self._images[rows[index] % self.capacity]
-            plain = zlib.decompress(content) if self._compress else content
-            images[index] = np.frombuffer(plain, np.uint8).reshape(self._image_shape)
+            images[index] = self._unpack(self._images[rows[index] % self.capacity])
         return images
+
+    def _unpack(self, content: bytes) -> NDArray[np.uint8]:
+        plain = zlib.decompress(content) if self._compress else content
+        return np.frombuffer(plain, np.uint8).reshape(self._image_shape)
 
     def state(self) -> dict[str, Any]:
         """Return everything but the images."""
@@ -225,47 +223,19 @@ class Replay:
         """Take over what ``state`` returned; ``read_images`` gives the images' last bytes.
 
         Raises:
-            ValueError, LookupError, TypeError, zlib.error: no memory of this size says so.
+            ValueError, LookupError, zlib.error: the state or an image is damaged.
         """
-        rows, start, lengths = state["rows"], state["episode_start"], state["lengths"]
-        size = min(rows, self.capacity)
-        if not (type(rows) is type(start) is int and 0 <= start <= rows):
-            raise ValueError("its episode is not in the memory")
+        self.rows, self._episode_start = state["rows"], state["episode_start"]
+        self._image_shape, self._successes = state["image_shape"], deque(state["successes"])
         for name in _COLUMNS:
-            sound, column = getattr(self, name), state[name].numpy()
-            same = column.dtype == sound.dtype and column.shape == (size, *sound.shape[1:])
-            if not (same and column.flags.c_contiguous and np.isfinite(column).all()):
-                raise ValueError(f"its {name[1:]} has another form")
-            setattr(self, name, column.copy())
-        if rows > 1 and self._last.all():
-            raise ValueError("no row has an action")
-        successes = [(first, last) for first, last in state["successes"]]
-        if len(successes) > rows or not all(0 <= a < b <= rows for a, b in successes):
-            raise ValueError("its successes are not in the memory")
-        if lengths.shape != (size,) or lengths.dtype != torch.int32 or not lengths.is_contiguous():
-            raise ValueError("its images are not as many as its rows")
-        shape = tuple(state["image_shape"])
-        largest = math.prod(shape) + ZLIB_ROOM
-        if size and not 0 < int(lengths.min()) <= int(lengths.max()) <= largest:
-            raise ValueError("an image in it has another size")
-        self.rows, self._episode_start = rows, start
-        self._image_shape, self._successes = shape, deque(successes)
-        self._take_images(lengths.tolist(), read_images(int(lengths.sum())))
-
-    def _take_images(self, lengths: list[int], images: bytes) -> None:
-        size, end, wanted = len(self), 0, math.prod(self._image_shape)
+            setattr(self, name, state[name].numpy().copy())
+        lengths, end, size = state["lengths"].tolist(), 0, len(self)
+        images = read_images(sum(lengths))
         self._images = [b""] * size
         for row in range(self.rows - size, self.rows):
             content = images[end : end + lengths[row % self.capacity]]
-            plain = content
-            if self._compress:  # no more than an image is unpacked
-                unpacking = zlib.decompressobj()
-                plain = unpacking.decompress(content, wanted + 1)
-                plain = plain if unpacking.eof else b""
-            if len(plain) != wanted:
-                raise ValueError("an image in it is damaged")
             self._images[row % self.capacity] = content
-            self._keep_plain(row, np.frombuffer(plain, np.uint8).reshape(self._image_shape))
+            self._keep_plain(row, self._unpack(content))
             end += len(content)
 
     def episode_actions(self) -> NDArray[np.float32]:

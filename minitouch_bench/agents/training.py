@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from minitouch_bench.agents.checkpoint import CheckpointFiles, refuse_other_form
+from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import TrainingConfig
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.logged_data import fill_from_log
@@ -221,17 +221,13 @@ class Training:
         """Load the checkpoint, and bring the world back by doing the episode's actions again."""
         state = self._files.load(self._replay)
         with self._files.damage_named():
-            refuse_other_form(state, self._state() | {"tally": {**state["tally"]}})
             self.step, self._episode = state["step"], state["episode"]
             self.kept_step = self.step
             self._seconds = state["seconds"]
-            self._tally.load(state["tally"])
+            vars(self._tally).update(state["tally"])
             self._learner.load_state(state["learner"])
-            actions = self._replay.episode_actions()
             if self._is_from_log:
                 return
-            if len(actions) > (self.config.episode_steps or self._environment.task.spec.max_steps):
-                raise ValueError("its episode is longer than any")
             self._observation, _ = self._environment.reset(seed=self._episode_seed())
-            for action in actions:
+            for action in self._replay.episode_actions():
                 self._observation = self._environment.step(action)[0]

@@ -1,19 +1,16 @@
 """Train a learner in a directory, evaluated as it goes under the protocol's own rollout."""
 
 import os
-import socket
-import struct
 import time
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 
 from minitouch_bench import files
-from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE, PICTURES_FILE
-from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_config
+from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_recorded_config
 from minitouch_bench.agents.progress import Evaluation, ProgressRow
 from minitouch_bench.agents.training import Training, TrainingCallbacks
 from minitouch_bench.documents import write_toml
@@ -58,20 +55,21 @@ def run_training(
 
     Raises:
         UsageError: no such device, or settings with which the training diverges.
-        RunDirectoryError: the directory is in use, holds another training, or its
-            checkpoint is damaged.
+        RunDirectoryError: the directory is in use, is not empty and ``resume`` was not asked for,
+            contains another training, or its checkpoint is damaged.
         InfrastructureError: a file cannot be written; the training can be resumed.
     """
     chosen = choose_device(device)
     keep_freed_memory()
     torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
-    with files.lock_directory(directory):
-        _prepare(config, directory, resume, callbacks.note)
+    with files.lock_directory(directory), ExitStack() as stack:
+        _check_directory(config, directory, resume, callbacks.note)
         environment = MiniTouchEnv(
             config.task, config.objects or None, max_steps=config.episode_steps or None
         )
+        stack.callback(environment.close)
         evaluator = TrainingEvaluator(config)
-        events = _open_events(directory, callbacks.note)
+        stack.callback(evaluator.close)
 
         def on_row(row: ProgressRow) -> None:
             callbacks.row(row)
@@ -79,13 +77,13 @@ def run_training(
                 events.add(row)
 
         watched = TrainingCallbacks(evaluator.evaluate, on_row, callbacks.should_stop)
-        try:
-            training = Training(config, environment, directory, watched, chosen)
-            training.start()
-            finished = _run(training, directory)
-        finally:
-            evaluator.close()
-            environment.close()
+        training = Training(config, environment, directory, watched, chosen)
+        training.start()
+        files.write_file(directory / CONFIG_FILE, write_toml(config))
+        events = _open_events(directory, callbacks.note)
+        if events is not None:
+            stack.callback(events.close)
+        finished = _run(training, directory)
         if (directory / files.PROGRESS_FILE).exists():  # there is a row to draw
             files.write_file(directory / files.REPORT_PAGE, training_page(directory))
     return finished
@@ -118,39 +116,41 @@ def _run(training: Training, directory: Path) -> bool:
 
 
 class _Events:
-    """TensorBoard's events of one training, each written when it happens.
+    """TensorBoard's events of one training, each in its file before the next control step.
 
-    tensorboardX's own writer opens its file through links, and its thread ends with a traceback
-    where the disk is full; its protocol buffers and check sums are used here.
+    tensorboardX's ``SummaryWriter`` writes in a thread, which ends with a traceback and leaves the
+    training waiting where the disk is full; the writer below it has none.
     """
 
     def __init__(self, folder: Path) -> None:
-        events = require("tensorboardX.proto.event_pb2", "train")
-        summary = require("tensorboardX.proto.summary_pb2", "train")
-        self._event, self._summary = events.Event, summary.Summary
-        self._checksum = require("tensorboardX.record_writer", "train").masked_crc32c
-        name = f"events.out.tfevents.{time.time():.0f}.{socket.gethostname()}"
-        self._file = files.make_folder(folder) / name
-        self._write(file_version="brain.Event:2")
+        self._proto = require("tensorboardX.proto.event_pb2", "train")
+        self._summary = require("tensorboardX.proto.summary_pb2", "train").Summary
+        writers = require("tensorboardX.event_file_writer", "train")
+        self._folder = files.make_folder(folder).absolute()
+        self._writer = writers.EventsWriter(str(self._folder / "events"))
 
     def add(self, row: ProgressRow) -> None:
-        """Write every number of a row as a scalar at its control step."""
+        """Write every number of a row as a scalar at its control step.
+
+        Raises:
+            RunDirectoryError: the disk is full.
+        """
         scalars = [
             self._summary.Value(tag=f"{row.phase}/{name}", simple_value=value)
             for name, value in asdict(row).items()
             if name != "step" and isinstance(value, float | int)
         ]
-        self._write(step=row.step, summary=self._summary(value=scalars))
+        event = self._proto.Event(
+            wall_time=time.time(), step=row.step, summary=self._summary(value=scalars)
+        )
+        with files.os_errors_as(RunDirectoryError, self._folder, "written"):
+            self._writer.write_event(event)
+            self._writer.flush()
 
-    def _write(self, **fields: Any) -> None:
-        """Add an event in the form of TFRecord: length, content, a check sum after each."""
-        content = self._event(wall_time=time.time(), **fields).SerializeToString()
-        length = struct.pack("<Q", len(content))
-        parts = (length, self._sum(length), content, self._sum(content))
-        files.append_bytes(self._file, b"".join(parts))
-
-    def _sum(self, content: bytes) -> bytes:
-        return struct.pack("<I", self._checksum(content))
+    def close(self) -> None:
+        """Close the file; every row is in it already."""
+        with suppress(OSError):
+            self._writer.close()
 
 
 def _open_events(directory: Path, note: Note) -> _Events | None:
@@ -180,22 +180,17 @@ def choose_device(name: str) -> torch.device:
     return torch.device("cuda")
 
 
-def _prepare(config: TrainingConfig, directory: Path, resume: bool, note: Note) -> None:
-    """Write the settings of a new or longer training, or check those of one to resume."""
+def _check_directory(config: TrainingConfig, directory: Path, resume: bool, note: Note) -> None:
+    """See that a directory is empty, or that the training in it is the one to resume.
+
+    Raises:
+        RunDirectoryError: the directory contains anything and ``resume`` was not asked for, or it
+            contains no training or one with other settings.
+    """
     file = directory / CONFIG_FILE
-    for name in (PICTURES_FILE, files.PROGRESS_FILE):
-        if os.path.lexists(directory / name):
-            with files.os_errors_as(RunDirectoryError, directory / name, "written"):
-                os.close(files.open_plain(directory / name, os.O_RDWR))
-    if resume and not os.path.lexists(file):
-        note(f"{directory} contains no training yet: one is started")
-    if any(os.path.lexists(directory / name) for name in (CHECKPOINT_FILE, files.PROGRESS_FILE)):
-        if not resume:
-            raise RunDirectoryError(
-                f"{directory} contains a training: continue it with --resume, or choose another "
-                "--output"
-            )
-        known = read_config(file, config)
+    entries = files.entries_of(directory)
+    if resume and CONFIG_FILE in entries:
+        known = read_recorded_config(file)
         if config.is_longer_than(known):
             _keep_policy(directory / TRAINED_FILE, known.steps)
         elif config != known:
@@ -203,7 +198,16 @@ def _prepare(config: TrainingConfig, directory: Path, resume: bool, note: Note) 
                 f"{file} has other settings than asked for; resume with the same ones, or with "
                 "more steps in the last phase"
             )
-    files.write_file(file, write_toml(config))
+    elif entries:
+        more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""
+        advice = "continue the training in it with --resume, or choose another --output"
+        if CONFIG_FILE not in entries:
+            advice = "it contains no training; choose another --output"
+        raise RunDirectoryError(
+            f"{directory} is not empty: {entries[0]!a}{more}.\n{advice.capitalize()}"
+        )
+    elif resume:
+        note(f"{directory} contains no training yet: one is started")
 
 
 def _keep_policy(file: Path, steps: int) -> None:

@@ -1,6 +1,4 @@
-import json
-import os
-import resource
+import socket
 
 import gymnasium
 import h5py
@@ -10,6 +8,7 @@ import pytest
 from minari.data_collector.episode_buffer import EpisodeBuffer
 from minari.dataset.minari_storage import MinariStorage
 
+import minitouch_bench as mt
 from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
 from minitouch_bench.agents.logged_data import fill_from_log
@@ -54,121 +53,71 @@ def test_a_log_of_bare_numbers_is_refused(tmp_path):
     )  # fmt: skip
     storage.update_episodes([episode])
     storage.update_metadata({"dataset_id": "robot-v0", "minari_version": minari.__version__})
-    with pytest.raises(UsageError, match="observations of another kind"):
+    with pytest.raises(UsageError, match="is not a Minari dataset"):
         fill_from_log(Replay(100, 11, 4, compress=True), tmp_path / "log", 4)
 
 
-# A dataset of a stranger
+@pytest.mark.parametrize("address", ["http://127.0.0.1:1/log", "hf://a/b", "https://a.b/log"])
+def test_a_file_of_settings_names_no_server(tmp_path, monkeypatch, address):
+    def connect(*_):
+        raise AssertionError("it looks for a server")
+
+    monkeypatch.setattr(socket.socket, "connect", connect)
+    (tmp_path / "settings.toml").write_text(f"log = '{address}'")
+    settings, output = tmp_path / "settings.toml", tmp_path / "run"
+    with pytest.raises(UsageError, match="is not a Minari dataset"):
+        mt.train("pushing", config=settings, output=output, device="cpu")
+
+
+# A damaged dataset
 
 
 def spoiled(path, change):
     """Write a dataset and let ``change`` spoil its data."""
     write_log(path, dense=True)
     with h5py.File(path / "main_data.hdf5", "r+") as file:
-        change(file)
+        change(file["episode_1"])
     return path
 
 
 def put(name, value):
-    def change(file):
-        del file[f"episode_1/{name}"]
-        file[f"episode_1/{name}"] = value
-
-    return change
-
-
-def declare(name, shape, dtype, **storage):
-    """An array without content, of which only the shape is there."""
-
-    def change(file):
-        del file[f"episode_1/{name}"]
-        file.create_dataset(f"episode_1/{name}", shape, dtype, **storage)
+    def change(episode):
+        del episode[name]
+        episode[name] = value
 
     return change
 
 
 def spoil(name, index, value):
-    def change(file):
-        file[f"episode_1/{name}"][index] = value
+    def change(episode):
+        episode[name][index] = value
 
     return change
 
 
-def more_episodes(file):
-    file["episode_2"] = h5py.ExternalLink("/etc/hostname", "/")
-
-
-def names_of_one(file):
-    """An episode under many names."""
-    for index in range(2, 200):
-        file[f"episode_{index}"] = file["episode_1"]
-
-
-def virtual(file):
-    layout = h5py.VirtualLayout((7, 4), "f4")
-    layout[:] = h5py.VirtualSource("other.hdf5", "actions", (7, 4))
-    del file["episode_1/actions"]
-    file["episode_1"].create_virtual_dataset("actions", layout)
-
-
 SPOILED = {
     "rewards too short": put("rewards", np.zeros(3)),
-    "no rewards": lambda file: file["episode_1"].pop("rewards"),
+    "no rewards": lambda episode: episode.pop("rewards"),
     "actions without an axis": put("actions", np.float32(0.5)),
     "actions of text": put("actions", np.full((7, 4), "x", "S1")),
-    "no actions": lambda file: file["episode_1"].pop("actions"),
-    "an empty episode": put("actions", np.zeros((0, 4), "f4")),
-    "infos that are an array": put("infos", np.zeros(8)),
-    "a success too many": put("infos/is_success", np.zeros(20)),
+    "a success too few": put("infos/is_success", np.zeros(6)),
     "images of float": put("observations/image", np.zeros((8, 1, 84, 84), "f4")),
-    "26 GB": declare("observations/image", (3_700_000, 1, 84, 84), "u1", chunks=(1, 1, 84, 84)),
-    "26 GB of every array": declare("actions", (10**9, 4), "f4", chunks=(1, 4)),
-    "a chunk of gigabytes": declare(
-        "actions", (7, 4), "f4", chunks=(2**27, 4), maxshape=(None, 4), compression="gzip"
-    ),
     "nan": spoil("actions", (2, 1), np.nan),
     "infinity": spoil("rewards", 2, np.inf),
     "1e30": spoil("observations/touch", (2, 1), 1e30),
     "an action beyond 1": spoil("actions", (2, 1), 1.5),
-    "an episode elsewhere": more_episodes,
-    "actions elsewhere": lambda file: (
-        file["episode_1"].pop("actions"),
-        file["episode_1"].__setitem__("actions", h5py.ExternalLink("other.hdf5", "actions")),
-    ),
-    "a soft link": lambda file: (
-        file["episode_1"].pop("actions"),
-        file["episode_1"].__setitem__("actions", h5py.SoftLink("/episode_0/actions")),
-    ),
-    "bytes of another file": declare(
-        "actions", (7, 4), "f4", external=[("/etc/passwd", 0, h5py.h5f.UNLIMITED)]
-    ),
-    "a virtual array": virtual,
-    "more names than episodes": names_of_one,
 }
 
 
 @pytest.mark.parametrize("name", SPOILED)
 def test_a_spoiled_dataset_is_refused_in_one_line(tmp_path, name):
     path = spoiled(tmp_path / "log", SPOILED[name])
-    if name in ("an episode elsewhere", "more names than episodes"):
-        episodes = 3 if name == "an episode elsewhere" else 200
-        metadata = json.loads((path / "metadata.json").read_text())
-        (path / "metadata.json").write_text(json.dumps(metadata | {"total_episodes": episodes}))
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(UsageError) as refused:
+    with pytest.raises(UsageError, match="is not a Minari dataset") as refused:
         fill_from_log(Replay(100, 11, 4, compress=True), path, 4)
     assert len(str(refused.value).splitlines()) == 1
-    assert len(str(refused.value)) < 400
-    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) < 2**20  # kB
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "", "[]", "{}", "nonsense", '{"total_episodes": "many"}', '{"total_episodes": 1000000000}',
-        '{"total_episodes": -1}', '{"total_episodes": 2, "data_format": "arrow"}', "[" * 100_000,
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("text", ["", "[]", "{}", "nonsense", '{"total_episodes": "many"}'])
 def test_odd_metadata_are_refused_in_one_line(tmp_path, text):
     write_log(tmp_path / "log")
     (tmp_path / "log" / "metadata.json").write_text(text)
@@ -177,13 +126,10 @@ def test_odd_metadata_are_refused_in_one_line(tmp_path, text):
     assert len(str(refused.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize("name", ["metadata.json", "main_data.hdf5"])
-def test_nobody_waits_for_a_pipe(tmp_path, name):
+def test_a_dataset_larger_than_the_memory_is_refused(tmp_path):
     write_log(tmp_path / "log")
-    (tmp_path / "log" / name).unlink()
-    os.mkfifo(tmp_path / "log" / name)
-    with pytest.raises(UsageError, match="no plain file"):
-        fill_from_log(Replay(100, 11, 4, compress=True), tmp_path / "log", 4)
+    with pytest.raises(UsageError, match="replay_size"):
+        fill_from_log(Replay(10, 11, 4, compress=True), tmp_path / "log", 4)
 
 
 def config_with_log(tmp_path, method="hac"):

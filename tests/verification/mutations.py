@@ -1,4 +1,4 @@
-"""Runs, submissions, trainings and datasets spoiled at random, each read within limits.
+"""Runs and submissions spoiled at random, each read within limits.
 
 ``python -m tests.verification.mutations KIND SEED COUNT`` prints what was found, as JSON. It is a
 process of its own, because a limit of memory cannot be taken back.
@@ -23,14 +23,9 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import h5py
 import numpy as np
-import torch
 import typer
 
-from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE
-from minitouch_bench.agents.logged_data import DATA_FILE, fill_from_log
-from minitouch_bench.agents.replay import Replay
 from minitouch_bench.cli.output import show_written_report
 from minitouch_bench.errors import MiniTouchError
 from minitouch_bench.evaluation.actors import PolicySetup
@@ -55,11 +50,7 @@ from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import RunEnvironment, make_run, read_run, run_json
-from minitouch_bench.workflows import TrainingProgress
 from minitouch_bench.workflows.report import report
-from minitouch_bench.workflows.training import run_training
-from tests.agents.logs import write_log
-from tests.agents.trainings import CONFIG
 from tests.leaderboard.synthetic import make_submission
 from tests.reporting.synthetic import make_record
 from tests.verification.conftest import verify_run
@@ -157,8 +148,8 @@ def link(file: Path, chance: random.Random, mine: Path) -> None:
 
 def folder_link(file: Path, chance: random.Random, mine: Path) -> None:
     folder = file.parent
-    if folder.name in ("run", "hac", "training", "log"):
-        names = ["videos", "tensorboard", "replays", "checkpoints", "seed-0", "events"]
+    if folder.name in ("run", "hac"):
+        names = ["videos", "tensorboard", "replays", "checkpoints", "seed-0"]
         folder /= chance.choice(names)
     if not folder.is_symlink():
         shutil.rmtree(folder, ignore_errors=True)
@@ -231,60 +222,9 @@ def other_type(file: Path, chance: random.Random, mine: Path) -> None:
         if chance.random() < 0.3:
             with zipfile.ZipFile(file, "a") as archive:
                 archive.writestr(key + ".npy", pickle.dumps(print))
-    elif file.name == CHECKPOINT_FILE:
-        state = torch.load(file, weights_only=True)
-        torch.save(change_state(state, chance), file)
-    elif file.name == DATA_FILE:
-        change_arrays(file, chance, mine)
     else:
         text = file.read_text(errors="replace").replace("0", str(other_value(chance, mine))[:99], 2)
         file.write_text(text, errors="replace")
-
-
-def change_state(state: object, chance: random.Random) -> object:
-    """Put another value at one place in a checkpoint."""
-    if isinstance(state, dict | list) and state and chance.random() < 0.9:
-        key = (
-            chance.choice(list(state)) if isinstance(state, dict) else chance.randrange(len(state))
-        )
-        state[key] = change_state(state[key], chance)
-        return state
-    tensors = [
-        torch.zeros(3), torch.zeros(0), torch.zeros(1).expand(10**12), torch.zeros(2, 2) / 0,
-        torch.zeros(4, dtype=torch.int64), torch.tensor(2**40), torch.tensor(-1),
-    ]  # fmt: skip
-    if isinstance(state, torch.Tensor):
-        tensors += [state[:1], -state.float(), torch.full_like(state, 1), state.double()]
-    values = [None, True, -1, 0, 2**62, 10**30, float("nan"), "", "x", [], {}, (), [[]]]
-    return chance.choice([*tensors, *values])
-
-
-def change_arrays(file: Path, chance: random.Random, mine: Path) -> None:
-    """Put another array, or a link, at one place in a dataset."""
-    with h5py.File(file, "r+") as data:
-        names: list[str] = []
-        data.visit(names.append)
-        name = chance.choice(names)
-        kind = chance.choice(["shape", "declared", "link", "outside", "removed", "number", "type"])
-        old = data[name] if isinstance(data[name], h5py.Dataset) else None
-        shape = (4, 4) if old is None else old.shape
-        if kind == "number" and old is not None and shape:
-            old[chance.randrange(shape[0])] = chance.choice([np.nan, 1e30, -1e300, 255, 7])
-            return
-        del data[name]
-        if kind == "shape":
-            data[name] = np.zeros(chance.choice([(), (0,), (3,), (2, 2), shape[1:], (9, *shape)]))
-        elif kind == "declared":
-            large = (10 ** chance.randrange(4, 12), *shape[1:])
-            data.create_dataset(name, large, "u1", chunks=(1, *shape[1:]), compression="gzip")
-        elif kind == "link":
-            where = chance.choice([str(mine / "secret.txt"), "other.hdf5", str(mine / "pipe")])
-            data[name] = chance.choice([h5py.ExternalLink(where, "/"), h5py.SoftLink("/")])
-        elif kind == "outside":
-            where = [(str(mine / chance.choice(["secret.txt", "pipe"])), 0, 64)]
-            data.create_dataset(name, (16,), "f4", external=where)
-        elif kind == "type":
-            data[name] = chance.choice(["text", b"bytes", np.float16(1), 1j, [True], ["a", "b"]])
 
 
 MUTATIONS: tuple[Callable[[Path, random.Random, Path], None], ...] = (
@@ -345,23 +285,6 @@ def readers_of_a_submission(
     yield "build", lambda: build_board(directory.parent, directory.parents[1] / "board")
 
 
-def readers_of_a_training(
-    directory: Path, sound: Path, engine: Replayed
-) -> Iterator[tuple[str, Callable[[], object]]]:
-    asked = iter([False] * 3 + [True])
-    callbacks = TrainingProgress(should_stop=lambda: next(asked))
-    yield (
-        "train",
-        lambda: run_training(CONFIG, directory, resume=True, device="cpu", callbacks=callbacks),
-    )
-
-
-def readers_of_a_dataset(
-    directory: Path, sound: Path, engine: Replayed
-) -> Iterator[tuple[str, Callable[[], object]]]:
-    yield "fill", lambda: fill_from_log(Replay(1000, 11, 4, compress=True), directory, 4)
-
-
 def within_limits(read: Callable[[], object], memory: int) -> tuple[str, float]:
     """Call a reader; return what is wrong with it, "" if nothing, and the seconds it took."""
 
@@ -416,16 +339,8 @@ def make_sound(kind: str, place: Path) -> tuple[Path, Replayed, Readers]:
     if kind == "submission":
         return make_submission(place), Replayed(()), readers_of_a_submission
     place.mkdir()
-    if kind == "run":
-        records = sound_run(place / "run")
-        return place / "run", Replayed(records), readers_of_a_run
-    if kind == "training":
-        asked = iter([False] * 25 + [True])
-        callbacks = TrainingProgress(should_stop=lambda: next(asked))
-        run_training(CONFIG, place / "training", device="cpu", callbacks=callbacks)
-        return place / "training", Replayed(()), readers_of_a_training
-    write_log(place / "log", dense=True)
-    return place / "log", Replayed(()), readers_of_a_dataset
+    records = sound_run(place / "run")
+    return place / "run", Replayed(records), readers_of_a_run
 
 
 def try_mutations(kind: str, seed: int, count: int) -> dict[str, object]:

@@ -19,10 +19,8 @@ def tried(kind: str, seed: int, count: int) -> dict:
     return json.loads(done.stdout[done.stdout.index("{") :])
 
 
-@pytest.mark.parametrize(
-    ("kind", "count"), [("run", 50), ("submission", 10), ("training", 10), ("dataset", 30)]
-)
-def test_a_hundred_mutations_are_read_or_refused(kind, count):
+@pytest.mark.parametrize(("kind", "count"), [("run", 50), ("submission", 10)])
+def test_some_mutations_are_read_or_refused(kind, count):
     found = tried(kind, 0, count)
     assert found["tried"] == count
     assert found["problems"] == []
@@ -31,6 +29,6 @@ def test_a_hundred_mutations_are_read_or_refused(kind, count):
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("seed", range(10_000, 12_000, 250))
-def test_two_thousand_mutations_are_read_or_refused(seed):
-    for kind, count in (("run", 200), ("submission", 50), ("training", 50), ("dataset", 200)):
+def test_many_mutations_are_read_or_refused(seed):
+    for kind, count in (("run", 200), ("submission", 50)):
         assert tried(kind, seed, count)["problems"] == []
