@@ -17,7 +17,8 @@ ENCODER_KERNELS = (8, 4, 3, 2)
 """Kernel sizes of the four convolutions, in pixels (supplement, Table 3)."""
 
 ENCODER_STRIDES = (4, 2, 2, 2)
-"""Strides. Table 3 prints 4, 2, 1, 1, but its sizes 20, (8), 4, 2 only come out of these."""
+"""Strides. Table 3 prints 4, 2, 1, 1, with which its sizes 20, 8, 4, 2 do not come out; with these
+strides all but one do (9 in place of 8)."""
 
 ENCODER_GRID = reduce(
     lambda size, layer: (size - layer[0]) // layer[1] + 1,

@@ -48,7 +48,7 @@ def train(
         objects: cube, or shapes: train, held-out, all; by default the task's. A policy that was
             trained on held-out shapes cannot show generalization on novel-shapes.
         from_log: Dataset (Minari's format) to explore in place of the simulator.
-        preset: default (what learns best here) or paper (Tables 2 and 3).
+        preset: default (what learns best here) or paper (values of the supplement).
         config: TOML file of settings: see docs/reference/training-settings.md.
         output: Directory of the training; by default reports/training/TASK-METHOD-SEED.
         resume: Continue from the checkpoint.
