@@ -16,6 +16,7 @@ BASE = {
     "errors",
     "optional",
     "files",
+    "machine",
     "cache",
     "processes",
     "documents",

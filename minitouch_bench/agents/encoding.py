@@ -1,11 +1,9 @@
 """Images to features, in half precision where the processor computes in it."""
 
-from pathlib import Path
-
 import torch
 from torch import Tensor, nn
 
-_PROCESSOR_FLAGS = Path("/proc/cpuinfo")
+from minitouch_bench.machine import processor_flags
 
 
 def has_bfloat16(device: torch.device) -> bool:
@@ -15,10 +13,7 @@ def has_bfloat16(device: torch.device) -> bool:
     """
     if device.type == "cuda":
         return bool(torch.cuda.is_bf16_supported(including_emulation=False))
-    try:
-        return "avx512_bf16" in _PROCESSOR_FLAGS.read_text(encoding="ascii").split()
-    except OSError:
-        return False
+    return "avx512_bf16" in processor_flags()
 
 
 def arrange(module: nn.Module, device: torch.device) -> None:

@@ -1,6 +1,5 @@
 """A run under way: what is asked for, what is done of it, and the episodes that are missing."""
 
-import platform
 import re
 import time
 from collections.abc import Callable, Sequence
@@ -12,6 +11,7 @@ from minitouch_bench.errors import HopelessRunError, RunDirectoryError, UsageErr
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.files import RUN_FILE, clear_run, entries_of, holds_run
+from minitouch_bench.machine import machine_facts
 from minitouch_bench.optional import installed_versions
 from minitouch_bench.policies.loaders import computing_packages
 from minitouch_bench.policies.sources import identify
@@ -138,11 +138,7 @@ def play_missing(
             _refuse_hopeless([records[spec] for spec in first])
     environment = RunEnvironment(
         packages=package_versions(),
-        machine={
-            "system": platform.platform(),
-            "processor": _processor(),
-            "python": f"{platform.python_implementation()} {platform.python_version()}",
-        },
+        machine=machine_facts(),
         workers=workers,
         started=started.isoformat(timespec="seconds"),
         wall_s=round(time.monotonic() - clock, 3),
@@ -165,13 +161,3 @@ def _refuse_hopeless(records: Sequence[EpisodeRecord]) -> None:
 def package_versions() -> dict[str, str]:
     """Return the versions of the packages that a run's numbers may depend on."""
     return installed_versions(PACKAGES)
-
-
-def _processor() -> str:
-    """Return the processor's model, whose class bit-identity is promised for."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.machine()
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return models[0] if models else platform.machine()

@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from minitouch_bench import machine
 from minitouch_bench.agents import encoding
 
 FLAGS = "processor : 0\nflags : fpu avx512f {}\n"
@@ -15,10 +16,5 @@ FLAGS = "processor : 0\nflags : fpu avx512f {}\n"
 def test_half_precision_needs_matrix_units(tmp_path, monkeypatch, flags, has):
     file = tmp_path / "cpuinfo"
     file.write_text(FLAGS.format(flags))
-    monkeypatch.setattr(encoding, "_PROCESSOR_FLAGS", file)
+    monkeypatch.setattr(machine, "CPUINFO", file)
     assert encoding.has_bfloat16(torch.device("cpu")) == has
-
-
-def test_a_processor_that_names_no_flags_has_none(tmp_path, monkeypatch):
-    monkeypatch.setattr(encoding, "_PROCESSOR_FLAGS", tmp_path / "none")
-    assert not encoding.has_bfloat16(torch.device("cpu"))

@@ -1,0 +1,34 @@
+import platform
+
+import pytest
+
+from minitouch_bench import machine
+
+CPUINFO = """processor\t: 0
+model name\t: Some Processor: 3 GHz
+flags\t\t: fpu avx2
+flags of another kind : avx512f
+
+processor\t: 1
+model name\t: Another
+"""
+
+
+@pytest.fixture
+def cpuinfo(tmp_path, monkeypatch):
+    monkeypatch.setattr(machine, "CPUINFO", tmp_path / "cpuinfo")
+    return tmp_path / "cpuinfo"
+
+
+def test_the_first_processor_is_named_with_its_features(cpuinfo):
+    cpuinfo.write_text(CPUINFO)
+    assert machine.machine_facts()["processor"] == "Some Processor: 3 GHz"
+    assert machine.processor_flags() == {"fpu", "avx2"}
+
+
+@pytest.mark.parametrize("content", ["", "processor : 0\n", None])
+def test_a_system_that_names_nothing_has_an_architecture_and_no_features(cpuinfo, content):
+    if content is not None:
+        cpuinfo.write_text(content)
+    assert machine.processor_model() == platform.machine()
+    assert machine.processor_flags() == frozenset()
