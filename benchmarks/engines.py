@@ -11,10 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.engine import Engine
+from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.evaluation.ray_cluster import ray_cluster
-from minitouch_bench.evaluation.ray_engine import RayEngine
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EpisodeSpec
 from minitouch_bench.runs.plan import Suite, make_plan
@@ -32,9 +30,9 @@ def main() -> None:
         exploration=False
     )
     begun = time.perf_counter()
-    with ray_cluster(None, WORKERS) as ray:
+    with open_engine(EngineOptions("ray", WORKERS)) as ray:
         started = time.perf_counter() - begun
-        engines: dict[str, Engine] = {"local": LocalEngine(WORKERS), "ray": RayEngine(ray, WORKERS)}
+        engines: dict[str, Engine] = {"local": LocalEngine(WORKERS), "ray": ray}
         firsts: dict[str, list[float]] = {name: [] for name in engines}
         rates: dict[str, list[float]] = {name: [] for name in engines}
         for turn in range(ROUNDS):

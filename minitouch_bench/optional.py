@@ -1,7 +1,7 @@
 """Installed and optional packages, and look-up of ``package.module:attribute``."""
 
 import importlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, requires, version
 from operator import attrgetter
@@ -35,6 +35,14 @@ def installed_versions(names: Iterable[str]) -> dict[str, str]:
         with suppress(PackageNotFoundError):
             versions[name] = version(name)
     return versions
+
+
+def compare_versions(there: Mapping[str, str], here: Mapping[str, str]) -> str:
+    """Say which versions differ, as in "torch 2.6 there, 2.7 here"; "" where none does."""
+    names = sorted({name for name, _ in there.items() ^ here.items()})
+    return "; ".join(
+        f"{name} {there.get(name, 'none')} there, {here.get(name, 'none')} here" for name in names
+    )
 
 
 def extras() -> dict[str, list[str]]:

@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
@@ -148,22 +148,19 @@ def run_in_workers(
     workers: int,
     *,
     name: Callable[[Job], str],
-    failed: Callable[[str], Result] | None = None,
-    variables: Mapping[str, str] = ARITHMETIC,
 ) -> Generator[tuple[int, Result], None, None]:
     """Yield (index, ``function(job)``) as jobs end, from ``workers`` processes.
 
     The function is copied to each worker once, and keeps there what it remembers. A job whose
     worker dies, or whose function raises, is tried again in a new process. An error that is
     the user's passes through at once: any ``MiniTouchError`` but an ``InfrastructureError``.
-    ``name`` says in an error which job failed; ``failed`` makes a result of that error, and the
-    other jobs go on. ``variables`` are set in each worker.
+    ``name`` says in an error which job failed.
 
     Raises:
-        InfrastructureError: a job failed three times, and there is no ``failed``.
+        InfrastructureError: a job failed three times.
     """
     waiting = deque((index, 1) for index in range(len(jobs)))
-    pool = [_Worker(function, variables) for _ in range(min(workers, len(jobs)))]
+    pool = [_Worker(function) for _ in range(min(workers, len(jobs)))]
     try:
         while waiting or any(worker.task for worker in pool):
             for worker in pool:
@@ -183,11 +180,9 @@ def run_in_workers(
                     waiting.appendleft((index, attempt + 1))
                 else:
                     text = f"{name(jobs[index])} failed {MAX_ATTEMPTS} times: {result.reason}"
-                    if failed is None:
-                        raise InfrastructureError(text)
-                    yield index, failed(text)
+                    raise InfrastructureError(text)
                 worker.close()
-                pool[pool.index(worker)] = _Worker(function, variables)
+                pool[pool.index(worker)] = _Worker(function)
     finally:
         for worker in pool:
             worker.close()
@@ -204,7 +199,7 @@ class _Failure:
 class _Worker(Generic[Job, Result]):
     """The parent's side of one worker process; ``task`` is (index of its job, attempt)."""
 
-    def __init__(self, function: Callable[[Job], Result], variables: Mapping[str, str]) -> None:
+    def __init__(self, function: Callable[[Job], Result]) -> None:
         self.connection, theirs = Pipe()
         command = [sys.executable, "-P", "-c", START, str(theirs.fileno()), str(os.getpid())]
         with theirs, interrupts_held():
@@ -212,7 +207,7 @@ class _Worker(Generic[Job, Result]):
                 command,
                 stdin=subprocess.DEVNULL,
                 pass_fds=(theirs.fileno(),),
-                env={**os.environ, **variables},
+                env={**os.environ, **ARITHMETIC},
             )
         self.sentinel = watch(self.process.pid)
         self.task: tuple[int, int] | None = None

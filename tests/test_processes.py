@@ -14,7 +14,6 @@ import pytest
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.processes import (
     ARITHMETIC,
-    ONE_THREAD,
     START,
     interrupts_held,
     run_in_workers,
@@ -51,25 +50,6 @@ def test_numpy_heeds_them_without_a_word():
         newer = "avx512f" in file.read()
     if newer:  # else the settings are what this processor does anyway
         assert results[0].stdout != results[2].stdout
-
-
-TRAINING_WORKER = """
-import contextlib, os, sys
-from minitouch_bench.cli.entry import main
-from minitouch_bench.evaluation.engine import EngineOptions
-from minitouch_bench.evaluation.local_engine import run_jobs
-sys.argv = ["minitouch-bench", "--version"]
-with contextlib.suppress(SystemExit):
-    main()
-[(_, names)] = run_jobs(EngineOptions(workers=1), lambda _: " ".join(os.environ), [0])
-print(names)
-"""
-
-
-def test_a_training_has_one_thread_and_the_processors_own_kernels():
-    command = [sys.executable, "-c", TRAINING_WORKER]
-    names = subprocess.check_output(command, env=UNSET, text=True).split()
-    assert set(ARITHMETIC).intersection(names) == set(ONE_THREAD)
 
 
 # Workers: these functions run in them, and files tell one process from the next.
@@ -153,15 +133,6 @@ def test_a_function_that_raises_is_tried_in_three_processes_and_named(tmp_path):
     with pytest.raises(InfrastructureError, match=r"^job a failed 3 times: ValueError: no luck$"):
         run_named(fail, [str(file)])
     assert len(set(file.read_text().split())) == 3
-
-
-def test_a_job_that_fails_can_be_a_result_and_the_others_go_on(tmp_path):
-    jobs = [str(tmp_path / name) for name in "abc"]
-    for job, deaths in zip(jobs, (0, 3, 1), strict=True):
-        Path(job).write_text(str(deaths))
-    found = dict(run_in_workers(die_until, jobs, 2, name=lambda job: job[-1], failed=str))
-    assert found.pop(1) == "b failed 3 times: its worker ended (exit code -9)"
-    assert set(found) == {0, 2}
 
 
 def test_an_error_of_the_user_is_not_tried_again(tmp_path):

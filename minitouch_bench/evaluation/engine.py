@@ -1,11 +1,11 @@
-"""Engines: what runs episodes and other jobs, and the one table of them."""
+"""Engines: what runs episodes, and the one table of them."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
@@ -41,13 +41,6 @@ class EngineOptions:
 Note = Callable[[str], None]
 """Takes one line for the user."""
 
-Job = TypeVar("Job")
-RunJobs = Callable[[EngineOptions, Callable[[Job], str], Sequence[Job]], Iterator[tuple[Job, str]]]
-"""Calls a function on each job, each in a process with one thread and the processor's own kernels.
-
-Yields each job that has ended with what went wrong, "" if nothing did. ``str(job)`` names it.
-"""
-
 
 @dataclass(frozen=True)
 class EngineEntry:
@@ -64,7 +57,7 @@ ENGINES: Mapping[str, EngineEntry] = {
         address="the cluster; without it Ray starts here",
     ),
 }
-"""Each is a module ``evaluation/NAME_engine.py`` with ``open_engine`` and ``run_jobs``."""
+"""Each is a module ``evaluation/NAME_engine.py`` with ``open_engine``."""
 
 
 def open_engine(
@@ -79,15 +72,6 @@ def open_engine(
         UsageError: no such engine, or an option has no meaning for it.
     """
     return _find_module(options).open_engine(options, note)  # type: ignore[no-any-return]
-
-
-def find_job_runner(options: EngineOptions) -> RunJobs[Any]:
-    """Return what runs jobs on the engine asked for.
-
-    Raises:
-        UsageError: no such engine, or an option has no meaning for it.
-    """
-    return _find_module(options).run_jobs  # type: ignore[no-any-return]
 
 
 def _find_module(options: EngineOptions) -> ModuleType:

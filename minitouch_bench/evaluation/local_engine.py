@@ -1,13 +1,13 @@
-"""Episodes and other jobs on this machine, in worker processes."""
+"""Episodes on this machine, in worker processes."""
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.evaluation.engine import Engine, EngineOptions, Job, Note
+from minitouch_bench.evaluation.engine import Engine, EngineOptions, Note
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
-from minitouch_bench.processes import ONE_THREAD, core_count, run_in_workers
+from minitouch_bench.processes import core_count, run_in_workers
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 
@@ -50,24 +50,3 @@ def _run_episode(runner: EpisodeRunner, spec: EpisodeSpec) -> EpisodeRecord:
         raise
     except Exception as error:
         raise InfrastructureError(f"{type(error).__name__}: {error}") from error
-
-
-def run_jobs(
-    options: EngineOptions, function: Callable[[Job], str], jobs: Sequence[Job]
-) -> Iterator[tuple[Job, str]]:
-    """Run jobs in worker processes; one whose worker died three times has failed.
-
-    The jobs are trainings, and use all that the processor has: with the kernels of ``ARITHMETIC``
-    a control step of ``icm`` took 108 ms in place of 25 where the processor computes in bfloat16.
-    """
-    ended = run_in_workers(
-        function,
-        jobs,
-        options.workers or core_count(),
-        name=str,
-        failed=str,
-        variables=ONE_THREAD,
-    )
-    with contextlib.closing(ended):
-        for index, failure in ended:
-            yield jobs[index], failure

@@ -1,108 +1,242 @@
-"""Episodes and other jobs on a Ray cluster, which finds room for them."""
+"""Episodes as tasks of a Ray cluster, which finds room for them and repeats what a dead worker did.
 
-from collections import defaultdict, deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+The cluster is one that is there, or one started on this machine for the length of a run.
+"""
+
+import contextlib
+import logging
+import os
+import re
+import secrets
+import subprocess
+import sys
+import tempfile
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.evaluation.engine import Engine, EngineOptions, Job, Note
-from minitouch_bench.evaluation.ray_cluster import check_address, ray_cluster
-from minitouch_bench.evaluation.ray_pool import FailedAttempt, RayPool
-from minitouch_bench.evaluation.remote_worker import pack
-from minitouch_bench.evaluation.rollout import ActorSource
-from minitouch_bench.processes import MAX_ATTEMPTS, ONE_THREAD
-from minitouch_bench.records import EpisodeRecord, EpisodeSpec
+from minitouch_bench.cache import cache_file
+from minitouch_bench.errors import InfrastructureError, UsageError
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.engine import Engine, EngineOptions, Note
+from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
+from minitouch_bench.evaluation.run import package_versions
+from minitouch_bench.optional import compare_versions, require
+from minitouch_bench.policies.sources import PolicySource, read_again
+from minitouch_bench.policies.wire import plain_line
+from minitouch_bench.processes import ARITHMETIC, MAX_ATTEMPTS, core_count, interrupts_held
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.records import IN_MEMORY, EpisodeRecord, EpisodeSpec
+
+ANSWER_S = 20.0
+"""Time for Ray's own check of an address, in s; it must import Ray."""
+
+SETTINGS = {
+    "RAY_USAGE_STATS_ENABLED": "0",  # Ray reports its use to its makers otherwise
+    "RAY_gcs_server_request_timeout_seconds": "10",  # 60 otherwise: what does not answer hangs
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # a warning for users of GPUs
+}
+"""Environment of Ray, which reads it when it is imported; what the user has set goes first."""
 
 
-def open_engine(options: EngineOptions, note: Note) -> AbstractContextManager[Engine]:
-    """Open an engine on a Ray cluster."""
-    if options.address is not None:
-        check_address(options.address)
-    return _joined(options, note)
+def open_engine(
+    options: EngineOptions,
+    note: Note = lambda _: None,  # noqa: ARG001 - an opener's signature
+) -> contextlib.AbstractContextManager[Engine]:
+    """Open an engine on a Ray cluster, by default one of ``workers`` CPUs that is started here.
+
+    Raises:
+        UsageError: the address is not HOST:PORT.
+    """
+    if options.address is not None and not re.fullmatch(r"[^/]+:\d{1,5}", options.address):
+        raise UsageError(
+            "--address is HOST:PORT of the cluster's head, as in 10.0.0.1:6379, "
+            f"not '{options.address}'"
+        )
+    return _connected(options)
 
 
-@contextmanager
-def _joined(options: EngineOptions, note: Note) -> Iterator[Engine]:
-    # A Ray started here has one CPU per core, and a cluster the CPUs that it has.
-    with ray_cluster(options.address, options.workers) as ray:
-        yield RayEngine(ray, options.workers, note)
+@contextlib.contextmanager
+def _connected(options: EngineOptions) -> Iterator[Engine]:
+    for name, value in SETTINGS.items():
+        os.environ.setdefault(name, value)
+    if not options.address and "ray" not in sys.modules and "RAY_AUTH_MODE" not in os.environ:
+        # A Ray started here takes orders from nobody else.
+        os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
+    ray = require("ray", "ray")
+    with tempfile.TemporaryDirectory(prefix="ray-", ignore_cleanup_errors=True) as folder:
+        if options.address is not None:
+            _check_cluster(options.address)
+            settings: dict[str, Any] = {"address": options.address}
+        else:
+            cpus = options.workers or core_count()
+            settings = {"address": "local", "num_cpus": cpus, "num_gpus": 0, "_temp_dir": folder}
+            settings["include_dashboard"] = False
+        try:
+            with interrupts_held():  # a Ray that is broken off while it starts or ends may crash
+                _init(ray, settings)
+            yield RayEngine(ray, options.workers)
+        finally:
+            with interrupts_held():
+                ray.shutdown(wait_for_processes=True)
+
+
+def _check_cluster(address: str) -> None:
+    """Make sure that a Ray cluster answers: Ray itself tries forever where another server does."""
+    command = (sys.executable, "-m", "ray.scripts.scripts", "health-check", "--address", address)
+    try:  # versions are compared when we join, which says what differs
+        subprocess.run(
+            (*command, "--skip-version-check"), check=True, capture_output=True, timeout=ANSWER_S
+        )
+    except (subprocess.TimeoutExpired, subprocess.CalledProcessError) as error:
+        raise InfrastructureError(f"no Ray cluster answers at {address}") from error
+
+
+def _init(ray: ModuleType, settings: dict[str, Any]) -> None:
+    try:
+        ray.init(**settings, log_to_driver=False, logging_level=logging.CRITICAL)
+    except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+        reason = plain_line(str(error.__cause__ or error).strip().partition("\n")[0])
+        raise InfrastructureError(
+            f"the Ray cluster ({settings['address']}) cannot be started or joined: {reason}.\n"
+            "This machine must be one of its nodes: ray start --address=HOST:PORT --num-cpus=0"
+        ) from error
 
 
 class RayEngine:
-    """Runs each episode in a Ray actor that has one CPU of the cluster.
+    """Runs each episode as a task that has one CPU of the cluster.
 
-    ``ray`` is the module, connected to a cluster. There are at most ``workers`` actors, by
-    default one for each CPU that the cluster has at the time. ``note`` takes a line about a
-    node that is refused, lost, or another machine than this one.
+    ``ray`` is the module, connected to a cluster. At most ``limit`` tasks run at a time, by default
+    one for each CPU that the cluster has at the moment.
     """
 
-    def __init__(
-        self, ray: ModuleType, workers: int | None, note: Callable[[str], None] = lambda _: None
-    ) -> None:
+    def __init__(self, ray: ModuleType, limit: int | None) -> None:
         self._ray = ray
-        self._workers = workers
-        self._note = note
+        self._limit = limit
 
     @property
     def workers(self) -> int:
         """How many episodes the cluster as it is can run at a time."""
         cpus = int(self._ray.cluster_resources().get("CPU", 0))
-        return max(1, cpus if self._workers is None else min(cpus, self._workers))
+        return max(1, cpus if self._limit is None else min(cpus, self._limit))
 
     def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
-        """Yield records as episodes end; what a lost worker was doing goes to another one.
-
-        A node that is lost takes nothing from an episode's three attempts.
+        """Yield records as episodes end; Ray repeats what a lost worker was doing elsewhere.
 
         Raises:
-            InfrastructureError: an episode failed three times for no fault of the policy, or
-                no node of the cluster can run any.
+            InfrastructureError: an episode failed three times for no fault of the policy, or a
+                node has other versions than this machine.
         """
-        waiting = deque(specs)
-        failed: defaultdict[EpisodeSpec, list[FailedAttempt]] = defaultdict(list)
-        pool = RayPool(self._ray, pack(source), self._workers, self._note)
+        play = self._ray.remote(play_episode).options(
+            num_cpus=1,
+            max_retries=MAX_ATTEMPTS - 1,
+            retry_exceptions=[InfrastructureError],
+            # Numeric libraries read these when they are loaded, before the process's first line.
+            runtime_env={"env_vars": ARITHMETIC},
+        )
+        packed, facts = self._ray.put(map_checkpoints(source, pack)), facts_of_this_machine()
+        waiting, running = deque(specs), dict[Any, EpisodeSpec]()
         try:
-            while waiting or pool.is_busy():
-                pool.add_workers(len(waiting))
-                pool.assign(waiting)
-                for spec, result in pool.results():
-                    if isinstance(result, EpisodeRecord):
-                        yield result
-                        continue
-                    failed[spec].append(result)
-                    if pool.count_attempts(failed[spec]) >= MAX_ATTEMPTS:
-                        raise InfrastructureError(
-                            f"episode {spec.key} failed {MAX_ATTEMPTS} times: {result.reason}"
-                        )
-                    waiting.appendleft(spec)
+            while waiting or running:
+                for _ in range(min(len(waiting), self.workers - len(running))):
+                    spec = waiting.popleft()
+                    running[play.remote([packed], facts, spec)] = spec
+                (ended, *_), _ = self._ray.wait([*running])
+                yield self._result(ended, running.pop(ended))
         finally:
-            pool.close()
+            for reference in running:
+                self._ray.cancel(reference, force=True)
+
+    def _result(self, reference: Any, spec: EpisodeSpec) -> EpisodeRecord:
+        try:
+            record: EpisodeRecord = self._ray.get(reference)
+        except self._ray.exceptions.RayError as error:
+            lost = f"its worker was lost three times ({type(error).__name__})"
+            reason = plain_line(str(getattr(error, "cause", "") or lost).strip())
+            raise InfrastructureError(f"episode {spec.key} cannot be played: {reason}") from error
+        return record
 
 
-def run_jobs(
-    options: EngineOptions, function: Callable[[Job], str], jobs: Sequence[Job]
-) -> Iterator[tuple[Job, str]]:
-    """Run jobs where Ray finds room, ``workers`` at a time; one that failed three times failed."""
-    settings = {
-        "num_cpus": 1,
-        "max_retries": MAX_ATTEMPTS - 1,
-        "retry_exceptions": True,
-        "runtime_env": {"env_vars": ONE_THREAD},
-    }
-    with ray_cluster(options.address, options.workers) as ray:
-        run = ray.remote(**settings)(function)
-        waiting, running = deque(jobs), dict[Any, Job]()
-        while waiting or running:
-            while waiting and len(running) < (options.workers or len(jobs)):
-                job = waiting.popleft()
-                running[run.remote(job)] = job
-            (ended,), _ = ray.wait([*running])
-            job = running.pop(ended)
-            try:
-                yield job, ray.get(ended)
-            except ray.exceptions.RayTaskError as error:
-                yield job, f"{type(error.cause).__name__}: {error.cause}"
-            except ray.exceptions.RayError as error:
-                yield job, f"its worker was lost ({type(error).__name__})"
+def facts_of_this_machine() -> dict[str, str]:
+    """Return what an episode's bits depend on beside the episode and the policy."""
+    return {**package_versions(), "protocol": PROTOCOL.digest()[:12]}
+
+
+def pack(policy: PolicySource) -> PolicySource:
+    """Put the bytes of a checkpoint into its source.
+
+    Raises:
+        CheckpointChangedError: it cannot be read, or is no longer what it was.
+    """
+    return replace(policy, content=read_again(policy.target, policy.digest))
+
+
+def unpack(policy: PolicySource) -> PolicySource:
+    """Put the bytes of a checkpoint into this machine's cache.
+
+    Raises:
+        InfrastructureError: the cache cannot be written.
+    """
+    path = cache_file("policy", Path(policy.target).suffix, policy.content)
+    return replace(policy, target=str(path), content=b"")
+
+
+def map_checkpoints(
+    source: ActorSource, change: Callable[[PolicySource], PolicySource]
+) -> ActorSource:
+    """Return a source of actors with each of its checkpoints changed; a recording has none."""
+
+    def changed(policy: PolicySource) -> PolicySource:
+        if policy.parts:
+            parts = tuple((task, changed(part)) for task, part in policy.parts)
+            return replace(policy, parts=parts)
+        return change(policy) if policy.digest and policy.kind != IN_MEMORY else policy
+
+    if not isinstance(source, PolicySetup):
+        return source
+    explorer = source.exploration and changed(source.exploration)
+    return replace(source, policy=changed(source.policy), exploration=explorer)
+
+
+# What runs on a node
+
+
+_runners: dict[Any, EpisodeRunner] = {}
+"""What plays episodes in this process, by the reference of its source of actors; one at a time."""
+
+
+def play_episode(packed: list[Any], asked: Mapping[str, str], spec: EpisodeSpec) -> EpisodeRecord:
+    """Play an episode in this process.
+
+    Args:
+        packed: A reference to the source of actors. Ray does not read what is in a list, so the
+            source is read once and not with each episode.
+        asked: The facts of the machine that asks.
+        spec: The episode.
+
+    Raises:
+        UsageError: this machine has other versions than the one that asks.
+        InfrastructureError: an error of this machine.
+    """
+    ray = require("ray", "ray")
+    node, (reference,) = ray.util.get_node_ip_address(), packed
+    if differences := compare_versions(facts_of_this_machine(), asked):
+        raise UsageError(f"node {node} has other versions: {differences}")
+    try:
+        if reference not in _runners:
+            _close_runners()
+            _runners[reference] = EpisodeRunner(map_checkpoints(ray.get(reference), unpack))
+        return _runners[reference].run(spec)
+    except Exception as error:
+        _close_runners()
+        raise InfrastructureError(f"{type(error).__name__}: {error} (on node {node})") from error
+
+
+def _close_runners() -> None:
+    while _runners:
+        _, runner = _runners.popitem()
+        with contextlib.suppress(Exception):
+            runner.close()

@@ -23,6 +23,7 @@ from minitouch_bench.files import (
     read_file,
     write_file,
 )
+from minitouch_bench.optional import compare_versions
 from minitouch_bench.records import (
     EpisodeRecord,
     EpisodeSpec,
@@ -101,15 +102,9 @@ class Journal:
             raise RunDirectoryError(f"{self.path} has no header: start again with --fresh")
         stored = read_json(first, _FirstLine, str(self.path))
         check_same(header, stored.header, self._directory)
-        if stored.packages != packages:
-            names = sorted({name for name, _ in {*stored.packages.items()} ^ {*packages.items()}})
-            differences = [
-                f"{name} {stored.packages.get(name, 'none')} there, "
-                f"{packages.get(name, 'none')} here"
-                for name in names
-            ]
+        if differences := compare_versions(stored.packages, packages):
             raise RunDirectoryError(
-                f"{self._directory} was begun with other packages: {'; '.join(differences)}.\n"
+                f"{self._directory} was begun with other packages: {differences}.\n"
                 "Install those, or start again with --fresh"
             )
 

@@ -13,7 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.evaluation.ray_cluster import SETTINGS, ray_cluster
+from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
+from minitouch_bench.evaluation.ray_engine import SETTINGS
 
 START = (sys.executable, "-m", "ray.scripts.scripts", "start", "--block")
 QUICK = {"RAY_health_check_period_ms": "500", "RAY_health_check_timeout_ms": "2000"}
@@ -85,10 +86,14 @@ def wait_for_nodes(address: str, count: int, seconds: float = 60.0) -> None:
             if sum(node["Alive"] for node in ray.nodes()) == count:
                 return
         else:
-            with contextlib.suppress(InfrastructureError), ray_cluster(address) as connected:
-                if sum(node["Alive"] for node in connected.nodes()) == count:
+            with contextlib.suppress(InfrastructureError), engine_at(address):
+                if sum(node["Alive"] for node in sys.modules["ray"].nodes()) == count:
                     return
         time.sleep(0.2)
+
+
+def engine_at(address: str) -> contextlib.AbstractContextManager[Engine]:
+    return open_engine(EngineOptions("ray", address=address))
 
 
 def descendants(pid: int) -> set[int]:
