@@ -18,15 +18,6 @@ SENSES: Final[tuple[Sense, ...]] = get_args(Sense)
 
 
 @dataclass(frozen=True)
-class World:
-    """How one episode's world differs: factors, and degrees."""
-
-    mass: float = 1.0
-    friction: float = 1.0
-    camera: float = 0.0
-
-
-@dataclass(frozen=True)
 class Conditions:
     """Other conditions than the protocol's. A run under any is unofficial.
 
@@ -60,10 +51,12 @@ class Conditions:
         """Whether a policy is given other observations than the environment's."""
         return bool(self.without or self.noise or self.force_noise)
 
-    def draw(self, rng: "np.random.Generator") -> World:
-        """Draw one episode's world."""
-        ranges = (self.mass, self.friction, self.camera)
-        return World(*(float(rng.uniform(*each)) for each in ranges))
+    def draw(self, rng: "np.random.Generator") -> tuple[float, float, float]:
+        """Draw one episode's factors on mass and friction, and the degrees of its camera."""
+        mass, friction, camera = (
+            float(rng.uniform(*each)) for each in (self.mass, self.friction, self.camera)
+        )
+        return mass, friction, camera
 
     def in_words(self) -> tuple[str, ...]:
         """Return what is different, for people."""

@@ -197,12 +197,14 @@ def make_plan(
     episodes: int | None = None,
     seed: int | None = None,
     episodes_from: Sequence[str] = (),
-    **fields: object,
+    *,
+    conditions: Conditions = STANDARD,
+    limits: PolicyLimits = USUAL_LIMITS,
 ) -> Plan:
     """Return a plan of what a user asks for; None and () for what the suite has.
 
     ``episodes_from``: only these episodes, as in ("pushing/3,17", "opening/0"), in place of tasks
-    and a number. ``fields``: those of ``Plan`` that have a default.
+    and a number.
 
     Raises:
         UsageError: there is no such suite, task or episode.
@@ -220,7 +222,8 @@ def make_plan(
         number,
         known.seed if seed is None else seed,
         chosen,
-        **fields,  # type: ignore[arg-type]
+        conditions,
+        limits,
     )
 
 

@@ -10,7 +10,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from minitouch_bench.conditions import STANDARD, Conditions, World
+from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import Outcome
@@ -99,7 +99,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         spec = self.task.spec
         self._max_steps = max_steps or spec.max_steps
         self._conditions = conditions
-        self._world = World()
+        self._factors = 1.0, 1.0  # on mass and friction
         self.action_space = spaces.Box(-1.0, 1.0, (spec.action_size,), np.float32)
         # Gymnasium has no type for a Dict space whose samples are plain dicts.
         self.observation_space = observation_space(spec.force_limit)  # type: ignore[assignment]
@@ -120,9 +120,10 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         super().reset(seed=seed)
         client, task = self.client, self.task
         if self._conditions != STANDARD:
-            self._world = self._conditions.draw(self.np_random.spawn(1)[0])
+            mass, friction, degrees = self._conditions.draw(self.np_random.spawn(1)[0])
+            self._factors = mass, friction
             camera = task.spec.camera
-            self._camera = GrayCamera(replace(camera, yaw=camera.yaw + self._world.camera))
+            self._camera = GrayCamera(replace(camera, yaw=camera.yaw + degrees))
         model = self._choose_object(options or {})
         self.object_name = model.name if model else ""
         least = OBSERVATION.least_visible_pixels
@@ -206,9 +207,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         table = add_table(client)
         self._camera.keep_background(client, table, task.add_scenery(client))
         task.add_object(client)
-        factors = self._world.mass, self._world.friction
-        if factors != (1.0, 1.0):
-            client.scale_body(task.target_body, task.target_links, *factors)
+        if self._factors != (1.0, 1.0):
+            client.scale_body(task.target_body, task.target_links, *self._factors)
         self.arm = PandaArm(client, self._kinematics, task.spec.arm)
         task.place_arm(self.arm)
 
