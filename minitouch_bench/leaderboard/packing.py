@@ -116,7 +116,10 @@ def _find_source(recorded: PolicyIdentity) -> PolicySource:
     except PolicyLoadError:
         pass
     if recorded.kind == DIRECTORY:  # which is known by its files alone
-        raise UsageError(f"the policy {recorded.source} has changed or is gone: put it back")
+        raise UsageError(
+            f"the policy {recorded.source} has changed or is not there: put it back, or submit in "
+            "the directory where it was evaluated"
+        )
     return PolicySource(recorded.kind, recorded.name, recorded.source, recorded.digest)
 
 
