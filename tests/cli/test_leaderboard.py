@@ -190,9 +190,7 @@ def test_a_link_to_itself_does_not_stop_the_leaderboard(root):
     ("words", "code"),
     [
         (("leaderboard", "build", "--output", "site", "--submissions"), 2),
-        (("submit", "--name", "mine", "--run"), 6),
-        (("submit", "--name", "mine", "random", "--directory"), 6),
-        (("submit", "--name", "mine"), 3),
+        (("submit", "--name", "mine", "--training-steps", "0"), 6),
     ],
 )
 def test_a_directory_that_cannot_be_looked_at_is_a_mistake_of_one_line(tmp_path, words, code):

@@ -141,6 +141,8 @@ def test_a_folder_or_a_link_that_is_there_is_never_replaced(evaluated):
     with pytest.raises(RunDirectoryError, match="is there"):
         submit(RUN, **ABOUT)
     Path("submissions/hac").unlink()
+    with pytest.raises(RunDirectoryError, match="File name too long"):
+        submit(RUN, directory="x" * 300, **ABOUT)
     Path("submissions", PACKING).symlink_to(evaluated / "reports")
     with pytest.raises(RunDirectoryError, match="cleared"):
         submit(RUN, **ABOUT)

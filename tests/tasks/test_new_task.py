@@ -74,7 +74,9 @@ def command(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def submission(command) -> Path:
-    command("submit", "scripted", "--name", "scripted", "--workers", "1")
+    command("evaluate", "scripted", "--workers", "1")
+    about = ("--name", "scripted", "--training-steps", "0")
+    command("submit", "reports/scripted-table4", *about)
     return command.root / "submissions" / "scripted"
 
 
