@@ -3,7 +3,7 @@
 from typer.testing import CliRunner
 
 from minitouch_bench.cli.shapes import app
-from minitouch_bench.shapegen import importing
+from minitouch_bench.shapegen import exchange
 from minitouch_bench.shapegen.soundness import Reason
 from tests.cli.command import run
 
@@ -12,9 +12,9 @@ def imported(monkeypatch, tmp_path, refused, *options, accepted=1):
     """Run ``import`` where the objects have been refused for these reasons."""
 
     def import_objects(source, folder, config, workers, progress):
-        return importing.ImportResult(folder, "d" * 64, accepted, refused)
+        return exchange.ImportResult(folder, "d" * 64, accepted, refused)
 
-    monkeypatch.setattr(importing, "import_objects", import_objects)
+    monkeypatch.setattr(exchange, "import_objects", import_objects)
     command = ["import", str(tmp_path), "--output", str(tmp_path / "set"), *options]
     return CliRunner().invoke(app, command)
 
