@@ -103,12 +103,16 @@ class EpisodeTrace:
 
 @dataclass(frozen=True)
 class EpisodeRecord:
-    """One finished episode. ``fault`` says what the policy did wrong, "" if nothing."""
+    """One finished episode. ``fault`` says what the policy did wrong, "" if nothing.
+
+    ``is_late``: the fault is that the policy gave no answer in time, as on a slower machine.
+    """
 
     spec: EpisodeSpec
     outcome: Outcome
     trace: EpisodeTrace
     fault: str = ""
+    is_late: bool = False
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ from typing import Any
 MARK = "<!-- minitouch-bench: submission report -->"
 OUTCOMES = ("valid", "refused", "not finished", "not readable", "not checked")
 MAX_TEXT = 20_000
+MAX_LISTED = 3000
+"""GitHub lists so many files of a pull request and leaves out the others without a word."""
 SUBMISSION = re.compile(r"submissions/([A-Za-z0-9][A-Za-z0-9._-]{0,99})/[^\n]+")
 
 
@@ -74,11 +76,11 @@ def comment(number: int, base: str, checked: Path) -> str:
     names = {found[1] if (found := SUBMISSION.fullmatch(path)) else "" for path in paths}
     start = f"{MARK}\n### Check of the submission\n\n"
     end = f"\n\nCommit {head}, against `{base}`: [log and leaderboard with its row]({url})."
-    if len(names) != 1 or "" in names:
+    if len(names) != 1 or "" in names or len(files) >= MAX_LISTED:
         return (
-            f"{start}This pull request changes more than one submission's directory. Its report is "
-            "not posted: such a change could have changed the check itself. Move everything else "
-            f"into another pull request.{end}"
+            f"{start}This pull request changes more than one submission's directory, or "
+            f"{MAX_LISTED:,} files or more. Its report is not posted: such a change could have "
+            f"changed the check itself. Move everything else into another pull request.{end}"
         )
     (name,) = names
     outcome, text = findings(checked, name, head)
@@ -99,7 +101,7 @@ def findings(checked: Path, name: str, head: str) -> tuple[str, str]:
         result = json.loads(read(checked / "result.json"))
         outcome = result["outcomes"][name] if result["head"] == head else None
         text = read(checked / "output.txt")
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         outcome, text = None, ""
     return (outcome if outcome in OUTCOMES else "the check did not finish"), text
 

@@ -14,7 +14,7 @@ from minitouch_bench.workflows.validate import validate
 
 app = make_group(help="Check submissions and build the leaderboard.")
 app.command(
-    cls=Command, epilog="Example: minitouch-bench leaderboard validate submissions/hac --replay"
+    cls=Command, epilog="Example: minitouch-bench leaderboard validate submissions/hac --prove"
 )(as_command(validate, show_validations, validation_progress))
 
 

@@ -19,11 +19,11 @@ from minitouch_bench.workflows import options
 
 if TYPE_CHECKING:
     from minitouch_bench.leaderboard.packing import Packed
+    from minitouch_bench.leaderboard.validation import SubmissionFindings
     from minitouch_bench.records import EpisodeRecord
     from minitouch_bench.regression.comparison import Comparison
     from minitouch_bench.regression.gate import GateResult
-    from minitouch_bench.verification.verify import Verification
-    from minitouch_bench.workflows.proving import Validation
+    from minitouch_bench.verification.problems import Findings
     from minitouch_bench.workflows.record import RecordedDataset
     from minitouch_bench.workflows.replay import ReplayedEpisode
     from minitouch_bench.workflows.report import WrittenReport
@@ -113,9 +113,7 @@ def show_gate(result: "GateResult", *, as_json: options.AsJson = False) -> None:
         raise typer.Exit(result.exit_code)
 
 
-def show_verification(
-    result: "Verification", run: Path, *, as_json: options.AsJson = False
-) -> None:
+def show_verification(result: "Findings", run: Path, *, as_json: options.AsJson = False) -> None:
     """Print the differences, or that there are none."""
     if as_json:
         print(json.dumps({"passed": result.passed, **asdict(result)}, indent=1))
@@ -125,7 +123,7 @@ def show_verification(
         raise typer.Exit(CHECK_FAILED)
 
 
-def _show_problems(result: "Verification", run: Path) -> None:
+def _show_problems(result: "Findings", run: Path) -> None:
     console = data_console()
 
     def line(text: str, style: str = "") -> None:
@@ -135,10 +133,10 @@ def _show_problems(result: "Verification", run: Path) -> None:
         line(str(problem))
     if len(result.problems) > SHOWN:
         line(f"... and {len(result.problems) - SHOWN} more")
-    if result.episodes:
-        line(f"{result.episodes} episodes replayed from their recorded actions")
+    if result.replayed:
+        line(f"{result.replayed} episodes replayed from their recorded actions")
     if result.reran:
-        line(f"{result.reran} episodes run again with the checkpoint (--draw {result.draw})")
+        line(f"{result.reran} episodes run again with the checkpoint")
     if result.passed:
         line(f"{run} is verified: every number follows from its episodes", "bold green")
     else:
@@ -225,24 +223,24 @@ def show_packed(packed: "Packed") -> None:
         raise typer.Exit(CHECK_FAILED)
     print(packed.directory)
     note(
-        f"valid; next: minitouch-bench leaderboard validate {packed.directory} --replay, "
+        f"valid; next: minitouch-bench leaderboard validate {packed.directory} --prove, "
         "then minitouch-bench leaderboard build"
     )
 
 
-def show_validation(result: "Validation") -> None:
+def show_validation(result: "SubmissionFindings") -> None:
     """Print a submission's problems, or its level of proof."""
     print_problems(result.name, filter(None, (result.error, *result.problems)))
     name = printable(result.name)
     if result.withdrawn:
         print(f"{name}: its proof ({result.withdrawn}) is withdrawn")
-    if result.is_valid:
+    if result.passed:
         print(f"{name}: valid, {result.level}")
 
 
-def show_validations(results: "tuple[Validation, ...]") -> None:
+def show_validations(results: "tuple[SubmissionFindings, ...]") -> None:
     """Print how many submissions are valid; the others give the exit code."""
-    valid = sum(result.is_valid for result in results)
+    valid = sum(result.passed for result in results)
     note(f"{valid} of {len(results)} valid")
     if any(not problem.is_unchecked for result in results for problem in result.problems):
         raise typer.Exit(CHECK_FAILED)

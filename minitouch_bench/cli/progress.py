@@ -30,7 +30,7 @@ from minitouch_bench.workflows import (
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.progress import ProgressRow
-    from minitouch_bench.workflows.proving import Validation
+    from minitouch_bench.leaderboard.validation import SubmissionFindings
 
 LINE_INTERVAL_S = 60.0
 """Seconds between two lines of progress where no terminal shows a bar."""
@@ -119,12 +119,12 @@ def validation_progress() -> Iterator[ValidationProgress]:
     """Show the episodes of each submission's check, and what was found in it."""
     progress = EpisodeProgress()
 
-    def show(result: "Validation") -> None:
+    def show(result: "SubmissionFindings") -> None:
         progress.stop()
         show_validation(result)
 
     with progress as callbacks:
-        yield ValidationProgress(**vars(callbacks), verdict=show)
+        yield ValidationProgress(**vars(callbacks), findings=show)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.conditions import Conditions
-from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
+from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, PolicyTimeoutError
 from minitouch_bench.policies.policy import Observation
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
 from minitouch_bench.tasks.environment import OBJECT, OUTCOMES, MiniTouchEnv
@@ -81,7 +81,7 @@ def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> E
     """
     observation, info = environment.reset(seed=spec.seed, options={OBJECT: spec.shape})
     touch, infos, rewards = [observation["touch"]], [info], []
-    outcome, fault = None, ""
+    outcome, fault, is_late = None, "", False
     try:
         actor.reset(environment, spec)
         while outcome is None:
@@ -93,8 +93,11 @@ def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> E
             outcome = OUTCOMES[info["outcome"]]
     except (PolicyFaultError, PolicyLoadError) as error:
         outcome, fault = Outcome.POLICY_FAULT, str(error)
+        is_late = isinstance(
+            error.__cause__ or error, PolicyTimeoutError
+        )  # while loading, or later
     trace = _trace(environment.task.spec.action_size, touch, infos, rewards)
-    return EpisodeRecord(spec, outcome, trace, fault)
+    return EpisodeRecord(spec, outcome, trace, fault, is_late)
 
 
 def _trace(

@@ -11,11 +11,11 @@ from itertools import chain
 from typing import Annotated, Literal, Self
 
 from minitouch_bench.leaderboard.columns import ColumnSpec, columns_of
-from minitouch_bench.leaderboard.proof import PROVED_LEVELS, RANKED_LEVELS, FreshProof, ProofLevel
+from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank, rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY, count_learned, score, score_gaps
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, About
-from minitouch_bench.leaderboard.validation import Verdict, find_copies
+from minitouch_bench.leaderboard.validation import SubmissionFindings, find_copies
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.policies.loaders import BUILT_IN
@@ -137,7 +137,7 @@ class BoardRow(About):
     @property
     def is_ranked(self) -> bool:
         """Whether it has a rank."""
-        return self.proof in RANKED_LEVELS and not self.is_calibration
+        return self.proof is ProofLevel.VERIFIED and not self.is_calibration
 
     def learned_in(self, task: str) -> str:
         """Say how many of several training seeds learned a task, or OVERALL all; "" for one."""
@@ -192,7 +192,7 @@ class Board:
         return (*self.ranked, *self.unranked, *self.calibration)
 
 
-def make_board(verdicts: Sequence[Verdict]) -> Board:
+def make_board(verdicts: Sequence[SubmissionFindings]) -> Board:
     """Rank the submissions of one protocol that passed, and list those that did not."""
     passed = {verdict.submission.name: verdict for verdict in verdicts if verdict.passed}
     by_name = dict(sorted(passed.items()))
@@ -218,7 +218,7 @@ def make_board(verdicts: Sequence[Verdict]) -> Board:
     )
 
 
-def _row(verdict: Verdict, repeated: Iterable[str]) -> BoardRow:
+def _row(verdict: SubmissionFindings, repeated: Iterable[str]) -> BoardRow:
     about, proof = verdict.submission, verdict.proof
     return BoardRow(
         **{field.name: getattr(about, field.name) for field in fields(About)},
@@ -242,7 +242,7 @@ def _endings(episodes: Iterable[EpisodeMetrics]) -> dict[Ending, int]:
     return {ending: counts[ending] for ending in Ending if counts[ending]}
 
 
-def _values(verdict: Verdict) -> dict[str, list[list[float]]]:
+def _values(verdict: SubmissionFindings) -> dict[str, list[list[float]]]:
     """Return what ranks each task: of each training seed, the value of every episode."""
     return {
         task: [METRICS[RANKED_BY[task]].values(episodes) for episodes in verdict.episodes(task)]
@@ -259,7 +259,7 @@ def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
     return sorted(rows, key=lambda row: (-row.figures[key][RANKED_BY[key]].value, row.name))
 
 
-def _same_episodes(verdicts: Mapping[str, Verdict]) -> dict[str, set[str]]:
+def _same_episodes(verdicts: Mapping[str, SubmissionFindings]) -> dict[str, set[str]]:
     """Return by name the others with a main run of the same episodes.
 
     A proved row is not called a copy of one that is not.
@@ -270,7 +270,7 @@ def _same_episodes(verdicts: Mapping[str, Verdict]) -> dict[str, set[str]]:
         for seed, run in enumerate(verdict.runs_on(MAIN_SUITE))
     }
     others: dict[str, set[str]] = {}
-    proved = {name for name, verdict in verdicts.items() if verdict.level in PROVED_LEVELS}
+    proved = {name for name, verdict in verdicts.items() if verdict.proof is not None}
     for (first, _), (second, _) in find_copies(runs):
         for name, other in ((first, second), (second, first)):
             if name != other and (other in proved or name not in proved):
@@ -286,5 +286,5 @@ def _published(method: str) -> PublishedMethod:
     return PublishedMethod(method, tuple(values))
 
 
-def _left_out(verdict: Verdict) -> LeftOut:
+def _left_out(verdict: SubmissionFindings) -> LeftOut:
     return LeftOut(printable(verdict.directory.name), tuple(map(str, verdict.problems)))

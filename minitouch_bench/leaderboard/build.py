@@ -22,7 +22,7 @@ from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, submission_page,
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel, proof_path, read_proof
 from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MODALITIES, NAME
-from minitouch_bench.leaderboard.validation import Verdict, validate
+from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
 from minitouch_bench.leaderboard.views import BoardView, views
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.rendering.charts import Axis, Chart, Dot, Line, Mark, Plot, Tick, share_axis
@@ -90,7 +90,7 @@ def find_submissions(directory: Path) -> list[Path]:
 
 
 def _write_site(
-    board: Board, tables: Sequence[BoardView], verdicts: Sequence[Verdict], output: Path
+    board: Board, tables: Sequence[BoardView], verdicts: Sequence[SubmissionFindings], output: Path
 ) -> None:
     """Write the index, the pages, and the pictures and videos they show."""
     write_file(output / "index.html", index_html(board, tables))
@@ -162,7 +162,7 @@ def _efficiency_marks(power: float, row: BoardRow) -> tuple[Mark, Mark]:
     return Line(((power, mean.low), (power, mean.high)), "series-0", 1.5, 0.45), dot
 
 
-def _copy_videos(verdict: Verdict, pages: Path) -> None:
+def _copy_videos(verdict: SubmissionFindings, pages: Path) -> None:
     """Copy a submission's videos beside its page, and remove those it no longer has."""
     folder, kept = pages / verdict.submission.name, set()
     for path in verdict.videos():

@@ -1,5 +1,6 @@
 """The files of a submission: only known ones, plain, and no larger than they can honestly be."""
 
+import hashlib
 import os
 import re
 import stat
@@ -19,6 +20,8 @@ VIEWS = (".csv", ".md", ".html")
 """Endings of files that are written for people: of a run's facts, and not among them."""
 
 MAX_SUBMISSION_FILE = 64 * files.KIB
+MP4_MARK = b"ftyp"
+"""What an MP4 file has at its fifth byte."""
 MAX_VIDEO = 20 * files.MIB
 MAX_FILES = 2000
 MAX_DEPTH = 4
@@ -84,6 +87,24 @@ def check_files(submission: Submission, sizes: dict[str, int], problems: Problem
             problems.add(path, "a submission has no such file", remedy)
         elif size > limit:
             problems.add(path, f"it has {size} bytes; the limit is {limit}", "make it smaller")
+
+
+def check_videos(
+    directory: Path, sizes: dict[str, int], folders: list[str], problems: Problems
+) -> dict[str, str]:
+    """Check that videos hold what their names say, and return the SHA-256 of each by its path.
+
+    A leaderboard publishes them.
+    """
+    digests: dict[str, str] = {}
+    for path, size in sizes.items():
+        if _is_video(path, folders) and size <= MAX_VIDEO:
+            with problems.caught(path):
+                content = read_plain(directory, path, MAX_VIDEO)
+                digests[path] = hashlib.sha256(content).hexdigest()
+                if content[4:8] != MP4_MARK:
+                    problems.add(path, "it is not an MP4 video", "record it again")
+    return digests
 
 
 def _is_video(path: str, folders: list[str]) -> bool:

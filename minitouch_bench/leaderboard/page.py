@@ -22,7 +22,7 @@ from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
-from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, SEED_VARIANCE, with_learned
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
@@ -50,7 +50,7 @@ TEMPLATES = Path(__file__).parent / "templates"
 STYLES = ("board.css",)
 
 
-def submission_page(verdict: Verdict, row: BoardRow, ranked: int) -> str:
+def submission_page(verdict: SubmissionFindings, row: BoardRow, ranked: int) -> str:
     """Write the page of a submission, whose row is among so many ``ranked`` ones."""
     path = f"{verdict.directory.resolve().parent.name}/{row.name}"
     ranks = {key: _rank_text(rank) for key, rank in row.ranks.items()}
@@ -147,7 +147,7 @@ def _gaps(row: BoardRow) -> Table:
     )
 
 
-def _data(verdict: Verdict, path: str) -> Markup:
+def _data(verdict: SubmissionFindings, path: str) -> Markup:
     """Write the episodes as JSON that no reader of HTML takes for markup."""
     document = {
         "endings": [ending.value for ending in Ending],
@@ -188,7 +188,7 @@ def _seconds(episode: EpisodeMetrics) -> float | None:
     return None if tick is None else round(tick / PROTOCOL.physics.tick_rate, 3)
 
 
-def _faults(verdict: Verdict) -> Mapping[str, Sequence[str]]:
+def _faults(verdict: SubmissionFindings) -> Mapping[str, Sequence[str]]:
     """Return each fault's text with its episodes, which a run names where there are several."""
     runs = verdict.runs
     return group_faults(
@@ -198,7 +198,7 @@ def _faults(verdict: Verdict) -> Mapping[str, Sequence[str]]:
     )
 
 
-def submission_figures(verdict: Verdict) -> tuple[Figure, ...]:
+def submission_figures(verdict: SubmissionFindings) -> tuple[Figure, ...]:
     """Return how long a submission's episodes last, and its touch over time."""
     several = "; a line per training seed" if len(verdict.submission.seeds) > 1 else ""
     return (
@@ -218,7 +218,7 @@ def submission_figures(verdict: Verdict) -> tuple[Figure, ...]:
     )
 
 
-def _steps_plot(verdict: Verdict, task: str) -> Plot:
+def _steps_plot(verdict: SubmissionFindings, task: str) -> Plot:
     panel: dict[str, list[int]] = {ending.tone: [] for ending in Ending}
     for episode in chain(*verdict.episodes(task)):
         panel[ending_of(episode).tone].append(episode.steps)

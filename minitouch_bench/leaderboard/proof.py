@@ -15,7 +15,7 @@ from typing import Literal
 
 from minitouch_bench.documents import read_json, write_json
 from minitouch_bench.errors import RunDirectoryError, UnreadableFileError
-from minitouch_bench.files import os_errors_as, read_file, write_file
+from minitouch_bench.files import VIDEOS, os_errors_as, read_file, write_file
 from minitouch_bench.records import Count
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.fresh import FreshResult
@@ -30,27 +30,31 @@ MIN_FRESH_EPISODES = 20
 
 
 class ProofLevel(StrEnum):
-    """What stands behind a row's figures, from the weakest up; ``remote`` stands apart."""
+    """How well a row's estimates are proved, from the weakest level up."""
 
     SELF_REPORTED = "self-reported"
-    REPLAYED = "replay-verified"
-    RERUN = "re-run-verified"
-    FRESH = "fresh-verified"
-    REMOTE = "remote"
+    REPLAYED = "replayed"
+    VERIFIED = "verified"
+
+    @classmethod
+    def _missing_(cls, value: object) -> "ProofLevel | None":
+        """Read the levels that proofs had before there were three."""
+        return EARLIER_LEVELS.get(str(value))
 
 
-PROVED_LEVELS = (ProofLevel.REPLAYED, ProofLevel.RERUN, ProofLevel.FRESH)
-"""The levels that a maintainer's proof can give."""
-RANKED_LEVELS = (ProofLevel.RERUN, ProofLevel.FRESH)
-"""The levels whose rows have a rank."""
+EARLIER_LEVELS: Mapping[str, ProofLevel] = {
+    "replay-verified": ProofLevel.REPLAYED,
+    "re-run-verified": ProofLevel.REPLAYED,
+    "fresh-verified": ProofLevel.VERIFIED,
+    "remote": ProofLevel.SELF_REPORTED,
+}
 
 MEANINGS: Mapping[ProofLevel, str] = {
     ProofLevel.SELF_REPORTED: "the submitter's own figures, consistent with their episodes",
-    ProofLevel.REPLAYED: "a maintainer replayed the recorded actions: the simulator gives "
-    "exactly these figures",
-    ProofLevel.RERUN: "a maintainer also ran drawn episodes with the checkpoint: the same actions",
-    ProofLevel.FRESH: "and ran new episodes, drawn after the checkpoint was fixed: no worse",
-    ProofLevel.REMOTE: "the actions came from a server: nobody else can run this policy",
+    ProofLevel.REPLAYED: "a maintainer replayed the recorded actions: the simulator gives exactly "
+    "these figures; a policy server cannot reach more",
+    ProofLevel.VERIFIED: "a maintainer also ran sampled episodes with the checkpoint, which gave "
+    "the same actions, and new ones, generated after it was fixed, which are no worse",
 }
 
 
@@ -70,7 +74,10 @@ class FreshProof:
 
 @dataclass(frozen=True)
 class Proof:
-    """What a maintainer has proved: the level, and the digests of the files it holds for."""
+    """What a maintainer has proved: the level, and the digests of the files it holds for.
+
+    Version 1 did not cover videos: it holds whichever the submission has.
+    """
 
     level: ProofLevel
     files: Mapping[str, str]
@@ -78,13 +85,22 @@ class Proof:
     package: str
     fresh: FreshProof | None = None
     format: Literal["minitouch-proof"] = "minitouch-proof"
-    version: Literal[1] = 1
+    version: Literal[1, 2] = 2
 
     @property
     def strength(self) -> tuple[int, int, int]:
         """What orders proofs: level, fresh episodes per task, episodes that were run again."""
         fresh = self.fresh.episodes_per_task if self.fresh else 0
-        return PROVED_LEVELS.index(self.level), fresh, self.rerun_episodes
+        return list(ProofLevel).index(self.level), fresh, self.rerun_episodes
+
+    def covers(self, files: Mapping[str, str]) -> bool:
+        """Return whether it is a proof of these very bytes, and of no others."""
+        covered = {
+            path: digest
+            for path, digest in files.items()
+            if self.version > 1 or f"/{VIDEOS}/" not in path
+        }
+        return bool(files) and self.files == covered
 
 
 def make_proof(
@@ -93,7 +109,7 @@ def make_proof(
     rerun_episodes: int = 0,
     fresh: FreshProof | None = None,
 ) -> Proof:
-    """Bind a level to a submission's ``Verdict.files``."""
+    """Bind a level to the digests of a submission's files."""
     return Proof(level, files, rerun_episodes, version("minitouch-bench"), fresh)
 
 
@@ -133,38 +149,40 @@ def read_proof(path: Path) -> Proof | None:
     with os_errors_as(UnreadableFileError, path, "read"):
         content = read_file(path, MAX_PROOF)
     proof = read_json(content, Proof, str(path))
-    if proof.level not in PROVED_LEVELS:
+    if proof.level is ProofLevel.SELF_REPORTED:
         raise RunDirectoryError(f"{path}: the level {proof.level} needs no proof")
     return proof
 
 
 def find_proof(directory: Path, files: Mapping[str, str]) -> Proof | None:
-    """Return the proof of a submission's ``Verdict.files``, None where none can be read."""
+    """Return the proof of a submission's files, None where none can be read."""
     try:
         proof = read_proof(proof_path(directory))
     except RunDirectoryError:
         return None
-    return proof if proof and files and proof.files == files else None
+    return proof if proof and proof.covers(files) else None
 
 
 def level_of(runs: Mapping[str, Run], proof: Proof | None) -> ProofLevel:
     """Return the level of a submission with these runs and this ``find_proof``.
 
-    A remote policy stays "remote" whatever was replayed: nobody else can run it. A submission is
-    "fresh-verified" where each of its runs was compared with enough fresh episodes.
+    It is "verified" where each run was compared with enough fresh episodes of policies that a
+    maintainer can run.
     """
-    if any(policy.kind == "remote" for run in runs.values() for policy in run.header.policies()):
-        return ProofLevel.REMOTE
     if proof is None:
         return ProofLevel.SELF_REPORTED
-    if proof.level is ProofLevel.FRESH and not _is_fresh(runs, proof.fresh):
-        return ProofLevel.RERUN
-    return proof.level
-
-
-def _is_fresh(runs: Mapping[str, Run], fresh: FreshProof | None) -> bool:
-    return (
-        fresh is not None
+    fresh = proof.fresh
+    is_verified = (
+        proof.level is ProofLevel.VERIFIED
+        and fresh is not None
         and fresh.episodes_per_task >= MIN_FRESH_EPISODES
         and fresh.results.keys() >= runs.keys()
+        and can_be_run(runs)
     )
+    return ProofLevel.VERIFIED if is_verified else ProofLevel.REPLAYED
+
+
+def can_be_run(runs: Mapping[str, Run]) -> bool:
+    """Return whether a maintainer can run the policies: neither a server's nor Python classes."""
+    policies = (policy for run in runs.values() for policy in run.header.policies())
+    return not any(policy.kind in ("remote", "factory") for policy in policies)

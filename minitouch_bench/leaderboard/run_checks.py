@@ -8,8 +8,8 @@ from minitouch_bench.policies.loaders import FORMATS
 from minitouch_bench.policies.sources import DIRECTORY, NOTES, directory_digest
 from minitouch_bench.records import PolicyIdentity, Role
 from minitouch_bench.runs.run import Run, RunHeader
-from minitouch_bench.verification.checks import AS_WRITTEN, RUN_AGAIN, check_run
 from minitouch_bench.verification.problems import Problems
+from minitouch_bench.verification.static_check import AS_WRITTEN, RUN_AGAIN, check_run
 
 KINDS = (*FORMATS, "scripted", DIRECTORY)
 MAX_TEXT = 1000
@@ -52,9 +52,7 @@ def check_policies(header: RunHeader, seed: TrainingSeed, path: str, problems: P
             problems.add(path, "its exploration is the scripted policy's, which reads the state")
     for policy in header.policies():
         _check_lengths((policy.name, policy.source), path, problems)
-    if header.isolation not in tuple(Isolation):
-        problems.add(path, f"'{header.isolation}' is no level of isolation", AS_WRITTEN)
-    elif header.isolation == Isolation.NONE and header.policy.kind != "scripted":
+    if header.isolation == Isolation.NONE and header.policy.kind != "scripted":
         problems.add(
             path,
             "the policy ran beside the simulator (isolation none), which it could read",

@@ -9,7 +9,7 @@ from itertools import combinations
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
-from minitouch_bench.errors import UnreadableFileError
+from minitouch_bench.errors import MiniTouchError, UnreadableFileError
 from minitouch_bench.files import (
     LARGEST_CHECKPOINT,
     RUN_FILE,
@@ -21,6 +21,7 @@ from minitouch_bench.leaderboard.inventory import (
     MAX_SUBMISSION_FILE,
     RUN_LIMITS,
     check_files,
+    check_videos,
     list_files,
     read_plain,
 )
@@ -38,8 +39,8 @@ from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.records import EpisodeMetrics
 from minitouch_bench.runs.run import Run, RunHeader, parse_run
-from minitouch_bench.verification.checks import AS_WRITTEN
-from minitouch_bench.verification.problems import Problem, Problems
+from minitouch_bench.verification.problems import Findings, Problems
+from minitouch_bench.verification.static_check import AS_WRITTEN
 
 RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
     kind: ("state",) if kind == "scripted" else () for kind in BUILT_IN
@@ -52,25 +53,33 @@ COPIED_SHARE = 0.5
 """Share of equal episodes that makes a run a copy of another: two trainings have none."""
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What a check found; ``runs`` by the path of their directory in the submission.
+@dataclass(frozen=True, kw_only=True)
+class SubmissionFindings(Findings):
+    """A submission and what its check found; ``runs`` by the path of their directory in it.
 
     ``submission`` is empty where it cannot be read. ``files``: the SHA-256 of each file that a
     proof is about, by its path; empty where one cannot be read. ``proof``: theirs, if there is one.
+    ``withdrawn``: the level of an earlier proof that the problems ended. ``error``: why the check
+    could not be finished.
     """
 
     directory: Path
-    submission: Submission
-    runs: Mapping[str, Run]
-    problems: tuple[Problem, ...]
+    submission: Submission = field(default_factory=Submission)
+    runs: Mapping[str, Run] = field(default_factory=dict)
     files: Mapping[str, str] = field(default_factory=dict)
     proof: Proof | None = None
+    withdrawn: ProofLevel | None = None
+    error: MiniTouchError | None = None
 
     @property
     def passed(self) -> bool:
-        """Whether there is no problem."""
-        return not self.problems
+        """Whether everything was checked and is as it should be."""
+        return not self.problems and self.error is None
+
+    @property
+    def name(self) -> str:
+        """What the submission is called here: its directory's name."""
+        return self.directory.name or str(self.directory)
 
     @property
     def is_other_protocol(self) -> bool:
@@ -101,7 +110,7 @@ class Verdict:
         )
 
 
-def validate(directory: Path, *, trust_proofs: bool = False) -> Verdict:
+def validate(directory: Path, *, trust_proofs: bool = False) -> SubmissionFindings:
     """Check a submission's directory and collect every problem.
 
     All that follows from the episodes is computed again. With ``trust_proofs`` it is not where a
@@ -112,19 +121,19 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> Verdict:
         if not directory.is_dir():
             problems.add("", "it is not a directory", "give a submission's directory")
     if problems:
-        return Verdict(directory, Submission(), {}, tuple(problems))
+        return SubmissionFindings(tuple(problems), directory=directory)
     files = list_files(directory, problems)
     content = _read_content(directory, files, problems)
     submission = None if content is None else read_submission(content, problems)
     if content is None or submission is None:
-        return Verdict(directory, Submission(), {}, tuple(problems))
+        return SubmissionFindings(tuple(problems), directory=directory)
     check_files(submission, files, problems)
     folders = [folder for seed in submission.seeds for folder in seed.runs.values()]
     read = {folder: _read_run(directory, folder, files, problems) for folder in folders}
     runs = {folder: run for folder, run in read.items() if run is not None}
     proved: dict[str, str] = {}
     with suppress(UnreadableFileError):
-        proved = _file_digests(content, runs)
+        proved = _file_digests(content, runs) | check_videos(directory, files, folders, problems)
     proof = find_proof(directory, proved)
     recompute = not (trust_proofs and proof)
     for seed in submission.seeds:
@@ -133,8 +142,16 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> Verdict:
                 check_submitted(run, suite, seed, folder, problems, recompute=recompute)
         _check_checkpoints(directory, seed, files, problems)
     _check_about(submission, [run.header for run in runs.values()], directory, problems)
+    _check_exploration(submission, runs, problems)
     check_copies(runs, problems)
-    return Verdict(directory, submission, runs, tuple(problems), proved, proof)
+    return SubmissionFindings(
+        tuple(problems),
+        directory=directory,
+        submission=submission,
+        runs=runs,
+        files=proved,
+        proof=proof,
+    )
 
 
 def _file_digests(content: bytes, runs: Mapping[str, Run]) -> dict[str, str]:
@@ -148,6 +165,23 @@ def _file_digests(content: bytes, runs: Mapping[str, Run]) -> dict[str, str]:
         for folder, run in runs.items()
         for name, digest in run.file_digests().items()
     }
+
+
+def _check_exploration(submission: Submission, runs: Mapping[str, Run], problems: Problems) -> None:
+    """Check that the main runs of all training seeds have an exploration policy, or of none."""
+    explored = {
+        seed.seed: run.header.exploration is not None
+        for seed in submission.seeds
+        if (run := runs.get(seed.runs.get(MAIN_SUITE, "")))
+    }
+    without = [str(seed) for seed, is_there in explored.items() if not is_there]
+    if 0 < len(without) < len(explored):
+        problems.add(
+            SUBMISSION_FILE,
+            f"{len(without)} of {len(explored)} training seeds have no exploration policy: "
+            f"{', '.join(without)}",
+            "evaluate every training seed with --exploration, or none",
+        )
 
 
 def _read_content(directory: Path, files: Mapping[str, int], problems: Problems) -> bytes | None:

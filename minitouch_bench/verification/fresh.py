@@ -6,7 +6,7 @@ The seed of fresh ones follows from the checkpoint and from a draw made after it
 
 import hashlib
 import secrets
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
@@ -21,7 +21,10 @@ from minitouch_bench.records import EpisodeMetrics, Role
 
 SIGNIFICANCE = 0.01
 """Chance at most that an honest submission is refused. Half of it is for single comparisons
-(Bonferroni), half for the drops of all ranked tasks together."""
+(Bonferroni), half for the drops of all tasks together."""
+
+Group = tuple[Role, str, str]
+"""A policy's role, a suite and a task."""
 
 ORDERS = 200_000
 """Orders of the episodes that a permutation test counts."""
@@ -51,6 +54,12 @@ class FreshResult:
     fresh: float
     episodes: int
     p: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.metric} {self.official:.3f} officially, {self.fresh:.3f} in "
+            f"{self.episodes} fresh episodes (p = {self.p:.2g})"
+        )
 
 
 @dataclass(frozen=True)
@@ -97,15 +106,20 @@ def significant_drops(results: Sequence[FreshResult], planned: int) -> tuple[Fre
     return tuple(result for result in results if result.p < SIGNIFICANCE / 2 / planned)
 
 
-def drop_together(by_task: Iterable[Sequence[Values]]) -> float | None:
-    """Return the p-value of the ranked tasks' drops together if they are significant.
+def drop_together(groups: Mapping[Group, Sequence[Values]]) -> float | None:
+    """Return the p-value of the drops in all suites and tasks together if it is significant.
 
-    ``by_task``: of each task, the values of every training seed. A small drop in every task or
-    in every seed is seen so.
+    ``groups``: of each policy, suite and task, the values of every training seed. A small drop in
+    every task or in every seed is seen so. Final and exploration policies play the same scenes, so
+    their p-values are not combined; the smaller one counts twice (Bonferroni).
 
     Source: R. A. Fisher, "Statistical Methods for Research Workers" (1932), combined p-values.
     """
-    p = float(scipy.stats.combine_pvalues([*map(_seeds_drop, by_task)], method="fisher").pvalue)
+    drops: dict[Role, list[float]] = {}
+    for (role, _, _), seeds in groups.items():
+        drops.setdefault(role, []).append(_seeds_drop(seeds))
+    combined = [scipy.stats.combine_pvalues(p, method="fisher").pvalue for p in drops.values()]
+    p = len(drops) * float(min(combined, default=1.0))
     return p if p < SIGNIFICANCE / 2 else None
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a run or a submission, one line each; and the comparison of JSON values."""
+"""What a check finds in a run or a submission, a line per problem; comparison of JSON values."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -39,6 +39,23 @@ class Problem:
         place = f"{_shown(self.place)}: " if self.place else ""
         remedy = f"; {_shown(self.remedy)}" if self.remedy else ""
         return f"{place}{_shown(self.what)}{remedy}"
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a check found: its problems, and how many episodes it played.
+
+    ``replayed``: from their recorded actions; ``reran``: with the checkpoint.
+    """
+
+    problems: tuple[Problem, ...] = ()
+    replayed: int = 0
+    reran: int = 0
+
+    @property
+    def passed(self) -> bool:
+        """Whether everything is as recorded."""
+        return not self.problems
 
 
 class Problems:

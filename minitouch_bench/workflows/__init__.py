@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.progress import ProgressRow
+    from minitouch_bench.leaderboard.validation import SubmissionFindings
     from minitouch_bench.records import EpisodeRecord
-    from minitouch_bench.workflows.proving import Validation
 
 
 def ignore(*_: object) -> None:
@@ -49,9 +49,9 @@ UNSEEN = TrainingProgress()
 
 @dataclass(frozen=True)
 class ValidationProgress(Callbacks):
-    """``verdict`` takes what was found in each submission, as soon as it is checked."""
+    """``findings`` takes what was found in each submission, as soon as it is checked."""
 
-    verdict: Callable[["Validation"], None] = ignore
+    findings: Callable[["SubmissionFindings"], None] = ignore
 
 
 UNSEEN_VALIDATION = ValidationProgress()

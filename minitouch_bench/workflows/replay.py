@@ -50,7 +50,7 @@ def replay(
     from minitouch_bench.evaluation.actors import Recording
     from minitouch_bench.evaluation.rollout import EpisodeRunner
     from minitouch_bench.runs.run import read_run
-    from minitouch_bench.verification.checks import refuse_unplayable
+    from minitouch_bench.verification.static_check import refuse_unplayable
 
     opened = read_run(Path(run))
     refuse_unplayable(opened)

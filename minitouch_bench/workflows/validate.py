@@ -1,75 +1,57 @@
 """Check submissions as a maintainer does: the command ``leaderboard validate``."""
 
-from dataclasses import replace
-from functools import partial
+import os
+import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError, UsageError
-from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.errors import UsageError
+from minitouch_bench.files import os_errors_as
 from minitouch_bench.workflows import UNSEEN_VALIDATION, ValidationProgress, options
 from minitouch_bench.workflows.options import StrPath
 
 if TYPE_CHECKING:
-    from minitouch_bench.workflows.proving import Validation
+    from minitouch_bench.leaderboard.validation import SubmissionFindings
 
 
 def validate(
     *directories: Annotated[
         StrPath, typer.Argument(metavar="DIR", help="Directories of submissions.")
     ],
-    replay: Annotated[bool, typer.Option()] = False,
-    rerun: Annotated[int, typer.Option(min=0, max=MAX_EPISODES)] = 0,
-    fresh_seeds: Annotated[int, typer.Option(min=0, max=MAX_EPISODES)] = 0,
-    draw: Annotated[str | None, typer.Option(metavar="TEXT")] = None,
+    prove: Annotated[bool, typer.Option()] = False,
     workers: options.Workers = options.AUTO,
-    time_limit: Annotated[float | None, typer.Option(metavar="S", min=1.0)] = None,
     callbacks: ValidationProgress = UNSEEN_VALIDATION,
-) -> "tuple[Validation, ...]":
+) -> "tuple[SubmissionFindings, ...]":
     """Check submissions without trusting them; exit 1 with every problem and how to correct it.
 
     A submission that cannot be read, or whose check cannot be finished, does not stop the others.
 
     Args:
-        replay: Replay every recorded action, and write a proof that the leaderboard shows;
-            --rerun and --fresh-seeds do this too.
-        rerun: Also run N sampled episodes of each policy of each run with its checkpoint.
-        fresh_seeds: Also run N new episodes per task of each run: 50 is usual, fewer than 20
-            give no level.
-        draw: Text from which the new seeds follow; the submitter must not know it before the
-            checkpoint is fixed. By default 128 random bits in hexadecimal; a text must
-            be as long.
-        time_limit: Seconds for the check of each submission; by default 6 hours.
+        prove: Also replay every recorded action, run 20 sampled episodes of each policy again with
+            its checkpoint and 50 new episodes per task, and write the proof that the leaderboard
+            shows.
 
     Raises:
-        UsageError: the draw is too short.
+        UsageError: there is no such directory.
     """
-    from minitouch_bench.leaderboard.proof import MIN_FRESH_EPISODES
-    from minitouch_bench.verification.fresh import new_draw
-    from minitouch_bench.workflows import proving
+    from minitouch_bench.evaluation.engine import open_engine
+    from minitouch_bench.leaderboard import proving, validation
 
-    if draw is not None and len(draw) < (least := len(new_draw())):
-        raise UsageError(f"--draw needs {least} characters: 128 random bits in hexadecimal")
-    if 0 < fresh_seeds < MIN_FRESH_EPISODES:
-        callbacks.note(f"fewer than {MIN_FRESH_EPISODES} fresh episodes per task give no level")
-    prove = partial(
-        proving.prove,
-        rerun=rerun,
-        fresh_episodes=fresh_seeds,
-        draw=draw or new_draw(),
-        engine=options.engine_options("local", workers, None),
-        time_limit_s=time_limit or proving.TIME_LIMIT_S,
-        callbacks=callbacks,
-    )
-    plays = replay or rerun or fresh_seeds
+    places = [Path(directory) for directory in directories]
+    for place in places:
+        with os_errors_as(UsageError, place, "read"):
+            if not stat.S_ISDIR(os.stat(place).st_mode):
+                raise UsageError(f"{place} is not a directory; give a submission's directory")
+    opening = options.engine_options("local", workers, None)
     results = []
-    for directory in map(Path, directories):
-        try:
-            result = proving.validate_submission(directory, prove if plays else None)
-        except (IncompleteCheckError, RunDirectoryError) as error:
-            result = proving.Validation((), error=error)
-        results.append(replace(result, name=directory.name or str(directory)))
-        callbacks.verdict(results[-1])
+    for place in places:
+        found = validation.validate(place)
+        if prove and found.passed:
+            with open_engine(opening, callbacks.note) as engine:
+                callbacks.phase("proof", proving.count_episodes(found))
+                found = proving.prove(found, engine, callbacks.episode)
+        results.append(found)
+        callbacks.findings(found)
     return tuple(results)

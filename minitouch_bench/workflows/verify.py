@@ -1,6 +1,5 @@
 """Check a run: replay its recorded actions, and run drawn episodes with its checkpoint."""
 
-import secrets
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,8 +13,7 @@ from minitouch_bench.workflows import SILENT, Callbacks, options
 
 if TYPE_CHECKING:
     from minitouch_bench.records import PolicyIdentity
-    from minitouch_bench.verification.problems import Problem
-    from minitouch_bench.verification.verify import Verification
+    from minitouch_bench.verification.problems import Findings
 
 rerun_option = partial(typer.Option, rich_help_panel="Running again")
 
@@ -26,25 +24,23 @@ def verify(
     rerun: Annotated[int, rerun_option(min=0)] = 0,
     policy: Annotated[str | None, rerun_option()] = None,
     exploration: Annotated[str | None, rerun_option()] = None,
-    draw: Annotated[int | None, rerun_option(min=0)] = None,
     workers: options.Workers = options.AUTO,
     engine: options.EngineName = "local",
     address: options.Address = None,
     isolation: options.IsolationLevel = Isolation.SANDBOX,
     trust: options.Trust = False,
     callbacks: Callbacks = SILENT,
-) -> "Verification":
+) -> "Findings":
     """Replay a run's recorded actions and recompute every estimate; exit 1 if any differs.
 
     Args:
         rerun: Also run N sampled episodes of each policy with its checkpoint.
         policy: Where the checkpoint is now; by default where it was.
         exploration: Where the exploration checkpoint is now.
-        draw: Seed of the sample; by default random.
 
     Raises:
         UsageError: a checkpoint is not the run's.
-        IncompleteCheckError: a checkpoint is missing, or elsewhere and not named.
+        IncompleteCheckError: a checkpoint is missing, elsewhere and not named, or too slow here.
         PolicyError, IsolationError, MissingExtraError: a checkpoint cannot be used.
         RunDirectoryError: it is not a run, or a file of it is damaged.
         InfrastructureError, InterruptedRunError: the check is incomplete.
@@ -53,33 +49,30 @@ def verify(
 
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.runs.run import read_run
-    from minitouch_bench.verification import verify as checks
-    from minitouch_bench.verification.checks import check_run
+    from minitouch_bench.verification import replay_check
+    from minitouch_bench.verification.problems import Findings
+    from minitouch_bench.verification.static_check import check_run
 
     opening = open_engine(options.engine_options(engine, workers, address), callbacks.note)
     opened = read_run(Path(run))
     if problems := check_run(opened):
-        return checks.Verification(0, problems)
+        return Findings(problems)
     isolated = options.isolation_options(isolation, trust)
     setup = None
     if rerun:
         policy = policy or _source_of(opened.header.policy, "--policy")
         exploration = exploration or _source_of(opened.header.exploration, "--exploration")
-        setup = checks.prepare_rerun(opened, policy, exploration, isolated, callbacks.note)
-    draw = secrets.randbits(32) if draw is None else draw
+        setup = replay_check.prepare_rerun(opened, policy, exploration, isolated, callbacks.note)
     try:
         with opening as running:
             callbacks.phase("replaying", len(opened.header.specs()))
-            replayed = checks.replay_run(opened, running, callbacks.episode)
+            replayed = replay_check.replay_run(opened, running, callbacks.episode)
             if setup is None or not replayed.passed:
                 return replayed
-            specs = checks.draw_episodes(opened, rerun, np.random.default_rng(draw))
+            specs = replay_check.draw_episodes(opened, rerun, np.random.default_rng())
             callbacks.phase("running again", len(specs))
-            differing: list[Problem] = []
-            for record, problems in checks.rerun(opened, setup, specs, running):
-                differing += problems
-                callbacks.episode(record)
-            return replace(replayed, problems=tuple(differing), reran=len(specs), draw=draw)
+            again = replay_check.run_again(opened, setup, specs, running, callbacks.episode)
+            return replace(again, replayed=replayed.replayed)
     except KeyboardInterrupt as error:
         raise InterruptedRunError("interrupted; nothing was changed") from error
 

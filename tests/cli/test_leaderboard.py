@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from minitouch_bench.cli.leaderboard import app, build
 from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError
 from minitouch_bench.leaderboard.board import LeftOut, make_board
+from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.verification.problems import Problem
-from minitouch_bench.workflows.proving import Validation
 from tests.cli.command import run
 from tests.leaderboard.synthetic import make_submission
 
@@ -37,7 +37,7 @@ def root(sound, tmp_path):
 def test_valid_submissions_are_named_with_their_level(root):
     done = run("leaderboard", "validate", "submissions/hac", "submissions/zero", directory=root)
     assert done.code == 0
-    assert done.out == "hac: valid, re-run-verified\nzero: valid, re-run-verified\n"
+    assert done.out == "hac: valid, verified\nzero: valid, verified\n"
 
 
 @pytest.mark.parametrize("refused", [(), (LeftOut("hac", ("notes.txt: no such file",)),)])
@@ -52,66 +52,49 @@ def test_a_strict_build_fails_where_a_submission_is_refused(tmp_path, monkeypatc
 
 
 @pytest.fixture
-def validate(monkeypatch):
-    """Run the command where the check of each directory, by its name, has this result."""
+def validate(monkeypatch, tmp_path):
+    """Run the command where the check of each directory, by its name, finds this."""
 
     def run_command(*arguments, **results):
-        def checked(directory, _):
-            result = results[directory.name]
-            if isinstance(result, Exception):
-                raise result
-            return result
-
-        name = "minitouch_bench.workflows.proving.validate_submission"
-        monkeypatch.setattr(name, checked)
-        return CliRunner().invoke(app, ["validate", *results, *arguments])
+        places = [tmp_path / name for name in results]
+        for place in places:
+            place.mkdir()
+        found = lambda place: SubmissionFindings(directory=place, **results[place.name])  # noqa: E731
+        monkeypatch.setattr("minitouch_bench.leaderboard.validation.validate", found)
+        return CliRunner().invoke(app, ["validate", *map(str, places), *arguments])
 
     return run_command
+
+
+def problem(*, is_unchecked=False):
+    return {"problems": (Problem("run.json", "no", is_unchecked=is_unchecked),)}
 
 
 @pytest.mark.parametrize(("unchecked", "code"), [((True,), 6), ((True, False), 1)])
 def test_a_submission_that_cannot_be_read_is_not_called_invalid(validate, unchecked, code):
     problems = tuple(Problem("run.json", "no", is_unchecked=one) for one in unchecked)
-    assert validate(hac=Validation(problems)).exit_code == code
+    assert validate(hac={"problems": problems}).exit_code == code
 
 
-def test_a_missing_checkpoint_does_not_stop_the_others(validate):
-    missing = IncompleteCheckError("the final checkpoint of seed 0 is not in the submission")
-    done = validate("--replay", first=missing, second=Validation((), "fresh-verified"))
-    assert done.exit_code == 5
-    assert done.stdout.splitlines() == [
-        "first: the final checkpoint of seed 0 is not in the submission",
-        "second: valid, fresh-verified",
-    ]
+@pytest.mark.parametrize(("error", "code"), [(IncompleteCheckError, 5), (RunDirectoryError, 6)])
+def test_a_check_that_cannot_be_finished_does_not_stop_the_others(validate, error, code):
+    done = validate(first={"error": error("why")}, second={})
+    assert done.exit_code == code
+    assert done.stdout.splitlines() == ["first: why", "second: valid, self-reported"]
     assert done.stderr == "1 of 2 valid\n"
 
 
-def test_a_file_that_cannot_be_read_does_not_stop_the_others(validate):
-    locked = RunDirectoryError("_proofs cannot be written: Permission denied")
-    done = validate("--replay", first=locked, second=Validation((), "fresh-verified"))
-    assert (done.exit_code, len(done.stdout.splitlines())) == (6, 2)
-
-
 def test_a_proof_that_is_withdrawn_is_told(validate):
-    done = validate(hac=Validation((Problem("run.json", "no"),), withdrawn="fresh-verified"))
+    done = validate(hac=problem() | {"withdrawn": "verified"})
     assert done.exit_code == 1
-    assert done.stdout.splitlines()[-1] == "hac: its proof (fresh-verified) is withdrawn"
+    assert done.stdout.splitlines()[-1] == "hac: its proof (verified) is withdrawn"
 
 
-def test_too_few_fresh_episodes_are_told_before_they_are_played(validate):
-    done = validate("--fresh-seeds", "19", hac=Validation((), "re-run-verified"))
-    assert done.stderr.splitlines()[0].startswith("fewer than 20 fresh episodes")
-
-
-def test_a_draw_that_could_be_guessed_is_refused(root):
-    done = run("leaderboard", "validate", "submissions/hac", "--draw", "x" * 31, directory=root)
-    done.refused(2, "--draw needs 32 characters")
-
-
-def test_a_directory_that_is_not_there_is_named_once(tmp_path):
-    done = run("leaderboard", "validate", "nosuch", directory=tmp_path)
-    assert done.code == 1
-    assert done.out == "nosuch: it is not a directory; give a submission's directory\n"
+def test_a_directory_that_is_not_there_is_a_wrong_argument(root):
+    for name in ("nosuch", "submissions/hac/submission.toml", "x" * 300):
+        done = run("leaderboard", "validate", "submissions/hac", name, directory=root)
+        done.refused(2, name)
+        assert done.out == ""
 
 
 def test_every_fault_has_a_line_and_the_exit_code_is_1(root):
@@ -120,16 +103,16 @@ def test_every_fault_has_a_line_and_the_exit_code_is_1(root):
     done = run("leaderboard", "validate", "submissions/hac", "submissions/zero", directory=root)
     assert done.code == 1
     lines = done.out.splitlines()
-    assert lines[-1] == "zero: valid, re-run-verified"
+    assert lines[-1] == "zero: valid, verified"
     assert "hac: notes.txt: a submission has no such file; remove it" in lines
     assert any("table4.csv: a submission has no such file" in line for line in lines)
     assert "1 of 2 valid" in done.err
 
 
-def test_nothing_is_replayed_where_the_files_are_at_fault_already(root):
+def test_nothing_is_played_where_the_files_are_at_fault_already(root):
     (root / "submissions/hac/notes.txt").write_text("hello")
     shutil.rmtree(root / "submissions" / "_proofs")
-    done = run("leaderboard", "validate", "submissions/hac", "--replay", directory=root)
+    done = run("leaderboard", "validate", "submissions/hac", "--prove", directory=root)
     assert done.code == 1
     assert len(done.out.splitlines()) == 1
     assert not (root / "submissions" / "_proofs").exists()
@@ -195,10 +178,3 @@ def test_a_link_to_itself_does_not_stop_the_leaderboard(root):
 )
 def test_a_directory_that_cannot_be_looked_at_is_a_mistake_of_one_line(tmp_path, words, code):
     run(*words, "x" * 300, directory=tmp_path).refused(code, "File name too long")
-
-
-def test_a_submission_that_cannot_be_looked_at_is_unchecked(tmp_path):
-    done = run("leaderboard", "validate", "x" * 300, directory=tmp_path)
-    assert done.code == 6
-    assert "File name too long" in done.out
-    assert "Traceback" not in done.err

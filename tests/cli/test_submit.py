@@ -205,8 +205,8 @@ def test_three_commands_lead_from_a_policy_to_a_row(tmp_path):
     about = ("--name", "hopeless", "--training-steps", 0)
     packed = run("submit", place, *about, directory=tmp_path)
     assert packed.code == 0, packed.err
-    proved = run("leaderboard", "validate", "submissions/hopeless", "--replay", directory=tmp_path)
-    assert (proved.code, proved.out) == (0, "hopeless: valid, replay-verified\n")
+    proved = run("leaderboard", "validate", "submissions/hopeless", "--prove", directory=tmp_path)
+    assert (proved.code, proved.out) == (0, "hopeless: valid, replayed\n")
     built = run("leaderboard", "build", directory=tmp_path)
     assert built.code == 0, built.err
     page = (tmp_path / "reports" / "leaderboard" / "index.html").read_text()

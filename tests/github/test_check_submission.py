@@ -78,7 +78,7 @@ def test_a_valid_submission_leaves_its_proof_and_a_summary(script, clone, tmp_pa
     assert code == 0
     assert result == {"head": head, "outcomes": {"mine": "valid"}}
     text = (output / "output.txt").read_text()
-    assert text.startswith("validate --rerun 50 --fresh-seeds 50 --workers auto --time-limit 18000")
+    assert text.startswith("validate --prove submissions/mine")
     assert (output / "proofs" / "mine.json").read_text() == "{}"  # not the old one
     assert (output / "leaderboard").is_dir()
     assert "| `mine` | valid |" in (tmp_path / "GITHUB_STEP_SUMMARY").read_text()

@@ -57,7 +57,7 @@ def github(tmp_path, monkeypatch):
     return post
 
 
-def leave(tmp_path, outcome="valid", text="mine: valid, fresh-verified\n", head=HEAD):
+def leave(tmp_path, outcome="valid", text="mine: valid, verified\n", head=HEAD):
     """Write what the checking job leaves."""
     result = json.dumps({"head": head, "outcomes": {"mine": outcome}})
     (tmp_path / "checked" / "result.json").write_text(result)
@@ -70,7 +70,7 @@ def test_outcome_and_output_are_posted(github, tmp_path):
     assert place == "issues/7/comments"
     assert options[:2] == ["--method", "POST"]
     assert "`mine`: **valid**" in body
-    assert "```text\nmine: valid, fresh-verified\n```" in body
+    assert "```text\nmine: valid, verified\n```" in body
     assert "[log and leaderboard with its row](https://example.org/run)" in body
 
 
@@ -99,6 +99,7 @@ def test_a_second_report_replaces_the_first_and_no_other_comment(github, tmp_pat
         ["submissions/mine/run.json", ".github/workflows/submission.yml"],
         ["submissions/mine/run.json", "submissions/_proofs/mine.json"],
         ["submissions/mine/run.json", "submissions/other/run.json"],
+        [f"submissions/mine/{number}" for number in range(3000)],  # and others that are not listed
         [],
     ],
 )
@@ -124,6 +125,13 @@ def test_an_outcome_that_does_not_exist_is_not_shown(github, tmp_path, outcome):
 def test_a_result_of_another_commit_or_none_is_not_shown(github, tmp_path):
     assert "**the check did not finish**" in github()[2]
     leave(tmp_path, head="b" * 40)
+    assert "**the check did not finish**" in github()[2]
+
+
+@pytest.mark.parametrize("content", ["[" * 10_000, '{"outcomes": ' * 1500, "\xff", "1" * 9999])
+def test_a_damaged_result_is_a_check_that_did_not_finish(github, tmp_path, content):
+    leave(tmp_path)
+    (tmp_path / "checked" / "result.json").write_text(content, encoding="latin-1")
     assert "**the check did not finish**" in github()[2]
 
 

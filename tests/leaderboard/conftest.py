@@ -13,7 +13,7 @@ def summarize_once():
     """Estimate the same episodes once in all: most of these tests spoil something else."""
     with pytest.MonkeyPatch.context() as patch:
         remembered = lru_cache(maxsize=16)(summarize)
-        for module in ("runs.run", "verification.checks"):
+        for module in ("runs.run", "verification.static_check"):
             patch.setattr(f"minitouch_bench.{module}.summarize", remembered)
         yield
 

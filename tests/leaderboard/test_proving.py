@@ -1,4 +1,4 @@
-"""Replaying and running again: real episodes in the simulator, a few of them."""
+"""Proving a submission: real episodes in the simulator, a few of them."""
 
 import dataclasses
 import json
@@ -9,8 +9,10 @@ import pytest
 
 from minitouch_bench.documents import write_json
 from minitouch_bench.errors import IncompleteCheckError
-from minitouch_bench.evaluation.engine import EngineOptions
+from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.files import write_file
+from minitouch_bench.leaderboard import proving
 from minitouch_bench.leaderboard.proof import (
     FreshProof,
     ProofLevel,
@@ -21,19 +23,17 @@ from minitouch_bench.leaderboard.proof import (
     read_proof,
     write_proof,
 )
+from minitouch_bench.leaderboard.proving import UNCHECKED, Prover, prove
 from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
-from minitouch_bench.leaderboard.validation import Verdict, validate
-from minitouch_bench.records import Outcome, Role
+from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
+from minitouch_bench.records import Outcome
 from minitouch_bench.runs.run import read_run, run_json
-from minitouch_bench.verification.fresh import FreshResult
-from minitouch_bench.verification.problems import Problem
-from minitouch_bench.workflows import Callbacks, ignore
-from minitouch_bench.workflows.prover import Prover
-from minitouch_bench.workflows.proving import UNCHECKED, prove, validate_submission, within
-from tests.altered import edit_actions
+from tests.altered import edit_actions, edit_document
 from tests.evaluation.runs import request, run
+from tests.leaderboard.synthetic import FRESH_RESULT, VIDEO, prove_as
 
 PLACE = "seed-0/table4"
+REPLAYED, VERIFIED = ProofLevel.REPLAYED, ProofLevel.VERIFIED
 
 
 @pytest.fixture(scope="module")
@@ -42,275 +42,340 @@ def finished(tmp_path_factory):
 
 
 @pytest.fixture
-def verdict(finished, tmp_path):
-    """A run of two episodes as if it were a submission's: only its replay is looked at here."""
+def found(finished, tmp_path):
+    """A run of two episodes as if it were a submission's: only its episodes are looked at here."""
     directory = tmp_path / "submissions" / "scripted"
     place = directory / PLACE
     place.mkdir(parents=True)
     shutil.copy(finished.directory / "actions.npz", place)
     (place / "run.json").write_bytes(run_json(finished))
-    submission = Submission(
-        name="scripted",
-        method="scripted",
-        modalities=("state",),
-        seeds=(TrainingSeed(0, {"table4": PLACE}),),
+    return SubmissionFindings(
+        directory=directory,
+        submission=Submission(name="scripted", seeds=(TrainingSeed(0, {"table4": PLACE}),)),
+        runs={PLACE: read_run(place)},
+        files={"run.json": "0" * 64},
     )
-    return Verdict(directory, submission, {PLACE: read_run(place)}, (), {"run.json": "0" * 64})
 
 
-@pytest.fixture
-def prover(verdict):
-    return Prover(verdict, LocalEngine(1), np.random.default_rng(3))
+def prover(found, engine=None):
+    return Prover(found, engine or LocalEngine(1), rng=np.random.default_rng(3))
 
 
-def test_an_honest_run_replays(prover):
+def test_an_honest_run_replays(found):
     done = []
-    dataclasses.replace(prover, on_record=done.append).replay()
-    assert not prover.problems
+    checking = dataclasses.replace(prover(found), on_record=done.append)
+    checking.replay()
+    assert not checking.problems
     assert len(done) == 2
 
 
-def test_swapped_actions_do_not_give_the_figures(verdict, prover):
-    def swap(actions):
-        actions["opening/0"], actions["opening/1"] = actions["opening/1"], actions["opening/0"]
-
-    edit_actions(verdict.directory / PLACE, swap)
-    prover.replay()
-    found = [str(problem) for problem in prover.problems]
-    assert any("opening/0" in line and "do not give these values" in line for line in found)
+def swap(actions):
+    actions["opening/0"], actions["opening/1"] = actions["opening/1"], actions["opening/0"]
 
 
-def test_one_changed_bit_of_an_action_is_found(verdict, prover):
-    def nudge(actions):
-        actions["opening/1"][3, 0] = np.nextafter(actions["opening/1"][3, 0], np.float32(0))
-
-    edit_actions(verdict.directory / PLACE, nudge)
-    prover.replay()
-    assert any("opening/1" in str(problem) for problem in prover.problems)
+def nudge(actions):
+    actions["opening/1"][3, 0] = np.nextafter(actions["opening/1"][3, 0], np.float32(0))
 
 
-def test_episodes_run_again_with_the_policy_give_the_same_actions(prover):
-    prover.run_again(1)
-    assert not prover.problems
+@pytest.mark.parametrize("change", [swap, nudge])
+def test_other_actions_do_not_give_the_figures(found, change):
+    edit_actions(found.directory / PLACE, change)
+    checking = prover(found)
+    checking.replay()
+    lines = [str(problem) for problem in checking.problems]
+    assert any("opening/1" in line and "do not give these values" in line for line in lines)
 
 
-class SlowEngine(LocalEngine):
-    """A machine on which every episode of a policy is late. The first is played for all."""
+def test_episodes_run_again_with_the_policy_give_the_same_actions(found):
+    checking = prover(found)
+    checking.run_again(1)
+    assert not checking.problems
+
+
+class FailingEngine(LocalEngine):
+    """An engine on which a policy fails in some episodes; replaying works."""
+
+    def __init__(self, failing, *, is_late=False):
+        super().__init__(1)
+        self.failing, self.is_late = failing, is_late
+        self.times = []
 
     def run(self, source, specs):
-        (record,) = super().run(source, specs[:1])
+        self.times.append(len(specs))
         for spec in specs:
-            late = {"spec": spec, "outcome": Outcome.POLICY_FAULT, "fault": "it is late"}
-            yield dataclasses.replace(record, **late)
+            if isinstance(source, PolicySetup) and self.failing & {spec.key, "all"}:
+                (record,) = super().run(source, [spec])
+                fault = {"fault": "it fails", "is_late": self.is_late}
+                yield dataclasses.replace(record, outcome=Outcome.POLICY_FAULT, **fault)
+            else:
+                yield from super().run(source, [spec])
 
 
-def test_a_policy_that_fails_on_a_slower_machine_is_not_accused(verdict):
-    slow = Prover(verdict, SlowEngine(1), np.random.default_rng(3))
-    with pytest.raises(IncompleteCheckError, match=r"1 episodes end .* opening/[01]: it is late"):
-        slow.run_again(1)
-    assert not slow.problems
+@pytest.mark.parametrize("is_late", [False, True])
+def test_a_policy_that_fails_in_an_episode_that_went_well_is_refused(found, is_late):
+    """Else a forged episode could be tried until it is not drawn."""
+    engine = FailingEngine({"opening/1"}, is_late=is_late)
+    done = prove(found, engine, rerun=2, fresh=1)
+    (problem,) = done.problems
+    assert "opening/1: success recorded, policy_fault when run again (it fails)" in str(problem)
+    assert done.error is None
+    assert engine.times == ([2, 2, 1] if is_late else [2, 2])  # a late one gets another chance
 
 
-def test_failing_on_purpose_in_unknown_scenes_is_a_drop(verdict):
-    prover = Prover(verdict, SlowEngine(1), np.random.default_rng(3))
-    prover.run_fresh(60, "a phrase")
-    assert "60 fresh episodes end by a policy fault" in str([*prover.problems][-1])
+def test_a_policy_that_raises_in_every_episode_is_refused_too(found):
+    checking = prover(found, FailingEngine({"all"}))
+    checking.run_again(2)
+    assert len(checking.problems) == 2
 
 
-def with_policy(verdict, **changes):
+def test_a_policy_that_is_late_everywhere_is_not_accused(found):
+    checking = prover(found, FailingEngine({"all"}, is_late=True))
+    with pytest.raises(IncompleteCheckError, match=r"2 of 2 episodes .* opening/0: it fails"):
+        checking.run_again(2)
+    assert not checking.problems
+
+
+def test_failing_on_purpose_in_unknown_scenes_is_a_drop(found, monkeypatch):
+    recorded = found.runs[PLACE]
+    twenty = dataclasses.replace(recorded, episodes=10 * recorded.episodes)
+    checking = prover(dataclasses.replace(found, runs={PLACE: twenty}), FailingEngine({"all"}))
+    checking.run_fresh(4, "a phrase")
+    assert "4 fresh episodes end by a policy fault" in str([*checking.problems][-1])
+
+
+class Clock:
+    """A clock that runs while episodes are played: ``pace`` seconds for each."""
+
+    def __init__(self, monkeypatch):
+        self.now, self.pace = 0.0, 1.0
+        monkeypatch.setattr(proving.time, "monotonic", lambda: self.now)
+
+    def tick(self, _):
+        self.now += self.pace
+
+
+def slow_in_fresh(found, monkeypatch, pace):
+    """Run fresh episodes that take so many seconds each, where an official one takes 1 s."""
+    clock = Clock(monkeypatch)
+    recorded = found.runs[PLACE]
+    many = dataclasses.replace(recorded, episodes=10 * recorded.episodes)
+    checking = Prover(found, LocalEngine(1), clock.tick, time_limit_s=20.0)
+    checking.run_again(2)
+    clock.pace = pace
+    checking.found = dataclasses.replace(found, runs={PLACE: many})
+    checking.run_fresh(20, "a phrase")
+    return [*checking.problems]
+
+
+def test_fresh_episodes_that_a_slow_policy_does_not_finish_are_failed_ones(found, monkeypatch):
+    drop, faults = slow_in_fresh(found, monkeypatch, 10.0)
+    assert "success 1.000 officially, 0.100 in 20 fresh episodes" in str(drop)
+    assert "18 are not played in time" in str(faults)
+
+
+def test_a_policy_that_is_as_slow_everywhere_is_not_accused(found, monkeypatch):
+    with pytest.raises(IncompleteCheckError, match="not finished within 20 s"):
+        slow_in_fresh(found, monkeypatch, 2.0)
+
+
+def with_policy(found, **changes):
     """Return the submission with another policy in its run."""
-    run = verdict.runs[PLACE]
+    run = found.runs[PLACE]
     policy = dataclasses.replace(run.header.policy, **changes)
     changed = dataclasses.replace(run, header=dataclasses.replace(run.header, policy=policy))
-    return dataclasses.replace(verdict, runs={PLACE: changed})
+    return dataclasses.replace(found, runs={PLACE: changed})
 
 
-@pytest.mark.parametrize(
-    "policy",
-    [
-        {"kind": "native", "digest": "0" * 64},
-        # The address in a stranger's run is not contacted.
-        {"kind": "remote", "source": "http://127.0.0.1:1"},
-    ],
-)
-def test_a_checkpoint_that_is_not_there_cannot_be_run_again(verdict, policy):
-    prover = Prover(with_policy(verdict, **policy), LocalEngine(1), np.random.default_rng(3))
-    with pytest.raises(IncompleteCheckError, match="checkpoint of seed 0 is not in the submission"):
-        prover.run_again(1)
+def test_a_checkpoint_that_is_not_there_cannot_be_run_again(found):
+    """What was replayed is proved."""
+    done = prove(with_policy(found, kind="native", digest="0" * 64), LocalEngine(1))
+    assert "checkpoint of seed 0 is not in the submission" in str(done.error)
+    assert not done.passed
+    assert find_proof(found.directory, found.files).level is REPLAYED
 
 
-def test_what_was_replayed_is_proved_where_the_checkpoint_is_missing(verdict):
-    changed = with_policy(verdict, kind="native", digest="0" * 64)
-    with pytest.raises(IncompleteCheckError, match="not in the submission"):
-        prove(changed, rerun=1, engine=EngineOptions(workers=1))
-    assert find_proof(changed.directory, changed.files).level is ProofLevel.REPLAYED
+@pytest.mark.parametrize("kind", ["remote", "factory"])
+def test_a_server_s_or_a_class_s_policy_is_replayed_at_most(found, kind):
+    """The address in a stranger's run is not contacted, and no class of it is imported."""
+    remote = with_policy(found, kind=kind, source="http://127.0.0.1:1")
+    assert proving.count_episodes(remote) == 2
+    done = prove(remote, LocalEngine(1))
+    assert (done.passed, done.level) == (True, REPLAYED)
+    assert level_of(remote.runs, fresh_proof(remote, [PLACE], 50)) is REPLAYED
+
+
+def test_a_submission_is_proved(found):
+    done = prove(found, LocalEngine(2), rerun=1, fresh=20)
+    assert (done.passed, done.level, done.withdrawn) == (True, VERIFIED, None)
+    proof = find_proof(found.directory, found.files)
+    assert proof == done.proof
+    assert (proof.rerun_episodes, proof.fresh.episodes_per_task) == (1, 20)
+    assert proof.fresh.results[PLACE][0].fresh == 1.0
 
 
 # Proofs
 
 
+def fresh_proof(found, places, episodes, rerun=20):
+    seeds, results = dict.fromkeys(places, 1), dict.fromkeys(places, (FRESH_RESULT,))
+    fresh = FreshProof("a phrase", episodes, seeds, results)
+    return make_proof(found.files, VERIFIED, rerun, fresh)
+
+
 def test_a_proof_counts_for_the_very_bytes_alone(sound, tmp_path):
-    verdict = validate(sound)
-    proof = make_proof(verdict.files, ProofLevel.REPLAYED)
+    found = validate(sound)
+    proof = make_proof(found.files, REPLAYED)
     path = tmp_path / "_proofs" / "hac.json"
     write_proof(proof, path)
     assert read_proof(path) == proof
-    assert level_of(verdict.runs, proof) is ProofLevel.REPLAYED
-    assert level_of(verdict.runs, None) is ProofLevel.SELF_REPORTED
+    assert level_of(found.runs, proof) is REPLAYED
+    assert level_of(found.runs, None) is ProofLevel.SELF_REPORTED
 
 
-def test_a_proof_that_an_older_version_wrote_is_read(sound, tmp_path):
-    """It holds sketches of the actions, which nothing uses now."""
-    proof, path = make_proof(validate(sound).files, ProofLevel.RERUN, 50), tmp_path / "hac.json"
-    document = {**json.loads(write_json(proof)), "sketches": {PLACE: [0.25, -1.5]}}
-    path.write_text(json.dumps(document))
-    assert read_proof(path) == proof
+@pytest.mark.parametrize(
+    ("name", "level"),
+    [
+        ("replay-verified", REPLAYED),
+        ("re-run-verified", REPLAYED),
+        ("fresh-verified", VERIFIED),
+    ],
+)
+def test_a_proof_of_an_earlier_level_is_read_as_one_of_the_three(submission, name, level):
+    """An earlier proof also holds sketches of the actions, which nothing uses now."""
+    found = validate(submission)
+    document = json.loads(write_json(fresh_proof(found, found.runs, 50)))
+    document |= {"level": name, "version": 1, "sketches": {PLACE: [0.25, -1.5]}}
+    write_file(proof_path(submission), json.dumps(document))
+    assert validate(submission).level is level
+
+
+def add_video(submission, content=VIDEO):
+    file = submission / PLACE / "videos" / "pushing-0.mp4"
+    file.parent.mkdir(exist_ok=True)
+    file.write_bytes(content)
 
 
 @pytest.mark.parametrize("other", [f"{PLACE}/run.json", "submission.toml"])
 def test_a_proof_of_other_bytes_is_ignored(submission, other):
-    verdict = validate(submission)
-    proof = make_proof(verdict.files, ProofLevel.RERUN, 5)
-    write_proof(proof, proof_path(submission))
-    assert find_proof(verdict.directory, verdict.files) == proof
-    assert level_of(verdict.runs, proof) is ProofLevel.RERUN
+    prove_as(submission)
+    assert validate(submission).level is VERIFIED
     file = submission / other
     file.write_bytes(file.read_bytes() + b"\n")
-    assert find_proof(submission, validate(submission).files) is None
+    assert validate(submission).proof is None
 
 
-@pytest.mark.parametrize("rerun", [0, 1])
-def test_a_weaker_proof_does_not_replace_a_stronger_one(verdict, rerun):
-    """The second time by a maintainer who only replays, or runs less again."""
-    known = make_proof(verdict.files, ProofLevel.RERUN, rerun_episodes=5)
-    write_proof(known, proof_path(verdict.directory))
-    assert prove(verdict, engine=EngineOptions(workers=1), rerun=rerun) == ()
-    assert find_proof(verdict.directory, verdict.files) == known
+def test_a_proof_is_about_the_videos_too(submission):
+    add_video(submission)
+    prove_as(submission)
+    assert validate(submission).level is VERIFIED
+    add_video(submission, VIDEO + b"another")
+    assert validate(submission).proof is None
+    shutil.rmtree(submission / PLACE / "videos")
+    assert validate(submission).proof is None
 
 
-def fresh_proof(verdict, places, episodes):
-    drop = FreshResult(Role.FINAL, "pushing", "success", 0.9, 0.88, episodes, 0.4)
-    seeds, results = dict.fromkeys(places, 1), dict.fromkeys(places, (drop,))
-    fresh = FreshProof("a phrase", episodes, seeds, results)
-    return make_proof(verdict.files, ProofLevel.FRESH, 50, fresh)
+def test_an_earlier_proof_holds_whichever_videos_there_are(submission):
+    prove_as(submission)
+    edit_document(proof_path(submission), lambda proof: proof.update(version=1))
+    assert validate(submission).level is VERIFIED
+    add_video(submission)
+    assert validate(submission).level is VERIFIED
+    add_video(submission, b"<html><script>")
+    assert "it is not an MP4 video" in str(validate(submission).problems[0])
+
+
+def test_a_weaker_proof_does_not_replace_a_stronger_one(found):
+    known = fresh_proof(found, [PLACE], 50)
+    write_proof(known, proof_path(found.directory))
+    known_of = dataclasses.replace(found, proof=known)
+    assert prove(known_of, LocalEngine(1), rerun=1, fresh=1).proof == known
+    assert find_proof(found.directory, found.files) == known
 
 
 @pytest.mark.parametrize(
     ("suites", "episodes", "level"),
     [
-        (("table4", "novel-shapes"), 20, ProofLevel.FRESH),
-        (("table4",), 20, ProofLevel.RERUN),
-        (("table4", "novel-shapes"), 19, ProofLevel.RERUN),
+        (("table4", "novel-shapes"), 20, VERIFIED),
+        (("table4",), 20, REPLAYED),
+        (("table4", "novel-shapes"), 19, REPLAYED),
     ],
 )
-def test_a_row_is_fresh_where_each_of_its_runs_has_twenty_fresh_episodes_a_task(
-    verdict, suites, episodes, level
+def test_a_row_is_verified_where_each_of_its_runs_has_twenty_fresh_episodes_a_task(
+    found, suites, episodes, level
 ):
     both = [f"seed-0/{suite}" for suite in ("table4", "novel-shapes")]
-    shown = dataclasses.replace(verdict, runs=dict.fromkeys(both, verdict.runs[PLACE]))
+    runs = dict.fromkeys(both, found.runs[PLACE])
     places = [f"seed-0/{suite}" for suite in suites]
-    assert level_of(shown.runs, fresh_proof(verdict, places, episodes)) is level
+    assert level_of(runs, fresh_proof(found, places, episodes)) is level
 
 
-@pytest.mark.parametrize(("count", "level"), [(1, ProofLevel.RERUN), (20, ProofLevel.FRESH)])
-def test_a_few_fresh_episodes_give_no_level(verdict, monkeypatch, count, level):
-    fresh = fresh_proof(verdict, [PLACE], count).fresh
-    monkeypatch.setattr(Prover, "run_fresh", lambda *_: fresh)
-    engine = EngineOptions(workers=1)
-    assert prove(verdict, rerun=1, fresh_episodes=count, engine=engine) == ()
-    proof = find_proof(verdict.directory, verdict.files)
-    assert (proof.level, proof.fresh) == (level, fresh if count == 20 else None)
+def test_a_few_fresh_episodes_give_no_level(found):
+    done = prove(found, LocalEngine(1), rerun=1, fresh=1)
+    assert (done.level, done.proof.fresh) == (REPLAYED, None)
 
 
-FRESH_DROP = Problem("seed-0/table4", "success 1.000 officially, 0.000 in 50 fresh episodes")
-UNREAD = Problem("seed-0/table4", "it cannot be read", is_unchecked=True)
+def proved(found, monkeypatch, step):
+    """Prove a submission that has a proof, where running again does this."""
+    known = fresh_proof(found, [PLACE], 50)
+    write_proof(known, proof_path(found.directory))
+    monkeypatch.setattr(Prover, "run_again", step)
+    return prove(dataclasses.replace(found, proof=known), LocalEngine(1))
 
 
-@pytest.mark.parametrize(
-    ("problems", "is_withdrawn"),
-    [((FRESH_DROP,), True), ((UNREAD, FRESH_DROP), True), ((UNREAD,), False), ((), False)],
-)
-def test_a_failed_check_withdraws_an_older_proof(submission, monkeypatch, problems, is_withdrawn):
-    level = ProofLevel.RERUN
-    write_proof(make_proof(validate(submission).files, level, 5), proof_path(submission))
-    found = validate_submission(submission, lambda _: problems)
-    assert found.problems == problems
-    assert found.withdrawn == (level if is_withdrawn else None)
-    runs = validate(submission).runs
-    assert level_of(runs, validate(submission).proof) == (
-        ProofLevel.SELF_REPORTED if is_withdrawn else level
-    )
+def test_a_failed_check_withdraws_an_older_proof(found, monkeypatch):
+    done = proved(found, monkeypatch, lambda prover, _: prover.problems.add(PLACE, "it differs"))
+    assert (done.withdrawn, done.level) == (VERIFIED, ProofLevel.SELF_REPORTED)
+    assert read_proof(proof_path(found.directory)) is None
 
 
-def test_a_file_too_many_leaves_the_proof(submission):
-    write_proof(make_proof(validate(submission).files, ProofLevel.RERUN, 5), proof_path(submission))
-    (submission / ".DS_Store").write_bytes(b"of a file manager")
-    found = validate_submission(submission, lambda _: ())
-    assert ".DS_Store" in str(found.problems[0])
-    assert found.withdrawn is None
-    assert read_proof(proof_path(submission)).level is ProofLevel.RERUN
+def test_a_file_that_cannot_be_read_leaves_the_proof(found, monkeypatch):
+    def add_unread(prover, _):
+        prover.problems.add(PLACE, "it cannot be read", unchecked=True)
+
+    done = proved(found, monkeypatch, add_unread)
+    assert (len(done.problems), done.withdrawn) == (1, None)
+    assert read_proof(proof_path(found.directory)).level is VERIFIED
 
 
 @pytest.mark.parametrize("error", UNCHECKED)
-def test_a_check_that_could_not_be_made_leaves_the_proof(verdict, monkeypatch, error):
+def test_a_check_that_could_not_be_made_leaves_the_proof(found, monkeypatch, error):
     """Such as of a checkpoint that is gone; the proof was made when it was there."""
-    write_proof(make_proof(verdict.files, ProofLevel.RERUN, 5), proof_path(verdict.directory))
 
     def fail(*_):
         raise error("why")
 
-    monkeypatch.setattr(Prover, "run_again", fail)
-    with pytest.raises(IncompleteCheckError, match="why"):
-        prove(verdict, rerun=1, engine=EngineOptions(workers=1))
-    assert find_proof(verdict.directory, verdict.files).level is ProofLevel.RERUN
+    done = proved(found, monkeypatch, fail)
+    assert "why" in str(done.error)
+    assert find_proof(found.directory, found.files).level is VERIFIED
 
 
-def test_what_differs_counts_though_the_check_could_not_be_finished(verdict, monkeypatch):
+def test_what_differs_counts_though_the_check_could_not_be_finished(found, monkeypatch):
     def differs_and_ends(prover, _):
-        prover.problems.add("seed-0/table4", "it differs")
+        prover.problems.add(PLACE, "it differs")
         raise IncompleteCheckError("the final checkpoint of seed 1 is not in the submission")
 
-    monkeypatch.setattr(Prover, "run_again", differs_and_ends)
-    (problem,) = prove(verdict, rerun=1, engine=EngineOptions(workers=1))
-    assert problem.what == "it differs"
+    done = proved(found, monkeypatch, differs_and_ends)
+    assert (done.problems[0].what, done.withdrawn) == ("it differs", VERIFIED)
 
 
-def test_a_check_ends_when_its_time_is_up(verdict):
-    """The older proof stays, and none is made."""
+def test_a_check_ends_when_its_time_is_up(found):
     played = []
+    checking = Prover(found, LocalEngine(1), played.append, time_limit_s=1e-9)
     with pytest.raises(IncompleteCheckError, match="not finished within 1e-09 s"):
-        prove(
-            verdict,
-            engine=EngineOptions(workers=1),
-            time_limit_s=1e-9,
-            callbacks=Callbacks(episode=played.append),
-        )
+        checking.replay()
     assert len(played) == 1
-    assert find_proof(verdict.directory, verdict.files) is None
-
-
-def test_what_was_replayed_in_time_is_proved(verdict, monkeypatch):
-    def too_slow(prover, _):
-        within(0.0, ignore)(None)
-
-    monkeypatch.setattr(Prover, "run_again", too_slow)
-    with pytest.raises(IncompleteCheckError, match="--time-limit"):
-        prove(verdict, rerun=1, engine=EngineOptions(workers=1))
-    assert find_proof(verdict.directory, verdict.files).level is ProofLevel.REPLAYED
 
 
 def test_a_proof_lies_beside_the_submissions(submission):
     assert proof_path(submission) == submission.parent / "_proofs" / "hac.json"
 
 
-def test_a_remote_policy_stays_remote(verdict):
-    saved = verdict.runs[PLACE]
-    policy = dataclasses.replace(saved.header.policy, kind="remote")
-    saved = dataclasses.replace(saved, header=dataclasses.replace(saved.header, policy=policy))
-    remote = dataclasses.replace(verdict, runs={PLACE: saved})
-    assert level_of(remote.runs, make_proof(remote.files, ProofLevel.RERUN)) is ProofLevel.REMOTE
-
-
 def test_a_proof_inside_a_submission_is_an_unknown_file(submission):
     (submission / "proof.json").write_text("{}")
     assert any("proof.json" in str(problem) for problem in validate(submission).problems)
+
+
+def test_a_proof_that_cannot_be_written_is_an_error_of_one_line(found):
+    proof_path(found.directory).parent.write_text("no directory")
+    done = prove(found, LocalEngine(1), rerun=1, fresh=1)
+    assert "cannot be written" in str(done.error)

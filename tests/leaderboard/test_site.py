@@ -12,20 +12,12 @@ import pytest
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.leaderboard.board import CALIBRATION_POLICIES
 from minitouch_bench.leaderboard.build import build_board
-from minitouch_bench.leaderboard.proof import (
-    FreshProof,
-    ProofLevel,
-    make_proof,
-    proof_path,
-    write_proof,
-)
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.records import Role
 from minitouch_bench.reporting.paper import PAPER_METHODS
-from minitouch_bench.verification.fresh import FreshResult
 from tests.altered import edit_document
 from tests.leaderboard.browser import CHROMIUM, Browser
-from tests.leaderboard.synthetic import ABOUT, make_submission
+from tests.leaderboard.synthetic import ABOUT, make_submission, prove_as
+from tests.leaderboard.synthetic import VIDEO as MP4
 from tests.reporting.html_page import Page
 
 needs_browser = pytest.mark.skipif(
@@ -36,7 +28,7 @@ ROWS = ".view:not([hidden]) tbody.ranked tr[data-name]:not([hidden])"
 
 @pytest.fixture(scope="module")
 def board(tmp_path_factory) -> Path:
-    """A board of four ranked submissions, one on fresh episodes too, one of a server, a floor."""
+    """A board of four ranked submissions, one of a server, and a floor."""
     root = tmp_path_factory.mktemp("site")
     submissions = root / "submissions"
     touch = replace(ABOUT, method="Touch alone", modalities=("touch",), training_steps=500_000)
@@ -49,13 +41,9 @@ def board(tmp_path_factory) -> Path:
     make_submission(submissions, "seeds", 0.75, seeds=(0, 1))
     make_submission(submissions, "random", 0.1, kind="random")
     (best / "seed-0/table4/videos").mkdir()
-    (best / "seed-0/table4/videos/pushing-0.mp4").write_bytes(b"no real video")
-    verdict = validate(best)
-    assert verdict.passed, verdict.problems
-    drop = FreshResult(Role.FINAL, "pushing", "success", 0.9, 0.88, 50, 0.4)
-    places = [f"seed-0/{suite}" for suite in both]
-    fresh = FreshProof("a phrase", 50, dict.fromkeys(places, 1234), dict.fromkeys(places, (drop,)))
-    write_proof(make_proof(verdict.files, ProofLevel.FRESH, 5, fresh), proof_path(best))
+    (best / "seed-0/table4/videos/pushing-0.mp4").write_bytes(MP4)
+    prove_as(best)
+    assert validate(best).passed
     build_board(submissions, root / "board")
     return root / "board"
 
@@ -127,19 +115,18 @@ def test_rows_are_filtered_by_modality_proof_and_words(browser, board):
     assert names(browser) == ["hac", "seeds", "touch"]
     browser.click("input[value=vision]")
     assert names(browser) == ["hac", "seeds"]
-    browser.click("input[value='fresh-verified']")
-    assert names(browser) == ["hac"]
-    assert text(browser, ".count") == "1 of 4 ranked submissions"
-    for value in ("touch", "vision", "fresh-verified"):
+    browser.click("input[value='verified']")
+    assert names(browser) == ["hac", "seeds"]
+    assert text(browser, ".count") == "2 of 4 ranked submissions"
+    for value in ("touch", "vision"):
         browser.click(f"input[value='{value}']")
-    browser.click("input[value='re-run-verified']")
-    assert names(browser) == ["seeds", "touch", "vision"]
+    assert names(browser) == ["hac", "seeds", "touch", "vision"]
     unranked = "document.querySelectorAll('#overall .unranked tr[data-name]:not([hidden])').length"
     assert browser.run(unranked) == 0
-    browser.click("input[value='re-run-verified']")
-    browser.click("input[value='remote']")
+    browser.click("input[value='verified']")
+    browser.click("input[value='replayed']")
     assert (names(browser), browser.run(unranked)) == ([], 1)
-    browser.click("input[value='remote']")
+    browser.click("input[value='replayed']")
     browser.click(".search")
     browser.write("alone TOUCH")
     assert names(browser) == ["touch"]
@@ -289,9 +276,9 @@ def test_calibration_and_paper_are_marked_and_never_ranked(board):
 def test_a_page_tells_all_of_a_submission(board):
     page = (board / "submission" / "hac.html").read_text()
     for words in (
-        "fresh-verified",
+        "verified",
+        "--episodes 50 --seed",
         "1234",
-        '--fresh-seeds 50 --draw "a phrase',
         "Episode variance only (one training seed)",
         "the action contains NaN or infinity",
         "Novel shapes",

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.leaderboard.proving import Prover
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     CheckpointFile,
@@ -14,13 +15,12 @@ from minitouch_bench.leaderboard.submission import (
     TrainingSeed,
     checkpoint_place,
 )
-from minitouch_bench.leaderboard.validation import Verdict
+from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
 from minitouch_bench.records import Role
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.fresh import fresh_seed
-from minitouch_bench.workflows.prover import Prover
 from tests.evaluation.runs import request as wanted_run
 from tests.evaluation.runs import run
 
@@ -64,7 +64,7 @@ def drawn(spec):
 
 
 @pytest.fixture(scope="module", params=["image", "seed"])
-def verdict(tmp_path_factory, request):
+def found(tmp_path_factory, request):
     """A run of the table as if it were a submission's."""
     by_seed = request.param == "seed"
     directory = tmp_path_factory.mktemp("table") / "submissions" / "table"
@@ -87,37 +87,36 @@ def verdict(tmp_path_factory, request):
     digest = parse_source(str(directory / CHECKPOINT)).digest
     file = CheckpointFile(Role.FINAL, ALL_TASKS, "table.pt", digest, CHECKPOINT)
     seed = TrainingSeed(0, {"table4": PLACE}, (file,))
-    return Verdict(directory, Submission(name="table", seeds=(seed,)), {PLACE: done}, ())
+    submission = Submission(name="table", seeds=(seed,))
+    return SubmissionFindings(directory=directory, submission=submission, runs={PLACE: done})
 
 
-def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(verdict):
-    assert all(episode.success for episode in verdict.runs[PLACE].episodes)
-    prover = Prover(verdict, LocalEngine(1), np.random.default_rng(0))
+def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(found):
+    assert all(episode.success for episode in found.runs[PLACE].episodes)
+    prover = Prover(found, LocalEngine(1), rng=np.random.default_rng(0))
     prover.run_again(3)
     assert not prover.problems
 
 
-def test_fresh_episodes_tell(verdict):
-    prover = Prover(verdict, LocalEngine(1))
+def test_fresh_episodes_tell(found):
+    prover = Prover(found, LocalEngine(1))
     fresh = prover.run_fresh(FRESH, "a phrase")
     (problem,) = prover.problems
     assert "pushing: success 1.000 officially" in str(problem)
     assert "fits the official episodes" in str(problem)
-    (found,) = fresh.results[PLACE]
-    assert found.fresh <= 1 / 2
-    assert fresh.seeds[PLACE] == fresh_seed(verdict.runs[PLACE].header.policy.digest, "a phrase")
+    (result,) = fresh.results[PLACE]
+    assert result.fresh <= 1 / 2
+    assert fresh.seeds[PLACE] == fresh_seed(found.runs[PLACE].header.policy.digest, "a phrase")
 
 
-def test_fresh_episodes_of_novel_shapes_tell_too(verdict):
+def test_fresh_episodes_of_novel_shapes_tell_too(found):
     """The same run as one of novel shapes: these episodes are all lost, as no scene is known."""
-    saved = verdict.runs[PLACE]
+    saved = found.runs[PLACE]
     plan = replace(saved.plan, suite=NOVEL_SHAPES)
     novel = replace(saved, header=replace(saved.header, plan=plan))
     place = f"seed-0/{NOVEL_SHAPES}"
-    seed = replace(verdict.submission.seeds[0], runs={NOVEL_SHAPES: place})
-    known = replace(
-        verdict, submission=replace(verdict.submission, seeds=(seed,)), runs={place: novel}
-    )
+    seed = replace(found.submission.seeds[0], runs={NOVEL_SHAPES: place})
+    known = replace(found, submission=replace(found.submission, seeds=(seed,)), runs={place: novel})
     prover = Prover(known, LocalEngine(1))
     fresh = prover.run_fresh(FRESH, "a phrase")
     (problem,) = prover.problems
@@ -125,11 +124,11 @@ def test_fresh_episodes_of_novel_shapes_tell_too(verdict):
     assert fresh.results.keys() == {place}
 
 
-def test_an_honest_policy_passes(verdict):
-    saved = verdict.runs[PLACE]
+def test_an_honest_policy_passes(found):
+    saved = found.runs[PLACE]
     policy = replace(saved.header.policy, kind="scripted", digest="")
     honest = replace(saved, header=replace(saved.header, policy=policy))
-    known = replace(verdict, runs={PLACE: honest})
+    known = replace(found, runs={PLACE: honest})
     prover = Prover(known, LocalEngine(1))
     fresh = prover.run_fresh(FRESH, "a phrase")
     assert not prover.problems

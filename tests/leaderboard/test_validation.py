@@ -285,6 +285,13 @@ def test_a_server_that_hides_what_it_is(tmp_path):
     refused(directory, "remote policy lacks its label")
 
 
+def test_an_exploration_policy_of_one_training_seed_alone(tmp_path):
+    directory = make_submission(tmp_path, seeds=(0, 1, 2), include=False)
+    shutil.rmtree(directory / "seed-1")
+    write_official(official_run(seed=1, exploration=True), directory / "seed-1/table4")
+    refused(directory, "2 of 3 training seeds have no exploration policy: 0, 2")
+
+
 @pytest.mark.parametrize("exploration", [False, True])
 def test_a_training_seed_submitted_twice(tmp_path, exploration):
     """With its exploration the final episodes are the same bits, and the run's digest is not."""

@@ -7,8 +7,9 @@ from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import RUN_FILE, write_file
 from minitouch_bench.reporting.views import write_report, write_tables
 from minitouch_bench.runs.run import run_json
-from minitouch_bench.verification.checks import check_run
-from minitouch_bench.verification.verify import Verification, replay_run
+from minitouch_bench.verification.problems import Findings
+from minitouch_bench.verification.replay_check import replay_run
+from minitouch_bench.verification.static_check import check_run
 from minitouch_bench.workflows import ignore
 from tests.evaluation.runs import request, run
 
@@ -44,4 +45,4 @@ class Here:
 def verify_run(run, engine, on_record=ignore):
     """Check a run, then replay it, as the command ``verify`` does."""
     problems = check_run(run)
-    return Verification(0, problems) if problems else replay_run(run, engine, on_record)
+    return Findings(problems) if problems else replay_run(run, engine, on_record)

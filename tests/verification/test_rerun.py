@@ -1,15 +1,18 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.policies.isolation.options import PolicyLimits
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import Role
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.verification.verify import (
+from minitouch_bench.verification.replay_check import (
     check_identity,
     draw_episodes,
     prepare_rerun,
-    rerun,
+    run_again,
 )
 from tests.evaluation.runs import request
 from tests.verification.conftest import WANTED, Here
@@ -31,19 +34,19 @@ def test_the_draw_is_the_generator_s_in_the_run_s_order(opened):
 
 
 def test_the_same_checkpoint_gives_the_same_bits(opened):
-    results = list(rerun(opened, WANTED, opened.header.specs(), Here()))
-    assert {record.spec for record, _ in results} == set(opened.header.specs())
-    assert all(problems == () for _, problems in results)
+    seen = []
+    found = run_again(opened, WANTED, opened.header.specs(), Here(), seen.append)
+    assert {record.spec for record in seen} == set(opened.header.specs())
+    assert (found.problems, found.reran) == ((), len(seen))
 
 
 def test_another_policy_is_found_at_its_first_other_action(opened):
     other = request("zero", ("pushing", "opening"), 2, exploration="zero")
-    specs = opened.header.specs()[:1]
-    ((_, (difference,)),) = rerun(opened, other, specs, Here())
+    (difference,) = run_again(opened, other, opened.header.specs()[:1], Here()).problems
     assert difference.place == "pushing/0"
     assert "success recorded, step_limit when run again" in difference.what
     explored = [spec for spec in opened.header.specs() if spec.key == "exploration/pushing/0"]
-    ((_, (difference,)),) = rerun(opened, other, explored, Here())
+    (difference,) = run_again(opened, other, explored, Here()).problems
     assert difference.place == "exploration/pushing/0"
 
 
@@ -63,3 +66,19 @@ def test_an_episode_is_found_by_its_name(opened):
 def test_a_policy_run_again_cannot_read_the_run(opened):
     setup = prepare_rerun(opened, "scripted", "scripted")
     assert setup.isolation.private == str(opened.directory.resolve())
+
+
+@pytest.mark.parametrize(
+    ("asked", "given"),
+    [
+        ({"memory_mb": 2**24, "act_timeout_s": 86_400.0}, PolicyLimits()),
+        ({"act_timeout_s": 1.0}, PolicyLimits(act_timeout_s=1.0)),
+    ],
+)
+def test_a_stranger_s_run_gives_its_policy_no_more_than_the_official_limits(opened, asked, given):
+    plan = replace(opened.plan, limits=PolicyLimits(**asked))
+    stranger = replace(opened, header=replace(opened.header, plan=plan))
+    notes = []
+    setup = prepare_rerun(stranger, "scripted", "scripted", note=notes.append)
+    assert setup.plan.limits == setup.isolation.limits == given
+    assert len(notes) == (given == PolicyLimits())

@@ -25,7 +25,7 @@ def test_a_true_run_is_verified_episode_by_episode(whole):
     result = verify_run(read_run(whole), LocalEngine(2), seen.append)
     assert result.problems == ()
     assert result.passed
-    assert result.episodes == len(seen) == 8
+    assert result.replayed == len(seen) == 8
 
 
 def test_what_a_packed_run_lacks_is_no_difference(copy):
@@ -94,6 +94,9 @@ def first_task(document):
             "header.unofficial_because",
         ),
         (lambda d: d["header"].update(unofficial_because=["x"]), "header.unofficial_because"),
+        (lambda d: d["header"].update(protocol_digest="0" * 64), "header.protocol_digest"),
+        (lambda d: d["header"].update(isolation="vault"), "header.isolation"),
+        (lambda d: d["header"].update(isolation="sandbox"), "header.isolation"),
         (lambda d: d["header"]["plan"].update(suite="easy"), "header.plan.suite"),
         (lambda d: d["header"]["plan"].update(tasks=["opening", "pushing"]), "header.plan.tasks"),
         (lambda d: d["header"]["plan"].update(episodes=10**9), "header.plan.episodes"),

@@ -2,18 +2,17 @@
 
 import contextlib
 import sys
-from functools import partial
 
 import numpy as np
 import pytest
 
-from minitouch_bench.evaluation.engine import EngineOptions
+from minitouch_bench.evaluation import engine as engines
+from minitouch_bench.leaderboard import proving
 from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.runs.actions import parse_actions
 from minitouch_bench.runs.run import parse_run
-from minitouch_bench.workflows import prover, proving
-from minitouch_bench.workflows.proving import prove, validate_submission
+from minitouch_bench.workflows.validate import validate
 from tests.leaderboard.synthetic import make_submission, official_run
 from tests.reporting.synthetic import make_record
 
@@ -35,8 +34,8 @@ class Played:
 @pytest.fixture
 def engine(monkeypatch):
     played = Played()
-    monkeypatch.setattr(proving, "open_engine", lambda *_: contextlib.nullcontext(played))
-    monkeypatch.setattr(prover, "prepare_rerun", lambda *_: None)
+    monkeypatch.setattr(engines, "open_engine", lambda *_: contextlib.nullcontext(played))
+    monkeypatch.setattr(proving, "prepare_rerun", lambda *_: None)
     return played
 
 
@@ -57,9 +56,8 @@ def count_calls(monkeypatch, function):
 def test_a_run_is_read_once_unpacked_once_and_estimated_once(tmp_path, engine, monkeypatch):
     submission = make_submission(tmp_path, "zero", kind="zero", level=ProofLevel.SELF_REPORTED)
     counted = [count_calls(monkeypatch, step) for step in (parse_run, parse_actions, summarize)]
-    fresh = partial(prove, engine=EngineOptions(), fresh_episodes=20)
-    checked = validate_submission(submission, fresh)
+    (checked,) = validate(submission, prove=True)
     assert checked.problems == ()
-    assert checked.level is ProofLevel.FRESH
-    assert engine.fresh == 20 * 4
+    assert checked.level is ProofLevel.VERIFIED
+    assert engine.fresh == 50 * 4
     assert [len(calls) for calls in counted] == [1, 1, 1]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import Annotated
 
@@ -76,6 +76,12 @@ class PolicyLimits:
         if self.episode_timeout_s != EPISODE_TIMEOUT_S:
             words += ["--episode-timeout", f"{self.episode_timeout_s:.15g}"]
         return tuple(words)
+
+    def within(self, most: "PolicyLimits") -> "PolicyLimits":
+        """Return these limits, each of them at most that of ``most``."""
+        return PolicyLimits(
+            *(min(getattr(self, one.name), getattr(most, one.name)) for one in fields(self))
+        )
 
     @property
     def cpu_s(self) -> int:

@@ -1,40 +1,32 @@
 """A run checked without trust: its actions replayed, and drawn episodes run again."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import IncompleteCheckError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup, Recording, prepare_policies
 from minitouch_bench.evaluation.engine import Engine, Note
 from minitouch_bench.metrics.summary import measure, touch_curve
-from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
+from minitouch_bench.policies.isolation.options import SANDBOXED, USUAL_LIMITS, IsolationOptions
 from minitouch_bench.policies.sources import PolicySource, identify
-from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, EpisodeSpec, PolicyIdentity, Role
+from minitouch_bench.records import (
+    EpisodeMetrics,
+    EpisodeRecord,
+    EpisodeSpec,
+    Outcome,
+    PolicyIdentity,
+    Role,
+)
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run
-from minitouch_bench.verification.problems import Problem
-
-
-@dataclass(frozen=True)
-class Verification:
-    """A check's result; ``reran``: episodes run with the policy, drawn with the seed ``draw``."""
-
-    episodes: int
-    problems: tuple[Problem, ...]
-    reran: int = 0
-    draw: int | None = None
-
-    @property
-    def passed(self) -> bool:
-        """Whether everything is as recorded."""
-        return not self.problems
+from minitouch_bench.verification.problems import Findings, Problem
 
 
 def replay_run(
     run: Run, engine: Engine, on_record: Callable[[EpisodeRecord], None] = lambda _: None
-) -> Verification:
+) -> Findings:
     """Replay every episode of a run that ``check_run`` passes; ``on_record`` takes them.
 
     The episodes come from the plan, the actions from ``actions.npz``. Every estimate is computed
@@ -50,7 +42,7 @@ def replay_run(
     for record in engine.run(Recording(run.actions, run.plan.conditions), run.header.specs()):
         records[record.spec] = record
         on_record(record)
-    return Verification(len(records), tuple(_compare(run, records)))
+    return Findings(tuple(_compare(run, records)), replayed=len(records))
 
 
 def _compare(run: Run, records: dict[EpisodeSpec, EpisodeRecord]) -> Iterator[Problem]:
@@ -115,33 +107,77 @@ def prepare_rerun(
     isolation: IsolationOptions = SANDBOXED,
     note: Note = lambda _: None,
 ) -> PolicySetup:
-    """Load the checkpoints of a run, for its conditions and limits, and see that they are its own.
+    """Load the checkpoints of a run, for its conditions, and see that they are its own.
 
-    In an episode none of them can read the run, whose actions it could repeat.
+    Its limits hold as far as they are within the official ones: the run's maker does not decide
+    how much time and memory of this machine a policy gets. In an episode none of them can read the
+    run, whose actions it could repeat.
 
     Raises:
         UsageError: a checkpoint is another one.
         PolicyError, IsolationError, MissingExtraError: a checkpoint cannot be used.
     """
     explorer = None if run.header.exploration is None else exploration
-    setup = prepare_policies(policy, run.plan, isolation, note, exploration=explorer)
+    plan = replace(run.plan, limits=run.plan.limits.within(USUAL_LIMITS))
+    if plan != run.plan:
+        note("the run's own limits of time and memory exceed the official ones, which hold here")
+    setup = prepare_policies(policy, plan, isolation, note, exploration=explorer)
     for recorded, source in zip(run.header.policies(), setup.sources(), strict=True):
         check_identity(recorded, source)
     return setup if run.directory is None else setup.keep_out_of(run.directory)
 
 
-def rerun(
-    run: Run, setup: PolicySetup, specs: Sequence[EpisodeSpec], engine: Engine
-) -> Iterator[tuple[EpisodeRecord, tuple[Problem, ...]]]:
-    """Run these episodes with the checkpoint and yield each with how it differs.
+def run_again(
+    run: Run,
+    setup: PolicySetup,
+    specs: Sequence[EpisodeSpec],
+    engine: Engine,
+    on_record: Callable[[EpisodeRecord], None] = lambda _: None,
+) -> Findings:
+    """Run these episodes with the checkpoint; ``on_record`` takes them.
+
+    A fault of the policy in an episode that the run says went well is a difference: what fails
+    where the record is forged could otherwise be tried until no such episode is drawn. An episode
+    without an answer in time is run once more; it is a difference too, unless most episodes are so.
 
     Raises:
+        IncompleteCheckError: the policy is too slow on this machine, or does not repeat a fault.
         InfrastructureError: an episode failed three times for no fault of the policy.
     """
+    records = _play(setup, specs, engine, on_record)
+    late = [spec for spec, record in records.items() if record.is_late]
+    records |= _play(setup, late, engine, lambda _: None)
+    late = [spec for spec in late if records[spec].is_late]
     rows = dict(run.rows())
-    for record in engine.run(setup, specs):
-        recorded = run.actions[record.spec.key]
-        yield record, tuple(_differences(record, rows[record.spec], recorded))
+    problems: list[Problem] = []
+    unsaid = []
+    for spec, record in records.items():
+        row = rows[spec]
+        found = tuple(_differences(record, row, run.actions[spec.key]))
+        failed_then = row.outcome is Outcome.POLICY_FAULT
+        if found and (failed_then or (record.is_late and 2 * len(late) > len(records))):
+            unsaid.append(f"{spec.key}: {record.fault or 'the recorded fault is not repeated'}")
+        else:
+            problems += found
+    if unsaid and not problems:
+        raise IncompleteCheckError(
+            f"{len(unsaid)} of {len(records)} episodes run again say nothing; {unsaid[0]}"
+        )
+    return Findings(tuple(problems), reran=len(records))
+
+
+def _play(
+    setup: PolicySetup,
+    specs: Sequence[EpisodeSpec],
+    engine: Engine,
+    on_record: Callable[[EpisodeRecord], None],
+) -> dict[EpisodeSpec, EpisodeRecord]:
+    """Play episodes and return their records in the order of ``specs``."""
+    records: dict[EpisodeSpec, EpisodeRecord] = {}
+    for record in engine.run(setup, specs) if specs else ():
+        records[record.spec] = record
+        on_record(record)
+    return {spec: records[spec] for spec in specs}
 
 
 def _differences(
@@ -149,7 +185,8 @@ def _differences(
 ) -> Iterator[Problem]:
     key = record.spec.key
     if record.outcome is not row.outcome:
-        yield Problem(key, f"{row.outcome} recorded, {record.outcome} when run again")
+        fault = f" ({record.fault})" if record.fault else ""
+        yield Problem(key, f"{row.outcome} recorded, {record.outcome} when run again{fault}")
     elif record.trace.digest() != row.digest:
         yield Problem(key, _first_other_step(recorded, record.trace.actions))
 

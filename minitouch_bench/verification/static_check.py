@@ -15,8 +15,16 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.files import ACTIONS_FILE, RUN_FILE
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Outcome, Role, TaskSummary
+from minitouch_bench.records import (
+    IN_MEMORY,
+    EpisodeMetrics,
+    EpisodeSpec,
+    Outcome,
+    Role,
+    TaskSummary,
+)
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import SUITES, first_of
 from minitouch_bench.runs.run import NAMED, Run, RunHeader, run_json, why_unofficial
@@ -90,8 +98,24 @@ def _settings(header: RunHeader) -> Iterator[Problem]:
         yield Problem("header.official", f"it is {header.official}", AS_WRITTEN)
     if header.protocol != PROTOCOL.name:
         yield Problem("header.protocol", f"it is not {PROTOCOL.name}", AS_WRITTEN)
+    if header.protocol_digest != PROTOCOL.digest():
+        yield Problem("header.protocol_digest", f"it is not that of {PROTOCOL.name}", AS_WRITTEN)
+    if what := _isolation_mistake(header):
+        yield Problem("header.isolation", what, AS_WRITTEN)
     if header.task_digests.keys() != set(header.plan.tasks):
         yield Problem("header.task_digests", "they are not of the plan's tasks", AS_WRITTEN)
+
+
+def _isolation_mistake(header: RunHeader) -> str:
+    """Return why no policies of these kinds ran at the recorded level of isolation, or ""."""
+    if header.isolation not in tuple(Isolation):
+        return "there is no such level of isolation"
+    kinds = {policy.kind for policy in header.policies()}
+    if kinds & {"scripted", IN_MEMORY} and header.isolation != Isolation.NONE:
+        return f"it is {header.isolation}; a scripted policy and one in memory have none"
+    if "remote" in kinds and header.isolation == Isolation.SANDBOX:
+        return "it is sandbox; a policy server's client needs the network"
+    return ""
 
 
 def _episodes(run: Run) -> Iterator[Problem]:

@@ -1,0 +1,365 @@
+"""Prove one submission as a maintainer does, and write what was proved.
+
+Its actions are replayed, and sampled and fresh episodes are run with its checkpoints.
+"""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from minitouch_bench.errors import (
+    IncompleteCheckError,
+    InfrastructureError,
+    IsolationError,
+    MiniTouchError,
+    MissingExtraError,
+    RunDirectoryError,
+)
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.engine import Engine
+from minitouch_bench.files import CHECKPOINTS
+from minitouch_bench.leaderboard.proof import (
+    MIN_FRESH_EPISODES,
+    FreshProof,
+    ProofLevel,
+    can_be_run,
+    make_proof,
+    proof_path,
+    withdraw_proof,
+    write_proof,
+)
+from minitouch_bench.leaderboard.submission import TrainingSeed
+from minitouch_bench.leaderboard.validation import SubmissionFindings
+from minitouch_bench.metrics.summary import measure
+from minitouch_bench.policies.formats import BUILT_IN
+from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
+from minitouch_bench.records import EpisodeRecord, EpisodeSpec, PolicyIdentity, Role
+from minitouch_bench.runs.run import Run
+from minitouch_bench.verification.fresh import (
+    FreshResult,
+    Group,
+    Values,
+    compare_fresh,
+    drop_together,
+    fresh_seed,
+    new_draw,
+    significant_drops,
+)
+from minitouch_bench.verification.problems import Problems
+from minitouch_bench.verification.replay_check import (
+    draw_episodes,
+    prepare_rerun,
+    replay_run,
+    run_again,
+)
+
+RERUN_EPISODES, FRESH_EPISODES = 20, 50
+"""Drawn episodes of each policy of a run that are run again; fresh episodes per task of a run."""
+
+TIME_LIMIT_S = 5 * 3600.0
+"""How long a proof may take: a policy may use minutes in each episode."""
+
+SLOWER = 5.0
+"""How many times as long as an official control step a fresh one takes with a policy that is slow
+on purpose, to end the check before its fresh episodes are played."""
+
+UNCHECKED = (IncompleteCheckError, MissingExtraError, IsolationError, InfrastructureError)
+"""What ends a check without a verdict on the submission."""
+
+NOT_REPLAYED = "the recorded actions do not give these values"
+NOT_REPEATED = "the checkpoint does not act as recorded"
+FITS_OFFICIAL = "the checkpoint fits the official episodes"
+
+
+class OutOfTimeError(IncompleteCheckError):
+    """The proof takes longer than TIME_LIMIT_S."""
+
+
+def count_episodes(found: SubmissionFindings) -> int:
+    """Return how many episodes a proof plays."""
+    runs = found.runs.values()
+    count = sum(len(run.header.specs()) for run in runs)
+    if can_be_run(found.runs):
+        count += sum(RERUN_EPISODES * len(run.header.policies()) for run in runs)
+        count += sum(len(fresh_specs(run, FRESH_EPISODES, 0)) for run in runs)
+    return count
+
+
+def prove(
+    found: SubmissionFindings,
+    engine: Engine,
+    on_record: Callable[[EpisodeRecord], None] = lambda _: None,
+    *,
+    rerun: int = RERUN_EPISODES,
+    fresh: int = FRESH_EPISODES,
+) -> SubmissionFindings:
+    """Replay a submission that is valid, run it again, and write the proof if nothing differs.
+
+    The policies of a server and Python classes are replayed only. A stronger proof of the same
+    bytes stays; where an episode differs, an earlier proof is withdrawn. ``rerun``: so many drawn
+    episodes of each policy of each run. ``fresh``: so many new ones per task of each run; fewer
+    than MIN_FRESH_EPISODES give no level. Where the check cannot be finished, ``error`` of the
+    result says why, and what was replayed is proved.
+    """
+    prover = Prover(found, engine, on_record)
+    level, played = ProofLevel.SELF_REPORTED, None
+    error: MiniTouchError | None = None
+    try:
+        prover.replay()
+        level = ProofLevel.REPLAYED
+        if can_be_run(found.runs) and not prover.problems:
+            prover.run_again(rerun)
+        if can_be_run(found.runs) and not prover.problems:
+            played = prover.run_fresh(fresh, new_draw())
+            level = ProofLevel.VERIFIED if fresh >= MIN_FRESH_EPISODES else level
+    except UNCHECKED as caught:  # what differs counts all the same
+        error = IncompleteCheckError(str(caught))
+    found = replace(found, problems=tuple(prover.problems), error=error)
+    try:
+        if found.problems:
+            return _withdraw(found)
+        return _keep(found, level, rerun, played)
+    except RunDirectoryError as caught:
+        return replace(found, error=caught)
+
+
+def _withdraw(found: SubmissionFindings) -> SubmissionFindings:
+    """Remove the earlier proof of a submission in which something differs."""
+    if found.proof is None or all(problem.is_unchecked for problem in found.problems):
+        return found
+    withdraw_proof(proof_path(found.directory))
+    return replace(found, proof=None, withdrawn=found.level)
+
+
+def _keep(
+    found: SubmissionFindings, level: ProofLevel, rerun: int, fresh: FreshProof | None
+) -> SubmissionFindings:
+    """Write the proof of a level, unless there is a stronger one."""
+    if level is ProofLevel.SELF_REPORTED:
+        return found
+    is_verified = level is ProofLevel.VERIFIED
+    proof = make_proof(found.files, level, *((rerun, fresh) if is_verified else ()))
+    if found.proof is not None and found.proof.strength > proof.strength:
+        return found
+    write_proof(proof, proof_path(found.directory))
+    return replace(found, proof=proof)
+
+
+def fresh_specs(run: Run, count: int, seed: int) -> tuple[EpisodeSpec, ...]:
+    """Return ``count`` episodes of each task of a run, with another seed.
+
+    On novel shapes they are the first ``count`` of the suite: its shapes in its order, in new
+    scenes.
+    """
+    plan = replace(run.plan, episodes=count, seed=seed, chosen=())
+    return plan.specs(exploration=run.header.exploration is not None)
+
+
+def _values(
+    run: Run, specs: Sequence[EpisodeSpec], records: Sequence[EpisodeRecord]
+) -> Iterator[tuple[tuple[Role, str], Values]]:
+    """Yield by role and task what ranks: officially, and in fresh episodes.
+
+    Those that were not played are failed ones: 0 is the lowest value of both ranking metrics.
+    """
+    official = dict(run.by_role())
+    for (role, task), number in Counter((spec.role, spec.task) for spec in specs).items():
+        known = [row for row in official[role] if row.task == task]
+        rows = [measure(one) for one in records if (one.spec.role, one.spec.task) == (role, task)]
+        values = Values.of(task, known, rows)
+        yield (role, task), replace(values, fresh=values.fresh + (0.0,) * (number - len(rows)))
+
+
+@dataclass
+class _Pace:
+    """How long a control step takes, with its share of the start of a policy's process."""
+
+    seconds: float = 0.0
+    steps: int = 0
+
+    @contextmanager
+    def of(
+        self, on_record: Callable[[EpisodeRecord], None]
+    ) -> Iterator[Callable[[EpisodeRecord], None]]:
+        """Add the time of the block; it gives the function that counts the steps of an episode."""
+        began = time.monotonic()
+
+        def count(record: EpisodeRecord) -> None:
+            self.steps += len(record.trace.actions)
+            on_record(record)
+
+        try:
+            yield count
+        finally:
+            self.seconds += time.monotonic() - began
+
+    @property
+    def seconds_per_step(self) -> float:
+        """Return the seconds of a control step."""
+        return self.seconds / max(1, self.steps)
+
+
+@dataclass
+class Prover:
+    """Plays the episodes that prove a submission; each difference is added to ``problems``.
+
+    ``on_record`` takes each episode that was played; ``rng`` draws those that are run again. No
+    more is played ``time_limit_s`` after the prover was made.
+    """
+
+    found: SubmissionFindings
+    engine: Engine
+    on_record: Callable[[EpisodeRecord], None] = lambda _: None
+    rng: np.random.Generator = field(default_factory=np.random.default_rng)
+    time_limit_s: float = TIME_LIMIT_S
+    problems: Problems = field(default_factory=Problems)
+
+    def __post_init__(self) -> None:
+        self._end = time.monotonic() + self.time_limit_s
+        self._again, self._fresh = _Pace(), _Pace()
+
+    def replay(self) -> None:
+        """Replay the actions of every run. No checkpoint is opened."""
+        for _, place, run in self._runs():
+            with self.problems.caught(place):
+                for problem in replay_run(run, self.engine, self._take).problems:
+                    self.problems.add_below(place, replace(problem, remedy=NOT_REPLAYED))
+
+    def run_again(self, count: int) -> None:
+        """Run ``count`` drawn episodes of each policy of each run, held in the sandbox.
+
+        Raises:
+            IncompleteCheckError: see ``replay_check.run_again``.
+        """
+        unfinished: list[IncompleteCheckError] = []
+        for seed, place, run in self._runs():
+            with self.problems.caught(place), self._again.of(self._take) as take:
+                setup, specs = self._setup(seed, run), draw_episodes(run, count, self.rng)
+                try:
+                    found = run_again(run, setup, specs, self.engine, take)
+                except OutOfTimeError:
+                    raise
+                except IncompleteCheckError as error:  # another run may differ
+                    unfinished.append(IncompleteCheckError(f"{place}: {error}"))
+                    continue
+                for problem in found.problems:
+                    self.problems.add_below(place, replace(problem, remedy=NOT_REPEATED))
+        if unfinished and not self.problems:
+            raise unfinished[0]
+
+    def run_fresh(self, count: int, draw: str) -> FreshProof:
+        """Run ``count`` new episodes of each task of each run, and compare with the official ones.
+
+        A significant drop is a problem. An episode that ends by a policy fault is a failed one; to
+        find a machine that is too slow, call ``run_again`` first. Where the time is up because the
+        policy is slower than in official episodes, those that are not played are failed ones too.
+
+        Raises:
+            IncompleteCheckError: the time is up.
+        """
+        seeds: dict[str, int] = {}
+        results: dict[str, tuple[FreshResult, ...]] = {}
+        groups: dict[Group, list[Values]] = {}
+        late: OutOfTimeError | None = None
+        failed: list[str] = []
+        for seed, place, run in self._runs():
+            records: list[EpisodeRecord] = []
+            seeds[place] = fresh_seed(run.header.policy.digest, draw)
+            with self.problems.caught(place):
+                specs = fresh_specs(run, count, seeds[place])
+                setup = self._setup(seed, run)
+                try:
+                    with self._fresh.of(self._take) as take:
+                        for record in self.engine.run(setup, specs):
+                            records.append(record)
+                            take(record)
+                except OutOfTimeError as error:
+                    if self._fresh.seconds_per_step < SLOWER * self._again.seconds_per_step:
+                        raise
+                    late = error
+                failed += (f"{place}, {one.spec.key}: {one.fault}" for one in records if one.fault)
+                values = dict(_values(run, specs, records))
+                results[place] = tuple(compare_fresh(one, *key) for key, one in values.items())
+                for (role, task), one in values.items():
+                    groups.setdefault((role, run.plan.suite, task), []).append(one)
+            if late is not None:
+                failed.append(f"{place}: {len(specs) - len(records)} are not played in time")
+                break
+        if not self.problems:
+            self._add_drops(results, groups, failed)
+        if late is not None and not self.problems:
+            raise late
+        return FreshProof(draw, count, seeds, results)
+
+    def _add_drops(
+        self,
+        results: Mapping[str, Sequence[FreshResult]],
+        groups: Mapping[Group, Sequence[Values]],
+        failed: Sequence[str],
+    ) -> None:
+        """Add the drops that an honest submission would hardly have."""
+        planned = len(
+            {
+                (place, spec.role, spec.task)
+                for place, run in self.found.runs.items()
+                for spec in run.header.specs()
+            }
+        )
+        drops = [
+            (f"{place}, {drop.role} {drop.task}", str(drop))
+            for place, compared in results.items()
+            for drop in significant_drops(compared, planned)
+        ]
+        if not drops and (p := drop_together(groups)) is not None:
+            what = f"fresh episodes are worse over the tasks and training seeds (p = {p:.2g})"
+            drops.append(("", what))
+        for where, what in drops:
+            self.problems.add(where, what, FITS_OFFICIAL)
+        if drops and failed:
+            what = f"{len(failed)} fresh episodes end by a policy fault; the first: {failed[0]}"
+            self.problems.add("", what, "a fault is a failed episode, as in every run")
+
+    def _runs(self) -> Iterator[tuple[TrainingSeed, str, Run]]:
+        """Walk through the runs, each with its training seed and its place."""
+        for seed in self.found.submission.seeds:
+            for place in seed.runs.values():
+                yield seed, place, self.found.runs[place]
+
+    def _take(self, record: EpisodeRecord) -> None:
+        """Pass an episode on.
+
+        Raises:
+            OutOfTimeError: it is a late one.
+        """
+        self.on_record(record)
+        if time.monotonic() > self._end:
+            raise OutOfTimeError(f"the proof was not finished within {self.time_limit_s:g} s")
+
+    def _setup(self, seed: TrainingSeed, run: Run) -> PolicySetup:
+        header = run.header
+        explorer = header.exploration and self._source(seed, Role.EXPLORATION, header.exploration)
+        return prepare_rerun(run, self._source(seed, Role.FINAL, header.policy), explorer)
+
+    def _source(self, seed: TrainingSeed, role: Role, recorded: PolicyIdentity) -> PolicySource:
+        """Find a policy's checkpoint in the submission.
+
+        Raises:
+            IncompleteCheckError: it is not there.
+            PolicyLoadError: it cannot be read.
+        """
+        files = seed.files(role)
+        if recorded.kind in BUILT_IN:
+            return parse_source(recorded.kind)
+        if not files or not all(file.path for file in files):
+            raise IncompleteCheckError(
+                f"the {role} checkpoint of seed {seed.seed} is not in the submission: "
+                "it cannot be run again"
+            )
+        path = self.found.directory / files[0].path
+        if recorded.kind == DIRECTORY:
+            path = self.found.directory / CHECKPOINTS / f"seed-{seed.seed}" / role.value
+        return parse_source(str(path))
