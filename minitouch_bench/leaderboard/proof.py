@@ -7,9 +7,10 @@ adds a submission has no reason to touch it. It binds a level to the bytes of ea
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
-from importlib.metadata import version
+from functools import partial
+from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
@@ -81,9 +82,9 @@ class Proof:
 
     level: ProofLevel
     files: Mapping[str, str]
-    rerun_episodes: Count
-    package: str
+    rerun_episodes: Count = 0
     fresh: FreshProof | None = None
+    package: str = field(default_factory=partial(metadata.version, "minitouch-bench"))
     format: Literal["minitouch-proof"] = "minitouch-proof"
     version: Literal[1, 2] = 2
 
@@ -103,16 +104,6 @@ class Proof:
         return bool(files) and self.files == covered
 
 
-def make_proof(
-    files: Mapping[str, str],
-    level: ProofLevel,
-    rerun_episodes: int = 0,
-    fresh: FreshProof | None = None,
-) -> Proof:
-    """Bind a level to the digests of a submission's files."""
-    return Proof(level, files, rerun_episodes, version("minitouch-bench"), fresh)
-
-
 def proof_path(directory: Path) -> Path:
     """Return where the proof of a submission lies: beside the submissions."""
     place = Path(os.path.realpath(directory))  # resolve() fails at a link to itself
@@ -126,16 +117,6 @@ def write_proof(proof: Proof, path: Path) -> None:
         RunDirectoryError: it cannot be written.
     """
     write_file(path, write_json(proof))
-
-
-def withdraw_proof(path: Path) -> None:
-    """Remove a proof.
-
-    Raises:
-        RunDirectoryError: it cannot be removed.
-    """
-    with os_errors_as(RunDirectoryError, path, "removed"):
-        path.unlink(missing_ok=True)
 
 
 def read_proof(path: Path) -> Proof | None:

@@ -6,7 +6,6 @@ Its actions are replayed, and sampled and fresh episodes are run with its checkp
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,15 +20,14 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
-from minitouch_bench.files import CHECKPOINTS
+from minitouch_bench.files import CHECKPOINTS, os_errors_as
 from minitouch_bench.leaderboard.proof import (
     MIN_FRESH_EPISODES,
     FreshProof,
+    Proof,
     ProofLevel,
     can_be_run,
-    make_proof,
     proof_path,
-    withdraw_proof,
     write_proof,
 )
 from minitouch_bench.leaderboard.submission import TrainingSeed
@@ -131,7 +129,9 @@ def _withdraw(found: SubmissionFindings) -> SubmissionFindings:
     """Remove the earlier proof of a submission in which something differs."""
     if found.proof is None or all(problem.is_unchecked for problem in found.problems):
         return found
-    withdraw_proof(proof_path(found.directory))
+    path = proof_path(found.directory)
+    with os_errors_as(RunDirectoryError, path, "removed"):
+        path.unlink(missing_ok=True)
     return replace(found, proof=None, withdrawn=found.level)
 
 
@@ -142,7 +142,7 @@ def _keep(
     if level is ProofLevel.SELF_REPORTED:
         return found
     is_verified = level is ProofLevel.VERIFIED
-    proof = make_proof(found.files, level, *((rerun, fresh) if is_verified else ()))
+    proof = Proof(level, found.files, *((rerun, fresh) if is_verified else ()))
     if found.proof is not None and found.proof.strength > proof.strength:
         return found
     write_proof(proof, proof_path(found.directory))
@@ -175,35 +175,6 @@ def _values(
 
 
 @dataclass
-class _Pace:
-    """How long a control step takes, with its share of the start of a policy's process."""
-
-    seconds: float = 0.0
-    steps: int = 0
-
-    @contextmanager
-    def of(
-        self, on_record: Callable[[EpisodeRecord], None]
-    ) -> Iterator[Callable[[EpisodeRecord], None]]:
-        """Add the time of the block; it gives the function that counts the steps of an episode."""
-        began = time.monotonic()
-
-        def count(record: EpisodeRecord) -> None:
-            self.steps += len(record.trace.actions)
-            on_record(record)
-
-        try:
-            yield count
-        finally:
-            self.seconds += time.monotonic() - began
-
-    @property
-    def seconds_per_step(self) -> float:
-        """Return the seconds of a control step."""
-        return self.seconds / max(1, self.steps)
-
-
-@dataclass
 class Prover:
     """Plays the episodes that prove a submission; each difference is added to ``problems``.
 
@@ -219,8 +190,10 @@ class Prover:
     problems: Problems = field(default_factory=Problems)
 
     def __post_init__(self) -> None:
-        self._end = time.monotonic() + self.time_limit_s
-        self._again, self._fresh = _Pace(), _Pace()
+        self._since = time.monotonic()
+        self._end = self._since + self.time_limit_s
+        self._steps = 0
+        self._official_pace = 0.0
 
     def replay(self) -> None:
         """Replay the actions of every run. No checkpoint is opened."""
@@ -228,6 +201,7 @@ class Prover:
             with self.problems.caught(place):
                 for problem in replay_run(run, self.engine, self._take).problems:
                     self.problems.add_below(place, replace(problem, remedy=NOT_REPLAYED))
+        self._pace()
 
     def run_again(self, count: int) -> None:
         """Run ``count`` drawn episodes of each policy of each run, held in the sandbox.
@@ -235,21 +209,12 @@ class Prover:
         Raises:
             IncompleteCheckError: see ``replay_check.run_again``.
         """
-        unfinished: list[IncompleteCheckError] = []
         for seed, place, run in self._runs():
-            with self.problems.caught(place), self._again.of(self._take) as take:
+            with self.problems.caught(place):
                 setup, specs = self._setup(seed, run), draw_episodes(run, count, self.rng)
-                try:
-                    found = run_again(run, setup, specs, self.engine, take)
-                except OutOfTimeError:
-                    raise
-                except IncompleteCheckError as error:  # another run may differ
-                    unfinished.append(IncompleteCheckError(f"{place}: {error}"))
-                    continue
-                for problem in found.problems:
+                for problem in run_again(run, setup, specs, self.engine, self._take).problems:
                     self.problems.add_below(place, replace(problem, remedy=NOT_REPEATED))
-        if unfinished and not self.problems:
-            raise unfinished[0]
+        self._official_pace = self._pace()
 
     def run_fresh(self, count: int, draw: str) -> FreshProof:
         """Run ``count`` new episodes of each task of each run, and compare with the official ones.
@@ -273,12 +238,11 @@ class Prover:
                 specs = fresh_specs(run, count, seeds[place])
                 setup = self._setup(seed, run)
                 try:
-                    with self._fresh.of(self._take) as take:
-                        for record in self.engine.run(setup, specs):
-                            records.append(record)
-                            take(record)
+                    for record in self.engine.run(setup, specs):
+                        records.append(record)
+                        self._take(record)
                 except OutOfTimeError as error:
-                    if self._fresh.seconds_per_step < SLOWER * self._again.seconds_per_step:
+                    if self._pace() < SLOWER * self._official_pace:
                         raise
                     late = error
                 failed += (f"{place}, {one.spec.key}: {one.fault}" for one in records if one.fault)
@@ -302,13 +266,7 @@ class Prover:
         failed: Sequence[str],
     ) -> None:
         """Add the drops that an honest submission would hardly have."""
-        planned = len(
-            {
-                (place, spec.role, spec.task)
-                for place, run in self.found.runs.items()
-                for spec in run.header.specs()
-            }
-        )
+        planned = sum(map(len, results.values()))
         drops = [
             (f"{place}, {drop.role} {drop.task}", str(drop))
             for place, compared in results.items()
@@ -336,8 +294,15 @@ class Prover:
             OutOfTimeError: it is a late one.
         """
         self.on_record(record)
+        self._steps += len(record.trace.actions)
         if time.monotonic() > self._end:
             raise OutOfTimeError(f"the proof was not finished within {self.time_limit_s:g} s")
+
+    def _pace(self) -> float:
+        """Return the seconds of a control step since the last call, all that is around included."""
+        now, steps = time.monotonic(), max(1, self._steps)
+        seconds, self._since, self._steps = now - self._since, now, 0
+        return seconds / steps
 
     def _setup(self, seed: TrainingSeed, run: Run) -> PolicySetup:
         header = run.header

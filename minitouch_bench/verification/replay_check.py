@@ -161,7 +161,7 @@ def run_again(
             problems += found
     if unsaid and not problems:
         raise IncompleteCheckError(
-            f"{len(unsaid)} of {len(records)} episodes run again say nothing; {unsaid[0]}"
+            f"{run.name}: {len(unsaid)} of {len(records)} episodes cannot be compared; {unsaid[0]}"
         )
     return Findings(tuple(problems), reran=len(records))
 

@@ -9,8 +9,8 @@ import numpy as np
 from minitouch_bench.documents import write_toml
 from minitouch_bench.leaderboard.proof import (
     FreshProof,
+    Proof,
     ProofLevel,
-    make_proof,
     proof_path,
     write_proof,
 )
@@ -138,7 +138,7 @@ def prove_as(directory: Path, level: ProofLevel = ProofLevel.VERIFIED) -> None:
     results = dict.fromkeys(places, (FRESH_RESULT,))
     fresh = FreshProof("a phrase", 50, dict.fromkeys(places, 1234), results)
     played = (20, fresh) if level is ProofLevel.VERIFIED else ()
-    write_proof(make_proof(found.files, level, *played), proof_path(directory))
+    write_proof(Proof(level, found.files, *played), proof_path(directory))
 
 
 def _files(directory: Path, seed: int, exploration: bool, include: bool):

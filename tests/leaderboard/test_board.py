@@ -24,8 +24,8 @@ from minitouch_bench.leaderboard.build import build_board, find_submissions, ind
 from minitouch_bench.leaderboard.columns import amount
 from minitouch_bench.leaderboard.proof import (
     MAX_PROOF,
+    Proof,
     ProofLevel,
-    make_proof,
     proof_path,
     write_proof,
 )
@@ -430,7 +430,7 @@ def test_a_proof_changes_its_row(submissions, tmp_path):
     shutil.copytree(submissions / "near", root / "near")
     build_board(root, board)
     verdict = validate(root / "near")
-    write_proof(make_proof(verdict.files, ProofLevel.REPLAYED), proof_path(root / "near"))
+    write_proof(Proof(ProofLevel.REPLAYED, verdict.files), proof_path(root / "near"))
     build_board(root, board)
     assert "replayed" in (board / "submission" / "near.html").read_text()
 

@@ -15,10 +15,10 @@ from minitouch_bench.files import write_file
 from minitouch_bench.leaderboard import proving
 from minitouch_bench.leaderboard.proof import (
     FreshProof,
+    Proof,
     ProofLevel,
     find_proof,
     level_of,
-    make_proof,
     proof_path,
     read_proof,
     write_proof,
@@ -219,12 +219,12 @@ def test_a_submission_is_proved(found):
 def fresh_proof(found, places, episodes, rerun=20):
     seeds, results = dict.fromkeys(places, 1), dict.fromkeys(places, (FRESH_RESULT,))
     fresh = FreshProof("a phrase", episodes, seeds, results)
-    return make_proof(found.files, VERIFIED, rerun, fresh)
+    return Proof(VERIFIED, found.files, rerun, fresh)
 
 
 def test_a_proof_counts_for_the_very_bytes_alone(sound, tmp_path):
     found = validate(sound)
-    proof = make_proof(found.files, REPLAYED)
+    proof = Proof(REPLAYED, found.files)
     path = tmp_path / "_proofs" / "hac.json"
     write_proof(proof, path)
     assert read_proof(path) == proof
