@@ -22,10 +22,6 @@ KIB, MIB, GIB = 2**10, 2**20, 2**30
 ACTIONS_FILE = "actions.npz"
 RUN_FILE = "run.json"
 EPISODES_FILE = "episodes.csv"
-EXPLORATION_FILE = "exploration.csv"
-TABLE4_FILE = "table4.csv"
-GENERALIZATION_FILE = "generalization.csv"
-REPORT_FILE = "report.md"
 REPORT_PAGE = "report.html"
 PROGRESS_FILE = "progress.csv"
 """A training's curves: a row per some hundred control steps."""
@@ -37,10 +33,7 @@ REPORTS, SUBMISSIONS = Path("reports"), Path("submissions")
 JOURNAL_FILE = "run.journal"
 """What is done of a run; a finished run has none."""
 
-RUN_FILES = (
-    ACTIONS_FILE, RUN_FILE, JOURNAL_FILE, EPISODES_FILE, EXPLORATION_FILE, TABLE4_FILE,
-    GENERALIZATION_FILE, REPORT_FILE, REPORT_PAGE,
-)  # fmt: skip
+RUN_FILES = (ACTIONS_FILE, RUN_FILE, JOURNAL_FILE, EPISODES_FILE, REPORT_PAGE)
 """What a run writes, beside its videos."""
 
 VIDEO_NAME = re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+\.(mp4|gif)")

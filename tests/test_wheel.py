@@ -138,10 +138,7 @@ def test_the_smoke_suite_has_the_digests_of_the_clone(command, policy, tmp_path)
 
 
 def test_a_missing_extra_is_named(command):
-    done, _ = command("evaluate", "zero", "--suite", "smoke", "--tasks", "pushing", "--fresh",
-                      "--episodes", "1", "--output", "zero")  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    done, _ = command("report", "zero", "--figures", "figures")
+    done, _ = command("record", "zero", "pushing", "--episodes", "1", "--output", "zero")
     assert done.returncode == 3
-    assert "matplotlib" in done.stderr
-    assert "[figures]" in done.stderr
+    assert "minari" in done.stderr
+    assert "[data]" in done.stderr

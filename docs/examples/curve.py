@@ -1,26 +1,22 @@
-"""Train SAC for 2,000 steps, evaluate it in memory every 500, and plot the touch share."""
+"""Plot success over training steps: python curve.py TRAINING STEPS=RUN STEPS=RUN ..."""
 
-import matplotlib
+import sys
 
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-from stable_baselines3 import SAC
+import pandas as pd
 
 import minitouch_bench as mt
 
-if __name__ == "__main__":
-    env = mt.make("pushing")
-    small = {"net_arch": [64], "features_extractor_kwargs": {"cnn_output_dim": 64}}
-    model = SAC("MultiInputPolicy", env, buffer_size=5000, train_freq=8, policy_kwargs=small)
-    curve = []
-    for steps in (500, 1000, 1500, 2000):
-        model.learn(500, reset_num_timesteps=False)
-        run = mt.evaluate(model, "smoke", tasks=["pushing"], episodes=3)
-        curve.append(run["pushing"].touch_share)
-        print(f"{steps} steps: touch share {curve[-1].value:.3f}")
-    steps = [500, 1000, 1500, 2000]
-    plt.plot(steps, [one.value for one in curve], marker="o")
-    plt.fill_between(steps, [one.low for one in curve], [one.high for one in curve], alpha=0.3)
-    plt.xlabel("control steps")
-    plt.ylabel("touch share, 95 % interval")
-    plt.savefig("curve.png")
+training, *runs = sys.argv[1:]
+rows = pd.read_csv(f"{training}/progress.csv")
+won = (rows["success"] * rows["episodes"]).fillna(0)  # of the episodes since the row before
+smooth = won.rolling(10, min_periods=1).sum() / rows["episodes"].rolling(10, min_periods=1).sum()
+plt.plot(rows["step"], smooth, label="training episodes, over ten rows")
+for steps, directory in (run.split("=", 1) for run in runs):
+    one = mt.load_run(directory)["pushing"].success
+    interval = [[one.value - one.low], [one.high - one.value]]
+    plt.errorbar(int(steps), one.value, interval, color="black", marker="o")
+plt.xlabel("control steps")
+plt.ylabel("success, 95 % interval over episodes")
+plt.legend()
+plt.savefig("curve.png")

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from minitouch_bench.verification.problems import Findings
     from minitouch_bench.workflows.record import RecordedDataset
     from minitouch_bench.workflows.replay import ReplayedEpisode
-    from minitouch_bench.workflows.report import WrittenReport
+    from minitouch_bench.workflows.report import ShownReport
     from minitouch_bench.workflows.results import Run
 
 CHECK_FAILED = 1
@@ -62,29 +62,16 @@ def show_evaluation(
         raise typer.Exit(PolicyFaultError.exit_code)
 
 
-def show_written_report(
-    written: "WrittenReport",
-    figures: Path | None,
-    *,
-    latex: Annotated[bool, typer.Option()] = False,
-) -> None:
-    """Print the tables, and where the report is.
-
-    Args:
-        latex: Print Table 4 as LaTeX in place of the tables.
-    """
-    from minitouch_bench.reporting.report import table4_latex
+def show_written_report(shown: "ShownReport") -> None:
+    """Print Table 4 as text, or the tables and where the page is."""
     from minitouch_bench.reporting.writers import show_report
 
-    if written.curve is not None:
-        note(f"curve: {written.curve}")
-    if figures is not None:
-        note(f"figures: {len(written.figures)} files in {figures}")
-    if latex:
-        print(table4_latex(written.report), end="")
-    else:
-        show_report(written.report, data_console())
-    note(f"report: {written.directory / 'report.html'}")
+    if shown.text:
+        print(shown.text, end="")
+        return
+    show_report(shown.report, data_console())
+    assert shown.directory is not None
+    note(f"report: {shown.directory / 'report.html'}")
 
 
 def show_comparison(

@@ -46,7 +46,7 @@ from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
-from minitouch_bench.reporting.views import view_directory
+from minitouch_bench.reporting.report import view_directory
 from minitouch_bench.runs.run import Run, RunHeader
 
 

@@ -1,15 +1,12 @@
-"""Charts as data, in the units of their axes.
-
-``svg`` draws them on pages, ``figure_files`` in files of their own.
-"""
+"""Charts as data, in the units of their axes; ``svg`` draws them."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.palette import series_tone
@@ -45,15 +42,6 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Band:
-    """An interval along a line: a faint area between two lines through the same places."""
-
-    low: tuple[tuple[float, float], ...]
-    high: tuple[tuple[float, float], ...]
-    tone: str
-
-
-@dataclass(frozen=True)
 class Bar:
     """A filled rectangle."""
 
@@ -79,7 +67,7 @@ class Dot:
     title: str = ""
 
 
-Mark = Line | Band | Bar | Dot
+Mark = Line | Bar | Dot
 
 
 @dataclass(frozen=True)
@@ -205,32 +193,6 @@ def estimate_marks(
         Line(interval, series_tone(index), 2.2, 0.6),
         run_dot(index, estimate.value, row, size=size, is_hollow=is_hollow),
     )
-
-
-def step_marks(index: int, points: Sequence[tuple[float, Estimate]]) -> Iterator[Mark]:
-    """Yield a line through the estimates of the run at ``index``, and their intervals, upright."""
-    tone = series_tone(index)
-    if len(points) > 1:
-        yield Line(tuple((x, estimate.value) for x, estimate in points), tone)
-    for x, estimate in points:
-        yield Line(((x, estimate.low), (x, estimate.high)), tone, 2.2, 0.6)
-        yield run_dot(index, x, estimate.value, size=7)
-
-
-def line_with_band(
-    index: int, x: NDArray[np.float64], middle: ArrayLike, low: ArrayLike, high: ArrayLike
-) -> tuple[Line, Band]:
-    """Return a line of the run at ``index`` over ``x``, and its interval."""
-    through, below, above = (
-        tuple(zip(x.tolist(), np.asarray(values).tolist(), strict=True))
-        for values in (middle, low, high)
-    )
-    return Line(through, series_tone(index)), Band(below, above, series_tone(index))
-
-
-def bands_first(marks: Iterable[Mark]) -> tuple[Mark, ...]:
-    """Return the marks with the bands below all others."""
-    return tuple(sorted(marks, key=lambda mark: not isinstance(mark, Band)))
 
 
 def upright_line(x: float, axis: Axis) -> Line:

@@ -1,4 +1,4 @@
-"""Charts as SVG: inline on pages, and in files by ``figure_files``.
+"""Charts as SVG, inline on pages.
 
 Drawn directly, by measurement: the 19 plots of a report on novel shapes take 5 ms and 50 kB, with
 matplotlib 1 s, 0.5 s to import it, and 213 kB. The drawings carry classes and attributes, no
@@ -201,9 +201,6 @@ def _mark(frame: PlotArea, mark: charts.Mark) -> Iterator[str]:
             more = f' stroke-width="{mark.width:g}"{faint}'
             points = [(frame.x(x), frame.y(y)) for x, y in mark.points]
             yield _path(f"line {mark.tone}", points, more)
-        case charts.Band():
-            ends = [(frame.x(x), frame.y(y)) for x, y in (*mark.low, *reversed(mark.high))]
-            yield _path(f"area {mark.tone}", ends, ' opacity="0.18"')
         case charts.Bar():
             left, right = frame.x(mark.left), frame.x(mark.right)
             bottom, top = frame.y(mark.bottom), frame.y(mark.top)

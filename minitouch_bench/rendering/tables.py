@@ -163,8 +163,7 @@ def difference_cell(metric: str, difference: Estimate) -> Cell:
 
 
 def _method(estimate: Estimate) -> str:
-    units = (unit for unit in ("scores", "training seeds") if unit in estimate.method)
-    counted = next(units, "episodes")
+    counted = "training seeds" if "training seeds" in estimate.method else "episodes"
     return f"{estimate.count} {counted}, 95 % interval: {estimate.method}"
 
 

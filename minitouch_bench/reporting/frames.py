@@ -1,25 +1,23 @@
-"""A run's tables as CSV files, and its episodes as a pandas frame.
-
-One row per episode; Table 4 and the gaps on novel shapes in long form.
-"""
+"""A run's episodes as CSV and as a pandas frame, and Table 4 in long form as CSV and JSON."""
 
 import csv
 import io
-from collections.abc import Iterable, Iterator
+import json
+from collections.abc import Iterable
 from dataclasses import astuple
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.summary import GAP_PARTS
-from minitouch_bench.records import EpisodeMetrics, Estimate, Generalization
+from minitouch_bench.records import EpisodeMetrics
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.labels import run_labels, tasks_in_order
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_value
-from minitouch_bench.reporting.tables import TABLE4_METRICS, find_estimate
-from minitouch_bench.runs.run import Run
+from minitouch_bench.reporting.tables import find_estimate
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from minitouch_bench.reporting.report import Report
 
 _IDENTITY = ("task", "index", "seed", "shape", "outcome")
 _MEASURED = tuple(metric for metric in METRICS.values() if metric.column)
@@ -29,9 +27,9 @@ EPISODE_COLUMNS = (*_IDENTITY, *(metric.column for metric in _MEASURED))
 _BESIDE = ("family", "split", "digest")
 """What a frame of episodes has and ``episodes.csv`` has not."""
 
-ESTIMATE_COLUMNS = ("value", "low", "high", "count", "method", "source")
-TABLE4_COLUMNS = ("policy", "task", "metric", *ESTIMATE_COLUMNS)
-GENERALIZATION_COLUMNS = ("policy", "task", "family", "metric", "split", *ESTIMATE_COLUMNS)
+TABLE4_COLUMNS = (
+    "policy", "task", "metric", "value", "low", "high", "count", "method", "source"
+)  # fmt: skip
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 """First characters that make a spreadsheet run a cell."""
@@ -64,39 +62,35 @@ def _episode_row(episode: EpisodeMetrics) -> CsvRow:
     )
 
 
-def table4_csv(run: Run) -> str:
-    """Write Table 4 in long form; values that do not exist have no row.
+def table4_rows(report: "Report") -> list[dict[str, Any]]:
+    """Return Table 4 in long form, with ``TABLE4_COLUMNS``; values that do not exist have no row.
 
-    ``source`` carries the run's labels, and what must be known of the paper's values.
+    ``source`` carries a run's labels, and what must be known of the paper's values.
     """
-    name, source = _name_and_source(run)
     rows: list[CsvRow] = []
-    for task in tasks_in_order([run]):
-        for metric in TABLE4_METRICS:
-            if estimate := find_estimate(run, task, metric):
-                rows.append((name, task, metric, *astuple(estimate), source))
-            rows += _paper_rows(task, metric)
-    return rows_csv(TABLE4_COLUMNS, rows)
+    for task, metric in product(report.tasks, report.metrics):
+        for section in report.sections:
+            labels = "; ".join(section.labels)
+            if estimate := find_estimate(section.run, task, metric):
+                source = f"run ({labels})" if labels else "run"
+                rows.append((section.name, task, metric, *astuple(estimate), source))
+        for method in PAPER_METHODS:
+            printed = paper_value(task, metric, method)
+            if printed is not None:
+                source = f"paper ({', '.join(filter(None, (printed.remark, CAVEAT)))})"
+                values = (float(printed.text), None, None, None, "")
+                rows.append((method, task, metric, *values, source))
+    return [dict(zip(TABLE4_COLUMNS, row, strict=True)) for row in rows]
 
 
-def generalization_csv(run: Run) -> str:
-    """Write held-out, train and their difference in long form, then each family's values.
-
-    ``family`` is empty in a row over all families; values that do not exist have no row.
-    """
-    name, source = _name_and_source(run)
-    rows = (
-        (name, result.task, family, metric, split, *astuple(estimate), source)
-        for result in run.summary.generalization
-        for family, metric, split, estimate in _splits(result)
-    )
-    return rows_csv(GENERALIZATION_COLUMNS, rows)
+def table4_csv(report: "Report") -> str:
+    """Write Table 4 in long form."""
+    return rows_csv(TABLE4_COLUMNS, (row.values() for row in table4_rows(report)))
 
 
-def csv_text(frame: "pd.DataFrame") -> str:
-    """Write a frame as ``rows_csv`` does; NaN is what does not exist."""
-    there = frame.astype(object).where(frame.notna(), None)
-    return rows_csv(frame.columns, there.to_numpy().tolist())
+def table4_json(report: "Report") -> str:
+    """Write Table 4 in long form, a list of objects."""
+    return json.dumps(table4_rows(report), indent=1, ensure_ascii=False) + "\n"
 
 
 def rows_csv(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
@@ -120,26 +114,3 @@ def _cell(value: Any) -> Any:
     plain = printable(value)
     is_formula = any(text.startswith(FORMULA_STARTS) for text in (value, plain))
     return f"'{plain}" if is_formula else plain
-
-
-def _splits(result: Generalization) -> Iterator[tuple[str, str, str, Estimate]]:
-    for metric, gap in result.gaps.items():
-        for part, split in GAP_PARTS.items():
-            yield "", metric, split, getattr(gap, part)
-    for family, both in result.families.items():
-        for part, estimate in vars(both).items():
-            if estimate is not None:
-                yield family, result.family_metric, GAP_PARTS[part], estimate
-
-
-def _paper_rows(task: str, metric: str) -> Iterator[CsvRow]:
-    for method in PAPER_METHODS:
-        printed = paper_value(task, metric, method)
-        if printed is not None:
-            source = f"paper ({', '.join(filter(None, (printed.remark, CAVEAT)))})"
-            yield method, task, metric, float(printed.text), None, None, None, "", source
-
-
-def _name_and_source(run: Run) -> tuple[str, str]:
-    labels = "; ".join(run_labels(run))
-    return printable(run.header.policy.name), f"run ({labels})" if labels else "run"

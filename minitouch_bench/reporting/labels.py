@@ -18,14 +18,6 @@ SHOWN_EPISODES = 12
 
 
 @dataclass(frozen=True)
-class RunOrigin:
-    """The training that a run's policy comes from, "" and 0 where nothing says it."""
-
-    method: str = ""
-    steps: int = 0
-
-
-@dataclass(frozen=True)
 class RunSection:
     """One run in a report: name, labels, command line, and ``faults``: in which episodes each."""
 

@@ -1,4 +1,4 @@
-"""A report of one or several runs as data; the writers add only form."""
+"""A report of one or several runs as data, and the views of a run; the writers add only form."""
 
 import os
 from collections.abc import Sequence
@@ -7,18 +7,19 @@ from itertools import combinations
 from pathlib import Path
 from urllib.parse import quote
 
+from minitouch_bench import files
 from minitouch_bench.errors import UsageError
-from minitouch_bench.rendering.charts import Figure
+from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.latex import table_source
 from minitouch_bench.rendering.tables import Table
-from minitouch_bench.reporting.labels import (
-    RunOrigin,
-    RunSection,
-    describe_runs,
-    tasks_in_order,
+from minitouch_bench.reporting.labels import RunSection, describe_runs, tasks_in_order
+from minitouch_bench.reporting.tables import (
+    TABLE4_METRICS,
+    diagnostics,
+    episode_table,
+    novel_shapes,
+    table4,
 )
-from minitouch_bench.reporting.tables import diagnostics, novel_shapes, table4
 from minitouch_bench.runs.run import Run
 
 
@@ -31,113 +32,80 @@ class Video:
 
 
 @dataclass(frozen=True)
-class OverRuns:
-    """What several runs show together; ``curve_csv``: the numbers of their learning curve."""
+class Shown:
+    """What a report shows of its runs: ``tasks`` and ``metrics`` of Table 4; () for the usual.
 
-    tables: tuple[Table, ...] = ()
-    figures: tuple[Figure, ...] = ()
-    curve_csv: str = ""
+    ``names``: what the runs are called; by default by their policies.
+    """
+
+    names: Sequence[str] | None = None
+    tasks: Sequence[str] = ()
+    metrics: Sequence[str] = ()
+
+
+USUAL = Shown()
 
 
 @dataclass(frozen=True)
 class Report:
     """What every writer of a report shows.
 
-    ``novel_shapes``: the gaps and the families, empty where no run has both splits.
-    ``over_runs``: what several runs show together.
+    ``metrics``: the rows of Table 4. ``novel_shapes``: the gaps and the families, empty where no
+    run has both splits. ``episodes``: a table per run.
     """
 
     title: str
     tasks: tuple[str, ...]
+    metrics: tuple[str, ...]
     sections: tuple[RunSection, ...]
     table4: Table
     diagnostics: Table
     novel_shapes: tuple[Table, ...]
+    episodes: tuple[Table, ...]
     videos: tuple[Video, ...]
-    over_runs: OverRuns
 
 
-@dataclass(frozen=True)
-class AcrossRuns:
-    """How the runs of a report belong together.
-
-    ``origins``: the training of each; none where nothing is known. ``curve``: draw them over
-    training steps, which are ``steps`` where these are given.
-    """
-
-    origins: tuple[RunOrigin, ...] = ()
-    curve: bool = False
-    steps: tuple[int, ...] = ()
-
-
-ALONE = AcrossRuns()
-
-
-def build_report(
-    runs: Sequence[Run],
-    videos: Sequence[Video] = (),
-    names: Sequence[str] | None = None,
-    across: AcrossRuns = ALONE,
-) -> Report:
-    """Compose the report of one or several runs, called ``names`` or by their policies.
-
-    Of a curve ``names`` are those of the trainings.
+def build_report(runs: Sequence[Run], videos: Sequence[Video] = (), shown: Shown = USUAL) -> Report:
+    """Compose the report of one or several runs.
 
     Raises:
-        UsageError: no runs; runs of which a task was played by other rules;
-            names or steps that do not fit the runs.
+        UsageError: no runs; runs of which a task was played by other rules; names that do not fit
+            the runs; a task that no run has, or a metric that does not exist.
     """
     if not runs:
         raise UsageError("a report needs at least one run")
     _check_protocols(runs)
-    sections = describe_runs(runs, None if across.curve else names)
+    sections = describe_runs(runs, shown.names)
+    tasks = _chosen("task", shown.tasks, tasks_in_order(runs))
+    metrics = _chosen("metric", shown.metrics, tuple(METRICS)) if shown.metrics else TABLE4_METRICS
     return Report(
         title=" · ".join(section.name for section in sections),
-        tasks=tasks_in_order(runs),
+        tasks=tasks,
+        metrics=metrics,
         sections=sections,
-        table4=table4(sections),
-        diagnostics=diagnostics(sections),
-        novel_shapes=novel_shapes(sections),
+        table4=table4(sections, tasks, metrics),
+        diagnostics=diagnostics(sections, tasks),
+        novel_shapes=novel_shapes(sections, tasks),
+        episodes=tuple(episode_table(section, tasks) for section in sections),
         videos=tuple(videos),
-        over_runs=_over_runs(sections, across, names),
     )
 
 
-def _over_runs(
-    sections: Sequence[RunSection], across: AcrossRuns, names: Sequence[str] | None
-) -> OverRuns:
-    """Return what the runs show together: their curve, or their means over tasks and seeds."""
-    if len(sections) == 1 and not across.curve:
-        return OverRuns()
-    # Not at the top: pandas takes half a second, and one run needs none of it.
-    from minitouch_bench.reporting import curve, over_runs  # noqa: PLC0415
-
-    runs = [section.run for section in sections]
-    origins = across.origins or (RunOrigin(),) * len(runs)
-    if across.curve:
-        points = curve.make_curve(curve.label_curve(runs, origins, across.steps, names), runs)
-        figures = (curve.curve_figure(points),)
-        return OverRuns((curve.curve_table(points),), figures, curve.curve_csv(points))
-    return OverRuns(
-        *over_runs.compare_methods(over_runs.label_methods(sections, origins), sections)
-    )
+def _chosen(what: str, asked: Sequence[str], known: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names asked for, in the order of the known ones; all where none is asked for."""
+    if unknown := [name for name in asked if name not in known]:
+        raise UsageError(f"no {what} '{unknown[0]}' in these runs; there are {', '.join(known)}")
+    return tuple(name for name in known if name in asked) if asked else known
 
 
-def table4_latex(report: Report) -> str:
-    """Write Table 4 as LaTeX, ready for a paper."""
-    header = report.sections[0].run.header
-    caption = f"MiniTouch, protocol {header.protocol}, suite {header.plan.suite}, beside the paper."
-    return table_source(report.table4, caption)
-
-
-def find_videos(files: Sequence[Path], directory: Path) -> tuple[Video, ...]:
+def find_videos(videos: Sequence[Path], directory: Path) -> tuple[Video, ...]:
     """Describe video files for a report that will stand in ``directory``."""
     return tuple(
         Video(
             caption=printable(file.stem.replace("_", " ")),
             address=quote(Path(os.path.relpath(file, directory)).as_posix()),
         )
-        for file in sorted(files)
+        for file in sorted(videos)
     )
 
 
@@ -153,3 +121,19 @@ def _check_protocols(runs: Sequence[Run]) -> None:
 def _protocol_of(run: Run) -> str:
     header = run.header
     return f"'{run.name}' ({header.protocol}, {header.protocol_digest[:12]})"
+
+
+def view_directory(run: Path) -> Path:
+    """Return where reports and videos of a finished run are written: its own directory.
+
+    Submissions stay as they are: the views of their runs are written to ``reports/NAME/...``, in
+    the working directory, or beside the submissions where that is one of them.
+    """
+    submission = run.resolve().parent.parent
+    if not os.path.lexists(submission / files.SUBMISSION_FILE):
+        return run
+    reports, place, beside = files.REPORTS, Path.cwd(), submission.parent
+    is_collection = beside.name == files.SUBMISSIONS.name
+    if place.is_relative_to(submission) or (is_collection and place == beside):
+        reports = (beside.parent if is_collection else beside) / files.REPORTS
+    return reports / run.resolve().relative_to(beside)

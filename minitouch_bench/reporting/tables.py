@@ -1,6 +1,6 @@
 """The tables of a report as data, with their notes: Table 4, the diagnostics, novel shapes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
@@ -16,12 +16,15 @@ from minitouch_bench.records import (
 )
 from minitouch_bench.rendering import tables
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.labels import RunSection, task_title, tasks_in_order
+from minitouch_bench.reporting.labels import RunSection, task_title
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
 from minitouch_bench.runs.run import Run
 
 TABLE4_METRICS = metrics_shown_in(ShownIn.TABLE4)
 DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
+
+EPISODE_METRICS = ("episode_steps", "return", "touch_interaction", "touch_share")
+"""What a page shows of each episode."""
 
 NO_DIFFERENCE = "no difference seen"
 """The verdict on a gap whose interval holds 0."""
@@ -40,53 +43,25 @@ def find_estimate(run: Run, task: str, metric: str) -> Estimate | None:
     return None if summary is None else summary.estimates.get(metric)
 
 
-def table_by_task(
-    title: str,
+def table4(
+    sections: Sequence[RunSection],
     tasks: Sequence[str],
-    names: Sequence[str],
-    metrics: Sequence[str],
-    cell: Callable[[str, int, str], tables.Cell],
-    *,
-    notes: tuple[str, ...],
-    with_paper: bool = True,
+    metrics: Sequence[str] = TABLE4_METRICS,
 ) -> tables.Table:
-    """Lay out metrics down and tasks across, a column per name, the paper's values behind them.
-
-    ``cell`` writes a task's value of the name at an index in a metric, which is called as in a
-    long frame.
-    """
-    paper = PAPER_METHODS if with_paper else ()
+    """Lay the runs out as Table 4: metrics down, tasks across, a column per policy."""
+    names = [section.marked_name for section in sections]
+    columns: list[tables.Column] = []
+    for task in tasks:
+        columns += (tables.Column(name, task_title(task)) for name in names)
+        columns += (tables.Column(m, task_title(task), is_paper=True) for m in PAPER_METHODS)
     rows = []
     for metric in metrics:
-        label, comma, suffix = metric.partition(",")
-        cells = [
-            written
-            for task in tasks
-            for written in (
-                *(cell(task, index, metric) for index in range(len(names))),
-                *(paper_cell(task, metric, method) for method in paper),
-            )
-        ]
-        rows.append(
-            tables.Row(
-                (tables.metric_head(label) + comma + suffix,), tuple(cells), METRICS[label].unit
-            )
-        )
-    columns = tuple(
-        tables.Column(name, task_title(task), is_paper=is_paper)
-        for task in tasks
-        for is_paper, group in ((False, names), (True, paper))
-        for name in group
-    )
-    return tables.Table(title, ("Metric",), columns, tuple(rows), notes)
-
-
-def table4(sections: Sequence[RunSection]) -> tables.Table:
-    """Lay the runs out as Table 4: metrics down, tasks across, a column per policy."""
-
-    def cell(task: str, index: int, metric: str) -> tables.Cell:
-        return tables.estimate_cell(metric, find_estimate(sections[index].run, task, metric))
-
+        cells: list[tables.Cell] = []
+        for task in tasks:
+            found = (find_estimate(section.run, task, metric) for section in sections)
+            cells += (tables.estimate_cell(metric, estimate) for estimate in found)
+            cells += (paper_cell(task, metric, method) for method in PAPER_METHODS)
+        rows.append(tables.Row((tables.metric_head(metric),), tuple(cells), METRICS[metric].unit))
     notes = (
         *_label_notes(sections),
         *_split_notes(sections),
@@ -94,9 +69,7 @@ def table4(sections: Sequence[RunSection]) -> tables.Table:
         "episode variance only (one training seed).",
         PAPER_NOTE,
     )
-    tasks = tasks_in_order([section.run for section in sections])
-    names = [section.marked_name for section in sections]
-    return table_by_task("Table 4", tasks, names, TABLE4_METRICS, cell, notes=notes)
+    return tables.Table("Table 4", ("Metric",), tuple(columns), tuple(rows), notes)
 
 
 def _label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
@@ -116,7 +89,7 @@ def _split_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
     return (f"{over}; a gap between the two needs {MIN_EPISODES} episodes of each.",)
 
 
-def diagnostics(sections: Sequence[RunSection]) -> tables.Table:
+def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> tables.Table:
     """Lay out what explains the values of Table 4: contact, time, and how episodes ended."""
     columns = tuple(
         tables.Column(
@@ -125,7 +98,7 @@ def diagnostics(sections: Sequence[RunSection]) -> tables.Table:
         for metric in DIAGNOSTIC_METRICS
     )
     rows = []
-    for task in tasks_in_order([section.run for section in sections]):
+    for task in tasks:
         for section in sections:
             summary = task_summary(section.run, task)
             if summary is not None and summary.estimates:
@@ -164,15 +137,38 @@ def _diagnostic_cells(summary: TaskSummary) -> tuple[tables.Cell, ...]:
     return (*cells, tables.Cell(ended or tables.ABSENT), tables.Cell(faults))
 
 
-def novel_shapes(sections: Sequence[RunSection]) -> tuple[tables.Table, ...]:
+def episode_table(section: RunSection, tasks: Sequence[str]) -> tables.Table:
+    """List a run's episodes, as ``replay`` calls them."""
+    metrics = [METRICS[name] for name in EPISODE_METRICS]
+    rows = []
+    for episode in section.run.episodes:
+        if episode.task in tasks:
+            values = [metric.value(episode) for metric in metrics]
+            cells = (
+                None if value is None else tables.format_value(metric.name, value)
+                for metric, value in zip(metrics, values, strict=True)
+            )
+            name = printable(f"{episode.task}/{episode.index}")
+            ended = OUTCOME_TITLES[episode.outcome]
+            rows.append(tables.make_row(name, printable(episode.shape), ended, *cells))
+    columns = (
+        *tables.make_columns("Shape", "Outcome", words=("Shape", "Outcome")),
+        *(tables.Column(metric.label, unit=metric.unit) for metric in metrics),
+    )
+    return tables.Table(f"Episodes of {section.name}", ("Episode",), columns, tuple(rows))
+
+
+def novel_shapes(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[tables.Table, ...]:
     """Lay out the gaps and the families of the runs that have both splits; none without one."""
     compared = [section for section in sections if section.run.summary.generalization]
-    if not compared:
+    runs = [section.run for section in compared]
+    tasks = [task for task in tasks if any(find_generalization(run, task) for run in runs)]
+    if not tasks:
         return ()
-    return gap_table(compared), family_table(compared)
+    return gap_table(compared, tasks), family_table(compared, tasks)
 
 
-def gap_table(sections: Sequence[RunSection]) -> tables.Table:
+def gap_table(sections: Sequence[RunSection], tasks: Sequence[str]) -> tables.Table:
     """Lay out each metric on both splits, the gap and a verdict; a block per policy."""
     runs = [section.run for section in sections]
     columns: list[tables.Column] = []
@@ -181,7 +177,7 @@ def gap_table(sections: Sequence[RunSection]) -> tables.Table:
         columns += [tables.Column(label, name) for label in ("Held-out", "Train", "Gap")]
         columns.append(tables.Column("Verdict", name, is_text=True))
     rows = []
-    for task in _tasks(runs):
+    for task in tasks:
         results = [find_generalization(run, task) for run in runs]
         for metric in dict.fromkeys(name for result in results if result for name in result.gaps):
             gaps = [result.gaps.get(metric) if result else None for result in results]
@@ -205,10 +201,9 @@ def gap_table(sections: Sequence[RunSection]) -> tables.Table:
     )
 
 
-def family_table(sections: Sequence[RunSection]) -> tables.Table:
+def family_table(sections: Sequence[RunSection], tasks: Sequence[str]) -> tables.Table:
     """Lay out the families' values: families down, tasks across, a row per policy."""
     runs = [section.run for section in sections]
-    tasks = _tasks(runs)
     columns: list[tables.Column] = []
     for task in tasks:
         group = _family_group(runs, task)
@@ -279,9 +274,3 @@ def _family_group(runs: Sequence[Run], task: str) -> str:
     metric = METRICS[next(result.family_metric for result in results if result)]
     unit = "" if metric.is_share else f" ({metric.unit})"
     return f"{task_title(task)}: {metric.label.lower()}{unit}"
-
-
-def _tasks(runs: Sequence[Run]) -> tuple[str, ...]:
-    return tuple(
-        task for task in tasks_in_order(runs) if any(find_generalization(run, task) for run in runs)
-    )

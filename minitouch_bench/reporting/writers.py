@@ -1,24 +1,29 @@
-"""A report in its three forms: ``report.md``, the page ``report.html``, and on a terminal."""
+"""A report in its forms: the page ``report.html``, a terminal, and Table 4 as text."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 from rich.console import Console
 
+from minitouch_bench import files
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.blocks import Block, Heading, NoteBlock, on_screen
-from minitouch_bench.rendering.markdown import code_span, escape, table_section
+from minitouch_bench.rendering.latex import table_source
+from minitouch_bench.rendering.markdown import table_section
 from minitouch_bench.rendering.pages import image_uri, render_page
 from minitouch_bench.rendering.palette import series_tone
 from minitouch_bench.rendering.tables import Cell, Column, Row, Table, estimate_cell
 from minitouch_bench.reporting.figures import report_figures, split_figures
-from minitouch_bench.reporting.labels import RunSection, fault_lines, task_title
+from minitouch_bench.reporting.frames import episodes_csv, table4_csv, table4_json
+from minitouch_bench.reporting.labels import fault_lines, task_title
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_value
-from minitouch_bench.reporting.report import Report
+from minitouch_bench.reporting.report import USUAL, Report, Shown, build_report, find_videos
 from minitouch_bench.reporting.tables import task_summary
+from minitouch_bench.runs.run import Run
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.html.j2"
 
@@ -27,60 +32,46 @@ BESIDE_TOUCH = ("touched", "time_to_first_touch")
 """What a card shows beside the value that sums its task up."""
 
 
-def to_markdown(report: Report) -> str:
-    """Write a report as Markdown."""
-    parts = [f"# {escape(report.title)}", ""]
-    for section in report.sections:
-        parts += _headline(section)
-    for table in (
-        report.table4,
-        *report.over_runs.tables,
-        *report.novel_shapes,
-        report.diagnostics,
-    ):
-        parts += table_section(table)
-    if any(section.faults for section in report.sections):
-        parts += ["", "## Policy faults", ""]
-        for section in report.sections:
-            parts += [f"- {escape(line)}" for line in fault_lines(section)]
-    parts += ["", "## What was run"]
-    for section in report.sections:
-        parts += ["", *_facts(section)]
-    if report.videos:
-        parts += ["", "## Videos", ""]
-        parts += [f"- [{escape(video.caption)}](<{video.address}>)" for video in report.videos]
-    return "\n".join(parts) + "\n"
+def table4_latex(report: Report) -> str:
+    """Write Table 4 as LaTeX, ready for a paper."""
+    header = report.sections[0].run.header
+    caption = f"MiniTouch, protocol {header.protocol}, suite {header.plan.suite}, beside the paper."
+    return table_source(report.table4, caption)
 
 
-def _headline(section: RunSection) -> list[str]:
-    header = section.run.header
-    kind = "official" if header.official else "unofficial"
-    lines = [
-        f"**{escape(section.name)}**: suite {escape(header.plan.suite)}, {kind}, "
-        f"protocol {escape(header.protocol)} ({code_span(header.protocol_digest[:12])})"
-    ]
-    lines += [f"> {escape(label)}" for label in section.labels]
-    return [lines[0], "", *(f"{line}  " for line in lines[1:]), ""]
-
-
-def _facts(section: RunSection) -> list[str]:
-    header, environment = section.run.header, section.run.environment
-    packages = ", ".join(f"{name} {version}" for name, version in environment.packages.items())
-    machine = ", ".join(f"{key}: {value}" for key, value in environment.machine.items())
-    policy, limits = header.policy, header.plan.limits
-    facts = {
-        "Policy": f"{escape(policy.name)} ({escape(policy.kind)}), {code_span(policy.source)}",
-        "Policy digest": code_span(policy.digest) if policy.digest else "built in",
-        "Protocol": f"{escape(header.protocol)}, {code_span(header.protocol_digest)}",
-        "Suite": f"{escape(header.plan.suite)}, seed {header.plan.seed}, {section.episodes}",
-        "Isolation": f"{escape(header.isolation)}, {limits.act_timeout_s:g} s per action",
-        "Packages": escape(packages),
-        "Machine": escape(machine),
-        "Started": f"{escape(environment.started)}, {environment.wall_s:.0f} s, "
-        f"{environment.workers} workers",
-        "Repeat it": code_span(section.command),
+TABLE_FORMATS: Mapping[str, Callable[[Report], str]] = MappingProxyType(
+    {
+        "md": lambda report: "\n".join(table_section(report.table4)[1:]) + "\n",
+        "latex": table4_latex,
+        "csv": table4_csv,
+        "json": table4_json,
     }
-    return [f"**{escape(section.name)}**", "", *(f"- {k}: {v}" for k, v in facts.items() if v)]
+)
+"""How Table 4 is written as text, by the name of the format."""
+
+
+def write_views(run: Run, directory: Path, videos: Sequence[Path] = ()) -> Report:
+    """Write ``episodes.csv`` and ``report.html`` of a run; return what the page shows.
+
+    Raises:
+        RunDirectoryError: one cannot be written.
+    """
+    files.write_file(directory / files.EPISODES_FILE, episodes_csv(run.episodes))
+    return write_page([run], directory, videos)
+
+
+def write_page(
+    runs: Sequence[Run], directory: Path, videos: Sequence[Path] = (), shown: Shown = USUAL
+) -> Report:
+    """Write ``report.html`` of one or several runs; return what it shows.
+
+    Raises:
+        UsageError: see ``build_report``.
+        RunDirectoryError: the file cannot be written.
+    """
+    report = build_report(runs, find_videos(videos, directory), shown)
+    files.write_file(directory / files.REPORT_PAGE, to_html(report))
+    return report
 
 
 def to_html(report: Report) -> str:
@@ -166,9 +157,6 @@ def report_blocks(report: Report) -> Iterator[Block]:
     """Yield the tables with their notes; a table's blocks of columns come one after the other."""
     yield from (report.table4.block(group) for group, _ in report.table4.groups)
     yield from _notes(report.table4)
-    for table in report.over_runs.tables:
-        yield table
-        yield from _notes(table)
     for table in report.novel_shapes:
         for group, _ in table.groups:
             yield replace(table.block(group), title=f"{table.title}: {group}")

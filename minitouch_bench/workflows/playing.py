@@ -17,7 +17,7 @@ from minitouch_bench.evaluation.run import RunUnderWay, play_missing
 from minitouch_bench.evaluation.video import video_name, write_video
 from minitouch_bench.files import RUN_FILE, VIDEOS, list_videos, make_folder, write_file
 from minitouch_bench.records import EpisodeSpec
-from minitouch_bench.reporting.views import write_report, write_tables
+from minitouch_bench.reporting import writers
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.run import Run, run_json
 from minitouch_bench.workflows import Callbacks
@@ -74,10 +74,9 @@ def resumable(directory: Path | None) -> Iterator[None]:
 
 
 def write_views(run: Run, directory: Path, video: int = 0) -> None:
-    """Write the tables, the report and the videos of the first ``video`` episodes of each task."""
+    """Write the report, the episodes, and videos of the first ``video`` episodes of each task."""
     for spec in run.header.specs():
         if spec.index < video:
             file = make_folder(directory / VIDEOS) / video_name(spec.key)
             write_video(spec, run.actions_of(spec.key), file, run.plan.conditions)
-    write_tables(run, directory)
-    write_report([run], directory, list_videos(directory))
+    writers.write_views(run, directory, list_videos(directory))

@@ -72,7 +72,7 @@ def write_replay_video(replayed: ReplayedEpisode, path: Path | None = None) -> P
         RunDirectoryError: the file cannot be written.
     """
     from minitouch_bench.evaluation.video import video_name, write_video
-    from minitouch_bench.reporting.views import view_directory
+    from minitouch_bench.reporting.report import view_directory
 
     spec, actions = replayed.record.spec, replayed.record.trace.actions
     run = replayed.run

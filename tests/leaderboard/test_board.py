@@ -48,7 +48,7 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.rendering.tables import estimate_cell
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.tables import TABLE4_METRICS
-from minitouch_bench.reporting.writers import to_markdown
+from minitouch_bench.reporting.writers import TABLE_FORMATS
 from minitouch_bench.runs.run import read_run, run_json
 from tests.leaderboard.synthetic import make_submission
 
@@ -140,7 +140,7 @@ def test_every_interval_on_the_pages_is_that_of_the_board(built, rows):
 @pytest.mark.parametrize("place", STORED_RUNS, ids=lambda place: "/".join(place.parts[-3:]))
 def test_every_interval_of_a_report_is_that_of_its_run_json(place):
     run = read_run(place)
-    shown = to_markdown(build_report([run])).replace("\\", "")
+    shown = TABLE_FORMATS["md"](build_report([run])).replace("\\", "")
     for result in run.summary.tasks:
         for metric in TABLE4_METRICS:
             if metric in result.estimates:

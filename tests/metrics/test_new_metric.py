@@ -43,7 +43,7 @@ from dataclasses import replace
 from pathlib import Path
 from benchmarks.schemas import board_schema, run_schema
 from minitouch_bench.leaderboard.build import build_board
-from minitouch_bench.reporting.views import write_report, write_tables
+from minitouch_bench.reporting.writers import write_views
 from minitouch_bench.runs.run import read_run
 from tests.leaderboard.synthetic import ABOUT, make_submission, official_run, write_official
 
@@ -53,8 +53,7 @@ make_submission(root / "submissions", "random", 0.2, kind="random", about=about)
 build_board(root / "submissions", root / "board")
 write_official(official_run(kind="random"), root / "run")
 run = read_run(root / "run")
-write_tables(run, root / "run")
-write_report([run], root / "run")
+write_views(run, root / "run")
 (root / "run.schema.json").write_text(json.dumps(run_schema()))
 (root / "leaderboard.schema.json").write_text(json.dumps(board_schema()))
 """
@@ -99,8 +98,8 @@ def test_it_is_in_the_run_s_document_and_its_schema(built, run):
 
 
 def test_it_is_in_the_diagnostics(run):
-    report = (run / "report.md").read_text()
-    assert "Peak finger force" in report.partition("## Diagnostics")[2]
+    report = (run / "report.html").read_text()
+    assert "Peak finger force" in report.partition(">Diagnostics<")[2]
 
 
 def test_it_is_on_the_board(built):

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from minitouch_bench.reporting.report import build_report, table4_latex
+from minitouch_bench.reporting.report import build_report
+from minitouch_bench.reporting.writers import table4_latex
 
 PDFLATEX = shutil.which("pdflatex")
 PAGE = r"\documentclass{article}\usepackage{booktabs,graphicx}\begin{document}%s\end{document}"

@@ -5,15 +5,12 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.rendering.charts import (
-    Band,
-    Bar,
     Chart,
     Dot,
     Line,
     Plot,
     name_axis,
     share_axis,
-    value_axis,
 )
 from minitouch_bench.rendering.svg import WIDTH, draw_plot, draw_share_bar, text_width
 
@@ -53,40 +50,6 @@ def test_a_hostile_name_is_only_text():
     root = ET.fromstring(drawing)
     assert "<script" not in drawing
     assert HOSTILE in [element.text for element in root.iter()]
-
-
-@pytest.mark.parametrize("shape", ["circle", "square", "up", "down", "plus", "cross", "diamond"])
-def test_every_shape_is_about_as_large(shape):
-    chart = Chart(value_axis("x", 4), value_axis("y", 4), (Dot(2, 2, "ink", shape, 8),), 80)
-    drawing = draw_plot(Plot("", "", (chart,)))
-    if shape == "circle":
-        assert 'r="4"' in drawing
-        return
-    path = re.search(r'class="dot ink" d="([^"]+)"', drawing)[1]
-    xs = [float(pair.split()[0]) for pair in re.findall(r"[\d.]+ [\d.]+", path)]
-    assert 6 <= max(xs) - min(xs) <= 10
-
-
-def test_bars_rest_on_the_axis_and_charts_below_each_other_share_one():
-    bars = (Bar(0, 1, 0, 2, "success"), Bar(0, 1, 2, 4, "limit"))
-    chart = Chart(value_axis("x", 4), value_axis("y", 4), bars, 80, "one")
-    drawing = draw_plot(Plot("", "", (chart, replace(chart, title="two"))))
-    paths = re.findall(r'class="area \w+" d="M([^Z]+)Z"', drawing)
-    heights = [[float(corner.split()[1]) for corner in path.split("L")] for path in paths]
-    assert [max(own) - min(own) for own in heights] == [40, 40, 40, 40]
-    assert max(heights[1]) == min(heights[0])
-    assert drawing.count(">x</text>") == 1
-
-
-def test_a_band_is_a_faint_area_between_its_ends():
-    band = Band(((0, 1), (4, 2)), ((0, 3), (4, 4)), "series-1")
-    drawing = draw_plot(Plot("", "", (Chart(value_axis("x", 4), value_axis("y", 4), (band,), 80),)))
-    path = re.search(r'class="area series-1" opacity="0.18" d="M([^Z]+)Z"', drawing)[1]
-    corners = [tuple(map(float, corner.split())) for corner in path.split("L")]
-    left, right = corners[0][0], corners[1][0]
-    bottom = max(y for _, y in corners) + 20
-    assert [x for x, _ in corners] == [left, right, right, left]
-    assert [bottom - y for _, y in corners] == [20, 40, 80, 60]
 
 
 def test_a_share_bar_is_as_wide_as_its_place():

@@ -18,7 +18,6 @@ from minitouch_bench.records import (
     Role,
     Summary,
 )
-from minitouch_bench.reporting.views import write_tables
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run, RunEnvironment, RunHeader, parse_run, read_run, run_json
 from minitouch_bench.runs.run import make_run as measure_run
@@ -167,10 +166,9 @@ def save(run: Played, name: str = "a-run") -> Run:
 
 
 def write(run: Played, directory: Path) -> Run:
-    """Write the ``run.json`` and the tables of a run, and read it."""
+    """Write the ``run.json`` of a run, and read it."""
     done = measured(run)
     write_file(directory / RUN_FILE, run_json(done))
-    write_tables(done, directory)
     return read_run(directory)
 
 

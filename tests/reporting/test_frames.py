@@ -1,5 +1,6 @@
 import csv
 import io
+import json
 from dataclasses import replace
 
 import pandas as pd
@@ -10,7 +11,9 @@ from minitouch_bench.reporting.frames import (
     episodes_csv,
     episodes_frame,
     table4_csv,
+    table4_json,
 )
+from minitouch_bench.reporting.report import build_report
 
 
 def test_episodes_have_exactly_the_published_columns(hac):
@@ -55,7 +58,8 @@ def test_a_negative_number_stays_a_number(hac):
 
 
 def test_table4_is_long_and_labeled(hac, scripted):
-    rows = list(csv.DictReader(io.StringIO(table4_csv(scripted))))
+    report = build_report([hac, scripted])
+    rows = list(csv.DictReader(io.StringIO(table4_csv(report))))
     assert list(rows[0]) == [
         "policy",
         "task",
@@ -72,7 +76,7 @@ def test_table4_is_long_and_labeled(hac, scripted):
         ("pushing", "1.0", "5", "wilson")
     ]
     assert own[0]["source"] == ("run (reads the simulator's state; unofficial: 5 of 100 episodes)")
-    rows = list(csv.DictReader(io.StringIO(table4_csv(hac))))
+    assert json.loads(table4_json(report))[0]["policy"] == rows[0]["policy"] == "hac-seed1"
     paper = [r for r in rows if r["policy"] == "HaC" and r["task"] == "playing"]
     assert [(r["metric"], r["value"], r["low"]) for r in paper] == [
         ("touch_interaction", "388.15", "")
@@ -81,6 +85,6 @@ def test_table4_is_long_and_labeled(hac, scripted):
 
 
 def test_a_hostile_name_is_harmless(hostile):
-    rows = list(csv.DictReader(io.StringIO(table4_csv(hostile))))
+    rows = list(csv.DictReader(io.StringIO(table4_csv(build_report([hostile])))))
     assert rows[0]["policy"].startswith("'=")
     assert "\x1b" not in rows[0]["policy"]

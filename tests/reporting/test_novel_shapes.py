@@ -1,7 +1,5 @@
 """Held-out beside train shapes, from the run's document to every writer."""
 
-import csv
-import io
 import json
 import re
 from dataclasses import replace
@@ -16,12 +14,9 @@ from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.charts import Dot
 from minitouch_bench.rendering.tables import ABSENT
 from minitouch_bench.reporting.figures import split_figures
-from minitouch_bench.reporting.frames import generalization_csv
-from minitouch_bench.reporting.labels import describe_runs
 from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.tables import novel_shapes, table4, verdict
-from minitouch_bench.reporting.views import write_report
-from minitouch_bench.reporting.writers import show_report, to_html, to_markdown
+from minitouch_bench.reporting.tables import verdict
+from minitouch_bench.reporting.writers import show_report, to_html, write_views
 from minitouch_bench.runs.run import parse_run, run_json
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.synthetic import (
@@ -79,32 +74,19 @@ def test_a_malformed_document_gives_one_clear_line(change, message):
 def test_files_and_equal_bytes(tmp_path):
     for place in ("one", "two"):
         run = write(novel_run(), tmp_path / place / "run")
-        write_report([run], tmp_path / place / "run")
+        write_views(run, tmp_path / place / "run")
     files = sorted(file.name for file in (tmp_path / "one" / "run").iterdir())
-    assert "generalization.csv" in files
     for name in files:
         first = (tmp_path / "one" / "run" / name).read_bytes()
         assert first == (tmp_path / "two" / "run" / name).read_bytes(), name
 
 
-def test_a_run_of_one_split_has_no_file_and_no_section(tmp_path, hac):
-    run = write(make_run(episodes=24), tmp_path)
-    assert not (tmp_path / "generalization.csv").exists()
+def test_a_run_of_one_split_has_no_section(hac):
+    run = save(make_run(episodes=24))
     report = build_report([run, hac])
     assert report.novel_shapes == ()
-    assert "Novel shapes" not in to_html(report) + to_markdown(report)
-    assert "over all shapes" not in "".join(table4(describe_runs([run])).notes)
-
-
-def test_csv_is_long_and_signed(novel):
-    rows = list(csv.DictReader(io.StringIO(generalization_csv(novel))))
-    own = [r for r in rows if (r["task"], r["family"], r["metric"]) == ("pushing", "", "success")]
-    assert [row["split"] for row in own] == ["held-out", "train", "held-out minus train"]
-    gap = next(r for r in novel.summary.generalization if r.task == "pushing").gaps["success"]
-    assert float(own[2]["low"]) == gap.difference.low < 0
-    assert own[2]["method"] == "newcombe"
-    lathed = [row for row in rows if row["family"] == "lathed" and row["task"] == "playing"]
-    assert [(row["split"], row["metric"]) for row in lathed] == [("train", "touch_share")]
+    assert "Novel shapes" not in to_html(report)
+    assert "over all shapes" not in "".join(build_report([run]).table4.notes)
 
 
 def test_hostile_names_are_harmless():
@@ -112,14 +94,9 @@ def test_hostile_names_are_harmless():
     specs = (replace(r.spec, family=HOSTILE) for r in run.records)
     records = tuple(replace(r, spec=s) for r, s in zip(run.records, specs, strict=True))
     saved = save(replace(run, records=records), "x")
-    row = list(csv.DictReader(io.StringIO(generalization_csv(saved))))[-1]
-    assert row["policy"].startswith("'=")
-    assert row["family"].startswith("'=")
     report = build_report([saved])
     assert "<script" not in to_html(report)
-    outside_code = re.sub(r"(`+).*?[^`]\1(?!`)", "", to_markdown(report))
-    assert not re.search(r"(?<!\\)<script", outside_code)
-    assert "\u202e" not in to_html(report) + to_markdown(report)
+    assert "\u202e" not in to_html(report)
 
 
 @pytest.mark.parametrize(
@@ -148,7 +125,7 @@ def test_only_playing_is_better_with_more_ticks_of_touch():
 
 
 def test_the_gap_table_has_a_row_a_metric(novel):
-    table = novel_shapes(describe_runs([novel]))[0]
+    table = build_report([novel]).novel_shapes[0]
     assert [row.heads for row in table.rows][:2] == [
         ("Pushing", "Success ↑"),
         ("Pushing", "Episode steps ↓"),
@@ -161,12 +138,12 @@ def test_the_gap_table_has_a_row_a_metric(novel):
 
 def test_a_gap_of_nothing_is_plus_zero(novel):
     none = save(without_success(without_success(novel_run(), "train"), "held-out"), "none")
-    assert novel_shapes(describe_runs([none]))[0].rows[0].cells[2].text == "+0.000"
+    assert build_report([none]).novel_shapes[0].rows[0].cells[2].text == "+0.000"
 
 
 def test_several_runs_stand_side_by_side(novel, hac):
     other = save(novel_run("other", notes=("remote",)), "other")
-    gaps, families = novel_shapes(describe_runs([novel, other, hac]))
+    gaps, families = build_report([novel, other, hac]).novel_shapes
     assert [group for group, _ in gaps.groups] == ["hac-seed1 (novel)", "other\u00a0*"]
     assert [row.heads for row in families.rows[:2]] == [
         ("carved", "hac-seed1 (novel)"),
@@ -179,9 +156,9 @@ def test_several_runs_stand_side_by_side(novel, hac):
 
 
 def test_table4_says_that_it_is_over_both_splits(novel):
-    assert "“Novel shapes” has them apart" in "".join(table4(describe_runs([novel])).notes)
+    assert "“Novel shapes” has them apart" in "".join(build_report([novel]).table4.notes)
     few = save(with_shapes(make_run(episodes=4, exploration=False)), "few")
-    assert "needs 10 episodes of each" in "".join(table4(describe_runs([few])).notes)
+    assert "needs 10 episodes of each" in "".join(build_report([few]).table4.notes)
 
 
 def test_every_writer_has_the_section(novel):
@@ -189,7 +166,7 @@ def test_every_writer_has_the_section(novel):
     console = Console(width=120)
     with console.capture() as captured:
         show_report(report, console)
-    for text in (to_html(report), to_markdown(report), captured.get()):
+    for text in (to_html(report), captured.get()):
         for expected in ("Novel shapes", "Held-out", "Gap", "by family", "harmonic"):
             assert expected in text
         assert "no difference seen" in text or "on held-out" in text

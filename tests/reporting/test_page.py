@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.reporting.report import Video, build_report
-from minitouch_bench.reporting.views import write_report
-from minitouch_bench.reporting.writers import to_html
+from minitouch_bench.reporting.writers import to_html, write_page
 from tests.reporting.html_page import Page
 from tests.reporting.synthetic import make_run, save
 
@@ -56,9 +55,14 @@ def test_key_figures_and_labels_are_on_the_page(page, hac):
 def test_tables_can_be_reached_and_read_aloud(page):
     regions = [a for tag, a in Page(page).attributes if a.get("role") == "region"]
     assert all(region["tabindex"] == "0" and region["aria-labelledby"] for region in regions)
-    assert len(regions) == 2
+    assert len(regions) == 2 + 2  # Table 4, diagnostics, the episodes of each run
     heads = [a for tag, a in Page(page).attributes if tag == "th"]
     assert all(head["scope"] in {"col", "row", "colgroup"} for head in heads)
+
+
+def test_every_episode_is_on_the_page(page, hac):
+    for episode in hac.episodes:
+        assert f"{episode.task}/{episode.index}<" in page
 
 
 def test_hostile_text_is_only_text(hostile):
@@ -90,7 +94,7 @@ def run_chromium(profile: Path, *options: str) -> subprocess.CompletedProcess[st
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs a browser: apt-get install chromium")
 def test_the_page_opens_in_a_browser_without_a_console_error(tmp_path, hac, scripted):
-    write_report([hac, scripted], tmp_path)
+    write_page([hac, scripted], tmp_path)
     log = ("--enable-logging=stderr", "--v=0", "--dump-dom")
     page = (tmp_path / "report.html").as_uri()
     done = run_chromium(tmp_path / "profile", *log, page)

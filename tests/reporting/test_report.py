@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.reporting.report import build_report, find_videos
+from minitouch_bench.reporting.report import Shown, build_report, find_videos
 from tests.reporting.synthetic import make_run, save
 
 
@@ -33,3 +33,21 @@ def test_videos_are_addressed_relative_to_the_report(tmp_path: Path):
     video = find_videos(files, tmp_path)[0]
     assert video.caption == "pushing 3 a#b"
     assert video.address == "videos/pushing_3%20a%23b.mp4"
+
+
+def test_tasks_and_metrics_are_chosen(hac, novel):
+    shown = Shown(tasks=("opening", "pushing"), metrics=("touched", "success"))
+    report = build_report([hac], shown=shown)
+    assert report.tasks == ("pushing", "opening")  # in the order of every table
+    assert [group for group, _ in report.table4.groups] == ["Pushing", "Opening"]
+    assert [row.heads for row in report.table4.rows] == [("Success ↑",), ("Touched",)]
+    assert {row.heads[0] for row in report.diagnostics.rows} == {"Pushing", "Opening"}
+    assert len(report.episodes[0].rows) == 2 * 20
+    only = build_report([novel], shown=Shown(tasks=("pushing",)))
+    assert {row.heads[0] for row in only.novel_shapes[0].rows} == {"Pushing"}
+
+
+@pytest.mark.parametrize("shown", [Shown(tasks=("sleeping",)), Shown(metrics=("luck",))])
+def test_what_does_not_exist_cannot_be_chosen(hac, shown):
+    with pytest.raises(UsageError, match="there are"):
+        build_report([hac], shown=shown)

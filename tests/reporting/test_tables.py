@@ -2,8 +2,7 @@ from dataclasses import replace
 
 from minitouch_bench.records import Estimate
 from minitouch_bench.rendering.tables import ABSENT, estimate_cell
-from minitouch_bench.reporting.labels import describe_runs
-from minitouch_bench.reporting.tables import diagnostics, table4
+from minitouch_bench.reporting.report import build_report
 
 
 def row(table, label):
@@ -11,7 +10,7 @@ def row(table, label):
 
 
 def test_table4_has_the_shape_of_the_paper(hac):
-    table = table4(describe_runs([hac]))
+    table = build_report([hac]).table4
     assert [head for row in table.rows for head in row.heads] == [
         "Exploration ↑",
         "Success ↑",
@@ -25,7 +24,7 @@ def test_table4_has_the_shape_of_the_paper(hac):
 
 
 def test_a_run_has_a_column_in_every_block(hac, scripted):
-    table = table4(describe_runs([hac, scripted]))
+    table = build_report([hac, scripted]).table4
     assert table.groups[0] == ("Pushing", 5)
     success = row(table, "Success").cells
     assert success[0].small.startswith("[")
@@ -36,14 +35,14 @@ def test_a_run_has_a_column_in_every_block(hac, scripted):
 
 
 def test_what_does_not_exist_is_a_dash_never_a_zero(scripted):
-    table = table4(describe_runs([scripted]))
+    table = build_report([scripted]).table4
     assert row(table, "Exploration").cells[0].text == ABSENT
     playing = [cell.text for cell in row(table, "Success").cells[4:]]
     assert playing == [ABSENT] * 4
 
 
 def test_only_tasks_that_were_run_are_shown(scripted):
-    assert [group for group, _ in table4(describe_runs([scripted])).groups] == [
+    assert [group for group, _ in build_report([scripted]).table4.groups] == [
         "Pushing",
         "Playing",
     ]
@@ -56,27 +55,27 @@ def test_figures_carry_their_interval():
 
 
 def test_labels_stand_below_every_table(hac, scripted):
-    for lay_out in (table4, diagnostics):
-        table = lay_out(describe_runs([hac, scripted]))
+    report = build_report([hac, scripted])
+    for table in (report.table4, report.diagnostics):
         notes = "\n".join(table.notes)
         assert "* scripted: reads the simulator's state; unofficial: 5 of 100 episodes." in notes
         assert "* hac-seed1: 2 policy faults." in notes
 
 
 def test_table4_says_what_its_intervals_mean_and_whose_the_paper_is(hac):
-    notes = "\n".join(table4(describe_runs([hac])).notes)
+    notes = "\n".join(build_report([hac]).table4.notes)
     assert "episode variance only (one training seed)" in notes
     assert "the paper's own values, other episodes and object sets" in notes
 
 
 def test_a_clean_official_run_has_no_mark(hac):
     clean = replace(hac, faults={})
-    assert table4(describe_runs([clean])).columns[0].label == "hac-seed1"
-    assert table4(describe_runs([hac])).columns[0].label == "hac-seed1\u00a0*"
+    assert build_report([clean]).table4.columns[0].label == "hac-seed1"
+    assert build_report([hac]).table4.columns[0].label == "hac-seed1\u00a0*"
 
 
 def test_diagnostics_have_a_row_a_task_and_run(hac, scripted):
-    table = diagnostics(describe_runs([hac, scripted]))
+    table = build_report([hac, scripted]).diagnostics
     heads = [row.heads for row in table.rows]
     assert len(heads) == 6
     assert heads[0] == ("Pushing", "hac-seed1\u00a0*")

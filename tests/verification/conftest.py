@@ -5,7 +5,7 @@ import pytest
 
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import RUN_FILE, write_file
-from minitouch_bench.reporting.views import write_report, write_tables
+from minitouch_bench.reporting.writers import write_views
 from minitouch_bench.runs.run import run_json
 from minitouch_bench.verification.problems import Findings
 from minitouch_bench.verification.replay_check import replay_run
@@ -22,8 +22,7 @@ def whole(tmp_path_factory) -> Path:
     directory = tmp_path_factory.mktemp("verified") / "run"
     done = run(WANTED, directory, workers=2)
     write_file(directory / RUN_FILE, run_json(done))
-    write_tables(done, directory)
-    write_report([done], directory)
+    write_views(done, directory)
     return directory
 
 

@@ -45,7 +45,7 @@ from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EpisodeRecord
 from minitouch_bench.regression.comparison import compare_runs
-from minitouch_bench.reporting.views import write_report, write_tables
+from minitouch_bench.reporting.writers import write_views
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import Plan
@@ -96,10 +96,9 @@ def sound_run(directory: Path) -> tuple[EpisodeRecord, ...]:
     write_actions(records, directory)
     run = make_run(header, environment, records, "run", directory)
     write_file(directory / RUN_FILE, run_json(run))
-    write_tables(run, directory)
     (directory / "videos").mkdir()
     (directory / "videos" / "pushing-0.mp4").write_bytes(b"video")
-    write_report([run], directory, [directory / "videos" / "pushing-0.mp4"])
+    write_views(run, directory, [directory / "videos" / "pushing-0.mp4"])
     return tuple(records)
 
 
