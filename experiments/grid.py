@@ -6,13 +6,15 @@ CSV files of the experiment, from which ``experiments.analysis`` makes tables an
 """
 
 import argparse
+import os
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import pandas as pd
@@ -202,7 +204,8 @@ def run_grid(design_file: Path, output: Path, workers: int = 1) -> dict[Cell, st
     left = [cell for cell in cells if cell not in finished_cells(output)]
     print(f"{len(cells) - len(left)} of {len(cells)} cells are finished", file=sys.stderr)
     failed = {}
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    spawned = get_context("spawn")
+    with ProcessPoolExecutor(workers, spawned, initializer=_end_with_parent) as pool:
         jobs = {pool.submit(finish_cell, design, cell, output): cell for cell in left}
         for job in as_completed(jobs):
             cell = jobs[job]
@@ -213,6 +216,13 @@ def run_grid(design_file: Path, output: Path, workers: int = 1) -> dict[Cell, st
                 failed[cell] = str(error)
                 print(f"{cell.name} failed: {error}", file=sys.stderr)
     return failed
+
+
+def _end_with_parent() -> None:
+    """End this worker as soon as the process that started it has ended, killed or not."""
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
 
 
 def main() -> None:
