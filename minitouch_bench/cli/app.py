@@ -16,7 +16,7 @@ from minitouch_bench.cli.leaderboard import app as leaderboard
 from minitouch_bench.cli.shapes import app as shapes
 from minitouch_bench.errors import InterruptedRunError, MiniTouchError, UsageError
 from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.workflows.evaluate import AUTO_OUTPUT, evaluate
+from minitouch_bench.workflows.evaluate import evaluate
 from minitouch_bench.workflows.record import record
 from minitouch_bench.workflows.regress import regress
 from minitouch_bench.workflows.replay import replay
@@ -26,9 +26,7 @@ from minitouch_bench.workflows.train import train
 from minitouch_bench.workflows.verify import verify
 
 COMMANDS: dict[Callable[..., None], str] = {
-    as_command(evaluate, output.show_evaluation, output=AUTO_OUTPUT): (
-        "evaluate my_policy.onnx --suite smoke"
-    ),
+    evaluate: "evaluate my_policy.onnx --suite smoke",
     as_command(report, output.show_written_report): (
         "report reports/a reports/b --output reports/both"
     ),

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from minitouch_bench.workflows.record import RecordedDataset
     from minitouch_bench.workflows.replay import ReplayedEpisode
     from minitouch_bench.workflows.report import ShownReport
-    from minitouch_bench.workflows.results import Run
 
 CHECK_FAILED = 1
 """Exit code of a check that was made; one that cannot be made has that of its error."""
@@ -36,30 +35,6 @@ SHOWN = 10
 """Differences that are listed; the others are counted."""
 
 STEP_HEADINGS = ("step", "action", "end effector (m)", "fingers (N)", "contact (ticks)", "object")
-
-
-def show_evaluation(
-    run: "Run",
-    *,
-    as_json: Annotated[bool, options.output_option("--json")] = False,
-) -> None:
-    """Print Table 4 and where the report is; a run with policy faults has its own exit code.
-
-    Args:
-        as_json: Print run.json in place of the tables.
-    """
-    from minitouch_bench.reporting.report import build_report
-    from minitouch_bench.reporting.writers import show_report
-    from minitouch_bench.runs.run import run_json
-
-    if as_json:
-        print(run_json(run.facts).decode(), end="")
-    else:
-        show_report(build_report([run.facts]), data_console())
-    assert run.directory is not None
-    note(f"report: {run.directory / 'report.html'}")
-    if run.faults:
-        raise typer.Exit(PolicyFaultError.exit_code)
 
 
 def show_written_report(shown: "ShownReport") -> None:

@@ -35,7 +35,7 @@ class TorchScriptPolicy:
 
     def __init__(self, module: Any) -> None:
         self._module = module
-        memory = find_memory(module)
+        memory = find_memory(module) if isinstance(module, torch.jit.ScriptModule) else ""
         self.warning = memory and (
             f"it has {memory} and keeps nothing from one action to the next: torch.jit.trace "
             "drops what forward assigns. If it shall remember, export with torch.jit.script"

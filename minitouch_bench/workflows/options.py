@@ -60,14 +60,12 @@ POLICIES = (
     "file per task, package.module:attribute, http://..., or hf://USER/REPO/FILE@REVISION"
 )
 
-Policy = Annotated[object, typer.Argument(metavar="POLICY", help=POLICIES)]
+Policy = Annotated[str, typer.Argument(metavar="POLICY", help=POLICIES)]
 EXPLORATION = episodes_option(help="The policy at the end of the exploration phase.")
-Exploration = Annotated[object | None, EXPLORATION]
-RunDirectory = Annotated[
-    StrPath, typer.Argument(metavar="RUN", help="Directory of a finished run.")
-]
+Exploration = Annotated[str | None, EXPLORATION]
+RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="Directory of a finished run.")]
 Workers = Annotated[
-    int | str | None,
+    str,
     engine_option(metavar="N|auto", help="Worker processes; auto: one per core."),
 ]
 EngineName = Annotated[
@@ -91,15 +89,17 @@ IsolationLevel = Annotated[
         help="See docs/explanation/isolation.md; none needs --trust.",
     ),
 ]
-Trust = Annotated[bool, isolation_option(help="Run a policy's own Python code on this machine.")]
+Trust = Annotated[
+    bool, isolation_option("--trust", help="Run a policy's own Python code on this machine.")
+]
 ActTimeout = Annotated[
     float, timeout_option(help="Seconds a policy may take for one action; another is unofficial.")
 ]
 EpisodeTimeout = Annotated[
     float, timeout_option(help="Seconds a policy may take in an episode; another is unofficial.")
 ]
-Resume = Annotated[bool, output_option(help="Continue the run in the directory.")]
-Fresh = Annotated[bool, output_option(help="Replace the run in the directory.")]
+Resume = Annotated[bool, output_option("--resume", help="Continue the run in the directory.")]
+Fresh = Annotated[bool, output_option("--fresh", help="Replace the run in the directory.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 

@@ -1,5 +1,6 @@
 import pytest
 
+from minitouch_bench.api import evaluate
 from minitouch_bench.errors import (
     HopelessRunError,
     InfrastructureError,
@@ -19,7 +20,6 @@ from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.simulation.bullet import BUILDS
 from minitouch_bench.workflows import Callbacks
-from minitouch_bench.workflows.evaluate import evaluate
 from tests.evaluation.runs import digests, request, run
 
 KEYS = ["pushing/0", "pushing/1", "opening/0", "opening/1", "pick-up/0", "pick-up/1"]

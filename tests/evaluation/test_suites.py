@@ -124,7 +124,7 @@ def test_the_options_of_a_plan_make_it_again(plan, monkeypatch):
         made.append(plan)
         raise UsageError("enough")
 
-    monkeypatch.setattr("minitouch_bench.evaluation.actors.prepare_policies", take)
+    monkeypatch.setattr("minitouch_bench.api.prepare_policies", take)
     command = typer.main.get_command(app)
     with pytest.raises(UsageError, match="enough"):
         command.main(["evaluate", "zero", *plan.as_options()], standalone_mode=False)
