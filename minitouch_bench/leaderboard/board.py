@@ -109,6 +109,7 @@ def _seeds(seeds: tuple[int, ...]) -> str:
 class BoardRow(About):
     """A submission: what it says of itself, how well it is proved, and its figures.
 
+    ``labels``: what every table says of its policies, such as "remote".
     ``same_episodes_as`` names the submissions with a run of which at least half of the episodes
     are the same, bit for bit; ``runs`` has the digest of each run. ``ranks`` by task and "overall",
     empty for a calibration policy; ``figures`` by task (or "overall") and metric, in the units that
@@ -118,6 +119,7 @@ class BoardRow(About):
     """
 
     proof: Annotated[ProofLevel, ColumnSpec("Proof", "column")]
+    labels: Annotated[tuple[str, ...], ColumnSpec("Labels", "name")]
     rerun_episodes: Count
     fresh: FreshProof | None
     same_episodes_as: Annotated[tuple[str, ...], ColumnSpec("Repeats", "name", write=_repeats)]
@@ -220,9 +222,11 @@ def make_board(verdicts: Sequence[SubmissionFindings]) -> Board:
 
 def _row(verdict: SubmissionFindings, repeated: Iterable[str]) -> BoardRow:
     about, proof = verdict.submission, verdict.proof
+    policies = [policy for run in verdict.runs.values() for policy in run.header.policies()]
     return BoardRow(
         **{field.name: getattr(about, field.name) for field in fields(About)},
         proof=verdict.level,
+        labels=tuple(dict.fromkeys(note for policy in policies for note in policy.notes)),
         rerun_episodes=proof.rerun_episodes if proof else 0,
         fresh=proof.fresh if proof else None,
         same_episodes_as=tuple(sorted(repeated)),

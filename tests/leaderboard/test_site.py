@@ -291,6 +291,11 @@ def test_a_page_tells_all_of_a_submission(board):
     assert "2 seeds" in (board / "submission" / "seeds.html").read_text()
 
 
+def test_a_server_s_row_says_so_everywhere(board):
+    for name in ("leaderboard.md", "leaderboard.csv", "index.html", "submission/server.html"):
+        assert "remote" in (board / name).read_text(), name
+
+
 def test_hostile_texts_of_a_run_are_only_text(tmp_path):
     hostile = "</script><script>alert(1)</script>\u202e=cmd()"
     directory = make_submission(tmp_path / "submissions", "hac", faults=1)

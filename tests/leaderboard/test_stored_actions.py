@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.leaderboard.proving import Prover
+from minitouch_bench.leaderboard.proof import ProofLevel
+from minitouch_bench.leaderboard.proving import Prover, prove
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     CheckpointFile,
@@ -16,7 +17,7 @@ from minitouch_bench.leaderboard.submission import (
     checkpoint_place,
 )
 from minitouch_bench.leaderboard.validation import SubmissionFindings
-from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.policies.sources import identify, parse_source
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
 from minitouch_bench.records import Role
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -133,3 +134,39 @@ def test_an_honest_policy_passes(found):
     fresh = prover.run_fresh(FRESH, "a phrase")
     assert not prover.problems
     assert fresh.results[PLACE][0].fresh == 1.0
+
+
+class Raising(torch.jit.ScriptModule):
+    """A checkpoint for a run that it never played: it cannot be caught by acting otherwise."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.define(
+            "def forward(self, image: Tensor, touch: Tensor) -> Tensor:\n"
+            "    assert touch.sum() > 1e9, 'not today'\n"
+            "    return touch[:, :4]\n"
+        )
+
+
+def test_a_checkpoint_that_raises_in_forged_episodes_is_refused(tmp_path):
+    """Its actions are another policy's and replay; without a fault as a difference it could be
+    checked until no forged episode is drawn."""
+    directory = tmp_path / "submissions" / "table"
+    (directory / CHECKPOINT).parent.mkdir(parents=True)
+    with pytest.warns(DeprecationWarning, match="torch.jit"):
+        torch.jit.save(Raising(), directory / CHECKPOINT)
+    forged = run(wanted_run("scripted", ("pushing",), 2), directory / PLACE)
+    source = parse_source(str(directory / CHECKPOINT))
+    header = replace(forged.header, policy=identify(source))
+    file = CheckpointFile(Role.FINAL, ALL_TASKS, "table.pt", source.digest, CHECKPOINT)
+    found = SubmissionFindings(
+        directory=directory,
+        submission=Submission(seeds=(TrainingSeed(0, {"table4": PLACE}, (file,)),)),
+        runs={PLACE: replace(forged, header=header)},
+        files={"submission.toml": "0" * 64},
+    )
+    done = prove(found, LocalEngine(1), rerun=1)
+    (problem,) = done.problems
+    assert "success recorded, policy_fault when run again" in str(problem)
+    assert "the policy said" in str(problem)
+    assert (done.error, done.level) == (None, ProofLevel.SELF_REPORTED)
