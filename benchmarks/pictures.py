@@ -16,7 +16,7 @@ from minitouch_bench.runs.run import read_run
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registry import TASK_CLASSES
 
-REPORT_PICTURES = Path("minitouch_bench/rendering/pictures")
+REPORT_PICTURES = Path("minitouch_bench/reporting/pictures")
 DOCUMENT_PICTURES = Path("docs/pictures")
 WIDTH, HEIGHT = 640, 480
 SMOOTHING = 2

@@ -31,7 +31,6 @@ LAYERS = (
     "runs",
     "agents",
     "evaluation",
-    "rendering",
     "reporting",
     "regression",
     "verification",
@@ -40,7 +39,7 @@ LAYERS = (
     "api",
     "cli",
 )
-REPORT_LAYERS = {"protocol", "metrics", "runs", "rendering", "reporting", "regression"}
+REPORT_LAYERS = {"protocol", "metrics", "runs", "reporting", "regression"}
 """They read files of a run, and draw without a simulator or torch.
 
 Runs also need the shapes and the limits of policies, which load neither.

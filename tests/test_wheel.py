@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 HELD = (
     "shapes/minitouch-1000/manifest.json",
     "shapes/minitouch-1000/shapes.bin",
-    "minitouch_bench/rendering/pictures/pushing.png",
+    "minitouch_bench/reporting/pictures/pushing.png",
     "minitouch_bench/verification/golden.json",
 )
 """Paths in the sdist; the wheel has the shapes inside the package."""

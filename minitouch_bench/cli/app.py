@@ -14,8 +14,7 @@ from minitouch_bench.cli.console import note
 from minitouch_bench.cli.information import doctor, tasks
 from minitouch_bench.cli.leaderboard import app as leaderboard
 from minitouch_bench.cli.shapes import app as shapes
-from minitouch_bench.errors import InterruptedRunError, MiniTouchError, UsageError
-from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.errors import InterruptedRunError, MiniTouchError, UsageError, printable
 from minitouch_bench.workflows.evaluate import evaluate
 from minitouch_bench.workflows.record import record
 from minitouch_bench.workflows.regress import regress

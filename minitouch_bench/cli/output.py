@@ -13,8 +13,8 @@ from minitouch_bench.errors import (
     IncompleteCheckError,
     PolicyFaultError,
     RunDirectoryError,
+    printable,
 )
-from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.workflows import options
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from enum import StrEnum
 from itertools import chain
 from typing import Annotated, Literal, Self
 
+from minitouch_bench.errors import printable
 from minitouch_bench.leaderboard.columns import ColumnSpec, columns_of
 from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import Rank, rank
@@ -21,7 +22,6 @@ from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.policies.loaders import BUILT_IN
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.records import Count, EpisodeMetrics, Estimate, Gap, Outcome, Sha256
-from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
 
 CEILING = "scripted"

@@ -27,11 +27,11 @@ from minitouch_bench.leaderboard.views import (
 )
 from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
-from minitouch_bench.rendering.markdown import escape, table_lines
-from minitouch_bench.rendering.tables import Column, Table, make_row
+from minitouch_bench.reporting.formats import escape_md, table_lines
 from minitouch_bench.reporting.frames import CsvRow, rows_csv
 from minitouch_bench.reporting.labels import listed, task_title
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_values
+from minitouch_bench.reporting.tables import Column, Table, make_row
 
 SHOWN_REASONS = 3
 
@@ -50,14 +50,21 @@ def board_markdown(board: Board, tables: Sequence[BoardView]) -> str:
     parts = [
         "# MiniTouch leaderboard",
         "",
-        f"Protocol {escape(board.protocol)}, `{board.protocol_digest}`.",
+        f"Protocol {escape_md(board.protocol)}, `{board.protocol_digest}`.",
     ]
     for view in tables:
-        parts += ["", f"## {view.title}", "", escape(view.lead), "", *table_lines(view.table())]
+        parts += [
+            "",
+            f"## {view.title}",
+            "",
+            escape_md(view.lead),
+            "",
+            *table_lines(view.table()),
+        ]
     parts += ["", "## Submissions", "", *table_lines(_about(board))]
     parts += _left_out("Other protocols, not ranked", board.other_protocol)
     parts += _left_out("Left out", board.refused)
-    parts += ["", *(f"- {escape(note)}" for note in notes())]
+    parts += ["", *(f"- {escape_md(note)}" for note in notes())]
     return "\n".join(parts) + "\n"
 
 
@@ -100,8 +107,8 @@ def _left_out(title: str, refusals: Sequence[LeftOut]) -> list[str]:
         return []
     lines = ["", f"## {title}", ""]
     for refusal in refusals:
-        lines.append(f"- **{escape(refusal.name)}**")
-        lines += [f"  - {escape(reason)}" for reason in refusal.reasons[:SHOWN_REASONS]]
+        lines.append(f"- **{escape_md(refusal.name)}**")
+        lines += [f"  - {escape_md(reason)}" for reason in refusal.reasons[:SHOWN_REASONS]]
         if (more := len(refusal.reasons) - SHOWN_REASONS) > 0:
             lines.append(f"  - and {more} more")
     return lines

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from minitouch_bench.documents import read_json, write_json
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.errors import RunDirectoryError, UsageError, printable
 from minitouch_bench.files import is_folder, make_folder, os_errors_as, read_file, write_file
 from minitouch_bench.leaderboard.board import COLUMN_SPECS, Board, BoardRow, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown, notes
@@ -25,9 +25,8 @@ from minitouch_bench.leaderboard.submission import BOARD_TASKS, MODALITIES, NAME
 from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
 from minitouch_bench.leaderboard.views import BoardView, views
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
-from minitouch_bench.rendering.charts import Axis, Chart, Dot, Line, Mark, Plot, Tick, share_axis
-from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.pages import PICTURES, render_page
+from minitouch_bench.reporting.charts import Axis, Chart, Dot, Line, Mark, Plot, Tick, share_axis
+from minitouch_bench.reporting.pages import PICTURES, render_page
 
 WIDE, NARROW = 1124, 340
 """Widths of the plot of all submissions, on a desk and on a phone."""

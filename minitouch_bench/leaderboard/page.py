@@ -10,6 +10,7 @@ import numpy as np
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
+from minitouch_bench.errors import printable
 from minitouch_bench.files import VIDEOS
 from minitouch_bench.leaderboard.board import (
     COLUMN_SPECS,
@@ -27,11 +28,14 @@ from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, SEED_VARIANCE, w
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, Role
-from minitouch_bench.rendering.charts import Figure, LegendItem, Plot
-from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.pages import render_page
-from minitouch_bench.rendering.svg import draw_share_bar
-from minitouch_bench.rendering.tables import (
+from minitouch_bench.reporting.charts import Figure, LegendItem, Plot
+from minitouch_bench.reporting.figures import steps_plot, touch_plot
+from minitouch_bench.reporting.labels import group_faults, task_title
+from minitouch_bench.reporting.pages import render_page
+from minitouch_bench.reporting.report import Video
+from minitouch_bench.reporting.run_tables import TABLE4_METRICS, gap_cells
+from minitouch_bench.reporting.svg import draw_share_bar
+from minitouch_bench.reporting.tables import (
     Row,
     Table,
     estimate_cell,
@@ -39,10 +43,6 @@ from minitouch_bench.rendering.tables import (
     make_row,
     metric_head,
 )
-from minitouch_bench.reporting.figures import steps_plot, touch_plot
-from minitouch_bench.reporting.labels import group_faults, task_title
-from minitouch_bench.reporting.report import Video
-from minitouch_bench.reporting.tables import TABLE4_METRICS, gap_cells
 from minitouch_bench.reporting.writers import Card, make_card
 from minitouch_bench.runs.run import Run
 

@@ -9,10 +9,10 @@ from minitouch_bench.leaderboard.scores import GAP_TASKS, MEAN_SUCCESS, OVERALL,
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
-from minitouch_bench.rendering import tables
+from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import listed, task_title
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_cell
-from minitouch_bench.reporting.tables import gap_cells
+from minitouch_bench.reporting.run_tables import gap_cells
 
 RANKED, UNRANKED, CALIBRATION, PAPER = "ranked", "unranked", "calibration", "paper"
 """Kinds of rows; only the first has ranks."""

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.metric import NO_DIRECTION
 from minitouch_bench.metrics.significance import ALPHA, holm
 from minitouch_bench.records import Outcome
@@ -18,7 +18,6 @@ from minitouch_bench.regression.pairing import (
     collect_values,
     pair_runs,
 )
-from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
 from minitouch_bench.runs.run import Run, RunHeader
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Root
@@ -44,7 +44,6 @@ from minitouch_bench.regression.pairing import (
 )
 from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.regression.settings import GateSettings
-from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
 from minitouch_bench.runs.run import Run, RunHeader

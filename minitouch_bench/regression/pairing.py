@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role
-from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.runs.run import Run, RunHeader
 
 COMPARED_METRICS = metrics_shown_in(ShownIn.TABLE4)

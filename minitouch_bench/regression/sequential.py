@@ -12,6 +12,7 @@ import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Root, stream
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Outcome, Role
@@ -37,7 +38,6 @@ from minitouch_bench.regression.pairing import (
     refuse_other_episode,
 )
 from minitouch_bench.regression.settings import GateSettings
-from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import header_labels, reproduce_command
 from minitouch_bench.runs.run import Run, RunHeader
 

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from minitouch_bench.documents import read_toml, take_table
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.regression.pairing import COMPARED_METRICS, MEAN_METRIC
-from minitouch_bench.rendering.escaping import printable
 
 
 @dataclass(frozen=True)

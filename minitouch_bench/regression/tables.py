@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from minitouch_bench.errors import printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.regression.comparison import (
@@ -13,11 +14,10 @@ from minitouch_bench.regression.comparison import (
 from minitouch_bench.regression.gate import NOT_ENOUGH_CODE, Decision, GateResult
 from minitouch_bench.regression.paired_tests import Effect
 from minitouch_bench.regression.pairing import COMPARED_METRICS
-from minitouch_bench.rendering import tables
-from minitouch_bench.rendering.blocks import Block, Heading, NoteBlock
-from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.reporting import tables
+from minitouch_bench.reporting.formats import Block, Heading, NoteBlock
 from minitouch_bench.reporting.labels import listed, task_title
-from minitouch_bench.reporting.tables import OUTCOME_TITLES
+from minitouch_bench.reporting.run_tables import OUTCOME_TITLES
 
 SMALLEST_P = 0.0001
 """A p-value below is written as such: the bootstrap draws no finer ones."""

@@ -8,15 +8,20 @@ from xml.etree import ElementTree
 from rich.console import Console
 from rich.text import Text
 
+from minitouch_bench.errors import printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.regression import tables
 from minitouch_bench.regression.comparison import Comparison
 from minitouch_bench.regression.gate import Decision, GateResult
 from minitouch_bench.regression.paired_tests import Effect
 from minitouch_bench.regression.tables import comparison_blocks
-from minitouch_bench.rendering.blocks import as_markdown, as_text, on_screen
-from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.markdown import code_span, escape
+from minitouch_bench.reporting.formats import (
+    as_markdown,
+    as_text,
+    code_span,
+    escape_md,
+    on_screen,
+)
 
 SHOWN_CHANGES, SUMMARY_CHANGES = 20, 50
 """Changed episodes that a screen and a result's page list; the JSON has all of them."""
@@ -61,7 +66,7 @@ def show_result(result: GateResult, console: Console) -> None:
 
 def gate_markdown(result: GateResult) -> str:
     """Write a result as a section of a page, such as a GitHub step summary."""
-    answer = escape(tables.result_line(result))
+    answer = escape_md(tables.result_line(result))
     lines = [f"## {MARKS[result.decision]} minitouch-bench {answer}", ""]
     lines += [f"- next: {code_span(result.next_command)}"]
     lines += as_markdown(tables.result_blocks(result))

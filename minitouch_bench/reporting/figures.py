@@ -5,16 +5,16 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.records import Estimate, Outcome
-from minitouch_bench.rendering import charts
-from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.palette import series_tone
+from minitouch_bench.reporting import charts
+from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.labels import RunSection, task_title
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_value
 from minitouch_bench.reporting.report import Report
-from minitouch_bench.reporting.tables import (
+from minitouch_bench.reporting.run_tables import (
     OUTCOME_TITLES,
     find_estimate,
     find_generalization,

@@ -8,11 +8,11 @@ from dataclasses import astuple
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.records import EpisodeMetrics
-from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_value
-from minitouch_bench.reporting.tables import find_estimate
+from minitouch_bench.reporting.run_tables import find_estimate
 
 if TYPE_CHECKING:
     import pandas as pd

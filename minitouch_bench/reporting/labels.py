@@ -5,10 +5,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.records import NOT_IN_SANDBOX
-from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.paper import PAPER_TASKS
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import Run, RunHeader

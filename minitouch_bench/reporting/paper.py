@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from minitouch_bench.rendering.tables import Cell
+from minitouch_bench.reporting.tables import Cell
 
 CITATION = "“Haptics-based Curiosity for Sparse-reward Tasks”, CoRL 2021, supplement, Table 4"
 CAVEAT = "other episodes and object sets"

@@ -1,276 +1,180 @@
-"""The tables of a report as data, with their notes: Table 4, the diagnostics, novel shapes."""
+"""Tables as data; Markdown, LaTeX, the terminal and pages draw the same ones."""
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
-from minitouch_bench.metrics.metric import NO_DIRECTION, UP, ShownIn
-from minitouch_bench.metrics.summary import MIN_EPISODES, has_both_splits
-from minitouch_bench.records import (
-    Estimate,
-    FamilyResult,
-    Gap,
-    Generalization,
-    Outcome,
-    TaskSummary,
-)
-from minitouch_bench.rendering import tables
-from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.reporting.labels import RunSection, task_title
-from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
-from minitouch_bench.runs.run import Run
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.records import Estimate
 
-TABLE4_METRICS = metrics_shown_in(ShownIn.TABLE4)
-DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
-
-EPISODE_METRICS = ("episode_steps", "return", "touch_interaction", "touch_share")
-"""What a page shows of each episode."""
-
-NO_DIFFERENCE = "no difference seen"
-"""The verdict on a gap whose interval holds 0."""
-
-OUTCOME_TITLES = {outcome: outcome.value.replace("_", " ") for outcome in Outcome}
+ABSENT = "—"
+"""Written where a value does not exist; 0 would be a claim."""
 
 
-def task_summary(run: Run, task: str) -> TaskSummary | None:
-    """Return a run's summary of a task, None if the run has no such task."""
-    return next((summary for summary in run.summary.tasks if summary.task == task), None)
+@dataclass(frozen=True)
+class Gauge:
+    """An estimate on a scale from 0 to 1, with a mark for comparison, all in percent."""
+
+    value: float
+    low: float
+    high: float
+    mark: float | None
 
 
-def find_estimate(run: Run, task: str, metric: str) -> Estimate | None:
-    """Return a run's estimate, None where it has none."""
-    summary = task_summary(run, task)
-    return None if summary is None else summary.estimates.get(metric)
+@dataclass(frozen=True)
+class Cell:
+    """A value as text.
+
+    ``small`` stands below or behind it: its interval, or a mark. ``title`` says how both were
+    made. A sort goes by ``sort_key``.
+    """
+
+    text: str = ABSENT
+    small: str = ""
+    title: str = ""
+    sort_key: float | None = None
+    gauge: Gauge | None = None
+
+    def __str__(self) -> str:
+        return f"{self.text} {self.small}".rstrip()
 
 
-def table4(
-    sections: Sequence[RunSection],
-    tasks: Sequence[str],
-    metrics: Sequence[str] = TABLE4_METRICS,
-) -> tables.Table:
-    """Lay the runs out as Table 4: metrics down, tasks across, a column per policy."""
-    names = [section.marked_name for section in sections]
-    columns: list[tables.Column] = []
-    for task in tasks:
-        columns += (tables.Column(name, task_title(task)) for name in names)
-        columns += (tables.Column(m, task_title(task), is_paper=True) for m in PAPER_METHODS)
-    rows = []
-    for metric in metrics:
-        cells: list[tables.Cell] = []
-        for task in tasks:
-            found = (find_estimate(section.run, task, metric) for section in sections)
-            cells += (tables.estimate_cell(metric, estimate) for estimate in found)
-            cells += (paper_cell(task, metric, method) for method in PAPER_METHODS)
-        rows.append(tables.Row((tables.metric_head(metric),), tuple(cells), METRICS[metric].unit))
-    notes = (
-        *_label_notes(sections),
-        *_split_notes(sections),
-        "Brackets: 95 % interval, Wilson for shares, bootstrap over episodes for means; "
-        "episode variance only (one training seed).",
-        PAPER_NOTE,
-    )
-    return tables.Table("Table 4", ("Metric",), tuple(columns), tuple(rows), notes)
+@dataclass(frozen=True)
+class Column:
+    """A column: ``group`` names the block it belongs to, "" for none.
+
+    ``is_text`` marks a column of words, which may be broken into lines, ``is_code`` one of
+    commands to copy.
+    """
+
+    label: str
+    group: str = ""
+    unit: str = ""
+    is_paper: bool = False
+    is_text: bool = False
+    is_code: bool = False
 
 
-def _label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    return tuple(
-        f"* {section.name}: {'; '.join(section.labels)}." for section in sections if section.labels
+@dataclass(frozen=True)
+class Row:
+    """A row; ``heads`` are the cells that name it, ``unit`` what its values count."""
+
+    heads: tuple[str, ...]
+    cells: tuple[Cell, ...]
+    unit: str = ""
+
+
+def make_columns(*labels: str, words: Sequence[str] = ()) -> tuple[Column, ...]:
+    """Return columns of these labels; those that are in ``words`` are of text."""
+    return tuple(Column(label, is_text=label in words) for label in labels)
+
+
+def make_row(heads: str | tuple[str, ...], *cells: Cell | str | None) -> Row:
+    """Return a row of cells and of texts; None is a value that does not exist."""
+    heads = (heads,) if isinstance(heads, str) else heads
+    return Row(
+        heads, tuple(cell if isinstance(cell, Cell) else Cell(cell or ABSENT) for cell in cells)
     )
 
 
-def _split_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    """Say that a value is over both splits of a shape set, where one is."""
-    mixed = [section.run for section in sections if has_both_splits(section.run.episodes)]
-    if not mixed:
-        return ()
-    over = "Values are over all shapes, held-out and train together"
-    if any(run.summary.generalization for run in mixed):
-        return (f"{over}; “Novel shapes” has them apart.",)
-    return (f"{over}; a gap between the two needs {MIN_EPISODES} episodes of each.",)
+@dataclass(frozen=True)
+class Table:
+    """A table ready to draw: ``corner`` names the row heads, ``notes`` stand below it."""
 
+    title: str
+    corner: tuple[str, ...]
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...] = ()
 
-def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> tables.Table:
-    """Lay out what explains the values of Table 4: contact, time, and how episodes ended."""
-    columns = tuple(
-        tables.Column(
-            METRICS[metric].label, unit="" if METRICS[metric].task_units else METRICS[metric].unit
+    @property
+    def groups(self) -> tuple[tuple[str, int], ...]:
+        """The blocks of columns in order, each with its number of columns."""
+        return column_groups(self.columns)
+
+    def block(self, group: str) -> "Table":
+        """Return one block of columns, without the rows that have no value in it."""
+        block = self._select(
+            [index for index, column in enumerate(self.columns) if column.group == group]
         )
-        for metric in DIAGNOSTIC_METRICS
-    )
-    rows = []
-    for task in tasks:
-        for section in sections:
-            summary = task_summary(section.run, task)
-            if summary is not None and summary.estimates:
-                heads = (task_title(task), section.marked_name)
-                rows.append(tables.Row(heads, _diagnostic_cells(summary)))
-    return tables.Table(
-        title="Diagnostics",
-        corner=("Task", "Policy"),
-        columns=(
-            *columns,
-            tables.Column("Outcomes", unit="episodes", is_text=True),
-            tables.Column("Policy faults"),
-        ),
-        rows=tuple(rows),
-        notes=(
-            *_label_notes(sections),
-            "First touch: mean over the episodes that touched. Object movement: variance over "
-            "the episode of the object's position, or of the door's angle.",
-        ),
-    )
+        return replace(block.filled_rows(), title=group)
+
+    def filled_rows(self) -> "Table":
+        """Return the table without the rows that have no value."""
+        rows = (row for row in self.rows if any(cell.text != ABSENT for cell in row.cells))
+        return replace(self, rows=tuple(rows))
+
+    def filled_columns(self) -> "Table":
+        """Return the table without the columns that have no value."""
+        return self._select(
+            [
+                index
+                for index in range(len(self.columns))
+                if any(row.cells[index].text != ABSENT for row in self.rows)
+            ]
+        )
+
+    def _select(self, kept: Sequence[int]) -> "Table":
+        rows = (replace(row, cells=tuple(row.cells[index] for index in kept)) for row in self.rows)
+        columns = tuple(self.columns[index] for index in kept)
+        return replace(self, columns=columns, rows=tuple(rows))
 
 
-def _diagnostic_cells(summary: TaskSummary) -> tuple[tables.Cell, ...]:
-    cells = []
-    for metric in DIAGNOSTIC_METRICS:
-        cell = tables.estimate_cell(metric, summary.estimates.get(metric))
-        if METRICS[metric].task_units and cell.text != tables.ABSENT:
-            cell = replace(cell, text=f"{cell.text} {METRICS[metric].unit_in(summary.task)}")
-        cells.append(cell)
-    ended = ", ".join(
-        f"{title} {summary.outcomes[outcome]}"
-        for outcome, title in OUTCOME_TITLES.items()
-        if summary.outcomes.get(outcome)
-    )
-    faults = str(summary.outcomes.get(Outcome.POLICY_FAULT, 0))
-    return (*cells, tables.Cell(ended or tables.ABSENT), tables.Cell(faults))
+def column_groups(columns: tuple[Column, ...]) -> tuple[tuple[str, int], ...]:
+    """Return the blocks of columns in order, each with its number of columns."""
+    return tuple(Counter(column.group for column in columns).items())
 
 
-def episode_table(section: RunSection, tasks: Sequence[str]) -> tables.Table:
-    """List a run's episodes, as ``replay`` calls them."""
-    metrics = [METRICS[name] for name in EPISODE_METRICS]
-    rows = []
-    for episode in section.run.episodes:
-        if episode.task in tasks:
-            values = [metric.value(episode) for metric in metrics]
-            cells = (
-                None if value is None else tables.format_value(metric.name, value)
-                for metric, value in zip(metrics, values, strict=True)
-            )
-            name = printable(f"{episode.task}/{episode.index}")
-            ended = OUTCOME_TITLES[episode.outcome]
-            rows.append(tables.make_row(name, printable(episode.shape), ended, *cells))
-    columns = (
-        *tables.make_columns("Shape", "Outcome", words=("Shape", "Outcome")),
-        *(tables.Column(metric.label, unit=metric.unit) for metric in metrics),
-    )
-    return tables.Table(f"Episodes of {section.name}", ("Episode",), columns, tuple(rows))
+def format_value(metric: str, value: float) -> str:
+    """Write a value of a metric with the digits it deserves."""
+    return format(value, METRICS[metric].number_format)
 
 
-def novel_shapes(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[tables.Table, ...]:
-    """Lay out the gaps and the families of the runs that have both splits; none without one."""
-    compared = [section for section in sections if section.run.summary.generalization]
-    runs = [section.run for section in compared]
-    tasks = [task for task in tasks if any(find_generalization(run, task) for run in runs)]
-    if not tasks:
-        return ()
-    return gap_table(compared, tasks), family_table(compared, tasks)
+def metric_head(metric: str, task: str | None = None) -> str:
+    """Name a metric with the arrow of its better direction, in one task or in all of them."""
+    known = METRICS[metric]
+    if task is None and known.task_directions:
+        arrows = (f"{arrow} in {name}" for name, arrow in known.task_directions.items())
+        return f"{known.label} ({', '.join(arrows)})"
+    return f"{known.label} {known.direction_in(task or '')}".rstrip()
 
 
-def gap_table(sections: Sequence[RunSection], tasks: Sequence[str]) -> tables.Table:
-    """Lay out each metric on both splits, the gap and a verdict; a block per policy."""
-    runs = [section.run for section in sections]
-    columns: list[tables.Column] = []
-    for section in sections:
-        name = section.marked_name
-        columns += [tables.Column(label, name) for label in ("Held-out", "Train", "Gap")]
-        columns.append(tables.Column("Verdict", name, is_text=True))
-    rows = []
-    for task in tasks:
-        results = [find_generalization(run, task) for run in runs]
-        for metric in dict.fromkeys(name for result in results if result for name in result.gaps):
-            gaps = [result.gaps.get(metric) if result else None for result in results]
-            cells = tuple(cell for gap in gaps for cell in gap_cells(task, metric, gap))
-            heads = (task_title(task), tables.metric_head(metric, task))
-            rows.append(tables.Row(heads, cells, METRICS[metric].unit_in(task)))
-    return tables.Table(
-        title="Novel shapes",
-        corner=("Task", "Metric"),
-        columns=tuple(columns),
-        rows=tuple(rows),
-        notes=(
-            *_label_notes(sections),
-            "Held-out: shapes that training never sees. Gap: held-out minus train. Brackets: 95 % "
-            "interval, Wilson for a share and Newcombe for the gap of two, else bootstrap over "
-            "episodes.",
-            f"“{NO_DIFFERENCE}”: the interval contains 0, which does not prove that there is none. "
-            f"Each of the {len(rows)} rows is judged by itself: where there is no gap at all, one "
-            "interval in 20 still misses 0.",
-        ),
+def estimate_cell(metric: str, estimate: Estimate | None, mark: float | None = None) -> Cell:
+    """Write an estimate with its interval, a share with a gauge and ``mark``; a dash for none."""
+    if estimate is None:
+        return Cell()
+    low, high = format_value(metric, estimate.low), format_value(metric, estimate.high)
+    return Cell(
+        text=format_value(metric, estimate.value),
+        small=f"[{low}, {high}]",
+        title=_method(estimate),
+        sort_key=estimate.value,
+        gauge=_gauge(estimate, mark) if METRICS[metric].is_share else None,
     )
 
 
-def family_table(sections: Sequence[RunSection], tasks: Sequence[str]) -> tables.Table:
-    """Lay out the families' values: families down, tasks across, a row per policy."""
-    runs = [section.run for section in sections]
-    columns: list[tables.Column] = []
-    for task in tasks:
-        group = _family_group(runs, task)
-        for split in ("Held-out", "Train"):
-            columns += [tables.Column(split, group), tables.Column("n", group)]
-    single = len(runs) == 1
-    rows = []
-    results = [result for run in runs for result in run.summary.generalization]
-    for family in sorted({name for result in results for name in result.families}):
-        for section in sections:
-            heads = (printable(family),) if single else (printable(family), section.marked_name)
-            cells = (cell for task in tasks for cell in _family_cells(section.run, task, family))
-            rows.append(tables.Row(heads, tuple(cells)))
-    return tables.Table(
-        title="Novel shapes by family",
-        corner=("Family",) if single else ("Family", "Policy"),
-        columns=tuple(columns),
-        rows=tuple(rows),
-        notes=(
-            *_label_notes(sections),
-            f"n: episodes. {tables.ABSENT}: the run has no such shape in that split.",
-        ),
+def difference_cell(metric: str, difference: Estimate) -> Cell:
+    """Write a difference with its sign and interval; what rounds to 0 has a plus."""
+    value, low, high = (
+        format(number, f"+z{METRICS[metric].number_format}")
+        for number in (difference.value, difference.low, difference.high)
+    )
+    return Cell(value, f"[{low}, {high}]", _method(difference), difference.value)
+
+
+def _method(estimate: Estimate) -> str:
+    counted = "training seeds" if "training seeds" in estimate.method else "episodes"
+    return f"{estimate.count} {counted}, 95 % interval: {estimate.method}"
+
+
+def _gauge(estimate: Estimate, mark: float | None) -> Gauge:
+    return Gauge(
+        value=_percent(estimate.value),
+        low=_percent(estimate.low),
+        high=_percent(estimate.high),
+        mark=None if mark is None else _percent(mark),
     )
 
 
-def find_generalization(run: Run, task: str) -> Generalization | None:
-    """Return a run's comparison of the splits in a task, None if it has none."""
-    return next((result for result in run.summary.generalization if result.task == task), None)
-
-
-def verdict(task: str, metric: str, difference: Estimate) -> str:
-    """Say in words what the interval of a gap allows to say."""
-    if difference.low <= 0 <= difference.high:
-        return NO_DIFFERENCE
-    higher, direction = difference.low > 0, METRICS[metric].direction_in(task)
-    if direction == NO_DIRECTION:
-        return f"{'more' if higher else 'less'} on held-out"
-    return f"{'better' if higher == (direction == UP) else 'worse'} on held-out"
-
-
-def gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[tables.Cell, ...]:
-    """Write one metric's held-out and train values, the gap and the verdict."""
-    if gap is None:
-        return (tables.Cell(),) * 4
-    return (
-        tables.estimate_cell(metric, gap.held_out),
-        tables.estimate_cell(metric, gap.train),
-        tables.difference_cell(metric, gap.difference),
-        tables.Cell(verdict(task, metric, gap.difference)),
-    )
-
-
-def _family_cells(run: Run, task: str, family: str) -> tuple[tables.Cell, ...]:
-    result = find_generalization(run, task)
-    if result is None:
-        return (tables.Cell(),) * 4
-    both = result.families.get(family, FamilyResult(None, None))
-    cells = []
-    for estimate in (both.held_out, both.train):
-        cells.append(tables.estimate_cell(result.family_metric, estimate))
-        cells.append(tables.Cell(str(estimate.count if estimate else 0)))
-    return tuple(cells)
-
-
-def _family_group(runs: Sequence[Run], task: str) -> str:
-    """Name a task's block by the task and the metric of its figures."""
-    results = (find_generalization(run, task) for run in runs)
-    metric = METRICS[next(result.family_metric for result in results if result)]
-    unit = "" if metric.is_share else f" ({metric.unit})"
-    return f"{task_title(task)}: {metric.label.lower()}{unit}"
+def _percent(share: float) -> float:
+    return round(100 * min(max(share, 0.0), 1.0), 2)

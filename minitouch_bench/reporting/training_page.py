@@ -8,9 +8,9 @@ from pathlib import Path
 import pandas as pd
 
 from minitouch_bench.files import PROGRESS_FILE, read_file
-from minitouch_bench.rendering import charts
-from minitouch_bench.rendering.pages import render_page
-from minitouch_bench.rendering.palette import series_tone
+from minitouch_bench.reporting import charts
+from minitouch_bench.reporting.charts import series_tone
+from minitouch_bench.reporting.pages import render_page
 
 TEMPLATE = Path(__file__).parent / "templates" / "training.html.j2"
 EPISODES = 20

@@ -11,18 +11,23 @@ from minitouch_bench import files
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Estimate
-from minitouch_bench.rendering.blocks import Block, Heading, NoteBlock, on_screen
-from minitouch_bench.rendering.latex import table_source
-from minitouch_bench.rendering.markdown import table_section
-from minitouch_bench.rendering.pages import image_uri, render_page
-from minitouch_bench.rendering.palette import series_tone
-from minitouch_bench.rendering.tables import Cell, Column, Row, Table, estimate_cell
+from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.figures import report_figures, split_figures
+from minitouch_bench.reporting.formats import (
+    Block,
+    Heading,
+    NoteBlock,
+    on_screen,
+    table_latex,
+    table_section,
+)
 from minitouch_bench.reporting.frames import episodes_csv, table4_csv, table4_json
 from minitouch_bench.reporting.labels import fault_lines, task_title
+from minitouch_bench.reporting.pages import image_uri, render_page
 from minitouch_bench.reporting.paper import PAPER_METHODS, paper_value
 from minitouch_bench.reporting.report import USUAL, Report, Shown, build_report, find_videos
-from minitouch_bench.reporting.tables import task_summary
+from minitouch_bench.reporting.run_tables import task_summary
+from minitouch_bench.reporting.tables import Cell, Column, Row, Table, estimate_cell
 from minitouch_bench.runs.run import Run
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.html.j2"
@@ -36,7 +41,7 @@ def table4_latex(report: Report) -> str:
     """Write Table 4 as LaTeX, ready for a paper."""
     header = report.sections[0].run.header
     caption = f"MiniTouch, protocol {header.protocol}, suite {header.plan.suite}, beside the paper."
-    return table_source(report.table4, caption)
+    return table_latex(report.table4, caption)
 
 
 TABLE_FORMATS: Mapping[str, Callable[[Report], str]] = MappingProxyType(

@@ -6,8 +6,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-from minitouch_bench.errors import PolicyError, RunDirectoryError, UnreadableFileError, UsageError
-from minitouch_bench.rendering.escaping import printable
+from minitouch_bench.errors import (
+    PolicyError,
+    RunDirectoryError,
+    UnreadableFileError,
+    UsageError,
+    printable,
+)
 
 SHOWN_CHARACTERS = 400
 """Characters of one part of a problem; a stranger's text never fills the screen."""

@@ -5,7 +5,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.errors import RunDirectoryError, UsageError, printable
 from minitouch_bench.evaluation.actors import PolicySetup, prepare_policies
 from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.run import RunUnderWay, header_of, open_run, run_name
@@ -23,7 +23,6 @@ from minitouch_bench.regression.gate import (
 from minitouch_bench.regression.pairing import EpisodePair, episode_key
 from minitouch_bench.regression.sequential import SequentialGate
 from minitouch_bench.regression.settings import GateSettings
-from minitouch_bench.rendering.escaping import printable
 from minitouch_bench.reporting.labels import tasks_in_order
 from minitouch_bench.runs.run import Run, read_run, run_digest
 from minitouch_bench.workflows import Callbacks

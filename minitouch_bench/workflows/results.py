@@ -7,12 +7,12 @@ import pandas as pd
 
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.records import Estimate, TaskSummary
-from minitouch_bench.rendering.blocks import as_text
-from minitouch_bench.rendering.tables import Cell, Column, Row, Table, estimate_cell, metric_head
+from minitouch_bench.reporting.formats import as_text
 from minitouch_bench.reporting.frames import episodes_frame
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.tables import TABLE4_METRICS
+from minitouch_bench.reporting.run_tables import TABLE4_METRICS
+from minitouch_bench.reporting.tables import Cell, Column, Row, Table, estimate_cell, metric_head
 from minitouch_bench.reporting.writers import report_blocks
 from minitouch_bench.runs import run as runs
 from minitouch_bench.runs.run import RunHeader

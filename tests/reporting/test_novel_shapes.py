@@ -11,11 +11,11 @@ from rich.console import Console
 from benchmarks.schemas import run_schema
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.records import Estimate
-from minitouch_bench.rendering.charts import Dot
-from minitouch_bench.rendering.tables import ABSENT
+from minitouch_bench.reporting.charts import Dot
 from minitouch_bench.reporting.figures import split_figures
 from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.tables import verdict
+from minitouch_bench.reporting.run_tables import verdict
+from minitouch_bench.reporting.tables import ABSENT
 from minitouch_bench.reporting.writers import show_report, to_html, write_views
 from minitouch_bench.runs.run import parse_run, run_json
 from tests.reporting.conftest import HOSTILE

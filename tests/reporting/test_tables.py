@@ -1,8 +1,8 @@
 from dataclasses import replace
 
 from minitouch_bench.records import Estimate
-from minitouch_bench.rendering.tables import ABSENT, estimate_cell
 from minitouch_bench.reporting.report import build_report
+from minitouch_bench.reporting.tables import ABSENT, estimate_cell
 
 
 def row(table, label):

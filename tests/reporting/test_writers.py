@@ -5,9 +5,9 @@ import re
 import pytest
 from rich.console import Console
 
-from minitouch_bench.rendering.charts import Bar
-from minitouch_bench.rendering.pages import image_uri
+from minitouch_bench.reporting.charts import Bar
 from minitouch_bench.reporting.figures import report_figures
+from minitouch_bench.reporting.pages import image_uri
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.writers import TABLE_FORMATS, report_card, show_report
 

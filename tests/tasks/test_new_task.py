@@ -66,7 +66,7 @@ def command(tmp_path_factory):
     def run(*arguments: str) -> str:
         return python(package, root, "-m", "minitouch_bench.cli.entry", *arguments)
 
-    picture = package / "rendering" / "pictures" / "peg.png"
+    picture = package / "reporting" / "pictures" / "peg.png"
     python(package, root, "-c", TAKE_PICTURE, str(picture))
     run.root = root
     return run

@@ -11,9 +11,9 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from minitouch_bench.rendering.escaping import printable
-from minitouch_bench.rendering.palette import COLORS
-from minitouch_bench.rendering.svg import draw_gauge, draw_plot
+from minitouch_bench.errors import printable
+from minitouch_bench.reporting.charts import COLORS
+from minitouch_bench.reporting.svg import draw_gauge, draw_plot
 
 TEMPLATES = Path(__file__).parent / "templates"
 STYLE = "page.css"

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from minitouch_bench.rendering import charts
-from minitouch_bench.rendering.tables import Gauge
+from minitouch_bench.reporting import charts
+from minitouch_bench.reporting.tables import Gauge
 
 WIDTH = 260
 """Drawing units across a plot; a unit is about a pixel."""

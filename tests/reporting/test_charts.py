@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.rendering.charts import (
+from minitouch_bench.reporting.charts import (
     Bar,
     Line,
     name_axis,

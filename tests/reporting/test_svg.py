@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from minitouch_bench.rendering.charts import (
+from minitouch_bench.reporting.charts import (
     Chart,
     Dot,
     Line,
@@ -12,7 +12,7 @@ from minitouch_bench.rendering.charts import (
     name_axis,
     share_axis,
 )
-from minitouch_bench.rendering.svg import WIDTH, draw_plot, draw_share_bar, text_width
+from minitouch_bench.reporting.svg import WIDTH, draw_plot, draw_share_bar, text_width
 
 HOSTILE = '</svg><script>alert(1)</script> & "x" 触覚 🤖'
 

@@ -1,1 +1,0 @@
-from tests.reporting.conftest import hac, hostile, novel, scripted  # noqa: F401
