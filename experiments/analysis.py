@@ -16,8 +16,9 @@ from experiments.claims import NOTES, judge_claims
 from experiments.figures import write_figures
 from experiments.grid import KEY, cells_of, finished_cells, read_design
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in, ranking_metric
-from minitouch_bench.metrics.intervals import OVER_SEEDS, newcombe, over_seeds, wilson
+from minitouch_bench.metrics.intervals import OVER_SEEDS, over_seeds
 from minitouch_bench.metrics.metric import ShownIn
+from minitouch_bench.metrics.paired import count_discordance, tango
 from minitouch_bench.records import Estimate
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
@@ -47,7 +48,7 @@ EPISODES_NOTE = "95 % intervals of the episodes of each training seed's policy."
 CONDITIONS_NOTE = (
     "Without a sense: it stays as it is at the reset, a combination that no training contains. "
     "Change: the value less that of the same policy in the same episodes under standard "
-    "conditions; over episodes the two count as independent. The standard row is of all episodes."
+    "conditions, paired by episode. The standard row is of all episodes."
 )
 
 
@@ -115,7 +116,9 @@ def join_seeds(estimates: pd.DataFrame) -> pd.DataFrame:
     for point, group in estimates.groupby(POINT, sort=False):
         task, metric = str(point[0]), str(point[-1])
         of_seeds = [Estimate(*row) for row in group[ESTIMATE].itertuples(index=False, name=None)]
-        rows.append((*point, *astuple(over_seeds(of_seeds, task, metric))))
+        name, is_difference = metric.partition(",")[0], metric.endswith((GAP, CHANGE))
+        possible = METRICS[name].range_in(task, difference=is_difference)
+        rows.append((*point, *astuple(over_seeds(of_seeds, possible))))
     return pd.DataFrame(rows, columns=[*POINT, *ESTIMATE])
 
 
@@ -127,9 +130,9 @@ def changes_of(episodes: pd.DataFrame) -> pd.DataFrame:
     others = main[main["conditions"] != ""].groupby([*KEY, "conditions"], sort=False)
     for (*cell, conditions), group in others:
         index = pd.MultiIndex.from_frame(group[[*KEY, "index"]])
-        pair = (wilson(int(won.sum()), len(won)) for won in (group["success"], standard[index]))
+        pair = (won.to_numpy(float) for won in (standard[index], group["success"]))
         named = (*cell, "table4", conditions, f"success{CHANGE}")
-        rows.append((*named, *astuple(newcombe(*pair))))
+        rows.append((*named, *astuple(tango(count_discordance(*pair)))))
     return pd.DataFrame(rows, columns=[*KEY, "suite", "conditions", "metric", *ESTIMATE])
 
 

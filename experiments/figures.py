@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 
 from experiments.grid import KEY
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
-from minitouch_bench.metrics.intervals import bootstrap_seeds
+from minitouch_bench.metrics.intervals import student_mean
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.training_page import episode_success
@@ -129,7 +129,7 @@ def _learning_curves(axes: Axes, part: pd.DataFrame, styles: Styles) -> None:
         color = styles[method][0]
         axes.plot(at, by_seed.mean(axis=1), color=color, linewidth=1.3)
         if by_seed.shape[1] > 1:
-            means = [bootstrap_seeds(values) for values in by_seed.to_numpy()]
+            means = [student_mean(values, (0.0, 1.0)) for values in by_seed.to_numpy().tolist()]
             low, high = ([getattr(one, end) for one in means] for end in ("low", "high"))
             axes.fill_between(at, low, high, color=color, alpha=0.15, linewidth=0)
     if explored < last:

@@ -15,7 +15,7 @@ from minitouch_bench.leaderboard.board import (
     BoardRow,
     LeftOut,
 )
-from minitouch_bench.leaderboard.scores import FLOOR_SUCCESS, RANKED_BY
+from minitouch_bench.leaderboard.scores import BOARD_METRICS, FLOOR_SUCCESS, RANKED_BY
 from minitouch_bench.leaderboard.views import (
     CALIBRATION,
     EPISODE_VARIANCE,
@@ -25,6 +25,7 @@ from minitouch_bench.leaderboard.views import (
     UNRANKED,
     BoardView,
 )
+from minitouch_bench.metrics.definitions import intervals_in_words
 from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
 from minitouch_bench.reporting.formats import escape_md, table_lines
@@ -75,8 +76,8 @@ def notes() -> tuple[str, ...]:
         "the rows that are significantly worse. All pairs of rows of a table are tested together "
         "at 5 % (Holm). A row of several training seeds is compared as a method, a row of one as "
         "a checkpoint. Where a method fails in some seeds, the tests err more often than 5 %.",
-        "Brackets: 95 % interval. One training seed: Wilson for shares, bootstrap over episodes "
-        f"for means; {EPISODE_VARIANCE}. Several: {SEED_VARIANCE}",
+        f"Brackets: 95 % interval. One training seed: {intervals_in_words(BOARD_METRICS)}; "
+        f"{EPISODE_VARIANCE}. Several: {SEED_VARIANCE}",
         f"Learned: the lower end of a training seed's interval of success is above {_floors()}, "
         f"the best of {listed(FLOORS)}.",
         f"Calibration rows are the built-in policies: {CEILING} reads the simulator's state and "

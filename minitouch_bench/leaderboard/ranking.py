@@ -11,10 +11,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from minitouch_bench.leaderboard.scores import OVERALL
+from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.paired import mcnemar_p
 from minitouch_bench.metrics.significance import ALPHA, holm
-from minitouch_bench.regression.differences import mcnemar_p
+from minitouch_bench.metrics.statistics import MEAN, SHARE
 
 Floats = NDArray[np.float64]
 
@@ -37,13 +39,21 @@ def rank(rows: Sequence[Mapping[str, Sequence[Sequence[float]]]]) -> list[dict[s
     ranks: dict[str, list[Rank]] = {}
     samples = {task: [np.array(row[task]) for row in rows] for task in BOARD_TASKS}
     for task in BOARD_TASKS:
-        compare = share_p_values if task in BOARD_GOALS else lambda rows: mean_p_values([rows])
         means = np.array([values.mean() for values in samples[task]])
-        ranks[task] = ranks_of(means, compare(samples[task]))
+        ranks[task] = ranks_of(means, _p_values(task, samples[task]))
     strata = [samples[task] for task in BOARD_GOALS]
     overall = np.mean([[values.mean() for values in rows] for rows in strata], axis=0)
     ranks[OVERALL] = ranks_of(overall, mean_p_values(strata))
     return [dict(zip(ranks, of_row, strict=True)) for of_row in zip(*ranks.values(), strict=True)]
+
+
+def _p_values(task: str, rows: Sequence[Floats]) -> Floats:
+    statistic = METRICS[RANKED_BY[task]].statistic
+    if statistic == SHARE:
+        return share_p_values(rows)
+    if statistic == MEAN:
+        return mean_p_values([rows])
+    raise TypeError(f"rows are not ranked by {statistic}")
 
 
 def ranks_of(means: Floats, p_values: Floats) -> list[Rank]:

@@ -8,8 +8,9 @@ from dataclasses import replace
 
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
-from minitouch_bench.metrics.intervals import OVER_TASKS, STUDENT, mean_over_seeds, quadrature
+from minitouch_bench.metrics.intervals import OVER_SEEDS, OVER_TASKS, over_seeds, quadrature
 from minitouch_bench.metrics.metric import ShownIn
+from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.records import Estimate, Gap
 from minitouch_bench.runs.run import Run
@@ -46,11 +47,11 @@ def score(runs: Sequence[Run]) -> Figures:
             estimates = [tasks[task][metric] for tasks in of_seeds if metric in tasks[task]]
             if len(estimates) == len(runs):
                 possible = METRICS[metric].range_in(task)
-                figures[task][metric] = mean_over_seeds(estimates, possible)
+                figures[task][metric] = over_seeds(estimates, possible)
     # The trainings of one task are independent of those of another, so their seeds are not paired.
     mean = quadrature([figures[task]["success"] for task in BOARD_GOALS])
     if len(runs) > 1:
-        mean = replace(mean, count=len(runs), method=f"{STUDENT}; {OVER_TASKS}")
+        mean = replace(mean, count=len(runs), method=f"{OVER_SEEDS}; {OVER_TASKS}")
     figures[OVERALL][MEAN_SUCCESS] = mean
     return figures
 
@@ -84,10 +85,12 @@ def score_gaps(runs: Sequence[Run]) -> dict[str, Gap]:
 
 
 def _gap(task: str, gaps: Sequence[Gap]) -> Gap:
-    low, high = METRICS[RANKED_BY[task]].range_in(task)
-    ranges = {"held_out": (low, high), "train": (low, high), "difference": (low - high, high - low)}
+    metric = METRICS[RANKED_BY[task]]
     parts = {
-        name: mean_over_seeds([getattr(gap, name) for gap in gaps], possible)
-        for name, possible in ranges.items()
+        name: over_seeds(
+            [getattr(gap, name) for gap in gaps],
+            metric.range_in(task, difference=name == "difference"),
+        )
+        for name in GAP_PARTS
     }
     return Gap(**parts)

@@ -2,18 +2,21 @@
 
 Columns of ``episodes.csv``, estimates of ``run.json`` and its schema, rows of Table 4, columns
 of the diagnostics and of the leaderboard, and what a submission's episodes are checked for, all
-follow from METRICS. A new metric is an entry here, and a field of ``records.EpisodeMetrics`` if
-it is measured in each episode; the field makes a new version of ``run.json``
-(``runs.run.RUN_VERSION``), and older runs are not read.
+follow from METRICS. A new metric is an entry here with its statistic. If it is derived from what
+episodes already hold, it is ``added_later``: stored runs stay valid, their reports show a dash, and
+``compare`` and ``regress`` compute it. If it is measured in each episode, it also needs a field of
+``records.EpisodeMetrics``, which makes a new version of ``run.json`` (``runs.run.RUN_VERSION``);
+older runs are not read.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.metrics.metric import CONTROL_STEPS, DOWN, UP, Bounds, Kind, Metric, ShownIn
+from minitouch_bench.metrics.metric import CONTROL_STEPS, DOWN, UP, Bounds, Metric, ShownIn
+from minitouch_bench.metrics.statistics import SHARE
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, Outcome, Role
 
@@ -83,12 +86,12 @@ _TABLE = (
     Metric(
         "exploration", "Exploration", "share of episodes", "T", ".3f",
         "episodes that succeed after training on intrinsic reward alone",
-        direction=UP, kind=Kind.SHARE, role=Role.EXPLORATION, needs_goal=True,
+        direction=UP, statistic=SHARE, role=Role.EXPLORATION, needs_goal=True,
         derive=lambda episode: episode.success, shown_in=frozenset({ShownIn.TABLE4}),
     ),
     Metric(
         "success", "Success", "share of episodes", "T", ".3f", "episodes that succeed",
-        direction=UP, kind=Kind.SHARE, needs_goal=True, column="success",
+        direction=UP, statistic=SHARE, needs_goal=True, column="success",
         derive=lambda episode: episode.success,
         shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
@@ -128,7 +131,7 @@ _TABLE = (
     ),
     Metric(
         "touched", "Touched", "share of episodes", "D", ".3f", "episodes with any contact",
-        kind=Kind.SHARE, derive=_touched, shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
+        statistic=SHARE, derive=_touched, shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
     ),
     Metric(
         "touch_onsets", "Touch onsets", "contacts", "D", ".1f", "contacts begun",
@@ -179,17 +182,38 @@ _TABLE = (
 )
 # fmt: on
 
-METRICS: Mapping[str, Metric] = MappingProxyType({metric.name: metric for metric in _TABLE})
+_BY_NAME = {metric.name: metric for metric in _TABLE}
+
+METRICS: Mapping[str, Metric] = MappingProxyType(_BY_NAME)
 """The metrics by name, in the order of every table."""
+
+
+def register_metric(metric: Metric) -> None:
+    """Add a derived metric to those of the table, for a program that shows one more.
+
+    The tables' columns are fixed when their modules are imported: register it before anything
+    else of the package.
+
+    Raises:
+        ValueError: a metric of this name exists, or it measures what no episode holds.
+    """
+    if metric.name in METRICS or metric.measure is not None:
+        raise ValueError(f"{metric.name} is not a new derived metric")
+    _BY_NAME[metric.name] = metric
 
 
 def metrics_shown_in(table: ShownIn, task: str | None = None) -> tuple[str, ...]:
     """Return the names of the metrics that a table shows, of those that ``task`` has."""
     return tuple(
         metric.name
-        for metric in _TABLE
+        for metric in METRICS.values()
         if table in metric.shown_in and (task is None or metric.is_in(task))
     )
+
+
+def intervals_in_words(metrics: Iterable[str]) -> str:
+    """Say how the intervals of some metrics are made: "Wilson for shares, ..."."""
+    return ", ".join(dict.fromkeys(METRICS[metric].statistic.interval for metric in metrics))
 
 
 def ranking_metric(task: str) -> str:

@@ -21,15 +21,12 @@ WILSON = "wilson"
 NEWCOMBE = "newcombe"
 BOOTSTRAP = "bootstrap"
 OVER_TASKS = "intervals of the tasks, added in quadrature"
-STUDENT = "Student's t over training seeds, no narrower than over all their episodes"
-OVER_SEEDS = "bootstrap over training seeds, no narrower than over all their episodes"
+OVER_SEEDS = "Student's t over training seeds, no narrower than over all their episodes"
 
 NORMAL_QUANTILE = 1.959963984540054
 """The 97.5 % point of the standard normal distribution."""
 
 RESAMPLES = 10_000
-SEED_RESAMPLES = 100_000
-"""More, as the percentiles over training seeds lie further out."""
 DRAWS_PER_BLOCK = 2**20
 """Episodes drawn at a time, so that memory stays at some 16 MB however many there are."""
 
@@ -91,7 +88,7 @@ def bootstrap_mean(
 
     Source: B. Efron, "Better bootstrap confidence intervals", J. Am. Stat. Assoc. 82 (1987).
     """
-    return _bootstrap((values,), _mean, rng, resamples)
+    return bootstrap((values,), _mean, rng, resamples)
 
 
 def bootstrap_difference(
@@ -111,7 +108,7 @@ def bootstrap_difference(
     Source: B. Efron and R. J. Tibshirani, "An introduction to the bootstrap" (1993), ch. 8
     and 14.
     """
-    return _bootstrap((first, second), mean_difference, rng, resamples)
+    return bootstrap((first, second), mean_difference, rng, resamples)
 
 
 def _mean(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
@@ -126,27 +123,35 @@ def mean_difference(
     return _mean(first, axis) - _mean(second, axis)
 
 
-def _bootstrap(
+def bootstrap(
     samples: Sequence[Sequence[float] | NDArray[np.float64]],
     statistic: Callable[..., NDArray[np.float64]],
     rng: np.random.Generator,
-    resamples: int,
+    resamples: int = RESAMPLES,
     *,
     method: str = "BCa",
     level: float = 0.95,
+    paired: bool = False,
 ) -> Estimate:
-    """Estimate a statistic of one or two samples; an end that is NaN becomes the value."""
+    """Estimate a statistic of one or two samples; an end that is NaN becomes the value.
+
+    ``statistic`` takes the samples and the ``axis`` along which they lie. Those that are
+    ``paired`` are resampled together.
+
+    Raises:
+        ValueError: a sample has no values, or is not one-dimensional.
+    """
     arrays = [np.asarray(sample, dtype=np.float64) for sample in samples]
     if any(array.ndim != 1 or array.size == 0 for array in arrays):
         raise ValueError("the bootstrap needs one-dimensional, non-empty samples")
-    count = sum(array.size for array in arrays)
+    count = arrays[0].size if paired else sum(array.size for array in arrays)
     if all(np.ptp(array) == 0.0 for array in arrays):
         # Rounding would give the mean of equal values a width of 1e-17.
         constant = float(statistic(*(array[:1] for array in arrays), axis=0))
         return Estimate(constant, constant, constant, count, BOOTSTRAP)
     interval = scipy.stats.bootstrap(
         arrays, statistic, n_resamples=resamples, batch=max(1, DRAWS_PER_BLOCK // count),
-        method=method, confidence_level=level, rng=rng,
+        method=method, confidence_level=level, paired=paired, rng=rng,
     ).confidence_interval  # fmt: skip
     value = float(statistic(*arrays, axis=0))
     return Estimate(
@@ -156,28 +161,6 @@ def _bootstrap(
         count,
         BOOTSTRAP,
     )
-
-
-def bootstrap_seeds(values: Sequence[float] | NDArray[np.float64], *names: str) -> Estimate:
-    """Estimate a mean over training seeds, of one value each.
-
-    Percentiles of the resampled means, further out than 2.5 and 97.5 %: so far that they are
-    where Student's interval of as many normal values is. BCa's hold 84 % with five seeds. The ends
-    stay inside the range of the values, so two to four seeds are too few.
-
-    ``names``: what is estimated, as a task and a metric, for the random stream.
-
-    Source: T. C. Hesterberg, "What teachers should know about the bootstrap", Am. Stat. 69
-    (2015), the expanded percentile interval.
-    """
-    number = len(values)
-    if number < 2:
-        raise ValueError("an interval over training seeds needs two of them")
-    quantile = scipy.stats.t.ppf(INTERVAL_ENDS[1], number - 1) * math.sqrt(number / (number - 1))
-    return _bootstrap(
-        (values,), _mean, stream(SEEDS_ROOT, "over seeds", *names), SEED_RESAMPLES,
-        method="percentile", level=1.0 - 2.0 * float(scipy.stats.norm.sf(quantile)),
-    )  # fmt: skip
 
 
 Root = tuple[int, ...]
@@ -191,65 +174,48 @@ def stream(root: Root, *names: str) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence([*root, *words]))
 
 
-SEEDS_ROOT: Root = (0,)
-"""Root of the streams of ``over_seeds``: the same estimates give the same interval everywhere."""
-
-
-def over_seeds(
-    estimates: Sequence[Estimate], *names: str, over_episodes: Estimate | None = None
-) -> Estimate | None:
-    """Estimate a figure over training seeds from the estimate that each seed's run has of it.
-
-    One seed's estimate is returned unchanged; without a seed there is None. Several seeds give
-    their mean with ``bootstrap_seeds``, whose interval never goes beyond their range: a
-    few seeds that agree would have none. So it is no narrower than that ``over_episodes`` of all
-    seeds together: by default ``pooled_share`` of shares, and otherwise ``quadrature``.
-
-    ``names``: what is estimated, as a task and a metric, for the random stream.
-    """
-    if len(estimates) < 2:
-        return estimates[0] if estimates else None
-    values = [estimate.value for estimate in estimates]
-    seeds = bootstrap_seeds(values, *names)
-    if over_episodes is None:
-        are_shares = all(estimate.method == WILSON for estimate in estimates)
-        over_episodes = (pooled_share if are_shares else quadrature)(estimates)
-    low, high = min(seeds.low, over_episodes.low), max(seeds.high, over_episodes.high)
-    return Estimate(seeds.value, low, high, seeds.count, OVER_SEEDS)
-
-
 Range = tuple[float, float]
 """The least and the greatest value that a figure can have."""
 
 
-def mean_over_seeds(estimates: Sequence[Estimate], possible: Range) -> Estimate:
-    """Estimate a figure over training seeds from the estimate that each seed's run has of it.
-
-    One seed's estimate is returned unchanged. Several seeds give their mean with Student's
-    interval, which is cut at the ends of the ``possible`` range. Where the seeds agree by chance
-    it is narrower than their episodes allow, so it is widened to the interval over all episodes:
-    ``pooled_share`` of shares, otherwise ``quadrature``. It holds its level where the seeds'
-    values are about normal; where some seeds fail, no interval over a few seeds does.
+def student_mean(values: Sequence[float], possible: Range) -> Estimate:
+    """Estimate a mean with Student's interval, which is cut at the ends of the ``possible`` range.
 
     Raises:
-        ValueError: there is no estimate.
+        ValueError: fewer than two values.
 
     Source: Student, "The probable error of a mean", Biometrika 6 (1908).
     """
-    if not estimates:
-        raise ValueError("a mean over training seeds needs one of them")
+    number = len(values)
+    if number < 2:
+        raise ValueError("an interval over training seeds needs two of them")
+    mean = math.fsum(values) / number
+    variance = math.fsum((value - mean) ** 2 for value in values) / (number - 1)
+    quantile = float(scipy.stats.t.ppf(INTERVAL_ENDS[1], number - 1))
+    reach = quantile * math.sqrt(variance / number)
+    low, high = max(mean - reach, possible[0]), min(mean + reach, possible[1])
+    return _rounded(Estimate(mean, low, high, number, OVER_SEEDS))
+
+
+def over_seeds(estimates: Sequence[Estimate], possible: Range) -> Estimate:
+    """Estimate a figure over training seeds from the estimate that each seed's run has of it.
+
+    One seed's estimate is returned unchanged. Several seeds give their ``student_mean``. Where the
+    seeds agree by chance its interval is narrower than their episodes allow, so it is widened to
+    the interval over all episodes: ``pooled_share`` of shares, otherwise ``quadrature``. It holds
+    its level where the seeds' values are about normal; where some seeds fail, no interval over a
+    few seeds does.
+
+    Raises:
+        ValueError: there is no estimate.
+    """
     if len(estimates) == 1:
         return estimates[0]
-    number = len(estimates)
-    mean = math.fsum(estimate.value for estimate in estimates) / number
-    squares = math.fsum((estimate.value - mean) ** 2 for estimate in estimates)
-    quantile = float(scipy.stats.t.ppf(INTERVAL_ENDS[1], number - 1))
-    reach = quantile * math.sqrt(squares / (number - 1) / number)
+    mean = student_mean([estimate.value for estimate in estimates], possible)
     are_shares = all(estimate.method == WILSON for estimate in estimates)
     over_episodes = (pooled_share if are_shares else quadrature)(estimates)
-    low = max(min(mean - reach, over_episodes.low), possible[0])
-    high = min(max(mean + reach, over_episodes.high), possible[1])
-    return _rounded(Estimate(mean, low, high, number, STUDENT))
+    low, high = min(mean.low, over_episodes.low), max(mean.high, over_episodes.high)
+    return _rounded(replace(mean, low=max(low, possible[0]), high=min(high, possible[1])))
 
 
 DIGITS = 12

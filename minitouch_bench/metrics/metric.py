@@ -7,7 +7,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from minitouch_bench.metrics.intervals import Range, bootstrap_mean, wilson
+from minitouch_bench.metrics.intervals import Range
+from minitouch_bench.metrics.statistics import MEAN, Statistic
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, Estimate, Role
 
@@ -17,16 +18,6 @@ NO_DIRECTION = ""
 
 CONTROL_STEPS = "control steps"
 """Unit of the metrics that no episode can have more of than its task has steps."""
-
-
-class Kind(StrEnum):
-    """How the episodes' values of a metric make one figure with a 95 % interval."""
-
-    SHARE = "share"
-    """Share of the episodes whose value is true; Wilson interval."""
-
-    MEAN = "mean"
-    """Mean over the episodes that have a value; bootstrap over episodes."""
 
 
 class ShownIn(StrEnum):
@@ -70,7 +61,9 @@ class Metric:
     ``episodes.csv`` holds the field of its name, or where there is none the value; "" for a metric
     that has no column.
 
-    ``role``: whose episodes are counted. ``needs_goal``: only tasks with a goal have the metric.
+    ``statistic``: what the episodes' values are condensed to. ``role``: whose episodes are counted.
+    ``needs_goal``: only tasks with a goal have the metric. ``added_later``: there are runs without
+    it, whose ``run.json`` stays valid; only a metric without ``measure`` can be.
     """
 
     name: str
@@ -85,12 +78,19 @@ class Metric:
     column: str = ""
     derive: Callable[[EpisodeMetrics], Value] | None = None
     direction: str = NO_DIRECTION
-    kind: Kind = Kind.MEAN
+    statistic: Statistic = MEAN
     role: Role = Role.FINAL
     needs_goal: bool = False
+    added_later: bool = False
     shown_in: frozenset[ShownIn] = frozenset()
     task_units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     task_directions: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.statistic, Statistic):
+            raise TypeError(f"the metric {self.name} has no statistic: {self.statistic!r}")
+        if self.added_later and self.measure is not None:
+            raise ValueError(f"stored episodes do not hold what {self.name} measures")
 
     def value(self, episode: EpisodeMetrics) -> Value:
         """Return the metric's value in one episode; a share's is true or false."""
@@ -129,11 +129,15 @@ class Metric:
         """Whether values lie between 0 and 1."""
         return self.unit.startswith("share")
 
-    def range_in(self, task: str) -> Range:
-        """Return the least and the greatest value in a task; no metric is negative."""
-        if self.is_share:
-            return 0.0, 1.0
-        return 0.0, PROTOCOL.task(task).max_steps if self.unit == CONTROL_STEPS else math.inf
+    def range_in(self, task: str, *, difference: bool = False) -> Range:
+        """Return the least and the greatest value in a task, or ``difference`` of two values.
+
+        No metric is negative.
+        """
+        most = 1.0 if self.is_share else math.inf
+        if self.unit == CONTROL_STEPS:
+            most = PROTOCOL.task(task).max_steps
+        return -most if difference else 0.0, most
 
     def is_in(self, task: str) -> bool:
         """Tell whether a task has this metric."""
@@ -154,13 +158,11 @@ class Metric:
     def estimate(
         self, episodes: Iterable[EpisodeMetrics], rng: np.random.Generator
     ) -> Estimate | None:
-        """Estimate the metric, None where no episode has a value; a mean draws from ``rng``."""
+        """Estimate the metric, None where no episode has a value."""
         values = self.values(episodes)
         if not values:
             return None
-        if self.kind is Kind.SHARE:
-            return wilson(int(sum(values)), len(values))
-        return bootstrap_mean(values, rng)
+        return self.statistic.estimate(values, rng)
 
 
 def _in_words(bounds: Bounds) -> str:

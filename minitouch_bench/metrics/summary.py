@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in, ranking_metric
-from minitouch_bench.metrics.intervals import Root, bootstrap_difference, newcombe, stream
-from minitouch_bench.metrics.metric import Kind, Metric, ShownIn
+from minitouch_bench.metrics.intervals import Root, stream
+from minitouch_bench.metrics.metric import Metric, ShownIn
 from minitouch_bench.records import (
     EpisodeMetrics,
     EpisodeRecord,
@@ -183,11 +183,9 @@ def compare_episodes(
     second = metric.estimate(train, stream(root, task, metric.name, TRAIN))
     assert first is not None  # such a metric has a value in every episode
     assert second is not None
-    if metric.kind is Kind.SHARE:
-        return Gap(first, second, newcombe(first, second))
+    values = metric.values(held_out), metric.values(train)
     rng = stream(root, task, metric.name, "gap")
-    difference = bootstrap_difference(metric.values(held_out), metric.values(train), rng)
-    return Gap(first, second, difference)
+    return Gap(first, second, metric.statistic.difference(*values, rng))
 
 
 def _of_family(

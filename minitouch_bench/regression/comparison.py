@@ -250,7 +250,7 @@ def verdict(effect: Effect, p_adjusted: float, titles: tuple[str, str]) -> str:
     """Put an effect into words: without a better direction the second run has more or less."""
     if effect.differing == 0:
         return "equal in every episode"
-    if effect.p_value > ALPHA:
+    if not effect.is_clear:
         return "no difference seen"
     if p_adjusted > ALPHA:
         return "not clear once adjusted"

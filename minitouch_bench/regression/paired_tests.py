@@ -9,12 +9,18 @@ import numpy as np
 
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Root, stream
-from minitouch_bench.metrics.metric import DOWN, UP, Kind
+from minitouch_bench.metrics.metric import DOWN, UP
+from minitouch_bench.metrics.paired import count_discordance
 from minitouch_bench.metrics.significance import ALPHA
+from minitouch_bench.metrics.statistics import Mean, Quantile, Share
 from minitouch_bench.records import Estimate
-from minitouch_bench.regression.differences import count_discordance, paired_mean, tango
 from minitouch_bench.regression.pairing import PairedValues
-from minitouch_bench.regression.power import MeanResolution, Resolution, ShareResolution
+from minitouch_bench.regression.power import (
+    MeanResolution,
+    NoResolution,
+    Resolution,
+    ShareResolution,
+)
 
 WORSE_SIGNS = {UP: -1.0, DOWN: 1.0}
 """Sign of a change for the worse, by a metric's better direction."""
@@ -25,8 +31,8 @@ class Effect:
     """A metric in both runs over the same episodes, and second minus first.
 
     ``direction``: UP or DOWN where more or less is better in this task, else NO_DIRECTION.
-    ``difference`` has a 95 % interval without 0 exactly where ``p_value`` <= 0.05; both are of
-    this metric and task alone. ``differing`` counts the episodes whose values are not equal.
+    ``difference`` has a 95 % interval, which contains 0 where ``p_value`` > 0.05; both are of this
+    metric and task alone. ``differing`` counts the episodes whose values are not equal.
     """
 
     task: str
@@ -43,6 +49,12 @@ class Effect:
     def count(self) -> int:
         """Number of paired episodes."""
         return self.difference.count
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the test shows a difference and its interval excludes 0."""
+        excludes_0 = self.difference.low > 0.0 or self.difference.high < 0.0
+        return self.p_value <= ALPHA and excludes_0
 
     @property
     def worsening(self) -> float:
@@ -62,45 +74,50 @@ class Effect:
 
 def is_binary(metric: str) -> bool:
     """Tell whether a metric is a share of episodes, so that its values are 0 and 1."""
-    return METRICS[metric].kind is Kind.SHARE
+    return isinstance(METRICS[metric].statistic, Share)
 
 
 def paired_test(values: PairedValues, root: Root) -> Effect:
-    """Estimate the difference of paired values and test it against 0.
+    """Estimate the difference of paired values and test it against 0, as their statistic does.
 
-    A share has the exact McNemar test and Tango's interval, a mean sign flips and the bootstrap-t.
     Each (task, metric) draws from its own stream under ``root``.
     """
-    if is_binary(values.metric):
-        discordance = count_discordance(values.first, values.second)
-        difference, p_value = tango(discordance), discordance.p_value
-    else:
-        rng = stream(root, values.task, values.metric, "paired")
-        paired = paired_mean(values.differences, rng)
-        difference, p_value = paired.estimate, paired.p_value
+    statistic = METRICS[values.metric].statistic
+    rng = stream(root, values.task, values.metric, "paired")
+    result = statistic.paired_test(values.first, values.second, rng)
     return Effect(
         task=values.task,
         metric=values.metric,
         unit=METRICS[values.metric].unit_in(values.task),
         direction=values.direction,
-        first=float(values.first.mean()),
-        second=float(values.second.mean()),
-        difference=_in_line(difference, p_value),
-        p_value=p_value,
+        first=statistic.value(values.first),
+        second=statistic.value(values.second),
+        difference=_in_line(result.estimate, result.p_value),
+        p_value=result.p_value,
         differing=int(np.count_nonzero(values.differences)),
     )
 
 
-def resolution_of(values: PairedValues) -> Resolution:
-    """Return what paired values tell of the episodes that a clear answer takes."""
-    if is_binary(values.metric):
-        return ShareResolution(count_discordance(values.first, values.second))
-    differences = values.differences * WORSE_SIGNS.get(values.direction, 1.0)
-    return MeanResolution(
-        n=len(differences),
-        worsening=float(differences.mean()),
-        deviation=float(differences.std(ddof=1)) if len(differences) > 1 else 0.0,
-    )
+def resolution_of(values: PairedValues) -> Resolution | NoResolution:
+    """Return what paired values tell of the episodes that a clear answer takes.
+
+    Raises:
+        TypeError: nothing is known of the metric's statistic.
+    """
+    match METRICS[values.metric].statistic:
+        case Share():
+            return ShareResolution(count_discordance(values.first, values.second))
+        case Mean():
+            differences = values.differences * WORSE_SIGNS.get(values.direction, 1.0)
+            return MeanResolution(
+                n=len(differences),
+                worsening=float(differences.mean()),
+                deviation=float(differences.std(ddof=1)) if len(differences) > 1 else 0.0,
+            )
+        case Quantile():
+            return NoResolution()
+        case other:
+            raise TypeError(f"how many episodes a difference of {other} takes is not defined")
 
 
 def _in_line(difference: Estimate, p_value: float) -> Estimate:

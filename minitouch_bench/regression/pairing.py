@@ -61,6 +61,8 @@ class PairedValues:
     ) -> "PairedValues":
         """Return the values of those pairs that are of these tasks and have one in both runs."""
         known = METRICS[metric]
+        if len(tasks) > 1 and not known.statistic.is_additive:
+            raise UsageError(f"{metric} has no mean over tasks: {', '.join(tasks)}")
         both = [
             (known.value(pair.first), known.value(pair.second))
             for pair in pairs

@@ -14,8 +14,8 @@ import scipy
 from numpy.typing import NDArray
 
 from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
+from minitouch_bench.metrics.paired import Discordance, last_true, score_statistic
 from minitouch_bench.metrics.significance import POWER
-from minitouch_bench.regression.differences import Discordance, last_true, score_statistic
 
 POWER_QUANTILE = NormalDist().inv_cdf(POWER)
 
@@ -127,6 +127,19 @@ class MeanResolution:
 Resolution = ShareResolution | MeanResolution
 
 
+class NoResolution:
+    """The same of a statistic whose power has no formula: no number of episodes is known."""
+
+    def episodes_to_detect(self, alpha: float, beyond: float = 0.0) -> None:
+        """Return None."""
+
+    def episodes_to_exclude(self, margin: float) -> None:
+        """Return None."""
+
+    def detectable(self, alpha: float) -> None:
+        """Return None."""
+
+
 def mcnemar_power(n: int, lost: float, won: float, alpha: float, beyond: float = 0.0) -> float:
     """Return the chance that the exact McNemar test shows the larger of two rates as such.
 
@@ -192,12 +205,8 @@ def _connor(quantile: float, differing: float, difference: float, beyond: float)
 
 
 def _overhead(quantile: float) -> float:
-    """Return the episodes beyond those of the normal formula.
-
-    Guenther's, for a deviation that is estimated; and two, for the values of either sign that
-    ``paired_mean`` adds, which make the deviation larger.
-    """
-    return quantile**2 / 2.0 + 2.0
+    """Return Guenther's episodes beyond those of the normal formula, for an estimated deviation."""
+    return quantile**2 / 2.0
 
 
 def _two_sided(alpha: float) -> float:

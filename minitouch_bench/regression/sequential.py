@@ -15,13 +15,13 @@ from dataclasses import replace
 from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Root, stream
+from minitouch_bench.metrics.paired import Discordance, tango
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Outcome, Role
 from minitouch_bench.regression.comparison import (
     ComparedRun,
     differences_of_isolation,
     find_changes,
 )
-from minitouch_bench.regression.differences import Discordance, tango
 from minitouch_bench.regression.gate import (
     Decision,
     EpisodesUsed,

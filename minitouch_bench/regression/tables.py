@@ -138,11 +138,11 @@ def run_line(run: ComparedRun) -> str:
 def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
     """Say how the figures of a comparison were made."""
     percent = f"{100 * comparison.alpha:g} %"
+    paired = "; ".join(dict.fromkeys(METRICS[name].statistic.paired for name in COMPARED_METRICS))
     return (
-        "Brackets and p: of this row alone. 95 % interval of the paired difference (Tango's score "
-        "interval for shares of episodes, bootstrap-t for means; episode variance only), and the "
-        "exact McNemar test, or sign flips and bootstrap-t. The interval is without 0 exactly "
-        "where p is at most 5 %.",
+        "Brackets and p: of this row alone. 95 % interval of the paired difference and its test: "
+        f"{paired}; episode variance only. Where p is above 5 % the interval contains 0. "
+        "It is too narrow for a mean of which few episodes differ or a few carry the difference.",
         "p adjusted and verdict: over all rows of the metric (its tasks and runs) by Holm's "
         f"method, judged at {percent}. Not clear once adjusted: the row alone would show a "
         "difference, among so many rows it may be chance.",

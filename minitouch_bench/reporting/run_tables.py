@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from minitouch_bench.errors import printable
-from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
+from minitouch_bench.metrics.definitions import METRICS, intervals_in_words, metrics_shown_in
 from minitouch_bench.metrics.metric import NO_DIRECTION, UP, ShownIn
 from minitouch_bench.metrics.summary import MIN_EPISODES, has_both_splits
 from minitouch_bench.records import (
@@ -65,7 +65,7 @@ def table4(
     notes = (
         *_label_notes(sections),
         *_split_notes(sections),
-        "Brackets: 95 % interval, Wilson for shares, bootstrap over episodes for means; "
+        f"Brackets: 95 % interval, {intervals_in_words(TABLE4_METRICS)}; "
         "episode variance only (one training seed).",
         PAPER_NOTE,
     )

@@ -42,7 +42,7 @@ from minitouch_bench.leaderboard.scores import (
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.leaderboard.views import views
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
-from minitouch_bench.metrics.intervals import mean_over_seeds
+from minitouch_bench.metrics.intervals import over_seeds
 from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.reporting.report import build_report
@@ -91,7 +91,7 @@ def rows(board):
 
 
 def test_every_interval_on_the_board_is_that_of_its_runs(submissions, built):
-    """Those of one seed are in its run.json; of several, ``mean_over_seeds`` of those."""
+    """Those of one seed are in its run.json; of several, ``over_seeds`` of those."""
     document = json.loads((built / "leaderboard.json").read_text())
     compared = 0
     for row in (*document["ranked"], *document["calibration"]):
@@ -105,7 +105,7 @@ def test_every_interval_on_the_board_is_that_of_its_runs(submissions, built):
             for metric, figure in row["figures"][task].items():
                 estimates = [one[task][metric] for one in main]
                 possible = METRICS[metric].range_in(task)
-                assert figure == plain(mean_over_seeds(estimates, possible))
+                assert figure == plain(over_seeds(estimates, possible))
                 assert len(main) > 1 or figure == plain(estimates[0])
                 compared += 1
             shown = {name for name in BOARD_METRICS if all(name in one[task] for one in main)}
@@ -121,7 +121,7 @@ def test_every_interval_on_the_board_is_that_of_its_runs(submissions, built):
             for part in GAP_PARTS:
                 parts = [getattr(one, part) for one in gaps]
                 possible = (-1.0, 1.0) if part == "difference" else (0.0, 1.0)
-                assert gap[part] == plain(mean_over_seeds(parts, possible))
+                assert gap[part] == plain(over_seeds(parts, possible))
                 compared += 1
     assert compared > 150
 

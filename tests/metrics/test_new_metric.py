@@ -1,127 +1,140 @@
-"""Proof by doing: a metric is an entry in the table and a field of an episode, nothing else.
+"""Proof by doing: a metric is one value with its statistic, and then it is in every table."""
 
-A fact on the board is one field with its type, nothing else.
-"""
-
-import csv
 import json
-import re
-from pathlib import Path
+import subprocess
+import sys
 
-import jsonschema
 import pytest
 
-from tests.altered import copy_package, edit, python
-
-ENTRY = """    Metric(
-        name="peak_finger_force",
-        label="Peak finger force",
-        column="peak_finger_force",
-        unit="N",
-        source="D",
-        number_format=".1f",
-        meaning="largest force component at a finger",
-        measure=lambda record: float(
-            np.abs(record.trace.touch[:, FORCE_COMPONENTS]).max(initial=0.0)
-        ),
-        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
-    ),
-)
-# fmt: on
-"""
-
-FACT = """    parameters: Annotated[
-        int, Meta(ge=0), ColumnSpec("Parameters", "column", "weights", amount, is_text=False)
-    ] = 0
-"""
-
-NOTES = "    notes: Annotated["
+from minitouch_bench.metrics.definitions import METRICS, register_metric
+from minitouch_bench.metrics.metric import Metric
+from tests.altered import ROOT
 
 SCRIPT = """
-import json, sys
-from dataclasses import replace
+import sys
 from pathlib import Path
-from benchmarks.schemas import board_schema, run_schema
-from minitouch_bench.leaderboard.build import build_board
-from minitouch_bench.reporting.writers import write_views
-from minitouch_bench.runs.run import read_run
-from tests.leaderboard.synthetic import ABOUT, make_submission, official_run, write_official
+from minitouch_bench.metrics.definitions import METRICS, register_metric
+from minitouch_bench.metrics.metric import CONTROL_STEPS, DOWN, Metric, ShownIn
+from minitouch_bench.metrics.statistics import Quantile
 
-root = Path(sys.argv[1])
-about = replace(ABOUT, parameters=1_234_567)
-make_submission(root / "submissions", "random", 0.2, kind="random", about=about)
+register_metric(
+    Metric(
+        "long_episode", "Long episode", CONTROL_STEPS, "D", ".1f", "90th percentile of the lengths",
+        direction=DOWN, needs_goal=True, statistic=Quantile(0.9), added_later=True,
+        derive=METRICS["episode_steps"].derive,
+        shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
+    )
+)
+
+from minitouch_bench.leaderboard.build import build_board
+from minitouch_bench.regression.comparison import compare_runs
+from minitouch_bench.regression.gate import judge_runs
+from minitouch_bench.regression.settings import GateSettings
+from minitouch_bench.regression.writers import comparison_json, comparison_text, gate_markdown
+from minitouch_bench.reporting.formats import as_markdown
+from minitouch_bench.reporting.report import build_report
+from minitouch_bench.reporting.writers import report_blocks, table4_latex, to_html
+from minitouch_bench.runs.run import read_run
+from minitouch_bench.verification.static_check import check_run
+from tests.leaderboard.synthetic import make_submission, official_run, write_official
+
+root, stored = map(Path, sys.argv[1:])
+for name, skill in (("better", 0.9), ("worse", 0.4), ("novel", 0.9)):
+    suite = "novel-shapes" if name == "novel" else "table4"
+    write_official(official_run(suite, skill=skill), root / name)
+runs = [read_run(root / name) for name in ("better", "worse")]
+paths = tuple(str(root / run.name) for run in runs)
+for name, text in {
+    "report.md": "\\n".join(as_markdown(report_blocks(build_report([runs[0]])))),
+    "report.tex": table4_latex(build_report([runs[0]])),
+    "report.html": to_html(build_report([runs[0]])),
+    "novel.html": to_html(build_report([read_run(root / "novel")])),
+    "compare.txt": comparison_text(compare_runs(runs, paths)),
+    "compare.json": comparison_json(compare_runs(runs, paths)),
+    "regress.md": gate_markdown(judge_runs(*runs, paths, GateSettings())),
+    "stored.txt": "".join(map(str, check_run(read_run(stored)))),
+    "new.txt": "".join(map(str, check_run(runs[0]))),
+}.items():
+    (root / name).write_text(text)
+make_submission(root / "submissions", "hac", 0.8)
+make_submission(root / "submissions", "seeds", 0.6, seeds=(0, 1, 2))
 build_board(root / "submissions", root / "board")
-write_official(official_run(kind="random"), root / "run")
-run = read_run(root / "run")
-write_views(run, root / "run")
-(root / "run.schema.json").write_text(json.dumps(run_schema()))
-(root / "leaderboard.schema.json").write_text(json.dumps(board_schema()))
 """
+
+STORED = ROOT / "submissions" / "random" / "seed-0" / "table4"
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory) -> Path:
-    """The files that a package with one metric more writes of a run and of a board."""
+def root(tmp_path_factory):
+    """What a program with one metric more writes."""
     root = tmp_path_factory.mktemp("metric")
-    copy = copy_package(root)
-    edit(copy / "metrics" / "definitions.py", (")\n# fmt: on\n", ENTRY))
-    edit(copy / "leaderboard" / "submission.py", (NOTES, f"{FACT}{NOTES}"))
-    field = "    clipped_actions: Count\n"
-    edit(copy / "records.py", (field, f"    peak_finger_force: float\n{field}"))
-    python(copy, copy.parent, "-c", SCRIPT, str(root))
+    script = [sys.executable, "-c", SCRIPT, str(root), str(STORED)]
+    done = subprocess.run(script, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
     return root
 
 
-@pytest.fixture(scope="module")
-def run(built) -> Path:
-    return built / "run"
-
-
-def test_it_is_a_column_of_the_episodes(run):
-    with (run / "episodes.csv").open() as file:
-        forces = [float(row["peak_finger_force"]) for row in csv.DictReader(file)]
-    assert len(forces) == 400
-    assert min(forces) > 0
-
-
-def test_it_is_in_the_run_s_document_and_its_schema(built, run):
-    document = json.loads((run / "run.json").read_text())
-    schema = json.loads((built / "run.schema.json").read_text())
-    jsonschema.Draft202012Validator(schema).validate(document)
-    episode = schema["$defs"]["EpisodeMetrics"]["properties"]["peak_finger_force"]
-    assert episode == {"type": "number", "description": "Largest force component at a finger; N."}
+def test_it_is_estimated_with_its_own_interval(root):
+    document = json.loads((root / "worse" / "run.json").read_text())
     for task in document["summary"]["tasks"]:
-        own = [e["peak_finger_force"] for e in document["episodes"] if e["task"] == task["task"]]
-        estimate = task["estimates"]["peak_finger_force"]
-        assert estimate["value"] == pytest.approx(sum(own) / len(own))
-        assert estimate["low"] < estimate["value"] < estimate["high"]
+        if task["task"] == "playing":
+            assert "long_episode" not in task["estimates"]
+            continue
+        steps = sorted(e["steps"] for e in document["episodes"] if e["task"] == task["task"])
+        found = task["estimates"]["long_episode"]
+        assert found["value"] == steps[89]
+        assert found["low"] in steps
+        assert found["low"] <= found["value"] <= found["high"] <= steps[-1]
+        assert found["method"] == "order statistics"
 
 
-def test_it_is_in_the_diagnostics(run):
-    report = (run / "report.html").read_text()
-    assert "Peak finger force" in report.partition(">Diagnostics<")[2]
+@pytest.mark.parametrize(
+    "page", ["report.md", "report.html", "report.tex", "novel.html", "compare.txt", "regress.md"]
+)
+def test_it_is_in_every_table_of_runs(root, page):
+    text = (root / page).read_text()
+    assert "Long episode" in text
+    if page not in ("regress.md", "report.tex"):
+        assert "quantiles" in text  # below the table
 
 
-def test_it_is_on_the_board(built):
-    board = built / "board"
-    document = json.loads((board / "leaderboard.json").read_text())
-    schema = json.loads((built / "leaderboard.schema.json").read_text())
-    jsonschema.Draft202012Validator(schema).validate(document)
-    (random,) = document["calibration"]
-    for task in ("playing", "pushing", "opening", "pick-up"):
-        assert random["figures"][task]["peak_finger_force"]["value"] > 0
-    for name in ("leaderboard.md", "index.html", "leaderboard.csv"):
-        text = (board / name).read_text()
-        assert "Peak finger force" in text or "peak_finger_force" in text
+def test_two_policies_are_compared_by_its_own_test(root):
+    (pair,) = json.loads((root / "compare.json").read_text())["pairs"]
+    documents = [json.loads((root / name / "run.json").read_text()) for name in ("better", "worse")]
+    found = {
+        m["effect"]["task"]: m for m in pair["metrics"] if m["effect"]["metric"] == "long_episode"
+    }
+    assert found.keys() == {"pushing", "opening", "pick-up"}  # no mean over tasks
+    for task, metric in found.items():
+        effect = metric["effect"]
+        ends = [
+            sorted(e["steps"] for e in document["episodes"] if e["task"] == task)[89]
+            for document in documents
+        ]
+        assert [effect["first"], effect["second"]] == ends
+        assert effect["difference"]["value"] == ends[1] - ends[0]
+        assert effect["difference"]["low"] <= ends[1] - ends[0] <= effect["difference"]["high"]
+        assert metric["episodes_to_resolve"] is None
 
 
-def test_a_fact_is_on_the_board(built):
-    board = built / "board"
-    document = json.loads((board / "leaderboard.json").read_text())
-    assert document["calibration"][0]["parameters"] == 1_234_567
-    rows = list(csv.DictReader((board / "leaderboard.csv").read_text().splitlines()))
-    assert {row["parameters"] for row in rows if row["name"] == "random"} == {"1234567"}
-    for name in ("leaderboard.md", "index.html", "submission/random.html"):
-        text = (board / name).read_text()
-        assert "Parameters" in text
-        assert re.search(r"1\.23\sM", text)
+def test_it_is_on_the_board(root):
+    board = json.loads((root / "board" / "leaderboard.json").read_text())
+    for row in board["unranked"]:
+        for task in ("pushing", "opening", "pick-up"):
+            assert row["figures"][task]["long_episode"]["high"] > 0
+    for name in ("leaderboard.md", "index.html", "leaderboard.csv", "submission/seeds.html"):
+        text = (root / "board" / name).read_text()
+        assert "Long episode" in text or "long_episode" in text
+
+
+def test_stored_runs_stay_valid(root):
+    assert (root / "new.txt").read_text() == ""
+    assert "long_episode" not in (STORED / "run.json").read_text()
+    assert (root / "stored.txt").read_text() == ""
+
+
+def test_a_metric_without_a_statistic_or_with_a_known_name_is_refused():
+    with pytest.raises(TypeError, match="no statistic"):
+        Metric("other", "Other", "steps", "D", ".1f", "other", statistic="median")
+    with pytest.raises(ValueError, match="success"):
+        register_metric(METRICS["success"])

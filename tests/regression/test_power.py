@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from minitouch_bench.regression.differences import Discordance, mcnemar_p, paired_mean, tango
+from minitouch_bench.metrics.intervals import bootstrap_mean
+from minitouch_bench.metrics.paired import Discordance, mcnemar_p, sign_flip_p, tango
 from minitouch_bench.regression.power import (
     EXACT_UP_TO,
     FEWEST_FOR_A_MEAN,
@@ -93,10 +94,7 @@ def test_the_episodes_printed_for_a_mean_have_the_power_promised(worsening):
     rng = np.random.default_rng(2)
     trials = 600
     seen = np.mean(
-        [
-            paired_mean(rng.normal(worsening, 14, n), rng, 1000).p_value <= 0.05
-            for _ in range(trials)
-        ]
+        [sign_flip_p(rng.normal(worsening, 14, n), rng, 1000) <= 0.05 for _ in range(trials)]
     )
     assert abs(seen - 0.8) <= 3 * math.sqrt(0.16 / trials) + 0.02
 
@@ -119,5 +117,5 @@ def test_means_that_need_no_or_endless_episodes():
 def test_the_episodes_printed_to_exclude_a_worsening_have_the_power_promised():
     n = MeanResolution(100, 1.0, 14.0).episodes_to_exclude(5.0)
     rng, trials = np.random.default_rng(2), 600
-    ends = [paired_mean(rng.normal(1.0, 14, n), rng, 1000).estimate.high for _ in range(trials)]
+    ends = [bootstrap_mean(rng.normal(1.0, 14, n), rng, 1000).high for _ in range(trials)]
     assert abs(np.mean([end < 5.0 for end in ends]) - 0.8) <= 3 * math.sqrt(0.16 / trials) + 0.02

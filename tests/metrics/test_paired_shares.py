@@ -3,7 +3,7 @@ import pytest
 from scipy import stats
 
 from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
-from minitouch_bench.regression.differences import (
+from minitouch_bench.metrics.paired import (
     Discordance,
     count_discordance,
     mcnemar_p,

@@ -1,6 +1,5 @@
-"""The difference of two shares, or of two means, over the same episodes."""
+"""Tests and intervals of a difference over the same episodes: of shares, and by flips of signs."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -8,16 +7,13 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from minitouch_bench.metrics.intervals import DRAWS_PER_BLOCK, NORMAL_QUANTILE, RESAMPLES, wilson
-from minitouch_bench.metrics.significance import ALPHA
+from minitouch_bench.metrics.intervals import DRAWS_PER_BLOCK, NORMAL_QUANTILE, RESAMPLES
 from minitouch_bench.records import Estimate
 
 TANGO = "tango"
 
 HALVINGS = 60
 """Of an interval of length 2, to the last bit of a float."""
-
-BOOTSTRAP_T = "bootstrap-t"
 
 EXACT_FLIPS = 13
 """Up to so many differences that are not 0, every choice of signs is tried."""
@@ -128,55 +124,17 @@ def last_true(
     return low
 
 
-@dataclass(frozen=True)
-class PairedMean:
-    """A mean difference with its interval, and how surprising it is if there is none."""
-
-    estimate: Estimate
-    p_value: float
-
-
-def paired_mean(
-    differences: NDArray[np.float64], rng: np.random.Generator, resamples: int = RESAMPLES
-) -> PairedMean:
-    """Estimate the mean of paired differences, float64 (N,), and test it against 0.
-
-    The interval is the bootstrap-t's, which follows a skewed sample where the percentile
-    form does not. Two changes serve samples in which few episodes differ, where many a
-    resample would have no scale to be measured by: two values are added to the sample, on
-    either side of its median, as far from it as the root mean square of the distances that
-    are not 0; and no end lies farther from 0 than the largest difference seen, times the
-    upper Wilson bound of the share of episodes that differ.
-
-    The interval has level 1 - ALPHA. scipy's bootstrap has no such form.
-
-    The p-value is the larger of two: that of the bootstrap-t, so that a p-value below
-    ALPHA comes with an interval without 0, and that of the sign-flip test, which is exact
-    however few the episodes where the policies are equal and so the sign of each difference
-    is a coin's. Differences that are all equal give a width of 0; if all are 0, the
-    p-value is 1.
-
-    Raises:
-        ValueError: no values.
-
-    Source: B. Efron and R. J. Tibshirani, "An introduction to the bootstrap" (1993),
-    ch. 12.5; R. A. Fisher, "The design of experiments" (1935), ch. 21.
-    """
-    if differences.ndim != 1 or differences.size == 0:
-        raise ValueError("a mean needs a one-dimensional, non-empty sample")
-    if not differences.any():
-        return PairedMean(Estimate(0.0, 0.0, 0.0, differences.size, BOOTSTRAP_T), 1.0)
-    estimate, p_value = _bootstrap_t(differences, rng, resamples)
-    return PairedMean(estimate, max(p_value, sign_flip_p(differences, rng, resamples)))
-
-
 def sign_flip_p(
     differences: NDArray[np.float64], rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> float:
     """Return the two-sided p-value of the sign-flip test of a mean of 0.
 
-    Every choice of signs is tried for few differences, ``resamples`` drawn ones for many.
-    ``scipy.stats.permutation_test`` gives the same and takes 90 times as long for 100.
+    It is exact however few the episodes where the policies are equal, and so the sign of each
+    difference is a coin's. Every choice of signs is tried for few differences, ``resamples`` drawn
+    ones for many. ``scipy.stats.permutation_test`` gives the same and takes 90 times as long for
+    100.
+
+    Source: R. A. Fisher, "The design of experiments" (1935), ch. 21.
     """
     sizes = np.abs(differences[differences != 0.0])
     observed = abs(float(differences.sum())) * (1.0 - 1e-12)  # sums of one set differ in rounding
@@ -190,53 +148,6 @@ def sign_flip_p(
         sums = 2.0 * (positive @ sizes) - sizes.sum()
         as_large += int(np.count_nonzero(np.abs(sums) >= observed))
     return (1 + as_large) / (1 + resamples)
-
-
-def _bootstrap_t(
-    differences: NDArray[np.float64], rng: np.random.Generator, resamples: int
-) -> tuple[Estimate, float]:
-    """Return the estimate, and the p-value at which its interval would meet 0."""
-    observed = float(differences.mean())
-    median = float(np.median(differences))
-    distances = differences[differences != median] - median
-    if not distances.size:
-        return Estimate(observed, observed, observed, differences.size, BOOTSTRAP_T), 0.0
-    scale = math.sqrt(float(np.mean(distances**2)))
-    sample = np.concatenate((differences, (median + scale, median - scale)))
-    mean, error = float(sample.mean()), float(sample.std(ddof=1) / np.sqrt(sample.size))
-    pivots = np.concatenate(
-        [_pivots(sample - mean, count, rng) for count in _blocks(resamples, sample.size)]
-    )
-    lowest = float(np.quantile(pivots, ALPHA / 2.0, method="lower"))
-    highest = float(np.quantile(pivots, 1.0 - ALPHA / 2.0, method="higher"))
-    reach = _reach(differences)
-    low, high = max(mean - highest * error, -reach), min(mean - lowest * error, reach)
-    # The two added values draw the mean towards the median; the interval holds both means.
-    low, high = min(low, observed), max(high, observed)
-    beyond = min(np.count_nonzero(pivots >= mean / error), np.count_nonzero(pivots <= mean / error))
-    estimate = Estimate(observed, low, high, differences.size, BOOTSTRAP_T)
-    return estimate, min(1.0, 2.0 * (1 + float(beyond)) / (1 + resamples))
-
-
-def _pivots(
-    centered: NDArray[np.float64], count: int, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """Return means over standard errors of resamples of a centered sample, float64 (count,)."""
-    size = centered.size
-    chosen = rng.integers(size, size=(count, size), dtype=np.uint32)
-    samples = centered[chosen]
-    means = samples.sum(axis=1) / size
-    variances = np.einsum("ij,ij->i", samples, samples) - size * means**2
-    errors = np.sqrt(np.maximum(variances, 0.0) / (size - 1) / size)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        pivots: NDArray[np.float64] = np.where(means == 0.0, 0.0, means / errors)
-    return pivots
-
-
-def _reach(differences: NDArray[np.float64]) -> float:
-    """Return the mean difference if all that may differ did so by the most that was seen."""
-    share = wilson(int(np.count_nonzero(differences)), differences.size)
-    return share.high * float(np.abs(differences).max())
 
 
 def _blocks(resamples: int, size: int) -> list[int]:
