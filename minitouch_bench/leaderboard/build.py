@@ -149,6 +149,7 @@ def efficiency_plot(board: Board) -> Plot | None:
 
 def _efficiency_marks(power: float, row: BoardRow) -> tuple[Mark, Mark]:
     mean = row.figures[OVERALL][MEAN_SUCCESS]
+    learned = f", {row.learned_in(OVERALL)}" if row.learned_in(OVERALL) else ""
     dot = Dot(
         power,
         mean.value,
@@ -156,7 +157,8 @@ def _efficiency_marks(power: float, row: BoardRow) -> tuple[Mark, Mark]:
         size=10,
         label=row.name,
         link=f"{PAGES}/{row.name}.html",
-        title=f"{row.name}: {mean.value:.3f} after {amount(row.training_steps)} control steps",
+        title=f"{row.name}: {mean.value:.3f} after {amount(row.training_steps)} control steps"
+        f"{learned}",
     )
     return Line(((power, mean.low), (power, mean.high)), "series-0", 1.5, 0.45), dot
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.paired import mcnemar_p
-from minitouch_bench.metrics.significance import ALPHA, holm
+from minitouch_bench.metrics.significance import ALPHA, holm, mcnemar_p
 from minitouch_bench.metrics.statistics import MEAN, SHARE
 
 Floats = NDArray[np.float64]

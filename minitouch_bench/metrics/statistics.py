@@ -21,7 +21,7 @@ from minitouch_bench.metrics.intervals import (
     newcombe,
     wilson,
 )
-from minitouch_bench.metrics.paired import count_discordance, sign_flip_p, tango
+from minitouch_bench.metrics.significance import count_discordance, sign_flip_p, tango
 from minitouch_bench.records import Estimate
 
 Floats = NDArray[np.float64]

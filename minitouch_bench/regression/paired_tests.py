@@ -10,8 +10,7 @@ import numpy as np
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Root, stream
 from minitouch_bench.metrics.metric import DOWN, UP
-from minitouch_bench.metrics.paired import count_discordance
-from minitouch_bench.metrics.significance import ALPHA
+from minitouch_bench.metrics.significance import ALPHA, count_discordance
 from minitouch_bench.metrics.statistics import Mean, Quantile, Share
 from minitouch_bench.records import Estimate
 from minitouch_bench.regression.pairing import PairedValues

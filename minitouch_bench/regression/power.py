@@ -14,8 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
-from minitouch_bench.metrics.paired import Discordance, last_true, score_statistic
-from minitouch_bench.metrics.significance import POWER
+from minitouch_bench.metrics.significance import POWER, Discordance, last_true, score_statistic
 
 POWER_QUANTILE = NormalDist().inv_cdf(POWER)
 

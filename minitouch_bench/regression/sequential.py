@@ -15,7 +15,7 @@ from dataclasses import replace
 from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Root, stream
-from minitouch_bench.metrics.paired import Discordance, tango
+from minitouch_bench.metrics.significance import Discordance, tango
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Outcome, Role
 from minitouch_bench.regression.comparison import (
     ComparedRun,

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.metrics.intervals import bootstrap_mean
-from minitouch_bench.metrics.paired import sign_flip_p
+from minitouch_bench.metrics.significance import sign_flip_p
 from minitouch_bench.metrics.statistics import MEAN
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.metrics.intervals import newcombe, wilson
-from minitouch_bench.metrics.paired import mcnemar_p, sign_flip_p
+from minitouch_bench.metrics.significance import mcnemar_p, sign_flip_p
 from minitouch_bench.metrics.statistics import MEAN, SHARE, Quantile
 
 TENTH = Quantile(0.9)

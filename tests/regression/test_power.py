@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.metrics.intervals import bootstrap_mean
-from minitouch_bench.metrics.paired import Discordance, mcnemar_p, sign_flip_p, tango
+from minitouch_bench.metrics.significance import Discordance, mcnemar_p, sign_flip_p, tango
 from minitouch_bench.regression.power import (
     EXACT_UP_TO,
     FEWEST_FOR_A_MEAN,
