@@ -3,18 +3,5 @@
 Nothing here imports torch, so that the command line's help can name the methods.
 """
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
-METHODS: Mapping[str, str] = MappingProxyType(
-    {
-        "sac": "",
-        "hac": "hac:HapticCuriosity",
-        "icm": "icm:InverseDynamics",
-        "icm-touch": "icm:TouchInverseDynamics",
-        "disagreement": "disagreement:Disagreement",
-        "rnd": "rnd:RandomDistillation",
-        "rnd-touch": "rnd:TouchDistillation",
-    }
-)
-"""Every method with the class of its curiosity, as ``module:name``; ``sac`` has none."""
+METHODS = ("sac", "hac", "icm", "icm-touch", "disagreement", "rnd", "rnd-touch")
+"""Every method; each but ``sac`` has a curiosity."""

@@ -14,7 +14,7 @@ from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
 HAPTICS = ("forces", "contact")
-"""What of the finger forces ``hac`` predicts: see ``agents.curiosity.hac``."""
+"""What of the finger forces ``hac`` predicts: see ``agents.curiosity``."""
 
 CONFIG_FILE = "config.toml"
 """The settings of a training, in its directory."""

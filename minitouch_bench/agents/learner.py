@@ -9,16 +9,32 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from minitouch_bench.agents.config import PhaseConfig, TrainingConfig
-from minitouch_bench.agents.curiosity import make_curiosity
-from minitouch_bench.agents.encoding import arrange, has_bfloat16
+from minitouch_bench.agents.curiosity import CURIOSITIES, Curiosity
 from minitouch_bench.agents.replay import Batch, Replay
 from minitouch_bench.agents.sac import Sac
+from minitouch_bench.machine import processor_flags
 from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor, VisualEncoder
 from minitouch_bench.protocol.spec import TaskSpec, Workspace
 from minitouch_bench.simulation.observation import FORCES, OPENINGS, POSITION
+
+
+def has_bfloat16(device: torch.device) -> bool:
+    """Tell whether a device multiplies in bfloat16, and not only emulates it.
+
+    A gradient step of ``hac`` took 34 ms in place of 38 with ``avx512_bf16`` and no ``amx_bf16``.
+    """
+    if device.type == "cuda":
+        return bool(torch.cuda.is_bf16_supported(including_emulation=False))
+    return "avx512_bf16" in processor_flags()
+
+
+def _arrange(module: nn.Module, device: torch.device) -> None:
+    """Move a module to a device, its convolutions in the order that is quickest there."""
+    module.to(device)
+    module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
 @contextmanager
@@ -78,10 +94,12 @@ class Learner:
         curiosity = replace(config.curiosity, bfloat16=config.curiosity.bfloat16 and half)
         with _weights_drawn_from(config.seed):
             self.sac = Sac(sac, action_size=spec.action_size)
-            self.curiosity = make_curiosity(config.method, curiosity, spec.action_size)
-        arrange(self.sac, device)
+            self.curiosity: Curiosity | None = None
+            if config.method != "sac":
+                self.curiosity = CURIOSITIES[config.method](curiosity, spec.action_size)
+        _arrange(self.sac, device)
         if self.curiosity is not None:
-            arrange(self.curiosity, device)
+            _arrange(self.curiosity, device)
             self.curiosity.begin()
         self.scale = TouchScale.of(spec.workspace, config.force_scale).to(device)
         self.exploring = config.exploration_steps > 0

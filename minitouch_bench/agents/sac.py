@@ -13,7 +13,6 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from minitouch_bench.agents.config import PhaseConfig, SacConfig
-from minitouch_bench.agents.encoding import encode
 from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import (
     FEATURES,
@@ -179,6 +178,13 @@ class Sac(nn.Module):
             sources: list[Tensor] = list(source.parameters())
             if targets:
                 torch._foreach_lerp_(targets, sources, self.config.target_rate)
+
+
+def encode(encoder: nn.Module, image: Tensor, *, bfloat16: bool) -> Tensor:
+    """Return the features of images, float32 (N, F), computed in half precision if asked."""
+    with torch.autocast(image.device.type, torch.bfloat16, enabled=bfloat16):
+        features: Tensor = encoder(image)
+    return features.float()
 
 
 def shift_at_random(image: Tensor, pixels: int, generator: torch.Generator) -> Tensor:

@@ -29,7 +29,7 @@ from minitouch_bench.workflows import (
 )
 
 if TYPE_CHECKING:
-    from minitouch_bench.agents.progress import ProgressRow
+    from minitouch_bench.agents.training import ProgressRow
     from minitouch_bench.leaderboard.validation import SubmissionFindings
 
 LINE_INTERVAL_S = 60.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from minitouch_bench.agents.progress import ProgressRow
+    from minitouch_bench.agents.training import ProgressRow
     from minitouch_bench.leaderboard.validation import SubmissionFindings
     from minitouch_bench.records import EpisodeRecord
 

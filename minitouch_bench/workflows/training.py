@@ -11,8 +11,7 @@ import torch
 
 from minitouch_bench import files
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_recorded_config
-from minitouch_bench.agents.progress import Evaluation, ProgressRow
-from minitouch_bench.agents.training import Training, TrainingCallbacks
+from minitouch_bench.agents.training import Evaluation, ProgressRow, Training, TrainingCallbacks
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import (
     InfrastructureError,

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from minitouch_bench import machine
 from minitouch_bench.agents import learner as learners
 from minitouch_bench.agents.config import (
     PARTS,
@@ -14,7 +15,7 @@ from minitouch_bench.agents.config import (
     SacConfig,
     TrainingConfig,
 )
-from minitouch_bench.agents.curiosity.curiosity import Curiosity, Errors
+from minitouch_bench.agents.curiosity import CURIOSITIES, Curiosity, Errors
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.policies.native import load_native, save_native
@@ -104,7 +105,7 @@ class TouchCounts(Curiosity):
 
 
 def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeypatch):
-    monkeypatch.setattr(learners, "make_curiosity", lambda _, *settings: TouchCounts(*settings))
+    monkeypatch.setitem(CURIOSITIES, "hac", TouchCounts)
     config = TrainingConfig("pushing", sac=SacConfig(batch_size=4), curiosity=CuriosityConfig())
     replay = filled_replay()
     first, other = (
@@ -116,3 +117,19 @@ def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeyp
     assert losses[0] == losses[1]
     assert losses[0]["intrinsic_reward"] > 0
     assert other.curiosity.counts.sum() == 8
+
+
+# Where half precision is used
+
+FLAGS = "processor : 0\nflags : fpu avx512f {}\n"
+
+
+@pytest.mark.parametrize(
+    ("flags", "has"),
+    [("", False), ("avx512_bf16", True), ("avx512_vnni", False), ("avx512_bf16 amx_bf16", True)],
+)
+def test_half_precision_needs_matrix_units(tmp_path, monkeypatch, flags, has):
+    file = tmp_path / "cpuinfo"
+    file.write_text(FLAGS.format(flags))
+    monkeypatch.setattr(machine, "CPUINFO", file)
+    assert learners.has_bfloat16(torch.device("cpu")) == has

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from minitouch_bench.agents import checkpoint, progress
+from minitouch_bench.agents import checkpoint, training
 from minitouch_bench.errors import (
     InfrastructureError,
     MiniTouchError,
@@ -143,10 +143,10 @@ def test_a_policy_that_diverges_after_its_last_action_is_not_kept(tmp_path):
 
 def test_rows_of_a_training_that_diverges_are_not_damaged(tmp_path):
     file = tmp_path / "progress.csv"
-    row = progress.Tally().row(5, "task", None, 1.0)
-    progress.append_row(file, replace(row, critic_loss=math.inf, value=-math.inf))
+    row = training.Tally().row(5, "task", None, 1.0)
+    training.append_row(file, replace(row, critic_loss=math.inf, value=-math.inf))
     before = file.read_bytes()
-    progress.cut_rows(file, 5)
+    training.cut_rows(file, 5)
     assert file.read_bytes() == before
 
 
@@ -160,7 +160,7 @@ def quiet(tmp_path_factory):
     return directory
 
 
-@pytest.mark.parametrize("writer", [(checkpoint, "write_file"), (progress, "append_bytes")])
+@pytest.mark.parametrize("writer", [(checkpoint, "write_file"), (training, "append_bytes")])
 @pytest.mark.parametrize("kept", [0, 21])
 def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
     quiet, tmp_path, monkeypatch, writer, kept

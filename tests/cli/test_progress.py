@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from minitouch_bench.agents.progress import COLUMNS, ProgressRow
+from minitouch_bench.agents.training import COLUMNS, ProgressRow
 from minitouch_bench.cli import progress
 from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.records import EpisodeSpec, Role

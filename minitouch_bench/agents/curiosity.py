@@ -1,0 +1,406 @@
+"""Curiosity: models that learn from batches, and rewards from their surprise, by method."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from minitouch_bench.agents.config import CuriosityConfig
+from minitouch_bench.agents.replay import Batch
+from minitouch_bench.agents.sac import encode
+from minitouch_bench.policies.networks import (
+    FEATURES,
+    HIDDEN_UNITS,
+    TOUCH_SIZE,
+    ImageConvolutions,
+    VisualEncoder,
+)
+from minitouch_bench.policies.policy import IMAGE_SHAPE
+from minitouch_bench.simulation.observation import FORCES
+
+WHITENED_LIMIT = 5.0
+"""Standard deviations."""
+
+LOG_VARIANCE_BOUNDS = (-4.6, 4.0)
+"""Of a predicted force: its standard deviation stays above 0.1 of ``force_scale``, 1 N."""
+
+MOST_SURPRISE = 25.0
+"""Five standard deviations count as much as any more."""
+
+ENSEMBLE_SIZE = 5
+"""Models in the ensemble (Pathak et al. 2019)."""
+
+DISTILLED = 512
+"""Numbers that the target network gives (Burda et al. 2019)."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """What a model got wrong about a batch, before it learned from it.
+
+    ``surprise`` float32 (N,), >= 0: how new each transition is. ``loss``: a scalar.
+    """
+
+    surprise: Tensor
+    loss: Tensor
+
+
+class Curiosity(nn.Module, ABC):
+    """What an agent has learned from, paid where a transition is new to it.
+
+    A subclass says what surprises it (``errors``), and there updates what it learns without
+    gradients. What it learns is a parameter or a buffer, so that checkpoints hold it. Batches are
+    one control step long and hold normalized touch.
+
+    The reward comes from the same pass as the loss, so from the weights before the gradient step:
+    another pass costs as much again as the loss, and one gradient step changes it little.
+
+    ``window``: over how many batches, the latest ones, the rewards' standard deviation is taken.
+    A model's first surprises can be a thousand times its later ones: were they never forgotten,
+    the reward would stay near 0.
+    """
+
+    window: ClassVar[float] = 100
+
+    def __init__(self, config: CuriosityConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.seen: Tensor
+        self.mean: Tensor
+        self.squares: Tensor
+        self.register_buffer("seen", torch.zeros((), dtype=torch.float64))
+        self.register_buffer("mean", torch.zeros((), dtype=torch.float64))
+        self.register_buffer("squares", torch.zeros((), dtype=torch.float64))
+
+    def begin(self) -> None:
+        """Make the optimizer, once everything is in place on its device."""
+        # As a group, which may be empty: a model need not have a network.
+        trained = {"params": [weights for weights in self.parameters() if weights.requires_grad]}
+        self.optimizer = torch.optim.Adam([trained], self.config.learning_rate, fused=True)
+
+    @abstractmethod
+    def errors(self, batch: Batch) -> Errors:
+        """Return how new each transition is, and the networks' loss with its gradients."""
+
+    def update(self, batch: Batch) -> Errors:
+        """Learn from a batch, by one gradient step, and return the errors before it."""
+        errors = self.errors(batch)
+        if errors.loss.requires_grad:
+            self.optimizer.zero_grad()
+            errors.loss.backward()  # type: ignore[no-untyped-call]
+            self.optimizer.step()
+        return Errors(errors.surprise.detach(), errors.loss.detach())
+
+    @torch.no_grad()
+    def reward(self, surprise: Tensor) -> Tensor:
+        """Return the intrinsic reward of transitions, float32 (N,), from how new they are.
+
+        With ``normalize`` it is divided by the standard deviation of about the last ``window``
+        batches of surprises.
+        """
+        if not self.config.normalize:
+            return surprise
+        self._count(surprise.double())
+        deviation = (self.squares / self.seen).sqrt().float()
+        return surprise / (deviation + 1e-8)
+
+    def _count(self, values: Tensor) -> None:
+        """Add values to the running mean and variance (Chan et al.), and forget the oldest."""
+        count = len(values)
+        total = self.seen + count
+        delta = values.mean() - self.mean
+        self.squares += values.var(correction=0) * count + delta**2 * self.seen * count / total
+        self.mean += delta * count / total
+        self.seen += count
+        kept = torch.clamp(self.window * count / self.seen, max=1.0)
+        self.squares *= kept
+        self.seen *= kept
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that later steps depend on."""
+        optimizer = self.optimizer.state_dict()
+        return {"curiosity": self.state_dict(), "curiosity_optimizer": optimizer}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Go on from what ``state`` returned; other keys are left alone."""
+        self.load_state_dict(state["curiosity"])
+        self.optimizer.load_state_dict(state["curiosity_optimizer"])
+
+    def encode(self, encoder: nn.Module, image: Tensor) -> Tensor:
+        """Return features of images, float32 (N, F)."""
+        return encode(encoder, image, bfloat16=self.config.bfloat16)
+
+
+class Whitening(nn.Module):
+    """Subtract each pixel's mean over all images seen, and divide by its standard deviation.
+
+    The result is clipped to WHITENED_LIMIT (Burda et al. 2019). A random network tells images
+    apart that it sees so; of raw ones it sees the background, which is the same in all.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count: Tensor
+        self.mean: Tensor
+        self.square: Tensor
+        self.register_buffer("count", torch.zeros(()))
+        self.register_buffer("mean", torch.zeros(IMAGE_SHAPE))
+        self.register_buffer("square", torch.zeros(IMAGE_SHAPE))
+
+    @torch.no_grad()
+    def watch(self, images: Tensor) -> None:
+        """Add a batch, uint8 (N, 1, H, W), to the running mean and mean square of each pixel."""
+        gray = images.float()
+        self.count += len(gray)
+        rate = len(gray) / self.count
+        self.mean += rate * (gray.mean(dim=0) - self.mean)
+        self.square += rate * (gray.square().mean(dim=0) - self.square)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Return whitened images, float32 (N, 1, H, W)."""
+        variance = (self.square - self.mean.square()).clamp_min(1.0)
+        whitened = (images.float() - self.mean) / variance.sqrt()
+        return whitened.clamp(-WHITENED_LIMIT, WHITENED_LIMIT)
+
+
+def initialize(module: nn.Module) -> None:
+    """Give a layer orthogonal weights of gain sqrt(2) and no bias (Burda et al. 2019)."""
+    if isinstance(module, nn.Conv2d | nn.Linear):
+        nn.init.orthogonal_(module.weight, math.sqrt(2.0))
+        assert module.bias is not None
+        nn.init.zeros_(module.bias)
+
+
+def two_layers(inputs: int, outputs: int) -> nn.Sequential:
+    """Return a head with two hidden layers of 128 units (supplement, Table 2)."""
+    return nn.Sequential(
+        nn.Linear(inputs, HIDDEN_UNITS),
+        nn.LeakyReLU(),
+        nn.Linear(HIDDEN_UNITS, HIDDEN_UNITS),
+        nn.LeakyReLU(),
+        nn.Linear(HIDDEN_UNITS, outputs),
+    )
+
+
+class HapticCuriosity(Curiosity):
+    """Predict the finger forces of the reached state from its image.
+
+    r = mean_k (f_k(x') - h'_k)^2, where x' is the image and h' the forces of the reached
+    state, both from the same moment (supplement, Figure 8: the agent "anticipates the
+    force/torque sensation" of what it sees).
+
+    Decisions, where the paper is silent:
+
+    - Forces alone are predicted: position and opening are seen in every image.
+    - ``haptics``: ``forces`` in units of ``force_scale``, or ``contact``, tanh |f| of each
+      finger, which a hard press does not change any more.
+    - ``standardize``: the spread s_k of each force is predicted too, by the likelihood of a
+      normal distribution (Kendall and Gal 2017), and r = mean_k min((f_k - h'_k)^2 / s_k^2, 25):
+      forces that are always random, as when the door is pressed, do not outweigh rare ones.
+    - ``from_previous``: the prediction sees the image before the action, and the action.
+    - The standard deviation is that of all surprises, which grow as the policy finds contacts.
+    """
+
+    window = math.inf
+
+    def __init__(self, config: CuriosityConfig, action_size: int) -> None:
+        super().__init__(config)
+        self.encoder = VisualEncoder(config.width)
+        inputs = FEATURES + (TOUCH_SIZE + action_size if config.from_previous else 0)
+        outputs = 2 if config.haptics == "contact" else 6
+        self.head = two_layers(inputs, 2 * outputs if config.standardize else outputs)
+
+    def errors(self, batch: Batch) -> Errors:
+        """Return squared errors, with ``standardize`` in units of the predicted variance.
+
+        The loss is their mean, with ``standardize`` the negative log likelihood (less a constant).
+        """
+        prediction, haptics = self._prediction(batch), self.haptics(batch)
+        if not self.config.standardize:
+            surprise = (prediction - haptics).square().mean(dim=1)
+            return Errors(surprise, surprise.mean())
+        mean, log_variance = prediction.chunk(2, dim=1)
+        log_variance = log_variance.clamp(*LOG_VARIANCE_BOUNDS)
+        square = (mean - haptics).square() / log_variance.exp()
+        loss = 0.5 * (square + log_variance).mean()
+        return Errors(square.clamp(max=MOST_SURPRISE).mean(dim=1), loss)
+
+    def haptics(self, batch: Batch) -> Tensor:
+        """Return what is to be predicted, float32 (N, 6) or (N, 2)."""
+        forces = batch.next_touch[:, FORCES]
+        if self.config.haptics == "contact":
+            return torch.tanh(forces.reshape(-1, 2, 3).norm(dim=2))
+        return forces
+
+    def _prediction(self, batch: Batch) -> Tensor:
+        if self.config.from_previous:
+            seen = self.encode(self.encoder, batch.image)
+            seen = torch.cat((seen, batch.touch, batch.action), dim=1)
+        else:
+            seen = self.encode(self.encoder, batch.next_image)
+        prediction: Tensor = self.head(seen)
+        return prediction
+
+
+class InverseDynamics(Curiosity):
+    """Predict the next features; learn the features by telling which action was done.
+
+    r = mean_k (g(phi(x), a)_k - phi(x')_k)^2; phi learns through the inverse model
+    a ~ h(phi(x), phi(x')) alone (Pathak et al. 2017, Burda et al. 2019: large-scale-curiosity).
+    """
+
+    uses_touch = False
+
+    def __init__(self, config: CuriosityConfig, action_size: int) -> None:
+        super().__init__(config)
+        state = FEATURES + (TOUCH_SIZE if self.uses_touch else 0)
+        self.encoder = VisualEncoder(config.width)
+        self.inverse = two_layers(2 * FEATURES, action_size)
+        self.forward_model = two_layers(state + action_size, state)
+
+    def errors(self, batch: Batch) -> Errors:
+        """Return the forward model's squared errors; the loss adds the inverse model's."""
+        now = self.encode(self.encoder, batch.image)
+        then = self.encode(self.encoder, batch.next_image)
+        guessed = self.inverse(torch.cat((now, then), dim=1))
+        inverse = functional.mse_loss(guessed, batch.action)
+        surprise = self._forward_errors(batch, now.detach(), then.detach())
+        return Errors(surprise, inverse + surprise.mean())
+
+    def _forward_errors(self, batch: Batch, now: Tensor, then: Tensor) -> Tensor:
+        if self.uses_touch:
+            now = torch.cat((now, batch.touch), dim=1)
+            then = torch.cat((then, batch.next_touch), dim=1)
+        predicted = self.forward_model(torch.cat((now, batch.action), dim=1))
+        errors: Tensor = (predicted - then).square().mean(dim=1)
+        return errors
+
+
+class TouchInverseDynamics(InverseDynamics):
+    """The same with (phi(x), touch) as the state, so that the next touch is predicted as well.
+
+    Source: the supplement's "touch in future prediction".
+    """
+
+    uses_touch = True
+
+
+class Disagreement(Curiosity):
+    """Predict the next features with five models; pay where they differ.
+
+    r = mean_k var_m g_m(phi(x), a)_k (Pathak et al. 2019, exploration-by-disagreement).
+    phi is a random encoder of whitened images that is never trained: their simplest choice.
+    """
+
+    def __init__(self, config: CuriosityConfig, action_size: int) -> None:
+        super().__init__(config)
+        self.whitening = Whitening()
+        self.encoder = VisualEncoder(config.width).apply(initialize).requires_grad_(False)
+        self.members = nn.ModuleList(
+            two_layers(FEATURES + action_size, FEATURES) for _ in range(ENSEMBLE_SIZE)
+        )
+
+    def errors(self, batch: Batch) -> Errors:
+        """Return the variance of the predictions; the loss is every member's squared error."""
+        self.whitening.watch(batch.next_image)
+        now, then = (
+            self.encode(self.encoder, self.whitening(image))
+            for image in (batch.image, batch.next_image)
+        )
+        seen = torch.cat((now, batch.action), dim=1)
+        predictions = torch.stack([member(seen) for member in self.members])
+        variance = predictions.detach().var(dim=0, correction=0)
+        return Errors(variance.mean(dim=1), (predictions - then).square().mean())
+
+
+class RandomDistillation(Curiosity):
+    """Predict what a fixed random network says of the reached state.
+
+    r = mean_k (f(o')_k - t(o')_k)^2, t random and fixed, o' the whitened image (Burda et
+    al. 2019). Convolutions of 32, 64 and 64 channels as theirs, times ``width``; the predictor
+    is two layers deeper. It does not depend on actions.
+    """
+
+    uses_touch = False
+
+    def __init__(self, config: CuriosityConfig, _action_size: int) -> None:
+        super().__init__(config)
+        self.target_maps = _convolutions(config.width).requires_grad_(False)
+        flat = self.target_maps(torch.zeros(1, *IMAGE_SHAPE)).shape[1]
+        inputs = flat + (TOUCH_SIZE if self.uses_touch else 0)
+        self.target_head = self._target_head(inputs).requires_grad_(False)
+        self.maps = _convolutions(config.width)
+        self.hidden = nn.Sequential(
+            nn.Linear(inputs, DISTILLED),
+            nn.ReLU(),
+            nn.Linear(DISTILLED, DISTILLED),
+            nn.ReLU(),
+        )
+        self.head = nn.Linear(DISTILLED, DISTILLED)
+        self.whitening = Whitening()
+        self.apply(initialize)
+
+    @staticmethod
+    def _target_head(inputs: int) -> nn.Module:
+        return nn.Linear(inputs, DISTILLED)
+
+    def errors(self, batch: Batch) -> Errors:
+        """Learn the pixels' statistics, and return the predictor's squared errors."""
+        self.whitening.watch(batch.next_image)
+        image = self.whitening(batch.next_image)
+        target: Tensor = self.target_head(self._seen(self.target_maps, image, batch.next_touch))
+        seen = self._seen(self.maps, image, batch.next_touch)
+        guess: Tensor = self.head(self.encode(self.hidden, seen))
+        surprise = (guess - target).square().mean(dim=1)
+        return Errors(surprise, surprise.mean())
+
+    def _seen(self, maps: nn.Module, image: Tensor, touch: Tensor) -> Tensor:
+        features = self.encode(maps, image)
+        if not self.uses_touch:
+            return features
+        weight = (features.shape[1] / TOUCH_SIZE) ** 0.5
+        return torch.cat((features, weight * touch), dim=1)
+
+
+class TouchDistillation(RandomDistillation):
+    """The same on image features and touch, concatenated as the input of both networks.
+
+    The supplement (7.5) says no more. Ours: touch is multiplied by sqrt(features / touch numbers),
+    so that the few numbers change the target about as much as the many features do. The target
+    has a hidden layer after them: without it touch would be mapped linearly, and new touch hardly
+    be new.
+    """
+
+    uses_touch = True
+
+    @staticmethod
+    def _target_head(inputs: int) -> nn.Module:
+        return nn.Sequential(
+            nn.Linear(inputs, DISTILLED), nn.ReLU(), nn.Linear(DISTILLED, DISTILLED)
+        )
+
+
+def _convolutions(width: float) -> ImageConvolutions:
+    first, second, third = (max(1, int(width * channels)) for channels in (32, 64, 64))
+    return ImageConvolutions(
+        nn.Conv2d(1, first, 8, 4), nn.LeakyReLU(),
+        nn.Conv2d(first, second, 4, 2), nn.LeakyReLU(),
+        nn.Conv2d(second, third, 3, 1), nn.LeakyReLU(),
+        nn.Flatten(),
+    )  # fmt: skip
+
+
+CURIOSITIES: Mapping[str, Callable[[CuriosityConfig, int], Curiosity]] = {
+    "hac": HapticCuriosity,
+    "icm": InverseDynamics,
+    "icm-touch": TouchInverseDynamics,
+    "disagreement": Disagreement,
+    "rnd": RandomDistillation,
+    "rnd-touch": TouchDistillation,
+}
+"""The curiosity of every method but ``sac``, which has none."""
