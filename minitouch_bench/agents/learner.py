@@ -144,10 +144,15 @@ class Learner:
     def update(self, replay: Replay, step: int) -> dict[str, Tensor]:
         """Draw a batch, and do one gradient step on the phase's reward.
 
-        ``step``: control steps of the phase so far.
+        While exploring, the reward is the curiosity's, and the end of an episode is not terminal:
+        a terminal end would remove all later reward and so punish success.
 
-        While exploring that is the curiosity's, which goes on beyond an episode's end: an
-        end that takes all further reward away would punish success.
+        Args:
+            replay: Memory to draw from.
+            step: Control steps of the phase so far.
+
+        Returns:
+            The losses and other curves of the step, as scalars.
         """
         batch = self._batch(replay)
         if not self.exploring or self.curiosity is None:
