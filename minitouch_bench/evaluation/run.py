@@ -15,7 +15,7 @@ from minitouch_bench.machine import machine_facts
 from minitouch_bench.optional import installed_versions
 from minitouch_bench.policies.loaders import computing_packages
 from minitouch_bench.policies.sources import identify
-from minitouch_bench.records import EpisodeRecord, EpisodeSpec, Outcome
+from minitouch_bench.records import EpisodeRecord, Outcome
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal, check_same
 from minitouch_bench.runs.run import Run, RunEnvironment, RunHeader, make_header, make_run, read_run
@@ -105,10 +105,8 @@ def play_missing(
     under_way: RunUnderWay,
     engine: Engine,
     on_record: Callable[[EpisodeRecord], None],
-    *,
-    turn: Callable[[EpisodeSpec], int] | None = None,
 ) -> Run:
-    """Play the episodes that are missing, by their ``turn``, and return the whole run.
+    """Play the episodes that are missing, and return the whole run.
 
     Where the run has a directory, each record is kept there before ``on_record`` sees it, and
     ``actions.npz`` is written at the end.
@@ -121,10 +119,9 @@ def play_missing(
     header, directory = under_way.header, under_way.directory
     specs = header.specs()
     records = {record.spec: record for record in under_way.records}
-    in_turn = specs if turn is None else sorted(specs, key=turn)
-    missing = [spec for spec in in_turn if spec not in records]
+    missing = [spec for spec in specs if spec not in records]
     # Not those that end first: a fault ends early, and other workers would be other episodes.
-    first = in_turn[:HOPELESS_AFTER] if len(specs) > HOPELESS_AFTER else ()
+    first = specs[:HOPELESS_AFTER] if len(specs) > HOPELESS_AFTER else ()
     started, clock, workers = datetime.now(UTC), time.monotonic(), engine.workers
     journal = None
     if directory is not None:

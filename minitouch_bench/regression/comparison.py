@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.metrics.metric import NO_DIRECTION
 from minitouch_bench.metrics.significance import ALPHA, holm
 from minitouch_bench.records import Outcome
@@ -19,7 +20,7 @@ from minitouch_bench.regression.pairing import (
     pair_runs,
 )
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
-from minitouch_bench.runs.run import Run, RunHeader
+from minitouch_bench.runs.run import Run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +61,10 @@ class ComparedMetric:
 
 @dataclass(frozen=True)
 class OutcomeChange:
-    """An episode that ended in another way, and the commands that replay it."""
+    """An episode that ended in another way.
+
+    ``replays``: the commands that replay it in each run, "" where the run has no actions.
+    """
 
     episode: str
     first: Outcome
@@ -150,7 +154,7 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
                     _compared(values, effect, next(adjusted), (first.title, other.title))
                     for values, effect in row
                 ),
-                changes=find_changes(pairs, (first.path, other.path)),
+                changes=find_changes(pairs, (runs[0], run), (first.path, other.path)),
                 notes=differences_of_making(runs[0], run),
             )
             for other, run, pairs, row in zip(named[1:], runs[1:], paired, tested, strict=True)
@@ -165,23 +169,36 @@ def _in_shared_roles(first: Run, second: Run) -> tuple[Run, Run]:
     return replace(first, exploration_episodes=()), replace(second, exploration_episodes=())
 
 
-def find_changes(pairs: Sequence[EpisodePair], paths: tuple[str, str]) -> tuple[OutcomeChange, ...]:
+def find_changes(
+    pairs: Sequence[EpisodePair], runs: tuple[Run, Run], paths: tuple[str, str]
+) -> tuple[OutcomeChange, ...]:
     """Return the episodes whose outcome is another in the second run."""
     return tuple(
         OutcomeChange(
             episode=pair.key,
             first=pair.first.outcome,
             second=pair.second.outcome,
-            replays=(replay_command(paths[0], pair.key), replay_command(paths[1], pair.key)),
+            replays=(
+                replay_command(runs[0], paths[0], pair.key),
+                replay_command(runs[1], paths[1], pair.key),
+            ),
         )
         for pair in pairs
         if pair.first.outcome is not pair.second.outcome
     )
 
 
-def replay_command(path: str, episode: str) -> str:
-    """Return the command line that shows one episode of a run."""
-    return shlex.join(["minitouch-bench", "replay", printable(path), episode])
+def replay_command(run: Run, path: str, episode: str) -> str:
+    """Return the command line that shows one episode of a run, "" where it cannot be replayed.
+
+    A run that is kept in memory, or as ``run.json`` alone, has no actions. A path of unprintable
+    characters is not printed as it is.
+    """
+    has_actions = run.directory is not None and (run.directory / ACTIONS_FILE).is_file()
+    if not has_actions or printable(path) != path:
+        return ""
+    place = f"./{path}" if path.startswith("-") else path
+    return shlex.join(["minitouch-bench", "replay", place, episode])
 
 
 def differences_of_making(first: Run, second: Run) -> tuple[str, ...]:
@@ -189,7 +206,10 @@ def differences_of_making(first: Run, second: Run) -> tuple[str, ...]:
     left_out = first.header.rules_differ(second.header)
     packages = (first.environment.packages, second.environment.packages)
     machines = (run.environment.machine.get("processor", "unknown") for run in (first, second))
+    times = (f"{run.plan.limits.act_timeout_s:g}" for run in (first, second))
     facts = [
+        ("isolation", first.header.isolation, second.header.isolation),
+        ("seconds for an action", *times),
         *(
             (name, *(versions.get(name, "none") for versions in packages))
             for name in {**packages[0], **packages[1]}
@@ -203,16 +223,7 @@ def differences_of_making(first: Run, second: Run) -> tuple[str, ...]:
             for run, other in ((first, second), (second, first))
             if other.exploration_episodes and not run.exploration_episodes
         ),
-        *differences_of_isolation(first.header, second.header),
         *_in_words(facts),
-    )
-
-
-def differences_of_isolation(first: RunHeader, second: RunHeader) -> tuple[str, ...]:
-    """Say in what way two policies were run differently."""
-    times = (f"{header.plan.limits.act_timeout_s:g}" for header in (first, second))
-    return _in_words(
-        [("isolation", first.isolation, second.isolation), ("seconds for an action", *times)]
     )
 
 

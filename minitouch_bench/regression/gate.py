@@ -46,7 +46,7 @@ from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
-from minitouch_bench.runs.run import Run, RunHeader
+from minitouch_bench.runs.run import Run, RunHeader, run_digest
 
 
 class Decision(StrEnum):
@@ -93,21 +93,11 @@ class TaskMetric:
 
 
 @dataclass(frozen=True)
-class EpisodesUsed:
-    """Episodes that a policy has played, of those it had to, and why it stopped."""
-
-    used: int
-    planned: int
-    reason: str
-
-
-@dataclass(frozen=True)
 class GateResult:
     """What the gate found, and the command to type next.
 
     ``identical``: every episode of both runs has the same bits. ``wall_s``: seconds that the
-    candidate's run took. ``episodes_used`` is None where both runs were there already;
-    ``unfinished``: the candidate's run was stopped.
+    candidate's run took.
     """
 
     baseline: ComparedRun
@@ -121,8 +111,6 @@ class GateResult:
     notes: tuple[str, ...]
     next_command: str
     wall_s: float
-    episodes_used: EpisodesUsed | None = None
-    unfinished: bool = False
 
     @property
     def exit_code(self) -> int:
@@ -151,7 +139,7 @@ def judge_runs(
     if identical:
         endpoint = replace(endpoint, decision=Decision.NO_REGRESSION, episodes_needed=None)
     per_task = measure_tasks(pairs, tasks, endpoint, settings.alpha, root)
-    changes = find_changes(pairs, paths)
+    changes = find_changes(pairs, (baseline, candidate), paths)
     return GateResult(
         baseline=ComparedRun.of("baseline", baseline, paths[0]),
         candidate=ComparedRun.of("candidate", candidate, paths[1]),
@@ -165,6 +153,12 @@ def judge_runs(
         next_command=_next_command(endpoint, changes, (baseline, candidate), paths, settings),
         wall_s=candidate.environment.wall_s,
     )
+
+
+def without_exploration(run: Run) -> Run:
+    """Return a run with its final episodes alone, and their digest."""
+    digest = run_digest(run.header, run.episodes)
+    return replace(run, digest=digest, exploration_episodes=())
 
 
 def refuse_other_rules(baseline: Run, candidate: RunHeader) -> None:
@@ -294,14 +288,21 @@ def _next_command(
 ) -> str:
     """Return the command line that leads on from here.
 
-    After a regression it replays an episode that was lost; where more episodes would settle
-    the matter it plays them; otherwise it compares the runs in full.
+    After a regression it replays an episode that was lost, if the candidate's actions are kept;
+    where more episodes would settle the matter it plays them; otherwise it compares the runs in
+    full.
     """
-    lost = [change for change in changes if change.first is Outcome.SUCCESS]
-    if endpoint.decision is Decision.REGRESSION and lost:
-        return lost[0].replays[1]
+    role = METRICS[endpoint.effect.metric].role
+    lost = [
+        change.replays[1]
+        for change in changes
+        if change.first is Outcome.SUCCESS
+        and change.episode.startswith(f"{Role.EXPLORATION}/") == (role is Role.EXPLORATION)
+    ]
+    if endpoint.decision is Decision.REGRESSION and any(lost):
+        return lost[0]
     # A policy plays no exploration episodes.
-    can_play = METRICS[endpoint.effect.metric].role is Role.FINAL and not runs[0].plan.chosen
+    can_play = role is Role.FINAL and not runs[0].plan.chosen
     if endpoint.episodes_needed and can_play:
         directory = view_directory(runs[0].directory or Path(paths[0]))
         output = printable(f"{directory}-{endpoint.episodes_needed}")

@@ -102,7 +102,7 @@ def pair_runs(first: Run, second: Run) -> tuple[EpisodePair, ...]:
     pairs = []
     for key, (role, episode) in here.items():
         pair = EpisodePair(role, episode, there[key][1])
-        refuse_other_episode(pair)
+        _refuse_other_episode(pair)
         pairs.append(pair)
     return tuple(pairs)
 
@@ -124,7 +124,7 @@ def _refuse_other_runs(first: Run, second: Run) -> None:
             )
 
 
-def refuse_other_episode(pair: EpisodePair) -> None:
+def _refuse_other_episode(pair: EpisodePair) -> None:
     """Refuse a pair whose seeds or shapes differ.
 
     Raises:

@@ -1,15 +1,17 @@
-"""What a regression gate lets pass: level, metric and tolerance, from flags and a TOML file."""
+"""What a regression gate lets pass: level, metric and tolerance."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
-from minitouch_bench.documents import read_toml, take_table
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.significance import ALPHA
 from minitouch_bench.regression.pairing import COMPARED_METRICS, MEAN_METRIC
+
+SMALLEST_ALPHA, LARGEST_ALPHA = 0.001, 0.25
+"""The levels that a gate can have. A test at a smaller level finds nothing: with a level of 1e-9
+even 29 lost episodes of 29 are not a regression."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +20,20 @@ class Tolerance:
 
     amount: float
     relative: bool = False
+
+    @classmethod
+    def parse(cls, given: float | str) -> "Tolerance":
+        """Read "0.05", or "10%" of the baseline's mean.
+
+        Raises:
+            UsageError: it is neither.
+        """
+        text = str(given).strip()
+        try:
+            amount = float(text.removesuffix("%"))
+        except ValueError:
+            raise UsageError("the tolerance is one number, or a percentage like '10%'") from None
+        return cls(amount / 100.0, relative=True) if text.endswith("%") else cls(amount)
 
     def absolute(self, baseline: float) -> float:
         """Return the tolerance in the metric's unit, for a mean of the baseline."""
@@ -50,15 +66,15 @@ class GateSettings:
         UsageError: a value has no meaning.
     """
 
-    alpha: float = 0.05
+    alpha: float = ALPHA
     metric: str = ""
     tolerance: Tolerance | None = None
     strict: bool = False
     lenient: bool = False
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.alpha < 0.5:
-            raise UsageError(f"alpha is a number between 0 and 0.5, not {self.alpha}")
+        if not SMALLEST_ALPHA <= self.alpha <= LARGEST_ALPHA:
+            raise UsageError(f"alpha is from {SMALLEST_ALPHA} to {LARGEST_ALPHA}, not {self.alpha}")
         if self.metric and self.metric not in COMPARED_METRICS:
             known = ", ".join(COMPARED_METRICS)
             raise UsageError(f"no metric '{printable(self.metric)}' to guard; there are {known}")
@@ -84,62 +100,3 @@ class GateSettings:
 
 STANDARD = GateSettings()
 """What the gate asks for where nobody says otherwise."""
-
-
-@dataclass(frozen=True)
-class GateFlags:
-    """What a file or the command line changes; None and False leave what there is."""
-
-    alpha: float | None = None
-    metric: str | None = None
-    tolerance: float | str | None = None
-    strict: bool = False
-    lenient: bool = False
-
-
-def read_settings(file: Path) -> GateSettings:
-    """Read the table ``[regress]`` of a TOML file; a file without it changes nothing.
-
-    Raises:
-        UsageError: the file is not TOML, or names what is unknown or has no meaning.
-    """
-    name = f"{file}: [regress]"
-    flags = take_table(read_toml(file).get("regress", {}), GateFlags, name)
-    try:
-        return with_flags(STANDARD, flags)
-    except UsageError as error:
-        raise UsageError(f"{name}: {error}") from error
-
-
-def with_flags(settings: GateSettings, flags: GateFlags) -> GateSettings:
-    """Return the settings with those of the command line in place of the file's.
-
-    ``strict`` and ``lenient`` each replace the other.
-
-    Raises:
-        UsageError: a value has no meaning.
-    """
-    given: dict[str, Any] = {
-        name: value
-        for name, value in vars(flags).items()
-        if value is not None and value is not False
-    }
-    if flags.tolerance is not None:
-        given["tolerance"] = parse_tolerance(flags.tolerance)
-    if flags.strict or flags.lenient:
-        settings = replace(settings, strict=False, lenient=False)
-    return replace(settings, **given)
-
-
-def parse_tolerance(given: float | str) -> Tolerance:
-    """Read "0.05", or "10%" of the baseline's mean.
-
-    Raises:
-        UsageError: it is neither.
-    """
-    text = str(given).strip()
-    try:
-        amount = float(text.removesuffix("%"))
-    except ValueError:
-        raise UsageError("the tolerance is one number, or a percentage like '10%'") from None
-    return Tolerance(amount / 100.0, relative=True) if text.endswith("%") else Tolerance(amount)

@@ -176,29 +176,9 @@ def _reason(result: GateResult) -> str:
     return f"{seen}; {endpoint.episodes_needed:,} episodes per task would settle it"
 
 
-def episodes_line(result: GateResult) -> str:
-    """Say how many episodes the answer took, "" where all were there already."""
-    used = result.episodes_used
-    if used is None:
-        return ""
-    saved = used.planned - used.used
-    if saved == 0:
-        return f"{used.used} of {used.planned} episodes were played; {used.reason}"
-    share = 100 * saved / used.planned
-    return (
-        f"stopped after {used.used} of {used.planned} episodes, {share:.0f} % saved: {used.reason}"
-    )
-
-
 def gate_notes(result: GateResult) -> tuple[str, ...]:
     """Say how the figures of a result were made, and what is not alike."""
     notes = [f"{NOT_ALIKE}: {note}." for note in result.notes]
-    if result.unfinished:
-        notes.append(
-            "The candidate's run is unfinished: differences and p are of the episodes seen; the "
-            "decision is that of the whole run. The next command finishes it, then its episodes "
-            "can be replayed."
-        )
     alpha = f"{100 * result.settings.alpha:g} %"
     notes.append(
         "Brackets: 95 % interval of the paired difference, of the row alone. p: one-sided, that "
@@ -231,8 +211,6 @@ def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[Block]:
 def result_blocks(result: GateResult) -> Iterator[Block]:
     """Yield what a gate's answer rests on."""
     yield from map(run_line, (result.baseline, result.candidate))
-    if line := episodes_line(result):
-        yield line
     yield ""
     yield endpoint_table(result)
     yield from task_tables(result)

@@ -33,7 +33,7 @@ STYLES = {
 }
 MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌", Decision.NOT_ENOUGH: "❔"}
 
-COMPARISON_VERSION, RESULT_VERSION = 2, 3
+COMPARISON_VERSION, RESULT_VERSION = 2, 4
 """Of the JSON documents."""
 
 SUITE = "minitouch-bench regress"
@@ -102,19 +102,27 @@ def _text(document: dict[str, Any]) -> str:
 
 
 def gate_junit(result: GateResult) -> str:
-    """Write a result as a JUnit report: a test case for what decides, and its time.
+    """Write a result as a JUnit report: the gate's own test case, and one per metric of a task.
 
-    Not enough episodes are a failure where the gate fails, otherwise skipped. After a regression
-    each metric of a task is a test case too. Source of the form: the Ant task "JUnitReport", as CI
-    servers read it.
+    The names of the cases depend on the baseline's tasks and metrics alone, not on the outcome.
+    Not enough episodes are a failure where the gate fails, otherwise skipped. A metric of a task is
+    skipped unless there is a regression, after which alone it is tested. Source of the form: the
+    Ant task "JUnitReport", as CI servers read it.
     """
-    tested = [metric for metric in result.per_task if metric.p_adjusted is not None]
-    kinds = [_kind(result), *("failure" if metric.is_worse else "system-out" for metric in tested)]
+    answer, endpoint = tables.result_line(result), result.endpoint
+    cases = [_case("gate", endpoint.effect, _kind(result), answer, endpoint.p_value)]
+    cases[0].set("name", f"{endpoint.effect.task} {endpoint.effect.metric}")
+    cases[0].set("time", f"{result.wall_s:.3f}")
+    for metric in result.per_task:
+        kind, words = "failure" if metric.is_worse else "system-out", "worse"
+        if metric.p_adjusted is None:
+            kind, words = "skipped", "tested only after a regression"
+        cases.append(_case(metric.effect.task, metric.effect, kind, words, metric.p_adjusted))
     counts = {
-        "tests": str(len(kinds)),
-        "failures": str(kinds.count("failure")),
+        "tests": str(len(cases)),
+        "failures": str(sum(case.find("failure") is not None for case in cases)),
         "errors": "0",
-        "skipped": str(kinds.count("skipped")),
+        "skipped": str(sum(case.find("skipped") is not None for case in cases)),
         "time": f"{result.wall_s:.3f}",
     }
     root = ElementTree.Element("testsuites", {"name": SUITE, **counts})
@@ -124,23 +132,12 @@ def gate_junit(result: GateResult) -> str:
         ("baseline", result.baseline.path),
         ("candidate", result.candidate.path),
         ("alpha", f"{result.settings.alpha:g}"),
-        ("result", tables.result_line(result)),
+        ("result", answer),
     ):
         ElementTree.SubElement(properties, "property", {"name": name, "value": printable(value)})
-    endpoint = result.endpoint
-    case = _add_case(suite, endpoint.effect, kinds[0], tables.result_line(result), endpoint.p_value)
-    case.set("time", counts["time"])
-    for metric, kind in zip(tested, kinds[1:], strict=True):
-        assert metric.p_adjusted is not None
-        _add_case(suite, metric.effect, kind, "worse", metric.p_adjusted)
-    lines = [
-        tables.episodes_line(result),
-        *tables.gate_notes(result),
-        f"next: {result.next_command}",
-    ]
-    ElementTree.SubElement(suite, "system-out").text = "\n".join(
-        printable(line) for line in lines if line
-    )
+    suite.extend(cases)
+    lines = [*tables.gate_notes(result), f"next: {result.next_command}"]
+    ElementTree.SubElement(suite, "system-out").text = "\n".join(map(printable, lines))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
@@ -152,19 +149,22 @@ def _kind(result: GateResult) -> str:
     return "skipped" if result.decision is Decision.NOT_ENOUGH else "system-out"
 
 
-def _add_case(
-    suite: ElementTree.Element, effect: Effect, kind: str, words: str, p_value: float
+def _case(
+    group: str, effect: Effect, kind: str, words: str, p_value: float | None
 ) -> ElementTree.Element:
+    """Return a test case, with an element ``kind`` that says how it ended."""
     difference = tables.difference_text(effect)
-    names = {"classname": f"minitouch.{effect.task}", "name": effect.metric}
-    case = ElementTree.SubElement(suite, "testcase", names)
+    case = ElementTree.Element(
+        "testcase", {"classname": f"minitouch.{group}", "name": effect.metric}
+    )
     element = ElementTree.SubElement(case, kind)
     if kind != "system-out":
         element.set("message", printable(f"{words}: {difference}"))
     if kind == "failure":
         element.set("type", printable(words.partition(":")[0]))
+    tested = "not tested" if p_value is None else f"p {tables.p_text(p_value)}"
     element.text = printable(
-        f"{tables.effect_head(effect)}: candidate minus baseline {difference}, "
-        f"p {tables.p_text(p_value)}, {effect.count} episodes"
+        f"{tables.effect_head(effect)}: candidate minus baseline {difference}, {tested}, "
+        f"{effect.count} episodes"
     )
     return case

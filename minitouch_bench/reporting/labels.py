@@ -104,11 +104,7 @@ def _checked(names: Sequence[str], count: int) -> tuple[str, ...]:
 
 def run_labels(run: Run) -> tuple[str, ...]:
     """Return what a reader must know of a run: notes on the policy, and why it is unofficial."""
-    return header_labels(run.header, len(run.faults))
-
-
-def header_labels(header: RunHeader, faults: int) -> tuple[str, ...]:
-    """Return ``run_labels`` of a run with this header and so many policy faults."""
+    header, faults = run.header, len(run.faults)
     labels = list(header.policy.notes)
     if header.exploration is not None:
         labels += [

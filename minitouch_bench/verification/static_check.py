@@ -39,12 +39,14 @@ CURVE_TOLERANCE = 1e-6
 """Relative rounding of a sum over a touch curve's means."""
 
 
-def check_run(run: Run, *, recompute: bool = True) -> tuple[Problem, ...]:
+def check_run(
+    run: Run, *, recompute: bool = True, unpack_actions: bool = True
+) -> tuple[Problem, ...]:
     """Return every problem of a run, of its episodes and of what is said of them.
 
     What follows from its episodes is looked at where they are those of its plan, and possible, and
     unedited. Without ``recompute`` estimates are not computed again, and actions not unpacked: for
-    bytes that a proof is about.
+    bytes that a proof is about. Without ``unpack_actions`` only ``run.json`` is looked at.
 
     Raises:
         UnreadableFileError: its actions cannot be read.
@@ -55,7 +57,7 @@ def check_run(run: Run, *, recompute: bool = True) -> tuple[Problem, ...]:
     problems = (*_rows(run), *_faults(run), *_digest(run))
     if problems or not recompute:
         return problems
-    return (*_estimates(run), *_actions(run))
+    return (*_estimates(run), *(_actions(run) if unpack_actions else ()))
 
 
 def check_plan(run: Run) -> tuple[Problem, ...]:

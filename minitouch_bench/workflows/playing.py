@@ -1,6 +1,6 @@
 """Play a run in its directory, and write its facts and its views."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +16,6 @@ from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.run import RunUnderWay, play_missing
 from minitouch_bench.evaluation.video import video_name, write_video
 from minitouch_bench.files import RUN_FILE, VIDEOS, list_videos, make_folder, write_file
-from minitouch_bench.records import EpisodeSpec
 from minitouch_bench.reporting import writers
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.run import Run, run_json
@@ -24,17 +23,12 @@ from minitouch_bench.workflows import Callbacks
 
 
 def play(
-    setup: PolicySetup,
-    opened: RunUnderWay | Run,
-    engine: Engine,
-    callbacks: Callbacks,
-    *,
-    turn: Callable[[EpisodeSpec], int] | None = None,
+    setup: PolicySetup, opened: RunUnderWay | Run, engine: Engine, callbacks: Callbacks
 ) -> Run:
     """Play the episodes that are missing, and keep the facts of the run in its directory.
 
-    ``turn``: what orders the episodes; by default they are in the suite's order. The callbacks
-    also receive the episodes that are already done. A finished run is returned unchanged.
+    The callbacks also receive the episodes that are already done. A finished run is returned
+    unchanged.
     """
     if isinstance(opened, Run):
         callbacks.note(f"{opened.directory} contains the finished run: no episode is missing")
@@ -43,7 +37,7 @@ def play(
     for record in opened.records:
         callbacks.episode(record)
     with resumable(opened.directory):
-        run = play_missing(setup, opened, engine, callbacks.episode, turn=turn)
+        run = play_missing(setup, opened, engine, callbacks.episode)
         if run.directory is None:
             return run
         content = run_json(run)

@@ -1,22 +1,24 @@
 """Compare a candidate with its baseline, and exit 1 if it is worse: the command ``regress``."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from minitouch_bench.errors import UsageError
-from minitouch_bench.files import append_text, write_file
+from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.files import ACTIONS_FILE, REPORTS, append_text, lock_directory, write_file
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
 from minitouch_bench.workflows import SILENT, Callbacks, options
 from minitouch_bench.workflows.options import StrPath
 
 if TYPE_CHECKING:
+    from minitouch_bench.evaluation.actors import PolicySetup
+    from minitouch_bench.policies.isolation.options import IsolationOptions
     from minitouch_bench.regression.gate import GateResult
-
-CONFIG_FILE = "minitouch-bench.toml"
-"""Read if it lies in the working directory."""
+    from minitouch_bench.regression.settings import GateSettings
+    from minitouch_bench.runs.run import Run
 
 GITHUB_SUMMARY = "GITHUB_STEP_SUMMARY"
 """The variable in which a GitHub workflow names the file of a step's summary."""
@@ -27,10 +29,9 @@ def regress(
     *,
     baseline: Annotated[StrPath, typer.Option()],
     candidate: Annotated[StrPath | None, typer.Option()] = None,
-    config: Annotated[StrPath | None, typer.Option()] = None,
     metric: Annotated[str | None, typer.Option()] = None,
     tolerance: Annotated[float | str | None, typer.Option()] = None,
-    alpha: Annotated[float | None, typer.Option()] = None,
+    alpha: Annotated[float, typer.Option()] = 0.05,
     strict: Annotated[bool, typer.Option()] = False,
     lenient: Annotated[bool, typer.Option()] = False,
     workers: options.Workers = options.AUTO,
@@ -51,19 +52,17 @@ def regress(
 ) -> "GateResult":
     """Say whether a candidate is worse: regression (exit 1), no regression, not enough episodes.
 
-    A policy plays the baseline's episodes until the answer is certain, or all of them; its run is
-    kept in its directory.
+    A policy plays the baseline's episodes; its run is kept in its directory.
 
     Args:
-        policy: Play this policy on the baseline's episodes, until the answer is certain.
+        policy: Play this policy on the baseline's episodes.
         baseline: Directory of the run to compare with.
         candidate: Directory of a finished run, in place of POLICY.
-        config: TOML file with metric, tolerance and level; by default minitouch-bench.toml.
         metric: What decides: the mean of this metric over its tasks; by default success, in
             Playing alone touch_share.
         tolerance: How much worse the metric may get, such as 0.05 or 10%; the default depends on
             the metric.
-        alpha: Chance of a false regression; by default 0.05.
+        alpha: Chance of a false regression, from 0.001 to 0.25.
         strict: Always fail if there are not enough episodes.
         lenient: Never fail if there are not enough episodes.
         output: Directory of POLICY's run; by default reports/POLICY-SUITE-regress.
@@ -73,42 +72,104 @@ def regress(
     Raises:
         UsageError: an option has no meaning, or the runs are not of the same episodes.
         PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
-        RunDirectoryError: a directory is in use, holds another run, or none.
+        RunDirectoryError: a directory is in use, holds another run, none, or an edited one.
         InfrastructureError, InterruptedRunError: the run is incomplete and can be resumed.
     """
     if (policy is None) == (candidate is None):
         raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
     if candidate is not None and (output is not None or resume or fresh or trust):
         raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
-    from minitouch_bench.regression.gate import judge_runs
-    from minitouch_bench.regression.settings import STANDARD, GateFlags, read_settings, with_flags
+    from minitouch_bench.evaluation.engine import open_engine
+    from minitouch_bench.evaluation.run import open_run, run_name
+    from minitouch_bench.regression.gate import judge_runs, without_exploration
+    from minitouch_bench.regression.settings import GateSettings, Tolerance
     from minitouch_bench.regression.writers import gate_junit, gate_markdown
-    from minitouch_bench.workflows.gating import play_gate, read_unedited
+    from minitouch_bench.runs.run import Run
+    from minitouch_bench.workflows.playing import play, write_views
 
-    file = Path(config or CONFIG_FILE)
-    settings = with_flags(
-        read_settings(file) if config is not None or file.is_file() else STANDARD,
-        GateFlags(alpha, metric, tolerance, strict, lenient),
-    )
-    before = read_unedited(Path(baseline))
+    allowed = None if tolerance is None else Tolerance.parse(tolerance)
+    settings = GateSettings(alpha, metric or "", allowed, strict, lenient)
+    before = read_checked(Path(baseline))
     if candidate is not None:
-        paths = (str(baseline), str(candidate))
-        result = judge_runs(before, read_unedited(Path(candidate)), paths, settings)
+        directory = Path(candidate)
+        after = read_checked(directory)
     else:
-        result = play_gate(
-            before,
-            str(baseline),
-            policy,
-            settings,
-            engine=options.engine_options(engine, workers, address),
-            isolation=options.isolation_options(isolation, trust, act_timeout, episode_timeout),
-            output=None if output is None else Path(output),
-            resume=resume,
-            fresh=fresh,
-            callbacks=callbacks,
-        )
+        isolated = options.isolation_options(isolation, trust, act_timeout, episode_timeout)
+        opening = open_engine(options.engine_options(engine, workers, address), callbacks.note)
+        if before.exploration_episodes:
+            callbacks.note("the baseline's exploration episodes are left out: POLICY has none")
+            before = without_exploration(before)
+        setup = _prepare_like(before, policy, settings, isolated, callbacks)
+        directory = Path(output) if output else REPORTS / f"{run_name(setup)}-regress"
+        with opening as running, lock_directory(directory):
+            opened = open_run(setup, directory, resume=resume, fresh=fresh)
+            if isinstance(opened, Run):
+                refuse_edited(opened)
+            after = play(setup, opened, running, callbacks)
+            write_views(after, directory)
+    result = judge_runs(before, after, (str(baseline), str(directory)), settings)
     if junit is not None:
         write_file(Path(junit), gate_junit(result))
     if summary is not None:
         append_text(Path(summary), gate_markdown(result))
     return result
+
+
+def read_checked(directory: Path) -> "Run":
+    """Read a run whose numbers agree with one another: see ``refuse_edited``.
+
+    Raises:
+        RunDirectoryError: it is not a run, or was edited.
+        UsageError: it was played by other rules than this installation's.
+    """
+    from minitouch_bench.runs.run import read_run
+
+    run = read_run(directory)
+    refuse_edited(run)
+    return run
+
+
+def refuse_edited(run: "Run") -> None:
+    """Refuse a run that cannot have been written as it is, as far as its files say so.
+
+    Its digest does not cover every number of an episode, so the estimates are computed again, and
+    the actions counted where they are kept. Only ``verify``, which replays the actions, finds
+    numbers that were changed in every place where they stand. How ``run.json`` is formatted does
+    not matter: a repository's hooks may format it.
+
+    Raises:
+        RunDirectoryError: it was edited, or its actions are damaged.
+        UsageError: it was played by other rules than this installation's.
+    """
+    from minitouch_bench.verification.static_check import check_run
+
+    assert run.directory is not None
+    has_actions = (run.directory / ACTIONS_FILE).exists()
+    for problem in check_run(replace(run, content=b""), unpack_actions=has_actions):
+        if problem.is_other_protocol:
+            raise UsageError(f"{run.directory}: {problem.what}: make the run again")
+        raise RunDirectoryError(f"{run.directory} was edited or damaged.\n{problem}")
+
+
+def _prepare_like(
+    baseline: "Run",
+    policy: object,
+    settings: "GateSettings",
+    isolation: "IsolationOptions",
+    callbacks: Callbacks,
+) -> "PolicySetup":
+    """Load a policy to play the baseline's plan.
+
+    Raises:
+        UsageError: the policy's episodes cannot be judged by the baseline's.
+        PolicyError: the policy cannot be used.
+    """
+    from minitouch_bench.evaluation.actors import prepare_policies
+    from minitouch_bench.evaluation.run import header_of
+    from minitouch_bench.regression.gate import judge_runs, refuse_other_rules
+
+    judge_runs(baseline, baseline, ("", ""), settings)  # what cannot be judged is not played
+    plan = replace(baseline.plan, limits=isolation.limits)
+    setup = prepare_policies(policy, plan, isolation, callbacks.note)
+    refuse_other_rules(baseline, header_of(setup))
+    return setup

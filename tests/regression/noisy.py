@@ -15,7 +15,6 @@ from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.run import header_of
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.regression.gate import GateResult, judge_runs
-from minitouch_bench.regression.sequential import SequentialGate
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.regression.tables import difference_text, result_line
 from minitouch_bench.runs.run import Run, RunEnvironment, make_run
@@ -70,19 +69,13 @@ def play(variant: Variant, name: str, episodes: int, tasks: Sequence[str] = GOAL
     return make_run(header, NOWHERE, [records[spec] for spec in specs], name)
 
 
-def judged(baseline: Run, candidate: Run) -> tuple[GateResult, SequentialGate]:
-    """Judge whole runs, and by the sequential gate."""
-    settings = GateSettings()
-    gate = SequentialGate(baseline, settings)
-    gate.add(candidate.episodes)
-    return judge_runs(baseline, candidate, ("base", "candidate"), settings), gate
+def judged(baseline: Run, candidate: Run) -> GateResult:
+    return judge_runs(baseline, candidate, ("base", "candidate"), GateSettings())
 
 
 def report(baseline: Run, candidate: Run) -> None:
-    result, gate = judged(baseline, candidate)
+    result = judged(baseline, candidate)
     print(f"\n{candidate.name}: {result_line(result)}", flush=True)
-    early = "no answer" if gate.decision is None else gate.decision.value
-    print(f"  sequential: {early} after {gate.used} of {gate.planned} episodes")
     for one in result.per_task:
         effect = one.effect
         print(

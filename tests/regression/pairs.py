@@ -4,11 +4,13 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
+from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.records import EpisodeMetrics, Outcome
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run
@@ -110,3 +112,9 @@ def with_header(run: Run, **changes) -> Run:
     plan = {name: changes.pop(name) for name in [*changes] if hasattr(run.plan, name)}
     header = replace(run.header, plan=replace(run.plan, **plan), **changes)
     return replace(run, header=header)
+
+
+def with_actions(run: Run, directory: Path) -> Run:
+    """Return a run that is kept in a directory with a file of actions, so that it is replayable."""
+    (directory / ACTIONS_FILE).touch()
+    return replace(run, directory=directory)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from minitouch_bench.regression.settings import GateFlags, GateSettings, with_flags
+from minitouch_bench.regression.settings import GateSettings, Tolerance
 
 ROOT = Path(__file__).parents[2]
 ACTION = ROOT / ".github/actions/regress/action.yml"
@@ -37,9 +37,11 @@ def gate(tmp_path, code=0, decision="no regression", refused="", **given):
     )
     command.chmod(0o755)
     names = re.findall(r"^        ([A-Z]+): \$\{\{ inputs\.", ACTION.read_text(), re.MULTILINE)
-    variables = dict.fromkeys(names, "") | {key.upper(): value for key, value in given.items()}
+    variables = dict.fromkeys([*names, "BASE"], "") | {
+        key.upper(): value for key, value in given.items()
+    }
     done = subprocess.run(
-        ["bash", "-e", "-c", script()],
+        ["bash", "--noprofile", "--norc", "-e", "-o", "pipefail", "-c", script()],
         cwd=tmp_path,
         env={
             **variables,
@@ -104,6 +106,56 @@ def test_a_run_of_the_repository_is_not_continued(tmp_path, output):
     assert refusal(tmp_path, **gated) == 2
 
 
+def git(repository, *words):
+    identity = (
+        "-c",
+        "user.name=a",
+        "-c",
+        "user.email=a@b",
+        "-c",
+        "uploadpack.allowAnySHA1InWant=1",
+    )
+    done = subprocess.run(
+        ["git", "-C", str(repository), *identity, *words],
+        check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    return done.stdout.strip()
+
+
+@pytest.fixture
+def pull_request(tmp_path):
+    """A shallow clone of a change that edits its own baseline, and the base commit."""
+    origin, clone = tmp_path / "origin", tmp_path / "a clone"
+    git(tmp_path, "init", "-q", str(origin))
+    git(origin, "config", "uploadpack.allowAnySHA1InWant", "true")
+    run = origin / "reports" / "base line" / "run.json"
+    run.parent.mkdir(parents=True)
+    for text in ("the base's", "the change's"):
+        run.write_text(text)
+        git(origin, "add", ".")
+        git(origin, "commit", "-q", "-m", text)
+    git(tmp_path, "clone", "-q", "--depth", "1", origin.as_uri(), str(clone))
+    return clone, git(origin, "rev-parse", "HEAD^")
+
+
+def test_a_pull_request_is_judged_by_the_baseline_of_its_base_commit(pull_request):
+    clone, base = pull_request
+    done, arguments = gate(clone, base=base, baseline="reports/base line", policy="p.onnx")
+    assert done.returncode == 0, done.stderr
+    taken = Path(arguments[arguments.index("--baseline") + 1])
+    assert (taken / "run.json").read_text() == "the base's"
+    own = clone / "reports" / "base line"
+    for given in ({"base": base, "baseline": str(own)}, {"baseline": "reports/base line"}):
+        _, arguments = gate(clone, policy="p.onnx", **given)  # the job's own; no pull request
+        assert arguments[2] == given["baseline"]
+
+
+@pytest.mark.parametrize("baseline", ["reports/new", "../origin/reports/base line"])
+def test_a_baseline_that_the_base_commit_lacks_is_refused(pull_request, baseline):
+    clone, base = pull_request
+    assert refusal(clone, base=base, baseline=baseline, policy="p.onnx") == 2
+
+
 def refusal(tmp_path, **given):
     """Return the script's exit code where the command was not started."""
     (tmp_path / "arguments").write_text("")
@@ -130,7 +182,7 @@ def test_no_input_stands_in_a_script():
 def test_every_input_is_handed_to_a_step():
     text = ACTION.read_text()
     declared = re.findall(r"^  (\w+):\n    description", text.split("outputs:")[0], re.MULTILINE)
-    assert len(declared) == 13
+    assert len(declared) == 12
     for name in declared:
         assert f"${{{{ inputs.{name} }}}}" in text
 
@@ -141,7 +193,7 @@ def test_the_example_uses_inputs_that_exist_and_tolerances_that_mean_something()
     used = re.findall(r"^          (\w+):", given, re.MULTILINE)
     assert used == ["install", "baseline", "policy", "tolerance"]
     (tolerance,) = re.findall(r'^          tolerance: "(.*)"$', given, re.MULTILINE)
-    with_flags(GateSettings(), GateFlags(tolerance=tolerance))
+    GateSettings(tolerance=Tolerance.parse(tolerance))
 
 
 def test_both_name_the_package_as_its_project_file_does():

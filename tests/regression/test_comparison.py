@@ -8,7 +8,16 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.significance import holm
 from minitouch_bench.regression.comparison import compare_runs
 from minitouch_bench.regression.writers import comparison_json, comparison_markdown, show_comparison
-from tests.regression.pairs import Values, draw, flags, make_saved, outside_code, shown, values
+from tests.regression.pairs import (
+    Values,
+    draw,
+    flags,
+    make_saved,
+    outside_code,
+    shown,
+    values,
+    with_actions,
+)
 from tests.reporting.conftest import HOSTILE
 
 TASKS = ("playing", "pushing", "opening", "pick-up")
@@ -130,8 +139,8 @@ def test_a_run_beside_itself_is_identical():
     assert not compared(GOOD, BAD).pairs[0].identical
 
 
-def test_changed_episodes_are_listed_with_commands_that_replay_them():
-    changes = compared(GOOD, BAD).pairs[0].changes
+def test_changed_episodes_are_listed_with_commands_that_replay_them(tmp_path):
+    changes = compared(*(with_actions(run, tmp_path) for run in (GOOD, BAD))).pairs[0].changes
     before = {(e.task, e.index): e.outcome for e in GOOD.episodes}
     after = {(e.task, e.index): e.outcome for e in BAD.episodes}
     assert len(changes) == sum(before[key] is not after[key] for key in before) > 20
@@ -207,8 +216,8 @@ def test_printed_it_is_the_tables_and_it_has_a_frame_of_them():
     assert len(frame) == len(comparison.pairs[0].metrics)
 
 
-def test_the_screen_and_the_page_show_effect_interval_verdict_and_commands():
-    comparison = compared(GOOD, BAD)
+def test_the_screen_and_the_page_show_effect_interval_verdict_and_commands(tmp_path):
+    comparison = compared(GOOD, with_actions(BAD, tmp_path))
     screen, page = shown(show_comparison, comparison), comparison_markdown(comparison)
     for text in (screen, page):
         for wanted in ("Success ↑ (share of episodes)", "B minus A", "A is better", "Detectable"):

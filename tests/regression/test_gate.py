@@ -11,7 +11,15 @@ from minitouch_bench.regression.gate import Decision, judge_runs
 from minitouch_bench.regression.settings import GateSettings, Tolerance
 from minitouch_bench.regression.tables import result_line
 from minitouch_bench.regression.writers import gate_json, gate_junit, gate_markdown, show_result
-from tests.regression.pairs import flags, make_saved, outside_code, shown, values, with_header
+from tests.regression.pairs import (
+    flags,
+    make_saved,
+    outside_code,
+    shown,
+    values,
+    with_actions,
+    with_header,
+)
 from tests.reporting.conftest import HOSTILE
 
 N = 100
@@ -45,10 +53,10 @@ def test_a_clear_worsening_is_a_regression_and_the_tasks_say_where():
     assert len(result.changes) == 20
 
 
-def test_every_episode_lost_is_a_regression_however_few():
+def test_every_episode_lost_is_a_regression_however_few(tmp_path):
     goals = ("pushing", "opening")
     won = make_saved({task: values(flags(4, 4)) for task in goals}, "base")
-    lost = make_saved({task: values(flags(0, 4)) for task in goals}, "x")
+    lost = with_actions(make_saved({task: values(flags(0, 4)) for task in goals}, "x"), tmp_path)
     result = judged(lost, baseline=won)
     assert (result.decision, result.exit_code) == (Decision.REGRESSION, 1)
     assert result.endpoint.p_value == pytest.approx(0.5**8)
@@ -212,8 +220,9 @@ def test_tasks_with_unequal_numbers_of_episodes_have_no_mean_to_judge():
 def test_holm_is_over_every_metric_of_every_task():
     result = judged(candidate(70))
     raw = min(one.effect.p_value for one in result.per_task) / 2
-    assert len(result.per_task) == 4
-    assert min(one.p_adjusted for one in result.per_task) == pytest.approx(4 * raw)
+    tested = len(result.per_task)
+    assert {one.effect.task for one in result.per_task} == {"pushing", "opening"}
+    assert min(one.p_adjusted for one in result.per_task) == pytest.approx(tested * raw)
 
 
 # What cannot be compared
@@ -249,16 +258,32 @@ def test_other_conditions_are_refused():
     ("other", "line", "command"),
     [
         (candidate(70), "regression: mean ", "minitouch-bench replay runs/new pushing/70"),
-        (candidate(84), "regression: mean ", "compare"),
         (candidate(100), "no regression: mean ", "minitouch-bench compare runs/base runs/new"),
     ],
 )
-def test_it_ends_in_the_answer_and_the_command_to_type_next(other, line, command):
-    result = judged(other, GateSettings(tolerance=Tolerance(0.02)))
+def test_it_ends_in_the_answer_and_the_command_to_type_next(other, line, command, tmp_path):
+    result = judged(with_actions(other, tmp_path))
     answer, following = shown(show_result, result).strip().splitlines()[-2:]
     assert answer.startswith(line)
-    assert following.startswith("next: minitouch-bench ")
-    assert command in following or "replay" in following
+    assert following == f"next: {command}"
+
+
+def test_a_run_without_actions_has_no_command_that_replays_it(tmp_path):
+    for directory in (None, tmp_path):
+        result = judged(replace(candidate(70), directory=directory))
+        assert result.decision is Decision.REGRESSION
+        assert {command for change in result.changes for command in change.replays} == {""}
+        assert result.next_command == "minitouch-bench compare runs/base runs/new"
+        assert "replay" not in gate_markdown(result) + gate_junit(result)
+
+
+def test_after_a_regression_of_exploration_an_exploration_episode_is_replayed(tmp_path):
+    settings = GateSettings(metric="exploration")
+    before, after = (
+        replace(candidate(n), exploration_episodes=candidate(n).episodes) for n in (90, 20)
+    )
+    result = judged(with_actions(after, tmp_path), settings, before)
+    assert result.next_command == "minitouch-bench replay runs/new exploration/pushing/20"
 
 
 def test_the_document_says_all():
@@ -271,36 +296,61 @@ def test_the_document_says_all():
     endpoint = document["endpoint"]
     assert (endpoint["tolerance"], endpoint["tasks"]) == (0.05, ["pushing", "opening"])
     assert endpoint["episodes_needed"] > 10
-    assert document["episodes_used"] is None
     assert document["next_command"].startswith("minitouch-bench evaluate ")
 
 
-@pytest.mark.parametrize(
-    ("other", "lenient", "cases", "failures", "skipped"),
-    [
-        (few(10), False, 5, 3, 0),
-        (few(4), False, 1, 1, 0),
-        (few(4), True, 1, 0, 1),
-        (few(0), False, 1, 0, 1),
-    ],
-)
-def test_junit_has_a_case_for_the_answer_and_after_a_regression_for_each_metric(
-    other, lenient, cases, failures, skipped
-):
-    result = judged(other, GateSettings(lenient=lenient), make_saved(FEW, "base"))
-    root = ElementTree.fromstring(gate_junit(replace(result, wall_s=12.5)))
+def junit_suite(result):
+    root = ElementTree.fromstring(gate_junit(result))
     suite = root.find("testsuite")
     for element in (root, suite):
-        assert element.attrib["tests"] == str(cases)
-        assert element.attrib["failures"] == str(failures)
-        assert element.attrib["skipped"] == str(skipped)
-        assert element.attrib["time"] == "12.500"
+        assert int(element.attrib["tests"]) == len(suite.findall("testcase"))
+        for counted, found in (("failures", "failure"), ("skipped", "skipped")):
+            assert int(element.attrib[counted]) == len(suite.findall(f"testcase/{found}"))
+    return suite
+
+
+def case_names(suite):
+    return [(case.attrib["classname"], case.attrib["name"]) for case in suite.findall("testcase")]
+
+
+@pytest.mark.parametrize(
+    ("other", "lenient", "kind"),
+    [
+        (few(10), False, "failure"),
+        (few(4), False, "failure"),
+        (few(4), True, "skipped"),
+        (few(0), False, "skipped"),
+    ],
+)
+def test_junit_has_a_case_for_the_answer_and_one_for_each_metric(other, lenient, kind):
+    result = judged(other, GateSettings(lenient=lenient), make_saved(FEW, "base"))
+    suite = junit_suite(replace(result, wall_s=12.5))
     first, *others = suite.findall("testcase")
-    assert (first.attrib["classname"], first.attrib["name"]) == ("minitouch.mean", "success")
-    assert first.attrib["time"] == "12.500"
+    assert case_names(suite)[0] == ("minitouch.gate", "mean success")
+    assert first.find(kind) is not None
+    if result.decision is Decision.REGRESSION:
+        assert sum(case.find("failure") is not None for case in others) == len(worse_in(result)) > 0
+    else:
+        assert all(case.find("skipped") is not None for case in others)
+    assert suite.attrib["time"] == first.attrib["time"] == "12.500"
     assert not any("time" in case.attrib for case in others)
-    assert len(suite.findall("testcase/failure")) == failures
-    assert len(suite.findall("testcase/skipped")) == skipped
+
+
+@pytest.mark.parametrize("tasks", [("pushing",), ("pushing", "opening"), ("playing",)])
+@pytest.mark.parametrize("n", [4, 100])
+def test_the_names_of_junit_s_cases_are_unique_and_do_not_depend_on_the_outcome(tasks, n):
+    won, lost = values(flags(n, n)), replace(values(flags(0, n)), touch_steps=np.zeros(n, int))
+    base = make_saved(dict.fromkeys(tasks, won), "base")
+    found = [
+        judged(make_saved(dict.fromkeys(tasks, own), name), GateSettings(strict=strict), base)
+        for own, name in ((won, "base"), (won, "other"), (lost, "lost"))
+        for strict in (False, True)
+    ]
+    assert len({result.decision for result in found}) >= 2
+    names = {tuple(case_names(junit_suite(result))) for result in found}
+    assert len(names) == 1
+    (one,) = names
+    assert len(set(one)) == len(one) > len(tasks)
 
 
 def test_the_summary_begins_with_the_answer():

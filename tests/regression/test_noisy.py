@@ -21,23 +21,20 @@ def baseline():
 def test_noise_on_the_actions_is_caught(baseline, noise):
     candidate = play(Variant(noise), f"noise {noise}", EPISODES)
     report(baseline, candidate)
-    result, gate = judged(baseline, candidate)
+    result = judged(baseline, candidate)
     assert (result.decision, result.exit_code) == (Decision.REGRESSION, 1)
-    assert gate.decision is Decision.REGRESSION
-    assert gate.used <= gate.planned * 2 / 3
 
 
 def test_half_precision_is_no_regression():
     base, half = play(Variant(0.0), "scripted", ENOUGH), play(Variant(), "half", ENOUGH)
     report(base, half)
     assert base.digest != half.digest
-    result, gate = judged(base, half)
+    result = judged(base, half)
     assert result.exit_code == 0
     assert not result.identical
-    assert gate.decision is not Decision.REGRESSION
 
 
 def test_no_noise_has_the_same_bits(baseline):
-    result, _ = judged(baseline, play(Variant(0.0), "again", EPISODES))
+    result = judged(baseline, play(Variant(0.0), "again", EPISODES))
     assert result.identical
     assert result.exit_code == 0
