@@ -1,33 +1,36 @@
 """The Python front door: ``import minitouch_bench as mt`` gives these names."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import gymnasium
 
 from minitouch_bench.conditions import parse_conditions
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.engine import open_engine
 from minitouch_bench.evaluation.run import RunUnderWay, header_of, open_run, run_name
 from minitouch_bench.evaluation.video import require_video
-from minitouch_bench.files import REPORTS, holds_run, lock_directory
+from minitouch_bench.files import REPORTS, holds_run, lock_directory, write_file
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
+from minitouch_bench.regression.comparison import Comparison, compare_runs
+from minitouch_bench.regression.writers import comparison_json, comparison_markdown
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.tasks.objects import Objects
-from minitouch_bench.workflows import SILENT, Callbacks, options, playing
+from minitouch_bench.workflows import SILENT, UNSEEN, Callbacks, TrainingProgress, options, playing
 from minitouch_bench.workflows.options import StrPath, Words
-from minitouch_bench.workflows.report import compare
 from minitouch_bench.workflows.results import Run, TaskResult
-from minitouch_bench.workflows.train import train
 
 __all__ = ["Run", "TaskResult", "compare", "evaluate", "load_run", "make", "train"]
 
 AUTO_OUTPUT = "auto"
 """Stands for ``reports/POLICY-SUITE``."""
+
+TRAININGS = REPORTS / "training"
 
 
 def make(task: str, objects: Objects | None = None, **options: Any) -> gymnasium.Env[Any, Any]:
@@ -110,6 +113,23 @@ def evaluate(
     return Run(run)
 
 
+def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
+    """Compare runs, or their directories, episode by episode, each with the first one.
+
+    With ``output`` comparison.md and comparison.json are written to this directory.
+
+    Raises:
+        UsageError: the runs have other episodes or another protocol.
+        RunDirectoryError: a directory is not a run, or is damaged.
+    """
+    opened = [run.facts if isinstance(run, Run) else read_run(Path(run)) for run in runs]
+    comparison = compare_runs(opened, [str(run.directory or run.name) for run in opened])
+    if output is not None:
+        write_file(Path(output) / "comparison.json", comparison_json(comparison))
+        write_file(Path(output) / "comparison.md", comparison_markdown(comparison))
+    return comparison
+
+
 def load_run(path: StrPath) -> Run:
     """Read a finished run from its directory.
 
@@ -117,3 +137,55 @@ def load_run(path: StrPath) -> Run:
         RunDirectoryError: the directory is not a run, or is damaged.
     """
     return Run(read_run(Path(path)))
+
+
+def train(
+    task: str,
+    method: str | None = None,
+    *,
+    seed: int | None = None,
+    exploration_steps: int | None = None,
+    task_steps: int | None = None,
+    objects: str | None = None,
+    from_log: StrPath | None = None,
+    preset: str = "default",
+    config: StrPath | None = None,
+    settings: Mapping[str, Any] = MappingProxyType({}),
+    output: StrPath | None = None,
+    resume: bool = False,
+    device: str = "auto",
+    callbacks: TrainingProgress = UNSEEN,
+) -> Path:
+    """Train a learner in two phases: curiosity alone, then the task.
+
+    Returns the training's directory, which ``evaluate`` takes as a policy. ``settings`` change the
+    preset's, nested as in the TOML file: ``{"task_phase": {"steps": 80_000}}``. The other options
+    are those of the command line.
+
+    Raises:
+        MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
+    """
+    # Not at the top: an evaluation needs neither.
+    from minitouch_bench.agents.config import apply_settings, make_config  # noqa: PLC0415
+    from minitouch_bench.workflows.training import run_training  # noqa: PLC0415
+
+    given = {
+        "method": method,
+        "seed": seed,
+        "objects": objects,
+        "log": None if from_log is None else str(from_log),
+        "exploration": None if exploration_steps is None else {"steps": exploration_steps},
+        "task_phase": None if task_steps is None else {"steps": task_steps},
+    }
+    changes = {name: value for name, value in given.items() if value is not None}
+    base = make_config(task, preset, None if config is None else Path(config), settings)
+    asked = apply_settings(base, changes)
+    usual = TRAININGS / f"{asked.task}-{asked.method}-{asked.seed}"
+    directory = usual if output is None else Path(output)
+    callbacks.begin(asked.steps)
+    if not run_training(asked, directory, resume=resume, device=device, callbacks=callbacks):
+        raise InterruptedRunError(
+            f"interrupted; what is learned is kept in {directory}, and the same command with "
+            "--resume continues"
+        )
+    return directory

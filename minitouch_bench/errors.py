@@ -25,6 +25,9 @@
 
 import unicodedata
 
+CHECK_FAILED = 1
+"""Exit code of a check that was made and found a difference; no error is raised for it."""
+
 
 class MiniTouchError(Exception):
     """Base class of every error that a user can see; its text is one or two clear lines."""

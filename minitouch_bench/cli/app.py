@@ -8,40 +8,35 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli import output, progress
+from minitouch_bench.cli import output
 from minitouch_bench.cli.command import Command, as_command, make_group
 from minitouch_bench.cli.console import note
 from minitouch_bench.cli.information import doctor, tasks
 from minitouch_bench.cli.leaderboard import app as leaderboard
 from minitouch_bench.cli.shapes import app as shapes
 from minitouch_bench.errors import InterruptedRunError, MiniTouchError, UsageError, printable
+from minitouch_bench.workflows.compare import compare
 from minitouch_bench.workflows.evaluate import evaluate
 from minitouch_bench.workflows.record import record
 from minitouch_bench.workflows.regress import regress
 from minitouch_bench.workflows.replay import replay
-from minitouch_bench.workflows.report import compare, report
+from minitouch_bench.workflows.report import report
 from minitouch_bench.workflows.submit import submit
 from minitouch_bench.workflows.train import train
 from minitouch_bench.workflows.verify import verify
 
 COMMANDS: dict[Callable[..., None], str] = {
     evaluate: "evaluate my_policy.onnx --suite smoke",
-    as_command(report, output.show_written_report): (
-        "report reports/a reports/b --output reports/both"
-    ),
-    as_command(compare, output.show_comparison): "compare reports/a reports/b",
+    report: "report reports/a reports/b --output reports/both",
+    compare: "compare reports/a reports/b",
     as_command(regress, output.show_gate): "regress new.onnx --baseline reports/old",
-    as_command(verify, output.show_verification): "verify reports/a --rerun 20",
-    as_command(replay, output.show_replay): "replay reports/a pushing/3",
-    as_command(train, output.show_directory, progress.training_progress): (
-        "train opening --method hac --seed 1"
-    ),
-    as_command(record, output.show_dataset): "record scripted pushing --output data/pushing",
-    as_command(submit, output.show_packed): (
-        "submit reports/a --name my-policy --training-steps 20000"
-    ),
+    verify: "verify reports/a --rerun 20",
+    replay: "replay reports/a pushing/3",
+    train: "train opening --method hac --seed 1",
+    record: "record scripted pushing --output data/pushing",
+    submit: "submit reports/a --name my-policy --training-steps 20000",
     tasks: "tasks --json",
-    as_command(doctor): "doctor",
+    doctor: "doctor",
 }
 """Every command with an example of its use, in the order of the help."""
 

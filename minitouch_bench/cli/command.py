@@ -164,4 +164,5 @@ class _Group(_Once, TyperGroup):
         """Write the commands, each with its summary."""
         with formatter.section("Commands"):
             commands = self.commands.items()
-            formatter.write_dl([(name, command.help or "") for name, command in commands])
+            summaries = [(name, (each.help or "").partition("\n\n")[0]) for name, each in commands]
+            formatter.write_dl(summaries)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from minitouch_bench.cli.console import data_console, notes
-from minitouch_bench.cli.output import CHECK_FAILED
+from minitouch_bench.errors import CHECK_FAILED
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.workflows import options
 

@@ -5,17 +5,16 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli.command import Command, as_command, make_group
-from minitouch_bench.cli.console import note
-from minitouch_bench.cli.output import CHECK_FAILED, print_problems, show_validations
-from minitouch_bench.cli.progress import validation_progress
+from minitouch_bench.cli.command import Command, make_group
+from minitouch_bench.cli.console import note, print_problems
+from minitouch_bench.errors import CHECK_FAILED
 from minitouch_bench.files import REPORTS, SUBMISSIONS
 from minitouch_bench.workflows.validate import validate
 
 app = make_group(help="Check submissions and build the leaderboard.")
 app.command(
     cls=Command, epilog="Example: minitouch-bench leaderboard validate submissions/hac --prove"
-)(as_command(validate, show_validations, validation_progress))
+)(validate)
 
 
 @app.command(cls=Command, epilog="Example: minitouch-bench leaderboard build --output site")

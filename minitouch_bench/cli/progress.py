@@ -19,18 +19,12 @@ from rich.progress import (
 from rich.table import Column
 
 from minitouch_bench.cli.console import note, notes
-from minitouch_bench.cli.output import show_validation
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import EpisodeRecord, Outcome, Role
-from minitouch_bench.workflows import (
-    Callbacks,
-    TrainingProgress,
-    ValidationProgress,
-)
+from minitouch_bench.workflows import Callbacks, TrainingProgress
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training import ProgressRow
-    from minitouch_bench.leaderboard.validation import SubmissionFindings
 
 LINE_INTERVAL_S = 60.0
 """Seconds between two lines of progress where no terminal shows a bar."""
@@ -112,19 +106,6 @@ class EpisodeProgress:
         bar = self._progress.tasks[-1]
         done = f"{bar.description}: {bar.completed:.0f} of {bar.total:.0f}"
         self._lines.show("  ".join(filter(None, (done, tally, faults))))
-
-
-@contextmanager
-def validation_progress() -> Iterator[ValidationProgress]:
-    """Show the episodes of each submission's check, and what was found in it."""
-    progress = EpisodeProgress()
-
-    def show(result: "SubmissionFindings") -> None:
-        progress.stop()
-        show_validation(result)
-
-    with progress as callbacks:
-        yield ValidationProgress(**vars(callbacks), findings=show)
 
 
 @contextmanager

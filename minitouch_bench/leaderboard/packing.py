@@ -38,14 +38,6 @@ PACKING = ".packing"
 
 
 @dataclass(frozen=True)
-class Packed:
-    """A submission's directory, and the problems for which a maintainer would refuse it."""
-
-    directory: Path
-    problems: tuple[Problem, ...]
-
-
-@dataclass(frozen=True)
 class Training:
     """One training of a method: its finished runs by suite, and its checkpoint files.
 

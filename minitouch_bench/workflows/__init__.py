@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training import ProgressRow
-    from minitouch_bench.leaderboard.validation import SubmissionFindings
     from minitouch_bench.records import EpisodeRecord
 
 
@@ -45,13 +44,3 @@ class TrainingProgress:
 
 
 UNSEEN = TrainingProgress()
-
-
-@dataclass(frozen=True)
-class ValidationProgress(Callbacks):
-    """``findings`` takes what was found in each submission, as soon as it is checked."""
-
-    findings: Callable[["SubmissionFindings"], None] = ignore
-
-
-UNSEEN_VALIDATION = ValidationProgress()

@@ -23,7 +23,7 @@ from minitouch_bench.policies.isolation.options import (
     PolicyLimits,
 )
 from minitouch_bench.policies.loaders import BUILT_IN, KIND_BY_SUFFIX
-from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
+from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, TASK_NAMES
 
 StrPath = str | PathLike[str]
 Words = str | Sequence[str]
@@ -64,6 +64,8 @@ Policy = Annotated[str, typer.Argument(metavar="POLICY", help=POLICIES)]
 EXPLORATION = episodes_option(help="The policy at the end of the exploration phase.")
 Exploration = Annotated[str | None, EXPLORATION]
 RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="Directory of a finished run.")]
+Runs = Annotated[list[Path], typer.Argument(metavar="RUN", help="Directories of finished runs.")]
+Task = Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))]
 Workers = Annotated[
     str,
     engine_option(metavar="N|auto", help="Worker processes; auto: one per core."),

@@ -1,23 +1,23 @@
-"""Record a policy's episodes as a dataset that other people's libraries read (Minari's format)."""
+"""The command ``record``: a policy's episodes as a dataset in Minari's format."""
 
 import contextlib
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.cli.console import note
+from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.errors import PolicyFaultError, RunDirectoryError, UsageError
 from minitouch_bench.files import os_errors_as
 from minitouch_bench.optional import require
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, Outcome
-from minitouch_bench.workflows import SILENT, Callbacks, options
-from minitouch_bench.workflows.options import StrPath
+from minitouch_bench.workflows import options
 
 if TYPE_CHECKING:
     from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -26,38 +26,23 @@ RECORDING_SUITE = "recording"
 """Seeds recorded episodes; no suite has this name."""
 
 
-@dataclass(frozen=True)
-class RecordedDataset:
-    """Where a dataset lies, and how many of its episodes end with a fault of the policy."""
-
-    directory: Path
-    faults: int
-
-
 def record(
     policy: options.Policy,
-    task: Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))],
+    task: options.Task,
     *,
-    output: Annotated[StrPath, typer.Option(metavar="DIR")],
-    episodes: Annotated[int, typer.Option(min=1)] = 100,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
-    isolation: options.IsolationLevel = Isolation.SANDBOX,
+    output: Annotated[
+        Path, typer.Option(metavar="DIR", help="Directory of the dataset; it must not exist.")
+    ],
+    episodes: Annotated[
+        int, typer.Option(metavar="N", min=1, help="Number of episodes to record.")
+    ] = 100,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the episodes.")] = 0,
+    isolation: options.IsolationLevel = Isolation.SANDBOX.value,
     trust: options.Trust = False,
-    callbacks: Callbacks = SILENT,
-) -> RecordedDataset:
+) -> None:
     """Record a policy's episodes in Minari's format, for train --from-log and other libraries.
 
     An episode with a fault ends as truncated. The directory appears when the dataset is complete.
-
-    Args:
-        output: Directory of the dataset; it must not exist.
-        episodes: Number of episodes to record.
-        seed: Seed of the episodes.
-
-    Raises:
-        UsageError: no such task, or a seed that the format cannot hold.
-        PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
-        RunDirectoryError: the directory is there already, or cannot be written.
     """
     from minitouch_bench.evaluation.actors import prepare_policies
     from minitouch_bench.evaluation.rollout import EpisodeRunner
@@ -73,11 +58,12 @@ def record(
     plan = Plan(suite.name, tasks, episodes, seed, limits=isolated.limits)
     minari = require("minari", "data")
     storages = require("minari.dataset.minari_storage", "data")
-    setup = prepare_policies(policy, plan, isolated, callbacks.note)
+    setup = prepare_policies(policy, plan, isolated, note)
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", setup.policy.name).strip("-") or "policy"
     faults = 0
     with (
-        _new_directory(Path(output)) as folder,
+        EpisodeProgress() as callbacks,
+        _new_directory(output) as folder,
         contextlib.closing(MiniTouchEnv(task)) as environment,
         contextlib.closing(EpisodeRunner(setup)) as runner,
     ):
@@ -101,7 +87,10 @@ def record(
                 "algorithm_name": setup.policy.name,
             }
         )
-    return RecordedDataset(Path(output), faults)
+    print(output)
+    if faults:
+        note(f"{faults} of {episodes} episodes end with a fault of the policy")
+        raise typer.Exit(PolicyFaultError.exit_code)
 
 
 @contextlib.contextmanager

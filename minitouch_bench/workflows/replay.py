@@ -1,19 +1,24 @@
-"""Play one recorded episode of a run again, without its policy."""
+"""The command ``replay``: play one recorded episode of a run again, without its policy."""
 
 import contextlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.errors import CHECK_FAILED
 from minitouch_bench.files import make_folder
 from minitouch_bench.records import EpisodeMetrics, EpisodeRecord
 from minitouch_bench.workflows import options
 
 if TYPE_CHECKING:
     from minitouch_bench.runs.run import Run
+
+STEP_HEADINGS = ("step", "action", "end effector (m)", "fingers (N)", "contact (ticks)", "object")
 
 REPLAYS = "replays"
 """Folder of the videos that were made of a finished run."""
@@ -36,12 +41,42 @@ class ReplayedEpisode:
 
 def replay(
     run: options.RunDirectory,
-    episode: Annotated[str, typer.Argument()],
-) -> ReplayedEpisode:
-    """Replay a recorded episode without its policy: record a video, or print it step by step.
+    episode: Annotated[
+        str,
+        typer.Argument(
+            metavar="EPISODE", help="Its key, such as pushing/17 or exploration/pushing/17."
+        ),
+    ],
+    *,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Video file, .mp4 or .gif; by default in RUN/replays/, of a submission's run in "
+            "reports/.",
+        ),
+    ] = None,
+    steps: Annotated[
+        bool, typer.Option("--steps", help="Print what happened at each step, and record no video.")
+    ] = False,
+) -> None:
+    """Replay a recorded episode without its policy: record a video, or print it step by step."""
+    replayed = replay_episode(run, episode)
+    record, row = replayed.record, replayed.row
+    count = len(record.trace.actions)
+    if steps:
+        _print_steps(record)
+    else:
+        note(f"recording a video of {count + 1} frames")
+        print(write_replay_video(replayed, video))
+    bits = "the same bits as recorded" if replayed.is_same else "NOT the bits that were recorded"
+    note(f"{record.spec.key}: {row.outcome} after {count} steps; {bits}")
+    if not replayed.is_same:
+        raise typer.Exit(CHECK_FAILED)
 
-    Args:
-        episode: Its key, such as pushing/17 or exploration/pushing/17.
+
+def replay_episode(run: Path, episode: str) -> ReplayedEpisode:
+    """Play an episode of a run by its recorded actions; ``episode`` is its key.
 
     Raises:
         UsageError: the run has no such episode, or cannot be replayed here.
@@ -52,7 +87,7 @@ def replay(
     from minitouch_bench.runs.run import read_run
     from minitouch_bench.verification.static_check import refuse_unplayable
 
-    opened = read_run(Path(run))
+    opened = read_run(run)
     refuse_unplayable(opened)
     spec, row = opened.find(episode)
     opened.actions_of(spec.key)
@@ -86,3 +121,34 @@ def write_replay_video(replayed: ReplayedEpisode, path: Path | None = None) -> P
 def _suffix() -> str:
     """Return the kind of video that this installation can write."""
     return ".mp4" if find_spec("imageio_ffmpeg") and find_spec("imageio") else ".gif"
+
+
+def _print_steps(record: EpisodeRecord) -> None:
+    """Print one row per step: the action, and what was measured after it."""
+    import numpy as np
+    from rich.table import Table
+
+    from minitouch_bench.simulation.observation import FORCES, POSITION
+
+    def numbers(values: Iterable[Any], form: str) -> str:
+        return " ".join(format(float(value), form) for value in values)
+
+    title = f"{record.spec.key}  {record.spec.shape}".rstrip()
+    table = Table(*STEP_HEADINGS, title=title, title_justify="left")
+    for column in table.columns:
+        column.justify = "right"
+    trace = record.trace
+    for step, action in enumerate(trace.actions):
+        touch = trace.touch[step + 1]
+        left, right = np.linalg.norm(touch[FORCES].reshape(2, 3), axis=1)
+        table.add_row(
+            str(step),
+            numbers(action, "+.2f"),
+            numbers(touch[POSITION], ".3f"),
+            f"{left:.1f} {right:.1f}",
+            f"{trace.contact_ticks[step]} of {trace.ticks[step]}",
+            numbers(trace.object_state[step + 1], ".4f"),
+        )
+    is_angle = trace.object_state.shape[1] == 1
+    table.caption = f"object: {'door angle, rad' if is_angle else 'position, m'}"
+    data_console().print(table)

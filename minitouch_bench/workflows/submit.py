@@ -1,69 +1,72 @@
-"""Pack finished runs as a submission."""
+"""The command ``submit``: pack finished runs as a submission."""
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from minitouch_bench.errors import UsageError
+from minitouch_bench.cli.console import note, print_problems
+from minitouch_bench.errors import CHECK_FAILED, UsageError
 from minitouch_bench.files import SUBMISSIONS
-from minitouch_bench.workflows import SILENT, Callbacks, options
-from minitouch_bench.workflows.options import Numbers, StrPath, Words, output_option
-
-if TYPE_CHECKING:
-    from minitouch_bench.leaderboard.packing import Packed
+from minitouch_bench.workflows import options
+from minitouch_bench.workflows.options import output_option
 
 about_option = partial(typer.Option, rich_help_panel="What the leaderboard shows")
 DEFAULT_MODALITIES = ("vision", "touch")
 
 
 def submit(
-    *runs: Annotated[StrPath, typer.Argument(metavar="RUN", help="Official runs.")],
-    name: Annotated[str, typer.Option()],
-    training_steps: Annotated[int, about_option(min=0)],
-    training_seeds: Annotated[Numbers | None, about_option(metavar="N,N")] = None,
-    method: Annotated[str | None, about_option()] = None,
-    authors: Annotated[Words | None, about_option()] = None,
-    paper: Annotated[str, about_option()] = "",
-    code: Annotated[str, about_option()] = "",
-    license_: Annotated[str, about_option("--license")] = "",
-    modalities: Annotated[Words | None, about_option()] = None,
-    notes: Annotated[str, about_option()] = "",
-    directory: Annotated[StrPath, output_option()] = SUBMISSIONS,
-    include_checkpoint: Annotated[bool, output_option()] = True,
-    callbacks: Callbacks = SILENT,
-) -> "Packed":
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Official runs.")],
+    *,
+    name: Annotated[str, typer.Option(help="Name of the submission: a-z, 0-9, '.', '_', '-'.")],
+    training_steps: Annotated[
+        int,
+        about_option(
+            metavar="N",
+            min=0,
+            help="Control steps of a whole training, all phases and tasks; 0 of no training.",
+        ),
+    ],
+    training_seeds: Annotated[
+        str | None,
+        about_option(
+            metavar="N,N",
+            help="Seed of each training, in the order of the runs; by default 0, 1, ….",
+        ),
+    ] = None,
+    method: Annotated[
+        str | None,
+        about_option(help="Name of the method on the leaderboard; by default NAME."),
+    ] = None,
+    authors: Annotated[str | None, about_option(help="Names, separated by commas.")] = None,
+    paper: Annotated[str, about_option(help="An https link.")] = "",
+    code: Annotated[str, about_option(help="An https link.")] = "",
+    license_: Annotated[
+        str, about_option("--license", help="SPDX expression, such as Apache-2.0.")
+    ] = "",
+    modalities: Annotated[
+        str | None,
+        about_option(help="vision, touch, or both, separated by commas; by default both."),
+    ] = None,
+    notes: Annotated[str, about_option(help="Anything else, on one line.")] = "",
+    directory: Annotated[Path, output_option(help="Directory of all submissions.")] = SUBMISSIONS,
+    include_checkpoint: Annotated[
+        bool, output_option(help="Copy the checkpoint, so that others can run it again.")
+    ] = True,
+) -> None:
     """Pack finished official runs as a submission for the leaderboard.
 
     The runs of one policy are one training of the method: one of table4, and at most one of
     novel-shapes. Give the runs of several trainings together. A submission that fails the check,
     or has the name of another, is not written.
-
-    Args:
-        name: Name of the submission: a-z, 0-9, '.', '_', '-'.
-        training_steps: Control steps of a whole training, all phases and tasks; 0 of no training.
-        training_seeds: Seed of each training, in the order of the runs; by default 0, 1, ….
-        method: Name of the method on the leaderboard; by default NAME.
-        authors: Names, separated by commas.
-        paper: An https link.
-        code: An https link.
-        license_: SPDX expression, such as Apache-2.0.
-        modalities: vision, touch, or both, separated by commas; by default both.
-        notes: Anything else, on one line.
-        directory: Directory of all submissions.
-        include_checkpoint: Copy the checkpoint, so that others can run it again.
-
-    Raises:
-        UsageError: a run is not official, or an option has no such value.
-        RunDirectoryError: the submission is there, or a file cannot be read or written.
     """
-    from minitouch_bench.leaderboard.packing import Packed, group_by_training, pack
+    from minitouch_bench.leaderboard.packing import group_by_training, pack
     from minitouch_bench.leaderboard.submission import Submission, check_submission
     from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES
     from minitouch_bench.runs.run import read_run
 
-    opened = [read_run(Path(run)) for run in runs]
+    opened = [read_run(run) for run in runs]
     trainings = group_by_training(opened, include=include_checkpoint)
     seeds = options.whole_numbers("--training-seeds", training_seeds) or range(len(trainings))
     if len(seeds) != len(trainings):
@@ -87,6 +90,13 @@ def submit(
     for seed in submission.seeds if include_checkpoint else ():
         for file in seed.checkpoints:
             if not file.path:
-                callbacks.note(f"{file.file} is not there any more: only its SHA-256 is kept")
-    directory = Path(directory)
-    return Packed(directory / name, pack(submission, trainings, directory))
+                note(f"{file.file} is not there any more: only its SHA-256 is kept")
+    if problems := pack(submission, trainings, directory):
+        print_problems(name, problems)
+        raise typer.Exit(CHECK_FAILED)
+    place = directory / name
+    print(place)
+    note(
+        f"valid; next: minitouch-bench leaderboard validate {place} --prove, "
+        "then minitouch-bench leaderboard build"
+    )

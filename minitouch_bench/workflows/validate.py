@@ -1,4 +1,4 @@
-"""Check submissions as a maintainer does: the command ``leaderboard validate``."""
+"""The command ``leaderboard validate``: check submissions as a maintainer does."""
 
 import os
 import stat
@@ -7,51 +7,74 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from minitouch_bench.errors import UsageError
+from minitouch_bench.cli.console import note, print_problems
+from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.errors import (
+    CHECK_FAILED,
+    IncompleteCheckError,
+    RunDirectoryError,
+    UsageError,
+    printable,
+)
 from minitouch_bench.files import os_errors_as
-from minitouch_bench.workflows import UNSEEN_VALIDATION, ValidationProgress, options
-from minitouch_bench.workflows.options import StrPath
+from minitouch_bench.workflows import options
 
 if TYPE_CHECKING:
     from minitouch_bench.leaderboard.validation import SubmissionFindings
 
 
 def validate(
-    *directories: Annotated[
-        StrPath, typer.Argument(metavar="DIR", help="Directories of submissions.")
+    directories: Annotated[
+        list[Path], typer.Argument(metavar="DIR", help="Directories of submissions.")
     ],
-    prove: Annotated[bool, typer.Option()] = False,
+    *,
+    prove: Annotated[
+        bool,
+        typer.Option(
+            "--prove",
+            help="Also replay every recorded action, run 20 sampled episodes of each policy again "
+            "with its checkpoint and 50 new episodes per task, and write the proof that the "
+            "leaderboard shows.",
+        ),
+    ] = False,
     workers: options.Workers = options.AUTO,
-    callbacks: ValidationProgress = UNSEEN_VALIDATION,
-) -> "tuple[SubmissionFindings, ...]":
+) -> None:
     """Check submissions without trusting them; exit 1 with every problem and how to correct it.
 
     A submission that cannot be read, or whose check cannot be finished, does not stop the others.
-
-    Args:
-        prove: Also replay every recorded action, run 20 sampled episodes of each policy again with
-            its checkpoint and 50 new episodes per task, and write the proof that the leaderboard
-            shows.
-
-    Raises:
-        UsageError: there is no such directory.
     """
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.leaderboard import proving, validation
 
-    places = [Path(directory) for directory in directories]
-    for place in places:
+    for place in directories:
         with os_errors_as(UsageError, place, "read"):
             if not stat.S_ISDIR(os.stat(place).st_mode):
                 raise UsageError(f"{place} is not a directory; give a submission's directory")
     opening = options.engine_options("local", workers, None)
     results = []
-    for place in places:
+    for place in directories:
         found = validation.validate(place)
         if prove and found.passed:
-            with open_engine(opening, callbacks.note) as engine:
+            with EpisodeProgress() as callbacks, open_engine(opening, note) as engine:
                 callbacks.phase("proof", proving.count_episodes(found))
                 found = proving.prove(found, engine, callbacks.episode)
         results.append(found)
-        callbacks.findings(found)
-    return tuple(results)
+        _show(found)
+    valid = sum(found.passed for found in results)
+    note(f"{valid} of {len(results)} valid")
+    if any(not problem.is_unchecked for found in results for problem in found.problems):
+        raise typer.Exit(CHECK_FAILED)
+    if valid < len(results):
+        is_incomplete = any(isinstance(found.error, IncompleteCheckError) for found in results)
+        unchecked = IncompleteCheckError if is_incomplete else RunDirectoryError
+        raise typer.Exit(unchecked.exit_code)
+
+
+def _show(found: "SubmissionFindings") -> None:
+    """Print a submission's problems, or its level of proof."""
+    print_problems(found.name, filter(None, (found.error, *found.problems)))
+    name = printable(found.name)
+    if found.withdrawn:
+        print(f"{name}: its proof ({found.withdrawn}) is withdrawn")
+    if found.passed:
+        print(f"{name}: valid, {found.level}")

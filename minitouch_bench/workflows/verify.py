@@ -1,19 +1,30 @@
-"""Check a run: replay its recorded actions, and run drawn episodes with its checkpoint."""
+"""The command ``verify``: replay a run, and run drawn episodes again with its checkpoint."""
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from minitouch_bench.errors import IncompleteCheckError, InterruptedRunError
+from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.errors import (
+    CHECK_FAILED,
+    IncompleteCheckError,
+    InterruptedRunError,
+    printable,
+)
 from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.workflows import SILENT, Callbacks, options
+from minitouch_bench.workflows import options
 
 if TYPE_CHECKING:
     from minitouch_bench.records import PolicyIdentity
     from minitouch_bench.verification.problems import Findings
+
+SHOWN = 10
+"""Differences that are listed; the others are counted."""
 
 rerun_option = partial(typer.Option, rich_help_panel="Running again")
 
@@ -21,30 +32,28 @@ rerun_option = partial(typer.Option, rich_help_panel="Running again")
 def verify(
     run: options.RunDirectory,
     *,
-    rerun: Annotated[int, rerun_option(min=0)] = 0,
-    policy: Annotated[str | None, rerun_option()] = None,
-    exploration: Annotated[str | None, rerun_option()] = None,
+    rerun: Annotated[
+        int,
+        rerun_option(
+            metavar="N",
+            min=0,
+            help="Also run N sampled episodes of each policy with its checkpoint.",
+        ),
+    ] = 0,
+    policy: Annotated[
+        str | None, rerun_option(help="Where the checkpoint is now; by default where it was.")
+    ] = None,
+    exploration: Annotated[
+        str | None, rerun_option(help="Where the exploration checkpoint is now.")
+    ] = None,
     workers: options.Workers = options.AUTO,
     engine: options.EngineName = "local",
     address: options.Address = None,
-    isolation: options.IsolationLevel = Isolation.SANDBOX,
+    isolation: options.IsolationLevel = Isolation.SANDBOX.value,
     trust: options.Trust = False,
-    callbacks: Callbacks = SILENT,
-) -> "Findings":
-    """Replay a run's recorded actions and recompute every estimate; exit 1 if any differs.
-
-    Args:
-        rerun: Also run N sampled episodes of each policy with its checkpoint.
-        policy: Where the checkpoint is now; by default where it was.
-        exploration: Where the exploration checkpoint is now.
-
-    Raises:
-        UsageError: a checkpoint is not the run's.
-        IncompleteCheckError: a checkpoint is missing, elsewhere and not named, or too slow here.
-        PolicyError, IsolationError, MissingExtraError: a checkpoint cannot be used.
-        RunDirectoryError: it is not a run, or a file of it is damaged.
-        InfrastructureError, InterruptedRunError: the check is incomplete.
-    """
+    as_json: options.AsJson = False,
+) -> None:
+    """Replay a run's recorded actions and recompute every estimate; exit 1 if any differs."""
     import numpy as np
 
     from minitouch_bench.evaluation.engine import open_engine
@@ -53,28 +62,42 @@ def verify(
     from minitouch_bench.verification.problems import Findings
     from minitouch_bench.verification.static_check import check_run
 
-    opening = open_engine(options.engine_options(engine, workers, address), callbacks.note)
-    opened = read_run(Path(run))
+    opening = open_engine(options.engine_options(engine, workers, address), note)
+    opened = read_run(run)
     if problems := check_run(opened):
-        return Findings(problems)
+        _show(Findings(problems), run, as_json)
     isolated = options.isolation_options(isolation, trust)
     setup = None
     if rerun:
         policy = policy or _source_of(opened.header.policy, "--policy")
         exploration = exploration or _source_of(opened.header.exploration, "--exploration")
-        setup = replay_check.prepare_rerun(opened, policy, exploration, isolated, callbacks.note)
+        setup = replay_check.prepare_rerun(opened, policy, exploration, isolated, note)
     try:
-        with opening as running:
+        with EpisodeProgress() as callbacks, opening as running:
             callbacks.phase("replaying", len(opened.header.specs()))
-            replayed = replay_check.replay_run(opened, running, callbacks.episode)
-            if setup is None or not replayed.passed:
-                return replayed
-            specs = replay_check.draw_episodes(opened, rerun, np.random.default_rng())
-            callbacks.phase("running again", len(specs))
-            again = replay_check.run_again(opened, setup, specs, running, callbacks.episode)
-            return replace(again, replayed=replayed.replayed)
+            found = replay_check.replay_run(opened, running, callbacks.episode)
+            if setup is not None and found.passed:
+                specs = replay_check.draw_episodes(opened, rerun, np.random.default_rng())
+                callbacks.phase("running again", len(specs))
+                again = replay_check.run_again(opened, setup, specs, running, callbacks.episode)
+                found = replace(again, replayed=found.replayed)
     except KeyboardInterrupt as error:
         raise InterruptedRunError("interrupted; nothing was changed") from error
+    _show(found, run, as_json)
+
+
+def _show(found: "Findings", run: Path, as_json: bool) -> None:
+    """Print what a check found.
+
+    Raises:
+        typer.Exit: it found a difference.
+    """
+    if as_json:
+        print(json.dumps({"passed": found.passed, **asdict(found)}, indent=1))
+    else:
+        _show_problems(found, run)
+    if not found.passed:
+        raise typer.Exit(CHECK_FAILED)
 
 
 def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
@@ -98,3 +121,23 @@ def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
             f"Say with {option} where it is now"
         )
     return recorded.source
+
+
+def _show_problems(found: "Findings", run: Path) -> None:
+    console = data_console()
+
+    def line(text: str, style: str = "") -> None:
+        console.print(printable(text), style=style, markup=False, highlight=False, soft_wrap=True)
+
+    for problem in found.problems[:SHOWN]:
+        line(str(problem))
+    if len(found.problems) > SHOWN:
+        line(f"... and {len(found.problems) - SHOWN} more")
+    if found.replayed:
+        line(f"{found.replayed} episodes replayed from their recorded actions")
+    if found.reran:
+        line(f"{found.reran} episodes run again with the checkpoint")
+    if found.passed:
+        line(f"{run} is verified: every number follows from its episodes", "bold green")
+    else:
+        line(f"{run} is not verified", "bold red")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.records import Outcome
-from minitouch_bench.workflows.replay import replay
+from minitouch_bench.workflows.replay import replay_episode
 from tests.cli.command import run
 from tests.leaderboard.synthetic import official_run, write_official
 
@@ -108,7 +108,7 @@ def test_an_episode_is_recorded_on_video_beside_its_run(copy):
 
 
 def test_another_recorded_outcome_is_not_what_was_replayed(scripted):
-    replayed = replay(scripted[1], "opening/0")
+    replayed = replay_episode(scripted[1], "opening/0")
     assert replayed.is_same
     edited = replace(replayed.row, outcome=Outcome.STEP_LIMIT)
     assert not replace(replayed, row=edited).is_same

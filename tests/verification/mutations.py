@@ -26,7 +26,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import typer
 
-from minitouch_bench.cli.output import show_written_report
 from minitouch_bench.errors import MiniTouchError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.run import header_of, open_run
@@ -273,7 +272,7 @@ def readers_of_a_run(
     yield "verify", lambda: verify_run(read_run(directory), engine)
     yield "compare", lambda: compare_runs([read_run(sound), read_run(directory)], ["a", "b"])
     yield "pack", lambda: copy_run(directory, directory.parent / "packed")
-    yield "report", lambda: show_written_report(report(directory), None, latex=False)
+    yield "report", lambda: report([directory])
     yield "resume", resume
 
 

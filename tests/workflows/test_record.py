@@ -3,11 +3,12 @@ from pathlib import Path
 import minari
 import numpy as np
 import pytest
+import typer
 
 from minitouch_bench.agents.logged_data import fill_from_log
 from minitouch_bench.agents.replay import Replay
+from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
-from minitouch_bench.workflows import Callbacks
 from minitouch_bench.workflows.record import record
 
 POLICIES = Path(__file__).parents[1] / "evaluation"
@@ -16,8 +17,7 @@ POLICIES = Path(__file__).parents[1] / "evaluation"
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     directory = tmp_path_factory.mktemp("data") / "log"
-    done = record("scripted", "pushing", output=directory, episodes=2)
-    assert (done.directory, done.faults) == (directory, 0)
+    record("scripted", "pushing", output=directory, episodes=2)
     return directory
 
 
@@ -38,7 +38,7 @@ def test_minari_reads_what_was_recorded(dataset):
 def test_a_relative_directory_is_written_to(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     directory = Path("data/log")
-    assert record("zero", "opening", output=directory, episodes=1).directory == directory
+    record("zero", "opening", output=directory, episodes=1)
     assert len(list(minari.MinariDataset(directory).iterate_episodes())) == 1
     assert [entry.name for entry in Path("data").iterdir()] == ["log"]
 
@@ -55,8 +55,9 @@ def test_a_fault_is_no_end_of_the_task(tmp_path, monkeypatch):
     """A memory that learned from it would take the last state for a goal."""
     monkeypatch.setenv("PYTHONPATH", str(POLICIES), prepend=":")
     options = {"task": "pushing", "episodes": 1, "trust": True}
-    done = record("misbehaved:FaultInPushing", output=tmp_path / "log", **options)
-    assert done.faults == 1
+    with pytest.raises(typer.Exit) as end:
+        record("misbehaved:FaultInPushing", output=tmp_path / "log", **options)
+    assert end.value.exit_code == 4
     dataset = minari.MinariDataset(tmp_path / "log")
     (episode,) = dataset.iterate_episodes()
     assert episode.terminations.tolist() == [False, False]
@@ -71,13 +72,15 @@ def test_a_dataset_is_not_overwritten(dataset):
         record("random", "pushing", output=dataset, episodes=1)
 
 
-def test_an_interrupted_recording_leaves_nothing_in_the_way(tmp_path):
-    def interrupt(_):
+def test_an_interrupted_recording_leaves_nothing_in_the_way(tmp_path, monkeypatch):
+    def interrupt(*_):
         raise KeyboardInterrupt
 
     directory = tmp_path / "log"
+    monkeypatch.setattr(EpisodeProgress, "_add", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        record("random", "opening", output=directory, callbacks=Callbacks(episode=interrupt))
+        record("random", "opening", output=directory)
+    monkeypatch.undo()
     assert list(tmp_path.iterdir()) == []
     record("random", "opening", output=directory, episodes=2)
     assert len(list(minari.MinariDataset(tmp_path / "log").iterate_episodes())) == 2

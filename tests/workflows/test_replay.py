@@ -10,7 +10,7 @@ import pytest
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.workflows.replay import replay, write_replay_video
+from minitouch_bench.workflows.replay import replay_episode, write_replay_video
 from minitouch_bench.workflows.report import report
 from tests.cli.command import run
 from tests.leaderboard.synthetic import make_submission
@@ -43,21 +43,21 @@ def shortest(directory):
 @pytest.mark.parametrize("place", ["..", "", "seed-0", "seed-0/table4"])
 def test_even_where_one_works_among_the_submissions(inside, monkeypatch, place):
     monkeypatch.chdir(inside / place)
-    done = report(inside / "seed-0" / "table4")
-    assert done.directory == inside.parents[1] / "reports/hac/seed-0/table4"
+    report([inside / "seed-0" / "table4"])
+    assert (inside.parents[1] / "reports/hac/seed-0/table4/report.html").exists()
 
 
 @pytest.mark.usefixtures("inside")
 @pytest.mark.parametrize("run_path", [RUN, RUN / "run.json"])
 def test_the_report_of_a_submission_s_run_is_written_elsewhere(run_path):
-    done = report(run_path)
-    assert done.directory == Path("reports/hac/seed-0/table4")
-    assert {path.name for path in done.directory.iterdir()} == {"report.html"}
+    report([run_path])
+    written = Path("reports/hac/seed-0/table4").iterdir()
+    assert {path.name for path in written} == {"report.html"}
 
 
 @pytest.mark.usefixtures("inside")
 def test_an_episode_of_a_submission_s_run_is_recorded_on_video_elsewhere():
-    video = write_replay_video(replay(RUN, shortest(RUN)))
+    video = write_replay_video(replay_episode(RUN, shortest(RUN)))
     assert video.parent == Path("reports/hac/seed-0/table4/replays")
     assert video.stat().st_size > 1000
 
