@@ -100,7 +100,7 @@ class Share(Statistic):
 class Mean(Statistic):
     """The mean over the episodes."""
 
-    interval = "bootstrap over episodes for means"
+    interval = "bootstrap over episodes for means (too narrow where few of them carry the mean)"
     paired = "BCa bootstrap and flips of signs for means"
     is_additive = True
 

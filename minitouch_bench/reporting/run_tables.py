@@ -192,8 +192,7 @@ def gap_table(sections: Sequence[RunSection], tasks: Sequence[str]) -> tables.Ta
         notes=(
             *_label_notes(sections),
             "Held-out: shapes that training never sees. Gap: held-out minus train. Brackets: 95 % "
-            "interval, Wilson for a share and Newcombe for the gap of two, else bootstrap over "
-            "episodes.",
+            "interval; of a gap Newcombe's for shares, otherwise bootstrap over episodes.",
             f"“{NO_DIFFERENCE}”: the interval contains 0, which does not prove that there is none. "
             f"Each of the {len(rows)} rows is judged by itself: where there is no gap at all, one "
             "interval in 20 still misses 0.",
