@@ -15,6 +15,7 @@ import pandas as pd
 from experiments.claims import NOTES, judge_claims
 from experiments.figures import write_figures
 from experiments.grid import KEY, cells_of, finished_cells, read_design
+from minitouch_bench.leaderboard.scores import FLOOR_SUCCESS
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in, ranking_metric
 from minitouch_bench.metrics.intervals import OVER_SEEDS, over_seeds
 from minitouch_bench.metrics.metric import ShownIn
@@ -42,7 +43,8 @@ ABSENT = "—"
 SEEDS_NOTE = (
     f"95 % intervals: {OVER_SEEDS}. They describe training seeds on the suite's scenes. Where few "
     "seeds fail and others succeed they are too narrow. With one training seed they are over "
-    "episodes only."
+    "episodes only. Learned: the lower end of a seed's interval of success is above the success of "
+    "the best policy that learned nothing."
 )
 EPISODES_NOTE = "95 % intervals of the episodes of each training seed's policy."
 CONDITIONS_NOTE = (
@@ -95,8 +97,8 @@ def analyze(design: Mapping[str, Any], directory: Path) -> Results:
     gaps = [name for name in dict.fromkeys(joined["metric"]) if name.endswith(GAP)]
     for section in (
         _claims(design, judged),
-        _over_seeds("Table 4", joined, "table4", TABLE4),
-        _over_seeds("Novel shapes", joined, "novel-shapes", gaps),
+        _over_seeds("Table 4", joined, "table4", TABLE4, _learned(estimates)),
+        _over_seeds("Novel shapes", joined, "novel-shapes", gaps, {}),
         _training_seeds(estimates),
         _conditions(joined),
         _trainings(trainings),
@@ -184,8 +186,21 @@ def _title(point: Sequence[Any]) -> str:
     return f"{task_title(task)}, {steps:,} control steps of exploration"
 
 
+def _learned(estimates: pd.DataFrame) -> dict[tuple[Any, ...], str]:
+    """Return by task, length of exploration and method how many training seeds learned."""
+    success = estimates[estimates["metric"] == "success"]
+    main = success[(success["suite"] == "table4") & (success["conditions"] == "")]
+    above = main.assign(above=main["low"] > main["task"].map(FLOOR_SUCCESS))
+    counts = above.groupby(["task", "exploration_steps", "method"])["above"].agg(["sum", "size"])
+    return {point: f"{row['sum']} of {row['size']}" for point, row in counts.iterrows()}
+
+
 def _over_seeds(
-    title: str, joined: pd.DataFrame, suite: str, metrics: Sequence[str]
+    title: str,
+    joined: pd.DataFrame,
+    suite: str,
+    metrics: Sequence[str],
+    learned: Mapping[tuple[Any, ...], str],
 ) -> Iterator[str]:
     """Yield a table per task and length of exploration, with a column per method."""
     part = joined[(joined["suite"] == suite) & (joined["conditions"] == "")]
@@ -204,6 +219,9 @@ def _over_seeds(
             cells = [estimate_text(found[found["method"] == method]) for method in methods]
             cells += [paper_cell(task, metric, method).text for method in paper]
             rows.append([f"{name}{comma}{suffix}<br>{METRICS[known].unit_in(task)}", *cells])
+        counts = [learned.get((*point, method), ABSENT) for method in methods]
+        if set(counts) != {ABSENT}:
+            rows.append(["Learned<br>training seeds", *counts, *[ABSENT] * len(paper)])
         yield from ("", f"### {_title(point)}")
         yield from table_lines(["Metric", *methods, *(f"{one} (paper)" for one in paper)], rows)
     if len(part):
