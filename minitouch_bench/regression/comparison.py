@@ -10,7 +10,7 @@ from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.metrics.metric import NO_DIRECTION
 from minitouch_bench.metrics.significance import ALPHA, holm
 from minitouch_bench.records import Outcome
-from minitouch_bench.regression.paired_tests import Effect, paired_test, resolution_of
+from minitouch_bench.regression.paired_tests import Effect, paired_test
 from minitouch_bench.regression.pairing import (
     COMPARED_METRICS,
     EpisodePair,
@@ -19,6 +19,7 @@ from minitouch_bench.regression.pairing import (
     collect_values,
     pair_runs,
 )
+from minitouch_bench.regression.power import episodes_needed
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
 from minitouch_bench.runs.run import Run
 
@@ -48,15 +49,13 @@ class ComparedMetric:
     """One metric of one task in two runs, and what it shows.
 
     ``p_adjusted`` is over the tasks and runs of the metric. ``episodes_to_resolve`` would show
-    the difference if it is as observed, None for no difference or too many. ``detectable``: the
-    smallest difference that the present episodes show.
+    the difference if it is as observed, None for no difference or too many.
     """
 
     effect: Effect
     p_adjusted: float
     verdict: str
     episodes_to_resolve: int | None
-    detectable: float | None
 
 
 @dataclass(frozen=True)
@@ -247,13 +246,11 @@ def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:
 def _compared(
     values: PairedValues, effect: Effect, p_adjusted: float, titles: tuple[str, str]
 ) -> ComparedMetric:
-    resolution = resolution_of(values)
     return ComparedMetric(
         effect=effect,
         p_adjusted=p_adjusted,
         verdict=verdict(effect, p_adjusted, titles),
-        episodes_to_resolve=resolution.episodes_to_detect(ALPHA),
-        detectable=resolution.detectable(ALPHA),
+        episodes_to_resolve=episodes_needed(values, ALPHA),
     )
 
 

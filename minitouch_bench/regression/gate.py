@@ -31,7 +31,6 @@ from minitouch_bench.regression.paired_tests import (
     Effect,
     is_binary,
     paired_test,
-    resolution_of,
 )
 from minitouch_bench.regression.pairing import (
     MEAN_TASK,
@@ -42,7 +41,7 @@ from minitouch_bench.regression.pairing import (
     count_pairs,
     pair_runs,
 )
-from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN
+from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN, episodes_needed
 from minitouch_bench.regression.settings import GateSettings
 from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
@@ -268,11 +267,7 @@ def measure_tasks(
 
 def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) -> int | None:
     """Return the episodes per task that show the worsening, or exclude it; None for too many."""
-    resolution = resolution_of(values)
-    if effect.worsening > allowed:
-        needed = resolution.episodes_to_detect(2.0 * level, beyond=allowed)  # a two-sided level
-    else:
-        needed = resolution.episodes_to_exclude(allowed)
+    needed = episodes_needed(values, 2.0 * level, allowed)
     if needed is None:
         return None
     per_task = -(-max(needed, effect.count + 1) // len(values.tasks))

@@ -10,16 +10,10 @@ import numpy as np
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Root, stream
 from minitouch_bench.metrics.metric import DOWN, UP
-from minitouch_bench.metrics.significance import ALPHA, count_discordance
-from minitouch_bench.metrics.statistics import Mean, Quantile, Share
+from minitouch_bench.metrics.significance import ALPHA
+from minitouch_bench.metrics.statistics import Share
 from minitouch_bench.records import Estimate
 from minitouch_bench.regression.pairing import PairedValues
-from minitouch_bench.regression.power import (
-    MeanResolution,
-    NoResolution,
-    Resolution,
-    ShareResolution,
-)
 
 WORSE_SIGNS = {UP: -1.0, DOWN: 1.0}
 """Sign of a change for the worse, by a metric's better direction."""
@@ -95,28 +89,6 @@ def paired_test(values: PairedValues, root: Root) -> Effect:
         p_value=result.p_value,
         differing=int(np.count_nonzero(values.differences)),
     )
-
-
-def resolution_of(values: PairedValues) -> Resolution | NoResolution:
-    """Return what paired values tell of the episodes that a clear answer takes.
-
-    Raises:
-        TypeError: nothing is known of the metric's statistic.
-    """
-    match METRICS[values.metric].statistic:
-        case Share():
-            return ShareResolution(count_discordance(values.first, values.second))
-        case Mean():
-            differences = values.differences * WORSE_SIGNS.get(values.direction, 1.0)
-            return MeanResolution(
-                n=len(differences),
-                worsening=float(differences.mean()),
-                deviation=float(differences.std(ddof=1)) if len(differences) > 1 else 0.0,
-            )
-        case Quantile():
-            return NoResolution()
-        case other:
-            raise TypeError(f"how many episodes a difference of {other} takes is not defined")
 
 
 def _in_line(difference: Estimate, p_value: float) -> Estimate:

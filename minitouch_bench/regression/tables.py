@@ -31,19 +31,17 @@ def comparison_tables(pair: RunPair) -> tuple[tables.Table, ...]:
     """Lay one run against the first, one table per metric: tasks down."""
     columns = tables.make_columns(
         pair.first, pair.second, f"{pair.second} minus {pair.first}", "p", "p adjusted", "Verdict",
-        "Episodes to resolve", "Detectable", words=["Verdict"],
+        "Episodes to resolve", words=["Verdict"],
     )  # fmt: skip
     rows = []
     for compared in pair.metrics:
-        effect, detectable = compared.effect, compared.detectable
-        episodes = compared.episodes_to_resolve
+        effect, episodes = compared.effect, compared.episodes_to_resolve
         row = _row(
             effect,
             p_text(effect.p_value),
             p_text(compared.p_adjusted),
             compared.verdict,
             None if episodes is None else f"{episodes:,}",
-            None if detectable is None else tables.format_value(effect.metric, detectable),
         )
         rows.append((effect, row))
     return tuple(_by_metric(columns, rows))
@@ -148,8 +146,7 @@ def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
         "difference, among so many rows it may be chance.",
         "Mean: over the tasks with a goal, if they have equally many episodes. A metric without an "
         "arrow has no better direction.",
-        "Episodes to resolve: for a power of 80 % at 5 %, if the difference is as observed. "
-        "Detectable: the difference that the present episodes show with that power.",
+        "Episodes to resolve: for a power of 80 % at 5 %, if the difference is as observed.",
     )
 
 

@@ -33,7 +33,7 @@ STYLES = {
 }
 MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌", Decision.NOT_ENOUGH: "❔"}
 
-COMPARISON_VERSION, RESULT_VERSION = 2, 4
+COMPARISON_VERSION, RESULT_VERSION = 3, 4
 """Of the JSON documents."""
 
 SUITE = "minitouch-bench regress"

@@ -180,7 +180,7 @@ def test_too_few_and_too_many_runs_are_refused(count):
 def test_the_document_is_json_with_every_number():
     comparison = compared(GOOD, BAD)
     document = json.loads(comparison_json(comparison))
-    assert (document["format"], document["version"]) == ("minitouch-comparison", 2)
+    assert (document["format"], document["version"]) == ("minitouch-comparison", 3)
     findings = document["pairs"][0]["metrics"]
     assert len(findings) == 15
     effect = next(f["effect"] for f in findings if f["effect"]["metric"] == "success")
@@ -220,7 +220,7 @@ def test_the_screen_and_the_page_show_effect_interval_verdict_and_commands(tmp_p
     comparison = compared(GOOD, with_actions(BAD, tmp_path))
     screen, page = shown(show_comparison, comparison), comparison_markdown(comparison)
     for text in (screen, page):
-        for wanted in ("Success ↑ (share of episodes)", "B minus A", "A is better", "Detectable"):
+        for wanted in ("Success ↑ (share of episodes)", "B minus A", "A is better", "resolve"):
             assert wanted in text
     assert "more; --json has all of them" in screen
     assert page.count("minitouch-bench replay") == len(comparison.pairs[0].changes)

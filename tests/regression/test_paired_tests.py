@@ -1,12 +1,7 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.statistics import Statistic
-from minitouch_bench.regression import paired_tests
-from minitouch_bench.regression.paired_tests import paired_test, resolution_of
+from minitouch_bench.regression.paired_tests import paired_test
 from minitouch_bench.regression.pairing import PairedValues
 
 
@@ -37,17 +32,6 @@ def test_an_interval_of_a_mean_contains_0_where_p_is_large(seed):
     effect = effect_of("episode_steps", np.zeros(n), rng.gamma(1, 10, n) - rng.uniform(0, 9))
     assert has_0(effect) or effect.p_value <= 0.05
     assert effect.is_clear == (effect.p_value <= 0.05 and not has_0(effect))
-
-
-def test_an_unknown_statistic_is_an_error(monkeypatch):
-    class Other(Statistic):
-        value = estimate = difference = paired_test = None
-
-    other = replace(METRICS["episode_steps"], statistic=Other())
-    monkeypatch.setattr(paired_tests, "METRICS", {**METRICS, "episode_steps": other})
-    values = PairedValues("pushing", "episode_steps", ("pushing",), np.zeros(9), np.ones(9))
-    with pytest.raises(TypeError, match="not defined"):
-        resolution_of(values)
 
 
 def test_the_better_direction_is_that_of_the_task():
