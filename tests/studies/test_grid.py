@@ -54,6 +54,7 @@ def test_cells_and_their_runs(design):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_killed_three_times_it_ends_in_the_rows_of_an_undisturbed_one(design, tmp_path):
     assert run_grid(design, tmp_path / "calm") == {}
     output = tmp_path / "killed"
