@@ -72,7 +72,7 @@ def count_learned(runs: Sequence[Run]) -> dict[str, int]:
         for summary in run.summary.tasks:
             if summary.task in lows:
                 lows[summary.task].append(summary.estimates["success"].low)
-    return {task: sum(low > FLOOR_SUCCESS[task] for low in lows[task]) for task in lows}
+    return {task: sum(low > FLOOR_SUCCESS.get(task, 0.0) for low in lows[task]) for task in lows}
 
 
 def score_gaps(runs: Sequence[Run]) -> dict[str, Gap]:

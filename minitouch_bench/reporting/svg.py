@@ -19,9 +19,8 @@ from minitouch_bench.reporting.tables import Gauge
 WIDTH = 260
 """Drawing units across a plot; a unit is about a pixel."""
 
-FONT_SIZE = 11.0
 CHARACTER = 6.4
-"""Width of an average character at that size."""
+"""Width of an average character of the drawing's font, 11 units high."""
 
 PAD = 7
 """Space around dots, so that one at the end of an axis is drawn whole."""
