@@ -26,6 +26,7 @@ register_metric(
     )
 )
 
+from minitouch_bench.errors import UsageError
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.regression.comparison import compare_runs
 from minitouch_bench.regression.gate import judge_runs
@@ -56,6 +57,10 @@ for name, text in {
     "new.txt": "".join(map(str, check_run(runs[0]))),
 }.items():
     (root / name).write_text(text)
+try:
+    judge_runs(*runs, paths, GateSettings(metric="long_episode"))
+except UsageError as error:
+    (root / "mean.txt").write_text(str(error))
 make_submission(root / "submissions", "hac", 0.8)
 make_submission(root / "submissions", "seeds", 0.6, seeds=(0, 1, 2))
 build_board(root / "submissions", root / "board")
@@ -115,6 +120,10 @@ def test_two_policies_are_compared_by_its_own_test(root):
         assert effect["difference"]["value"] == ends[1] - ends[0]
         assert effect["difference"]["low"] <= ends[1] - ends[0] <= effect["difference"]["high"]
         assert metric["episodes_to_resolve"] is None
+
+
+def test_a_gate_does_not_take_a_quantile_of_all_tasks_for_their_mean(root):
+    assert "no mean over tasks" in (root / "mean.txt").read_text()
 
 
 def test_it_is_on_the_board(root):
