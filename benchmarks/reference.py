@@ -91,12 +91,13 @@ def _argument_usage(argument: Any) -> str:
 
 def _parameter_row(parameter: Any) -> tuple[str, str, str]:
     names = parameter.opts + parameter.secondary_opts
+    kind = parameter.display_type(None).replace(" range", "")
     if not _is_option(parameter):
         shown = f"`{_argument_usage(parameter)}`"
     elif getattr(parameter, "is_flag", False):
         shown = " / ".join(f"`{name}`" for name in names)
     else:
-        shown = f"`{names[0]} {parameter.metavar}`"
+        shown = f"`{names[0]} {parameter.metavar or kind}`"
     if parameter.required:
         default = "required"
     elif getattr(parameter, "is_flag", False):

@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli import output
-from minitouch_bench.cli.command import Command, as_command, make_group
+from minitouch_bench.cli.command import Command, make_group
 from minitouch_bench.cli.console import note
 from minitouch_bench.cli.information import doctor, tasks
 from minitouch_bench.cli.leaderboard import app as leaderboard
@@ -29,7 +28,7 @@ COMMANDS: dict[Callable[..., None], str] = {
     evaluate: "evaluate my_policy.onnx --suite smoke",
     report: "report reports/a reports/b --output reports/both",
     compare: "compare reports/a reports/b",
-    as_command(regress, output.show_gate): "regress new.onnx --baseline reports/old",
+    regress: "regress new.onnx --baseline reports/old",
     verify: "verify reports/a --rerun 20",
     replay: "replay reports/a pushing/3",
     train: "train opening --method hac --seed 1",

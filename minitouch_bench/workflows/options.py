@@ -1,16 +1,11 @@
-"""The parameters that several workflows share: in Python, and as options of a command.
-
-A workflow is a function whose annotated parameters are the options of its command: ``typer.Option``
-or ``typer.Argument`` says how a parameter is given, and the section ``Args`` of the docstring is
-its help. What several workflows share is described here.
-"""
+"""The options that several commands share, and how their values are read."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -28,22 +23,6 @@ from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S,
 StrPath = str | PathLike[str]
 Words = str | Sequence[str]
 """A list, or a text with commas."""
-Numbers = str | Sequence[int]
-
-COMMAND_TYPES: Mapping[Any, Any] = {
-    StrPath: Path,
-    StrPath | None: Path | None,
-    Sequence[StrPath]: list[Path],
-    Sequence[str]: list[str],
-    Words: str,
-    Words | None: str | None,
-    Numbers | None: str | None,
-    float | str | None: str | None,
-    int | str | None: str,
-    object: str,
-    object | None: str | None,
-}
-"""How the command line reads a parameter that can be more in Python."""
 
 MAX_WORKERS = 1024
 AUTO = "auto"
@@ -142,8 +121,8 @@ def words(given: Iterable[object] | None) -> tuple[str, ...]:
     return tuple(word for one in listed if (word := str(one).strip()))
 
 
-def whole_numbers(option: str, given: Numbers | None) -> tuple[int, ...]:
-    """Return the whole numbers of a list, or of a text with commas.
+def whole_numbers(option: str, given: str | None) -> tuple[int, ...]:
+    """Return the whole numbers of a text with commas.
 
     Raises:
         UsageError: one of its words is not a whole number.

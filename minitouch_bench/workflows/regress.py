@@ -1,4 +1,4 @@
-"""Compare a candidate with its baseline, and exit 1 if it is worse: the command ``regress``."""
+"""The command ``regress``: compare a candidate with its baseline, and exit 1 if it is worse."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,17 +6,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import ACTIONS_FILE, REPORTS, append_text, lock_directory, write_file
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
-from minitouch_bench.workflows import SILENT, Callbacks, options
-from minitouch_bench.workflows.options import StrPath
+from minitouch_bench.workflows import options
+from minitouch_bench.workflows.options import output_option
 
 if TYPE_CHECKING:
     from minitouch_bench.evaluation.actors import PolicySetup
     from minitouch_bench.policies.isolation.options import IsolationOptions
-    from minitouch_bench.regression.gate import GateResult
     from minitouch_bench.regression.settings import GateSettings
     from minitouch_bench.runs.run import Run
 
@@ -25,55 +26,76 @@ GITHUB_SUMMARY = "GITHUB_STEP_SUMMARY"
 
 
 def regress(
-    policy: Annotated[object | None, typer.Argument(metavar="POLICY")] = None,
+    policy: Annotated[
+        str | None,
+        typer.Argument(metavar="POLICY", help="Play this policy on the baseline's episodes."),
+    ] = None,
     *,
-    baseline: Annotated[StrPath, typer.Option()],
-    candidate: Annotated[StrPath | None, typer.Option()] = None,
-    metric: Annotated[str | None, typer.Option()] = None,
-    tolerance: Annotated[float | str | None, typer.Option()] = None,
-    alpha: Annotated[float, typer.Option()] = 0.05,
-    strict: Annotated[bool, typer.Option()] = False,
-    lenient: Annotated[bool, typer.Option()] = False,
+    baseline: Annotated[
+        Path, typer.Option(metavar="RUN", help="Directory of the run to compare with.")
+    ],
+    candidate: Annotated[
+        Path | None,
+        typer.Option(metavar="RUN", help="Directory of a finished run, in place of POLICY."),
+    ] = None,
+    metric: Annotated[
+        str | None,
+        typer.Option(
+            help="What decides: the mean of this metric over its tasks; by default success, in "
+            "Playing alone touch_share."
+        ),
+    ] = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X|X%",
+            help="How much worse the metric may get, such as 0.05 or 10%; the default depends on "
+            "the metric.",
+        ),
+    ] = None,
+    alpha: Annotated[
+        float,
+        typer.Option(metavar="X", help="Chance of a false regression, from 0.001 to 0.25."),
+    ] = 0.05,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Always fail if there are not enough episodes.")
+    ] = False,
+    lenient: Annotated[
+        bool, typer.Option("--lenient", help="Never fail if there are not enough episodes.")
+    ] = False,
     workers: options.Workers = options.AUTO,
     engine: options.EngineName = "local",
     address: options.Address = None,
-    output: Annotated[StrPath | None, typer.Option()] = None,
+    output: Annotated[
+        Path | None,
+        output_option(
+            metavar="DIR",
+            help="Directory of POLICY's run; by default reports/POLICY-SUITE-regress.",
+        ),
+    ] = None,
     resume: options.Resume = False,
     fresh: options.Fresh = False,
-    isolation: options.IsolationLevel = Isolation.SANDBOX,
+    isolation: options.IsolationLevel = Isolation.SANDBOX.value,
     trust: options.Trust = False,
     act_timeout: options.ActTimeout = ACT_TIMEOUT_S,
     episode_timeout: options.EpisodeTimeout = EPISODE_TIMEOUT_S,
-    junit: Annotated[StrPath | None, typer.Option()] = None,
-    summary: Annotated[
-        StrPath | None, typer.Option(envvar=GITHUB_SUMMARY, show_envvar=False)
+    junit: Annotated[
+        Path | None, output_option(metavar="FILE", help="Write JUnit XML to this file.")
     ] = None,
-    callbacks: Callbacks = SILENT,
-) -> "GateResult":
+    summary: Annotated[
+        Path | None,
+        output_option(
+            metavar="FILE",
+            envvar=GITHUB_SUMMARY,
+            show_envvar=False,
+            help="Append Markdown to this file; by default to $GITHUB_STEP_SUMMARY, if set.",
+        ),
+    ] = None,
+    as_json: options.AsJson = False,
+) -> None:
     """Say whether a candidate is worse: regression (exit 1), no regression, not enough episodes.
 
     A policy plays the baseline's episodes; its run is kept in its directory.
-
-    Args:
-        policy: Play this policy on the baseline's episodes.
-        baseline: Directory of the run to compare with.
-        candidate: Directory of a finished run, in place of POLICY.
-        metric: What decides: the mean of this metric over its tasks; by default success, in
-            Playing alone touch_share.
-        tolerance: How much worse the metric may get, such as 0.05 or 10%; the default depends on
-            the metric.
-        alpha: Chance of a false regression, from 0.001 to 0.25.
-        strict: Always fail if there are not enough episodes.
-        lenient: Never fail if there are not enough episodes.
-        output: Directory of POLICY's run; by default reports/POLICY-SUITE-regress.
-        junit: Write JUnit XML to this file.
-        summary: Append Markdown to this file; by default to $GITHUB_STEP_SUMMARY, if set.
-
-    Raises:
-        UsageError: an option has no meaning, or the runs are not of the same episodes.
-        PolicyError, IsolationError, MissingExtraError: the policy cannot be used.
-        RunDirectoryError: a directory is in use, holds another run, none, or an edited one.
-        InfrastructureError, InterruptedRunError: the run is incomplete and can be resumed.
     """
     if (policy is None) == (candidate is None):
         raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
@@ -81,27 +103,27 @@ def regress(
         raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.evaluation.run import open_run, run_name
+    from minitouch_bench.regression import writers
     from minitouch_bench.regression.gate import judge_runs, without_exploration
     from minitouch_bench.regression.settings import GateSettings, Tolerance
-    from minitouch_bench.regression.writers import gate_junit, gate_markdown
     from minitouch_bench.runs.run import Run
     from minitouch_bench.workflows.playing import play, write_views
 
     allowed = None if tolerance is None else Tolerance.parse(tolerance)
     settings = GateSettings(alpha, metric or "", allowed, strict, lenient)
-    before = read_checked(Path(baseline))
+    before = read_checked(baseline)
     if candidate is not None:
-        directory = Path(candidate)
+        directory = candidate
         after = read_checked(directory)
     else:
         isolated = options.isolation_options(isolation, trust, act_timeout, episode_timeout)
-        opening = open_engine(options.engine_options(engine, workers, address), callbacks.note)
+        opening = open_engine(options.engine_options(engine, workers, address), note)
         if before.exploration_episodes:
-            callbacks.note("the baseline's exploration episodes are left out: POLICY has none")
+            note("the baseline's exploration episodes are left out: POLICY has none")
             before = without_exploration(before)
-        setup = _prepare_like(before, policy, settings, isolated, callbacks)
-        directory = Path(output) if output else REPORTS / f"{run_name(setup)}-regress"
-        with opening as running, lock_directory(directory):
+        setup = _prepare_like(before, policy, settings, isolated)
+        directory = output or REPORTS / f"{run_name(setup)}-regress"
+        with EpisodeProgress() as callbacks, opening as running, lock_directory(directory):
             opened = open_run(setup, directory, resume=resume, fresh=fresh)
             if isinstance(opened, Run):
                 refuse_edited(opened)
@@ -109,10 +131,15 @@ def regress(
             write_views(after, directory)
     result = judge_runs(before, after, (str(baseline), str(directory)), settings)
     if junit is not None:
-        write_file(Path(junit), gate_junit(result))
+        write_file(junit, writers.gate_junit(result))
     if summary is not None:
-        append_text(Path(summary), gate_markdown(result))
-    return result
+        append_text(summary, writers.gate_markdown(result))
+    if as_json:
+        print(writers.gate_json(result), end="")
+    else:
+        writers.show_result(result, data_console())
+    if result.exit_code:
+        raise typer.Exit(result.exit_code)
 
 
 def read_checked(directory: Path) -> "Run":
@@ -156,7 +183,6 @@ def _prepare_like(
     policy: object,
     settings: "GateSettings",
     isolation: "IsolationOptions",
-    callbacks: Callbacks,
 ) -> "PolicySetup":
     """Load a policy to play the baseline's plan.
 
@@ -170,6 +196,6 @@ def _prepare_like(
 
     judge_runs(baseline, baseline, ("", ""), settings)  # what cannot be judged is not played
     plan = replace(baseline.plan, limits=isolation.limits)
-    setup = prepare_policies(policy, plan, isolation, callbacks.note)
+    setup = prepare_policies(policy, plan, isolation, note)
     refuse_other_rules(baseline, header_of(setup))
     return setup
