@@ -16,8 +16,12 @@ from minitouch_bench.evaluation.video import require_video
 from minitouch_bench.files import REPORTS, holds_run, lock_directory, write_file
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
-from minitouch_bench.regression.comparison import Comparison, compare_runs
-from minitouch_bench.regression.writers import comparison_json, comparison_markdown
+from minitouch_bench.regression.comparison import (
+    Comparison,
+    compare_runs,
+    comparison_json,
+    comparison_markdown,
+)
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.tasks.objects import Objects

@@ -1,25 +1,48 @@
-"""Runs of the same episodes compared, each against the first."""
+"""Runs of the same episodes compared, each against the first, and shown."""
 
-import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
-from minitouch_bench.errors import UsageError, printable
-from minitouch_bench.files import ACTIONS_FILE
+from rich.console import Console
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.metric import NO_DIRECTION
 from minitouch_bench.metrics.significance import ALPHA, holm
-from minitouch_bench.records import Outcome
 from minitouch_bench.regression.paired_tests import Effect, paired_test
 from minitouch_bench.regression.pairing import (
     COMPARED_METRICS,
-    EpisodePair,
+    ComparedRun,
+    OutcomeChange,
     PairedValues,
     are_identical,
     collect_values,
+    differences_of_making,
+    find_changes,
     pair_runs,
 )
 from minitouch_bench.regression.power import episodes_needed
+from minitouch_bench.regression.tables import (
+    NOT_ALIKE,
+    SHOWN_CHANGES,
+    changes_blocks,
+    effect_row,
+    json_text,
+    p_text,
+    run_line,
+    tables_by_metric,
+)
+from minitouch_bench.reporting import tables
+from minitouch_bench.reporting.formats import (
+    Block,
+    Heading,
+    NoteBlock,
+    as_markdown,
+    as_text,
+    on_screen,
+)
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
 from minitouch_bench.runs.run import Run
 
@@ -28,20 +51,8 @@ if TYPE_CHECKING:
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
-
-@dataclass(frozen=True)
-class ComparedRun:
-    """A run, its ``labels``, and its title: a letter, or "baseline" and "candidate"."""
-
-    title: str
-    name: str
-    path: str
-    labels: tuple[str, ...]
-
-    @classmethod
-    def of(cls, title: str, run: Run, path: str) -> "ComparedRun":
-        """Return a finished run under a title."""
-        return cls(title, printable(run.name), path, run_labels(run))
+COMPARISON_VERSION = 3
+"""Of the JSON document."""
 
 
 @dataclass(frozen=True)
@@ -56,19 +67,6 @@ class ComparedMetric:
     p_adjusted: float
     verdict: str
     episodes_to_resolve: int | None
-
-
-@dataclass(frozen=True)
-class OutcomeChange:
-    """An episode that ended in another way.
-
-    ``replays``: the commands that replay it in each run, "" where the run has no actions.
-    """
-
-    episode: str
-    first: Outcome
-    second: Outcome
-    replays: tuple[str, str]
 
 
 @dataclass(frozen=True)
@@ -116,8 +114,6 @@ class Comparison:
         return f"<Comparison of {names}: {changed} changed outcomes>"
 
     def __str__(self) -> str:
-        from minitouch_bench.regression.writers import comparison_text  # noqa: PLC0415  needs this
-
         return comparison_text(self)
 
 
@@ -168,72 +164,6 @@ def _in_shared_roles(first: Run, second: Run) -> tuple[Run, Run]:
     return replace(first, exploration_episodes=()), replace(second, exploration_episodes=())
 
 
-def find_changes(
-    pairs: Sequence[EpisodePair], runs: tuple[Run, Run], paths: tuple[str, str]
-) -> tuple[OutcomeChange, ...]:
-    """Return the episodes whose outcome is another in the second run."""
-    return tuple(
-        OutcomeChange(
-            episode=pair.key,
-            first=pair.first.outcome,
-            second=pair.second.outcome,
-            replays=(
-                replay_command(runs[0], paths[0], pair.key),
-                replay_command(runs[1], paths[1], pair.key),
-            ),
-        )
-        for pair in pairs
-        if pair.first.outcome is not pair.second.outcome
-    )
-
-
-def replay_command(run: Run, path: str, episode: str) -> str:
-    """Return the command line that shows one episode of a run, "" where it cannot be replayed.
-
-    A run that is kept in memory, or as ``run.json`` alone, has no actions. A path of unprintable
-    characters is not printed as it is.
-    """
-    has_actions = run.directory is not None and (run.directory / ACTIONS_FILE).is_file()
-    if not has_actions or printable(path) != path:
-        return ""
-    place = f"./{path}" if path.startswith("-") else path
-    return shlex.join(["minitouch-bench", "replay", place, episode])
-
-
-def differences_of_making(first: Run, second: Run) -> tuple[str, ...]:
-    """Say in what two runs differ that is not the policy, and may matter."""
-    left_out = first.header.rules_differ(second.header)
-    packages = (first.environment.packages, second.environment.packages)
-    machines = (run.environment.machine.get("processor", "unknown") for run in (first, second))
-    times = (f"{run.plan.limits.act_timeout_s:g}" for run in (first, second))
-    facts = [
-        ("isolation", first.header.isolation, second.header.isolation),
-        ("seconds for an action", *times),
-        *(
-            (name, *(versions.get(name, "none") for versions in packages))
-            for name in {**packages[0], **packages[1]}
-        ),
-        ("processor", *machines),
-    ]
-    return (
-        *(f"{task} is left out: its rules differ" for task in map(printable, left_out)),
-        *(
-            f"exploration is left out: '{printable(run.name)}' has none"
-            for run, other in ((first, second), (second, first))
-            if other.exploration_episodes and not run.exploration_episodes
-        ),
-        *_in_words(facts),
-    )
-
-
-def _in_words(facts: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-    return tuple(
-        printable(f"{what}: {here} in the first run, {there} in the second")
-        for what, here, there in facts
-        if here != there
-    )
-
-
 def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:
     """Yield each effect's p-value, adjusted over all effects of its metric."""
     adjusted = {
@@ -265,3 +195,77 @@ def verdict(effect: Effect, p_adjusted: float, titles: tuple[str, str]) -> str:
     if effect.direction == NO_DIRECTION:
         return f"{titles[1]} has {'more' if effect.difference.value > 0 else 'less'}"
     return f"{titles[0] if effect.worsening > 0 else titles[1]} is better"
+
+
+def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[Block]:
+    """Yield a whole comparison, with so many changed episodes of each pair."""
+    yield from map(run_line, comparison.runs)
+    for pair in comparison.pairs:
+        yield Heading(f"{pair.second} against {pair.first}")
+        if pair.identical:
+            yield "The run digests are equal: every episode is the same to the last bit."
+        yield from (f"{NOT_ALIKE}: {note}." for note in pair.notes)
+        yield from comparison_tables(pair)
+        yield from changes_blocks(pair.changes, (pair.first, pair.second), changes)
+    yield ""
+    yield from map(NoteBlock, comparison_notes(comparison))
+
+
+def comparison_tables(pair: RunPair) -> tuple[tables.Table, ...]:
+    """Lay one run against the first, one table per metric: tasks down."""
+    columns = tables.make_columns(
+        pair.first, pair.second, f"{pair.second} minus {pair.first}", "p", "p adjusted", "Verdict",
+        "Episodes to resolve", words=["Verdict"],
+    )  # fmt: skip
+    rows = []
+    for compared in pair.metrics:
+        effect, episodes = compared.effect, compared.episodes_to_resolve
+        row = effect_row(
+            effect,
+            p_text(effect.p_value),
+            p_text(compared.p_adjusted),
+            compared.verdict,
+            None if episodes is None else f"{episodes:,}",
+        )
+        rows.append((effect, row))
+    return tuple(tables_by_metric(columns, rows))
+
+
+def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
+    """Say how the figures of a comparison were made."""
+    percent = f"{100 * comparison.alpha:g} %"
+    paired = "; ".join(dict.fromkeys(METRICS[name].statistic.paired for name in COMPARED_METRICS))
+    return (
+        "Brackets and p: of this row alone. 95 % interval of the paired difference and its test: "
+        f"{paired}; episode variance only. Where p is above 5 % the interval contains 0. "
+        "It is too narrow for a mean of which few episodes differ or a few carry the difference.",
+        "p adjusted and verdict: over all rows of the metric (its tasks and runs) by Holm's "
+        f"method, judged at {percent}. Not clear once adjusted: the row alone would show a "
+        "difference, among so many rows it may be chance.",
+        "Mean: over the tasks with a goal, if they have equally many episodes. A metric without an "
+        "arrow has no better direction.",
+        "Episodes to resolve: for a power of 80 % at 5 %, if the difference is as observed.",
+    )
+
+
+def show_comparison(comparison: Comparison, console: Console) -> None:
+    """Print a comparison."""
+    console.print(on_screen(comparison_blocks(comparison, SHOWN_CHANGES)))
+
+
+def comparison_text(comparison: Comparison) -> str:
+    """Return what a terminal shows of a comparison."""
+    return as_text(comparison_blocks(comparison, SHOWN_CHANGES))
+
+
+def comparison_markdown(comparison: Comparison) -> str:
+    """Write a comparison as a page, with every changed episode."""
+    lines = as_markdown(comparison_blocks(comparison, MAX_EPISODES))
+    return "\n".join(["# Comparison of runs", "", *lines]) + "\n"
+
+
+def comparison_json(comparison: Comparison) -> str:
+    """Write a comparison; the keys are the fields of ``Comparison``."""
+    return json_text(
+        {"format": "minitouch-comparison", "version": COMPARISON_VERSION, **asdict(comparison)}
+    )

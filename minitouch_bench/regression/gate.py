@@ -21,12 +21,6 @@ from minitouch_bench.metrics.metric import NO_DIRECTION
 from minitouch_bench.metrics.significance import holm
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Outcome, Role
-from minitouch_bench.regression.comparison import (
-    ComparedRun,
-    OutcomeChange,
-    differences_of_making,
-    find_changes,
-)
 from minitouch_bench.regression.paired_tests import (
     Effect,
     is_binary,
@@ -34,11 +28,15 @@ from minitouch_bench.regression.paired_tests import (
 )
 from minitouch_bench.regression.pairing import (
     MEAN_TASK,
+    ComparedRun,
     EpisodePair,
+    OutcomeChange,
     PairedValues,
     are_identical,
     collect_values,
     count_pairs,
+    differences_of_making,
+    find_changes,
     pair_runs,
 )
 from minitouch_bench.regression.power import FEWEST_FOR_A_MEAN, episodes_needed

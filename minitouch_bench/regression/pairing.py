@@ -1,5 +1,6 @@
 """Two runs laid side by side, episode by episode; what cannot be paired is refused."""
 
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
 from minitouch_bench.metrics.metric import ShownIn
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Role
+from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Outcome, Role
+from minitouch_bench.reporting.labels import run_labels
 from minitouch_bench.runs.run import Run, RunHeader
 
 COMPARED_METRICS = metrics_shown_in(ShownIn.TABLE4)
@@ -212,3 +215,97 @@ def _short(text: str) -> str:
     """Return a text of a run so that it can stand inside a sentence."""
     plain = printable(text)
     return plain if len(plain) <= 80 else f"{plain[:80]}…"
+
+
+@dataclass(frozen=True)
+class ComparedRun:
+    """A run, its ``labels``, and its title: a letter, or "baseline" and "candidate"."""
+
+    title: str
+    name: str
+    path: str
+    labels: tuple[str, ...]
+
+    @classmethod
+    def of(cls, title: str, run: Run, path: str) -> "ComparedRun":
+        """Return a finished run under a title."""
+        return cls(title, printable(run.name), path, run_labels(run))
+
+
+@dataclass(frozen=True)
+class OutcomeChange:
+    """An episode that ended in another way.
+
+    ``replays``: the commands that replay it in each run, "" where the run has no actions.
+    """
+
+    episode: str
+    first: Outcome
+    second: Outcome
+    replays: tuple[str, str]
+
+
+def find_changes(
+    pairs: Sequence[EpisodePair], runs: tuple[Run, Run], paths: tuple[str, str]
+) -> tuple[OutcomeChange, ...]:
+    """Return the episodes whose outcome is another in the second run."""
+    return tuple(
+        OutcomeChange(
+            episode=pair.key,
+            first=pair.first.outcome,
+            second=pair.second.outcome,
+            replays=(
+                replay_command(runs[0], paths[0], pair.key),
+                replay_command(runs[1], paths[1], pair.key),
+            ),
+        )
+        for pair in pairs
+        if pair.first.outcome is not pair.second.outcome
+    )
+
+
+def replay_command(run: Run, path: str, episode: str) -> str:
+    """Return the command line that shows one episode of a run, "" where it cannot be replayed.
+
+    A run that is kept in memory, or as ``run.json`` alone, has no actions. A path of unprintable
+    characters is not printed as it is.
+    """
+    has_actions = run.directory is not None and (run.directory / ACTIONS_FILE).is_file()
+    if not has_actions or printable(path) != path:
+        return ""
+    place = f"./{path}" if path.startswith("-") else path
+    return shlex.join(["minitouch-bench", "replay", place, episode])
+
+
+def differences_of_making(first: Run, second: Run) -> tuple[str, ...]:
+    """Say in what two runs differ that is not the policy, and may matter."""
+    left_out = first.header.rules_differ(second.header)
+    packages = (first.environment.packages, second.environment.packages)
+    machines = (run.environment.machine.get("processor", "unknown") for run in (first, second))
+    times = (f"{run.plan.limits.act_timeout_s:g}" for run in (first, second))
+    facts = [
+        ("isolation", first.header.isolation, second.header.isolation),
+        ("seconds for an action", *times),
+        *(
+            (name, *(versions.get(name, "none") for versions in packages))
+            for name in {**packages[0], **packages[1]}
+        ),
+        ("processor", *machines),
+    ]
+    return (
+        *(f"{task} is left out: its rules differ" for task in map(printable, left_out)),
+        *(
+            f"exploration is left out: '{printable(run.name)}' has none"
+            for run, other in ((first, second), (second, first))
+            if other.exploration_episodes and not run.exploration_episodes
+        ),
+        *_in_words(facts),
+    )
+
+
+def _in_words(facts: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    return tuple(
+        printable(f"{what}: {here} in the first run, {there} in the second")
+        for what, here, there in facts
+        if here != there
+    )

@@ -1,8 +1,7 @@
-"""A comparison and a gate's result: on a terminal, as Markdown, as JSON and as JUnit XML."""
+"""A gate's result: on a terminal, as Markdown, as JSON and as JUnit XML."""
 
-import json
+from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Any
 from xml.etree import ElementTree
 
 from rich.console import Console
@@ -10,21 +9,35 @@ from rich.text import Text
 
 from minitouch_bench.errors import printable
 from minitouch_bench.files import MAX_EPISODES
-from minitouch_bench.regression import tables
-from minitouch_bench.regression.comparison import Comparison
-from minitouch_bench.regression.gate import Decision, GateResult
+from minitouch_bench.regression.gate import NOT_ENOUGH_CODE, Decision, GateResult
 from minitouch_bench.regression.paired_tests import Effect
-from minitouch_bench.regression.tables import comparison_blocks
+from minitouch_bench.regression.tables import (
+    NOT_ALIKE,
+    SHOWN_CHANGES,
+    changes_blocks,
+    difference_text,
+    effect_head,
+    effect_row,
+    json_text,
+    p_text,
+    run_line,
+    tables_by_metric,
+)
+from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.formats import (
+    Block,
+    NoteBlock,
     as_markdown,
-    as_text,
     code_span,
     escape_md,
     on_screen,
 )
+from minitouch_bench.reporting.labels import listed
 
-SHOWN_CHANGES, SUMMARY_CHANGES = 20, 50
-"""Changed episodes that a screen and a result's page list; the JSON has all of them."""
+SUMMARY_CHANGES = 50
+"""Changed episodes that a result's page lists; the JSON has all of them."""
+
+GATE_LABELS = ("Baseline", "Candidate", "Difference")
 
 STYLES = {
     Decision.NO_REGRESSION: "bold green",
@@ -33,57 +46,34 @@ STYLES = {
 }
 MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌", Decision.NOT_ENOUGH: "❔"}
 
-COMPARISON_VERSION, RESULT_VERSION = 3, 4
-"""Of the JSON documents."""
+RESULT_VERSION = 4
+"""Of the JSON document."""
 
 SUITE = "minitouch-bench regress"
-
-
-def show_comparison(comparison: Comparison, console: Console) -> None:
-    """Print a comparison."""
-    console.print(on_screen(comparison_blocks(comparison, SHOWN_CHANGES)))
-
-
-def comparison_text(comparison: Comparison) -> str:
-    """Return what a terminal shows of a comparison."""
-    return as_text(comparison_blocks(comparison, SHOWN_CHANGES))
-
-
-def comparison_markdown(comparison: Comparison) -> str:
-    """Write a comparison as a page, with every changed episode."""
-    lines = as_markdown(comparison_blocks(comparison, MAX_EPISODES))
-    return "\n".join(["# Comparison of runs", "", *lines]) + "\n"
 
 
 def show_result(result: GateResult, console: Console) -> None:
     """Print a gate's result; the last two lines are the answer, and what to type next."""
     titles = (result.baseline.title, result.candidate.title)
-    changes = tables.changes_blocks(result.changes, titles, SHOWN_CHANGES)
-    console.print(on_screen((*tables.result_blocks(result), *changes, "")))
-    console.print(Text(tables.result_line(result), style=STYLES[result.decision]), soft_wrap=True)
+    changes = changes_blocks(result.changes, titles, SHOWN_CHANGES)
+    console.print(on_screen((*result_blocks(result), *changes, "")))
+    console.print(Text(result_line(result), style=STYLES[result.decision]), soft_wrap=True)
     console.print(Text(f"next: {result.next_command}"), soft_wrap=True)
 
 
 def gate_markdown(result: GateResult) -> str:
     """Write a result as a section of a page, such as a GitHub step summary."""
-    answer = escape_md(tables.result_line(result))
+    answer = escape_md(result_line(result))
     lines = [f"## {MARKS[result.decision]} minitouch-bench {answer}", ""]
     lines += [f"- next: {code_span(result.next_command)}"]
-    lines += as_markdown(tables.result_blocks(result))
+    lines += as_markdown(result_blocks(result))
     if result.changes:
         titles = (result.baseline.title, result.candidate.title)
         title = f"{len(result.changes)} episodes ended in another way"
         lines += ["", f"<details><summary>{title}</summary>"]
-        lines += as_markdown(tables.changes_blocks(result.changes, titles, SUMMARY_CHANGES))
+        lines += as_markdown(changes_blocks(result.changes, titles, SUMMARY_CHANGES))
         lines += ["", "</details>"]
     return "\n".join(lines) + "\n"
-
-
-def comparison_json(comparison: Comparison) -> str:
-    """Write a comparison; the keys are the fields of ``Comparison``."""
-    return _text(
-        {"format": "minitouch-comparison", "version": COMPARISON_VERSION, **asdict(comparison)}
-    )
 
 
 def gate_json(result: GateResult) -> str:
@@ -94,11 +84,7 @@ def gate_json(result: GateResult) -> str:
         "exit_code": result.exit_code,
         **asdict(result),
     }
-    return _text(document)
-
-
-def _text(document: dict[str, Any]) -> str:
-    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_text(document)
 
 
 def gate_junit(result: GateResult) -> str:
@@ -109,7 +95,7 @@ def gate_junit(result: GateResult) -> str:
     skipped unless there is a regression, after which alone it is tested. Source of the form: the
     Ant task "JUnitReport", as CI servers read it.
     """
-    answer, endpoint = tables.result_line(result), result.endpoint
+    answer, endpoint = result_line(result), result.endpoint
     cases = [_case("gate", endpoint.effect, _kind(result), answer, endpoint.p_value)]
     cases[0].set("name", f"{endpoint.effect.task} {endpoint.effect.metric}")
     cases[0].set("time", f"{result.wall_s:.3f}")
@@ -136,7 +122,7 @@ def gate_junit(result: GateResult) -> str:
     ):
         ElementTree.SubElement(properties, "property", {"name": name, "value": printable(value)})
     suite.extend(cases)
-    lines = [*tables.gate_notes(result), f"next: {result.next_command}"]
+    lines = [*gate_notes(result), f"next: {result.next_command}"]
     ElementTree.SubElement(suite, "system-out").text = "\n".join(map(printable, lines))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
@@ -153,7 +139,7 @@ def _case(
     group: str, effect: Effect, kind: str, words: str, p_value: float | None
 ) -> ElementTree.Element:
     """Return a test case, with an element ``kind`` that says how it ended."""
-    difference = tables.difference_text(effect)
+    difference = difference_text(effect)
     case = ElementTree.Element(
         "testcase", {"classname": f"minitouch.{group}", "name": effect.metric}
     )
@@ -162,9 +148,85 @@ def _case(
         element.set("message", printable(f"{words}: {difference}"))
     if kind == "failure":
         element.set("type", printable(words.partition(":")[0]))
-    tested = "not tested" if p_value is None else f"p {tables.p_text(p_value)}"
+    tested = "not tested" if p_value is None else f"p {p_text(p_value)}"
     element.text = printable(
-        f"{tables.effect_head(effect)}: candidate minus baseline {difference}, {tested}, "
+        f"{effect_head(effect)}: candidate minus baseline {difference}, {tested}, "
         f"{effect.count} episodes"
     )
     return case
+
+
+def endpoint_table(result: GateResult) -> tables.Table:
+    """Lay out what decides."""
+    endpoint, effect = result.endpoint, result.endpoint.effect
+    tolerance = result.settings.tolerance_of(effect.metric)
+    allowed = tables.format_value(effect.metric, endpoint.tolerance)
+    allowed = f"{allowed} ({tolerance})" if tolerance.relative else allowed
+    row = effect_row(effect, allowed, p_text(endpoint.p_value), endpoint.decision.value)
+    columns = tables.make_columns(*GATE_LABELS, "Tolerance", "p", "Decision", words=["Decision"])
+    title = f"What decides: {effect_head(effect)}, over {listed(endpoint.tasks)}"
+    return tables.Table(title, ("Task",), columns, (row,))
+
+
+def task_tables(result: GateResult) -> tuple[tables.Table, ...]:
+    """Lay out the metrics of each task, a table per metric: tasks down."""
+    rows = []
+    for metric in result.per_task:
+        p_value, verdict = None, "not tested"
+        if metric.p_adjusted is not None:
+            p_value = p_text(metric.p_adjusted)
+            verdict = "worse" if metric.is_worse else "not worse for certain"
+        rows.append((metric.effect, effect_row(metric.effect, p_value, verdict)))
+    columns = tables.make_columns(*GATE_LABELS, "p adjusted", "Verdict", words=["Verdict"])
+    return tuple(tables_by_metric(columns, rows))
+
+
+def result_line(result: GateResult) -> str:
+    """Say the gate's answer in one sentence that begins with the decision."""
+    return f"{result.decision.value}: {_reason(result)}"
+
+
+def _reason(result: GateResult) -> str:
+    endpoint, effect = result.endpoint, result.endpoint.effect
+    if result.identical:
+        return "the run digests are equal, every episode is the same to the last bit"
+    values = (tables.format_value(effect.metric, value) for value in (effect.first, effect.second))
+    change = f"{effect.task} {effect.metric} {' → '.join(values)}"
+    where = "beyond" if endpoint.is_beyond else "within"
+    seen = f"{change} in {effect.count} episodes, {where} the tolerance"
+    if endpoint.decision is Decision.REGRESSION:
+        return f"{seen}, p {p_text(endpoint.p_value)}"
+    if endpoint.decision is Decision.NO_REGRESSION:
+        return f"{change}, a worsening beyond the tolerance is excluded"
+    if endpoint.episodes_needed is None:
+        most = f"even {MAX_EPISODES:,} episodes per task, the maximum, would not settle it"
+        return f"{seen}; {most} if the difference is as observed"
+    return f"{seen}; {endpoint.episodes_needed:,} episodes per task would settle it"
+
+
+def gate_notes(result: GateResult) -> tuple[str, ...]:
+    """Say how the figures of a result were made, and what is not alike."""
+    notes = [f"{NOT_ALIKE}: {note}." for note in result.notes]
+    alpha = f"{100 * result.settings.alpha:g} %"
+    notes.append(
+        "Brackets: 95 % interval of the paired difference, of the row alone. p: one-sided, that "
+        f"the candidate is no worse. Chance of a false regression: at most {alpha}. Only after a "
+        "regression are the metrics of each task tested, adjusted together by Holm's method."
+    )
+    notes.append(
+        "regression: worse beyond the tolerance, and significant. no regression: the interval "
+        "excludes a worsening beyond the tolerance. not enough episodes: neither; it fails "
+        f"(exit {NOT_ENOUGH_CODE}) where the episodes seen are worse beyond the tolerance, with "
+        "--strict always, with --lenient never."
+    )
+    return tuple(notes)
+
+
+def result_blocks(result: GateResult) -> Iterator[Block]:
+    """Yield what a gate's answer rests on."""
+    yield from map(run_line, (result.baseline, result.candidate))
+    yield ""
+    yield endpoint_table(result)
+    yield from task_tables(result)
+    yield ""
+    yield from map(NoteBlock, gate_notes(result))

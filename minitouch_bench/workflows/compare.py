@@ -25,12 +25,12 @@ def compare(
     Each run is compared with the first one.
     """
     from minitouch_bench import api
-    from minitouch_bench.regression import writers
+    from minitouch_bench.regression.comparison import comparison_json, show_comparison
 
     comparison = api.compare(*runs, output=output)
     if as_json:
-        print(writers.comparison_json(comparison), end="")
+        print(comparison_json(comparison), end="")
     else:
-        writers.show_comparison(comparison, data_console())
+        show_comparison(comparison, data_console())
     if output is not None:
         note(f"comparison: {output / 'comparison.md'}")

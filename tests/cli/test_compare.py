@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from minitouch_bench.files import ACTIONS_FILE
 from tests.cli.command import run
 from tests.reporting.synthetic import make_run
 from tests.reporting.synthetic import write as write_run
@@ -18,6 +19,7 @@ def runs(tmp_path_factory):
     directory = tmp_path_factory.mktemp("runs")
     write(directory / "a", "good", skill=0.9)
     write(directory / "b", "bad", skill=0.2)
+    (directory / "b" / ACTIONS_FILE).touch()  # what can be replayed
     write(directory / "c", "good-too", skill=0.9, seed=4)
     write(directory / "few", "few", episodes=4)
     write(directory / "other", "other", digest="0123456789")

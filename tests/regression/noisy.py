@@ -16,7 +16,8 @@ from minitouch_bench.evaluation.run import header_of
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.regression.gate import GateResult, judge_runs
 from minitouch_bench.regression.settings import GateSettings
-from minitouch_bench.regression.tables import difference_text, result_line
+from minitouch_bench.regression.tables import difference_text
+from minitouch_bench.regression.writers import result_line
 from minitouch_bench.runs.run import Run, RunEnvironment, make_run
 from tests.evaluation.runs import request
 

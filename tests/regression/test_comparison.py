@@ -6,8 +6,12 @@ import pytest
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.significance import holm
-from minitouch_bench.regression.comparison import compare_runs
-from minitouch_bench.regression.writers import comparison_json, comparison_markdown, show_comparison
+from minitouch_bench.regression.comparison import (
+    compare_runs,
+    comparison_json,
+    comparison_markdown,
+    show_comparison,
+)
 from tests.regression.pairs import (
     Values,
     draw,

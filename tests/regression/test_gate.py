@@ -9,8 +9,13 @@ from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.regression.gate import Decision, judge_runs
 from minitouch_bench.regression.settings import GateSettings, Tolerance
-from minitouch_bench.regression.tables import result_line
-from minitouch_bench.regression.writers import gate_json, gate_junit, gate_markdown, show_result
+from minitouch_bench.regression.writers import (
+    gate_json,
+    gate_junit,
+    gate_markdown,
+    result_line,
+    show_result,
+)
 from tests.regression.pairs import (
     flags,
     make_saved,
