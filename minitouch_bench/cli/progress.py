@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.progress import (
     BarColumn,
-    MofNCompleteColumn,
     Progress,
     TaskID,
     TextColumn,
@@ -30,7 +29,24 @@ LINE_INTERVAL_S = 60.0
 """Seconds between two lines of progress where no terminal shows a bar."""
 
 WIDE = 110
-"""Columns of a terminal from which the bar of episodes is a long one."""
+"""Columns of a terminal from which a bar is a long one."""
+
+
+def _make_bars(console: Console = notes) -> Progress:
+    """Return the bars of every command; a task's field ``text`` stands behind its times."""
+    return Progress(
+        TextColumn("[bold]{task.description}"),
+        BarColumn(bar_width=30 if console.width >= WIDE else 10),
+        TextColumn("{task.completed:,.0f}/{task.total:,.0f}", table_column=Column(no_wrap=True)),
+        TimeElapsedColumn(table_column=Column(no_wrap=True)),
+        TextColumn("left"),
+        TimeRemainingColumn(table_column=Column(no_wrap=True)),
+        # Where there is little room only this one is broken into lines.
+        TextColumn("{task.fields[text]}", markup=False, table_column=Column()),
+        console=console,
+        refresh_per_second=2,
+        speed_estimate_period=600,
+    )
 
 
 class _Lines:
@@ -60,19 +76,7 @@ class EpisodeProgress:
         self._tally: dict[str, list[bool]] = {}
         self._faults = 0
         self._bar: TaskID | None = None
-        self._progress = Progress(
-            TextColumn("[bold]{task.description}"),
-            BarColumn(bar_width=30 if console.width >= WIDE else 10),
-            MofNCompleteColumn(table_column=Column(no_wrap=True)),
-            # Where there is little room only this one is broken into lines.
-            TextColumn("{task.fields[success]}", markup=False, table_column=Column()),
-            TextColumn("{task.fields[faults]}", style="red", markup=False),
-            TimeElapsedColumn(table_column=Column(no_wrap=True)),
-            TextColumn("left"),
-            TimeRemainingColumn(table_column=Column(no_wrap=True)),
-            console=console,
-            refresh_per_second=2,
-        )
+        self._progress = _make_bars(console)
 
     def __enter__(self) -> Callbacks:
         return Callbacks(note, self._begin_phase, self._add)
@@ -92,7 +96,7 @@ class EpisodeProgress:
         if self._bar is None:
             self._progress.start()
         self._tally, self._faults = {}, 0
-        self._bar = self._progress.add_task(name, total=episodes, success="", faults="")
+        self._bar = self._progress.add_task(name, total=episodes, text="")
 
     def _add(self, record: EpisodeRecord) -> None:
         assert self._bar is not None
@@ -101,24 +105,24 @@ class EpisodeProgress:
             success = record.outcome is Outcome.SUCCESS
             self._tally.setdefault(record.spec.task, []).append(success)
         tally = "  ".join(f"{task} {sum(won)}/{len(won)}" for task, won in self._tally.items())
-        faults = f"{self._faults} faults" if self._faults else ""
-        self._progress.update(self._bar, advance=1, success=tally, faults=faults)
+        text = "  ".join(filter(None, (tally, f"{self._faults} faults" if self._faults else "")))
+        self._progress.update(self._bar, advance=1, text=text)
         bar = self._progress.tasks[-1]
-        done = f"{bar.description}: {bar.completed:.0f} of {bar.total:.0f}"
-        self._lines.show("  ".join(filter(None, (done, tally, faults))))
+        self._lines.show(
+            f"{bar.description}: {bar.completed:.0f} of {bar.total:.0f}  {text}".rstrip()
+        )
 
 
 @contextmanager
 def count_progress(label: str) -> Iterator[Callable[[int, int], None]]:
     """Yield a function that takes (done, total); its first call shows a bar."""
-    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ExitStack() as stack:
-        bar = Progress(*columns, console=notes)
+        bar = _make_bars()
 
         def show(done: int, total: int) -> None:
             if not bar.tasks:
                 stack.enter_context(bar)
-                bar.add_task(label)
+                bar.add_task(label, text="")
             bar.update(bar.tasks[0].id, completed=done, total=total)
 
         yield show
@@ -127,23 +131,11 @@ def count_progress(label: str) -> Iterator[Callable[[int, int], None]]:
 @contextmanager
 def training_progress() -> Iterator[TrainingProgress]:
     """Show a training on the screen, and end it between two steps after a Ctrl-C."""
-    lines = _Lines(notes)
-    bar = Progress(
-        TextColumn("[bold]{task.description}"),
-        BarColumn(bar_width=20),
-        TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[figures]}", markup=False),
-        console=notes,
-        refresh_per_second=2,
-        speed_estimate_period=600,
-    )
+    lines, bar = _Lines(notes), _make_bars()
     with _interrupts() as interrupts, bar:
 
         def begin(steps: int) -> None:
-            bar.add_task("training", total=steps, figures="")
+            bar.add_task("training", total=steps, text="")
 
         def show(row: "ProgressRow") -> None:
             measured = {
@@ -156,7 +148,7 @@ def training_progress() -> Iterator[TrainingProgress]:
                 f"{name} {value:.2f}" for name, value in measured.items() if value is not None
             )
             (task,) = bar.tasks
-            bar.update(task.id, completed=row.step, description=row.phase, figures=figures)
+            bar.update(task.id, completed=row.step, description=row.phase, text=figures)
             lines.show(f"{row.phase}: {row.step:,} of {task.total:,} control steps  {figures}")
 
         yield TrainingProgress(note, begin, show, should_stop=lambda: bool(interrupts))

@@ -41,7 +41,7 @@ def test_in_a_narrow_terminal_every_number_is_whole(width):
             for _ in range(100):
                 callbacks.episode(make_record(np.random.default_rng(1), spec, 1.0))
     shown = console.file.getvalue()
-    assert "300/5750" in shown
+    assert "300/5,750" in shown
     assert shown.count("/100") == 3
     assert "…" not in shown
 
