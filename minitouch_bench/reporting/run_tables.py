@@ -143,19 +143,23 @@ def episode_table(section: RunSection, tasks: Sequence[str]) -> tables.Table:
     rows = []
     for episode in section.run.episodes:
         if episode.task in tasks:
-            values = [metric.value(episode) for metric in metrics]
-            cells = (
-                None if value is None else tables.format_value(metric.name, value)
-                for metric, value in zip(metrics, values, strict=True)
-            )
+            values = ((metric, metric.value(episode)) for metric in metrics)
+            texts = [_value_text(metric.name, value) for metric, value in values]
             name = printable(f"{episode.task}/{episode.index}")
             ended = OUTCOME_TITLES[episode.outcome]
-            rows.append(tables.make_row(name, printable(episode.shape), ended, *cells))
+            rows.append(tables.make_row(name, printable(episode.shape), ended, *texts))
     columns = (
         *tables.make_columns("Shape", "Outcome", words=("Shape", "Outcome")),
         *(tables.Column(metric.label, unit=metric.unit) for metric in metrics),
     )
     return tables.Table(f"Episodes of {section.name}", ("Episode",), columns, tuple(rows))
+
+
+def _value_text(metric: str, value: float | None) -> str | None:
+    """Write the value of one episode: a count without decimals."""
+    if value is None:
+        return None
+    return tables.format_value(metric, value) if isinstance(value, float) else str(value)
 
 
 def novel_shapes(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[tables.Table, ...]:
