@@ -11,7 +11,7 @@ from minitouch_bench.conditions import parse_conditions
 from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.engine import open_engine
-from minitouch_bench.evaluation.run import RunUnderWay, header_of, open_run, run_name
+from minitouch_bench.evaluation.run import header_of, open_run, run_name
 from minitouch_bench.evaluation.video import require_video
 from minitouch_bench.files import REPORTS, holds_run, lock_directory, write_file
 from minitouch_bench.policies.isolation.options import Isolation
@@ -106,7 +106,7 @@ def evaluate(
     )
     if output is None:
         with opening as running:
-            return Run(playing.play(setup, RunUnderWay(header_of(setup)), running, callbacks))
+            return Run(playing.play(setup, Journal(header_of(setup)), running, callbacks))
     directory = REPORTS / run_name(setup) if str(output) == AUTO_OUTPUT else Path(output)
     with opening as running, lock_directory(directory):
         if resume and not holds_run(directory):

@@ -1,9 +1,8 @@
-"""A run under way: what is asked for, what is done of it, and the episodes that are missing."""
+"""Begin or resume a run, play the episodes that are missing, and make the finished run."""
 
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -46,18 +45,7 @@ def _file_name(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip(".-")
 
 
-@dataclass(frozen=True)
-class RunUnderWay:
-    """A run with the episodes that are done. ``directory`` None: it is kept in memory only."""
-
-    header: RunHeader
-    directory: Path | None = None
-    records: tuple[EpisodeRecord, ...] = ()
-
-
-def open_run(
-    setup: PolicySetup, directory: Path, *, resume: bool, fresh: bool
-) -> RunUnderWay | Run:
+def open_run(setup: PolicySetup, directory: Path, *, resume: bool, fresh: bool) -> Journal | Run:
     """Begin a run in a locked directory, or read what is done; a finished run is returned itself.
 
     Raises:
@@ -68,14 +56,13 @@ def open_run(
     """
     if resume and fresh:
         raise UsageError("choose one of --resume and --fresh")
-    header, journal = header_of(setup), Journal(directory)
+    header = header_of(setup)
     if fresh:
         clear_run(directory)
     if fresh or not holds_run(directory):
         if not fresh:
             _check_empty(directory)
-        journal.begin(header, package_versions())
-        return RunUnderWay(header, directory)
+        return Journal.begin(header, package_versions(), directory)
     if not resume:
         raise RunDirectoryError(
             f"{directory} already contains a run.\n"
@@ -84,10 +71,9 @@ def open_run(
     if (directory / RUN_FILE).exists():
         run = read_run(directory)
         check_same(header, run.header, directory)
-        journal.remove()
+        Journal(header, directory).remove()  # a crash after the last file left it
         return run
-    journal.check(header, package_versions())
-    return RunUnderWay(header, directory, journal.records(header.specs()))
+    return Journal.resume(header, package_versions(), directory)
 
 
 def _check_empty(directory: Path) -> None:
@@ -102,34 +88,30 @@ def _check_empty(directory: Path) -> None:
 
 def play_missing(
     setup: PolicySetup,
-    under_way: RunUnderWay,
+    journal: Journal,
     engine: Engine,
     on_record: Callable[[EpisodeRecord], None],
 ) -> Run:
     """Play the episodes that are missing, and return the whole run.
 
-    Where the run has a directory, each record is kept there before ``on_record`` sees it, and
-    ``actions.npz`` is written at the end.
+    The journal keeps each record before ``on_record`` sees it. Where the run has a directory,
+    ``actions.npz`` is written there at the end.
 
     Raises:
         InfrastructureError: the run is incomplete; what is done is kept.
         HopelessRunError: so is one whose first episodes are all policy faults; a run that is
             resumed after them goes on.
     """
-    header, directory = under_way.header, under_way.directory
+    header, directory, records = journal.header, journal.directory, journal.records
     specs = header.specs()
-    records = {record.spec: record for record in under_way.records}
     missing = [spec for spec in specs if spec not in records]
-    # Not those that end first: a fault ends early, and other workers would be other episodes.
+    # Use the first planned episodes. Which finish first depends on the number of workers.
     first = specs[:HOPELESS_AFTER] if len(specs) > HOPELESS_AFTER else ()
     started, clock, workers = datetime.now(UTC), time.monotonic(), engine.workers
-    journal = None
     if directory is not None:
-        setup, journal = setup.keep_out_of(directory), Journal(directory)
+        setup = setup.keep_out_of(directory)
     for record in engine.run(setup, missing):
-        if journal is not None:
-            journal.keep(record)
-        records[record.spec] = record
+        journal.keep(record)
         on_record(record)
         if record.spec in first and all(spec in records for spec in first):
             _refuse_hopeless([records[spec] for spec in first])

@@ -6,7 +6,7 @@ line that a crash or a full disk cut short costs its own episode, and never the 
 
 import os
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -60,79 +60,81 @@ class _EpisodeLine:
 
 
 class Journal:
-    """What is kept of a run in its locked directory until the run is finished."""
+    """A run that is not finished: its header, and the records of its finished episodes.
 
-    def __init__(self, directory: Path) -> None:
-        self._directory = directory
-        self.path = directory / JOURNAL_FILE
+    It has no estimates, and so it is not a ``Run``. ``directory`` None: it is kept in memory only;
+    otherwise each record is in the journal's file too, and survives a kill or a full disk.
+    """
 
-    def begin(self, header: RunHeader, packages: Mapping[str, str]) -> None:
-        """Begin a run.
+    def __init__(self, header: RunHeader, directory: Path | None = None) -> None:
+        self.header = header
+        self.directory = directory
+        self.records: dict[EpisodeSpec, EpisodeRecord] = {}
+
+    @classmethod
+    def begin(cls, header: RunHeader, packages: Mapping[str, str], directory: Path) -> "Journal":
+        """Begin a run in a locked directory.
 
         Raises:
             RunDirectoryError: the file cannot be written.
         """
-        write_file(self.path, _as_line(_FirstLine(header, packages)))
+        write_file(directory / JOURNAL_FILE, _as_line(_FirstLine(header, packages)))
+        return cls(header, directory)
+
+    @classmethod
+    def resume(cls, header: RunHeader, packages: Mapping[str, str], directory: Path) -> "Journal":
+        """Read what is finished of a run in a locked directory.
+
+        Raises:
+            RunDirectoryError: the file cannot be read, or the run there has another header or other
+                packages; the text names the differences.
+        """
+        path, journal = directory / JOURNAL_FILE, cls(header, directory)
+        with os_errors_as(RunDirectoryError, path, "read"):
+            first, *others = map(_content, read_file(path, LARGEST_JOURNAL).split(b"\n"))
+        if first is None:
+            raise RunDirectoryError(f"{path} has no header: start again with --fresh")
+        stored = read_json(first, _FirstLine, str(path))
+        check_same(header, stored.header, directory)
+        if differences := compare_versions(stored.packages, packages):
+            raise RunDirectoryError(
+                f"{directory} was begun with other packages: {differences}.\n"
+                "Install those, or start again with --fresh"
+            )
+        records = [_parse_record(line, str(path)) for line in others if line is not None]
+        found = {record.spec: record for record in records}
+        journal.records = {spec: found[spec] for spec in header.specs() if spec in found}
+        return journal
 
     def keep(self, record: EpisodeRecord) -> None:
-        """Add a finished episode; it survives whatever happens after this returns.
+        """Add a finished episode; with a directory it survives whatever happens after this returns.
 
         Raises:
             InfrastructureError: the disk is full or fails; the earlier episodes stay.
         """
-        trace = record.trace
-        arrays = pack_arrays({name: getattr(trace, name) for name in ARRAYS})
-        head = (record.spec, record.outcome, record.fault, trace.first_touch_tick)
-        line = b"\n" + _as_line(_EpisodeLine(*head, arrays))
-        with os_errors_as(InfrastructureError, self.path, "written"):
-            handle = open_plain(self.path, os.O_WRONLY | os.O_APPEND)
-            with os.fdopen(handle, "ab") as file:
-                file.write(line)
-                file.flush()
-                os.fsync(handle)
-
-    def check(self, header: RunHeader, packages: Mapping[str, str]) -> None:
-        """Refuse to go on with another run, or with other packages.
-
-        Raises:
-            RunDirectoryError: the text names the differences.
-        """
-        first = self._lines()[0]
-        if first is None:
-            raise RunDirectoryError(f"{self.path} has no header: start again with --fresh")
-        stored = read_json(first, _FirstLine, str(self.path))
-        check_same(header, stored.header, self._directory)
-        if differences := compare_versions(stored.packages, packages):
-            raise RunDirectoryError(
-                f"{self._directory} was begun with other packages: {differences}.\n"
-                "Install those, or start again with --fresh"
-            )
-
-    def records(self, specs: Sequence[EpisodeSpec]) -> tuple[EpisodeRecord, ...]:
-        """Return those of the episodes that are finished, in the order of ``specs``.
-
-        Raises:
-            RunDirectoryError: the file cannot be read.
-        """
-        done: dict[EpisodeSpec, EpisodeRecord] = {}
-        for line in filter(None, self._lines()[1:]):
-            record = _parse_record(line, str(self.path))
-            done[record.spec] = record
-        return tuple(done[spec] for spec in specs if spec in done)
+        if self.directory is not None:
+            _append(self.directory / JOURNAL_FILE, b"\n" + _as_line(_line_of(record)))
+        self.records[record.spec] = record
 
     def remove(self) -> None:
-        """Remove the journal: the run is finished.
+        """Remove the file: the run is finished.
 
         Raises:
             RunDirectoryError: it cannot be removed.
         """
-        with os_errors_as(RunDirectoryError, self.path, "removed"):
-            self.path.unlink(missing_ok=True)
+        if self.directory is not None:
+            path = self.directory / JOURNAL_FILE
+            with os_errors_as(RunDirectoryError, path, "removed"):
+                path.unlink(missing_ok=True)
 
-    def _lines(self) -> list[bytes | None]:
-        """Return the JSON of each line, None where it is damaged."""
-        with os_errors_as(RunDirectoryError, self.path, "read"):
-            return [*map(_content, read_file(self.path, LARGEST_JOURNAL).split(b"\n"))]
+
+def _append(path: Path, line: bytes) -> None:
+    with os_errors_as(InfrastructureError, path, "written"):
+        handle = open_plain(path, os.O_WRONLY | os.O_APPEND)
+        with os.fdopen(handle, "ab") as file:
+            file.write(line)
+            file.flush()
+            os.fsync(handle)
 
 
 def _as_line(document: object) -> bytes:
@@ -143,6 +145,12 @@ def _as_line(document: object) -> bytes:
 def _content(line: bytes) -> bytes | None:
     text = line[9:]
     return text if line[:9] == b"%08x " % zlib.crc32(text) else None
+
+
+def _line_of(record: EpisodeRecord) -> _EpisodeLine:
+    trace = record.trace
+    arrays = pack_arrays({name: getattr(trace, name) for name in ARRAYS})
+    return _EpisodeLine(record.spec, record.outcome, record.fault, trace.first_touch_tick, arrays)
 
 
 def _parse_record(line: bytes, name: str) -> EpisodeRecord:

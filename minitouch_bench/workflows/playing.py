@@ -13,7 +13,7 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
-from minitouch_bench.evaluation.run import RunUnderWay, play_missing
+from minitouch_bench.evaluation.run import play_missing
 from minitouch_bench.evaluation.video import video_name, write_video
 from minitouch_bench.files import RUN_FILE, VIDEOS, list_videos, make_folder, write_file
 from minitouch_bench.reporting import writers
@@ -23,7 +23,7 @@ from minitouch_bench.workflows import Callbacks
 
 
 def play(
-    setup: PolicySetup, opened: RunUnderWay | Run, engine: Engine, callbacks: Callbacks
+    setup: PolicySetup, opened: Journal | Run, engine: Engine, callbacks: Callbacks
 ) -> Run:
     """Play the episodes that are missing, and keep the facts of the run in its directory.
 
@@ -34,7 +34,7 @@ def play(
         callbacks.note(f"{opened.directory} contains the finished run: no episode is missing")
         return opened
     callbacks.phase("episodes", len(opened.header.specs()))
-    for record in opened.records:
+    for record in opened.records.values():
         callbacks.episode(record)
     with resumable(opened.directory):
         run = play_missing(setup, opened, engine, callbacks.episode)
@@ -42,7 +42,7 @@ def play(
             return run
         content = run_json(run)
         write_file(run.directory / RUN_FILE, content)  # a directory with it holds a finished run
-    Journal(run.directory).remove()
+    opened.remove()
     return replace(run, content=content)
 
 

@@ -40,8 +40,9 @@ def run(
     seen = []
     with lock_directory(directory):
         opened = open_run(wanted, directory, resume=resume, fresh=fresh)
+        missing = len(opened.header.specs()) - len(opened.records)
         done = play_missing(wanted, opened, engine or LocalEngine(workers), seen.append)
-    assert len(seen) == len(done.header.specs()) - len(opened.records)
+    assert len(seen) == missing
     return done
 
 

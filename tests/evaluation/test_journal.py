@@ -21,138 +21,150 @@ HEADER, PACKAGES = header_of(REQUEST), package_versions()
 KEYS = [spec.key for spec in SPECS]
 
 
+def resumed(directory):
+    return Journal.resume(HEADER, PACKAGES, directory)
+
+
 @pytest.fixture
 def journal(finished, tmp_path):
     """The journal of the finished run, as it was before the run was finished."""
     shutil.copy(finished[1] / JOURNAL_FILE, tmp_path)
-    return Journal(tmp_path)
+    return resumed(tmp_path)
 
 
-def keys(journal):
-    return [record.spec.key for record in journal.records(SPECS)]
+@pytest.fixture
+def path(journal):
+    return journal.directory / JOURNAL_FILE
 
 
-def test_what_is_kept_is_read(finished, journal):
-    journal.check(HEADER, PACKAGES)
-    records = journal.records(SPECS)
-    assert tuple(map(measure, records)) == finished[0].episodes
-    assert [record.spec for record in records] == list(SPECS)
+def keys(path):
+    return [spec.key for spec in resumed(path.parent).records]
 
 
-def test_the_order_is_that_of_the_episodes_asked_for(journal):
-    records = journal.records(SPECS[::-1])
-    assert [record.spec.key for record in records] == KEYS[::-1]
-    assert journal.records(request(seed=1).plan.specs()) == ()
+def test_what_is_kept_is_read_in_the_order_of_the_plan(finished, path):
+    first, *lines = path.read_bytes().split(b"\n")
+    path.write_bytes(b"\n".join([first, *lines[::-1]]))
+    records = resumed(path.parent).records
+    assert tuple(map(measure, records.values())) == finished[0].episodes
+    assert list(records) == list(SPECS)
+    assert [record.spec for record in records.values()] == list(SPECS)
 
 
-def test_a_cut_journal_loses_its_last_episode_and_no_later_one(journal):
-    content = journal.path.read_bytes()
-    last = journal.records(SPECS)[-1]
+def test_a_run_without_a_directory_is_in_memory_only(journal, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = os.listdir(tmp_path)
+    other = Journal(HEADER)
+    other.keep(journal.records[SPECS[0]])
+    other.remove()
+    assert list(other.records) == [SPECS[0]]
+    assert os.listdir(tmp_path) == before
+
+
+def test_a_cut_journal_loses_its_last_episode_and_no_later_one(journal, path):
+    content = path.read_bytes()
+    last = journal.records[SPECS[-1]]
     start = content.rindex(b"\n")
     for end in [*range(start, start + 80), *range(start, len(content), 997), len(content) - 1]:
-        journal.path.write_bytes(content[:end])
-        assert keys(journal) == KEYS[:-1]
+        path.write_bytes(content[:end])
+        assert keys(path) == KEYS[:-1]
         journal.keep(last)
-        assert keys(journal) == KEYS
+        assert keys(path) == KEYS
 
 
-def test_a_line_with_another_bit_costs_one_episode(journal):
-    content = journal.path.read_bytes()
+def test_a_line_with_another_bit_costs_one_episode(journal, path):
+    content = path.read_bytes()
     start = content.index(b"\n") + 1
     end = content.index(b"\n", start)
     for place in [*range(start, start + 80), *range(start, end, 997), end - 1]:
         damaged = bytearray(content)
         damaged[place] ^= 0x04
-        journal.path.write_bytes(damaged)
-        assert keys(journal) == KEYS[1:]
+        path.write_bytes(damaged)
+        assert keys(path) == KEYS[1:]
 
 
 @pytest.mark.parametrize("content", [b"", b"\n", b"00000000 {}", b"\xff" * 100])
-def test_episodes_without_their_header_are_refused(journal, content):
-    _, _, episodes = journal.path.read_bytes().partition(b"\n")
-    journal.path.write_bytes(content + b"\n" + episodes)
+def test_episodes_without_their_header_are_refused(path, content):
+    _, _, episodes = path.read_bytes().partition(b"\n")
+    path.write_bytes(content + b"\n" + episodes)
     with pytest.raises(RunDirectoryError, match=rf"{JOURNAL_FILE} has no header.*--fresh"):
-        journal.check(HEADER, PACKAGES)
+        resumed(path.parent)
 
 
 @pytest.mark.parametrize("kind", ["directory", "link", "pipe"])
-def test_what_is_not_a_plain_file_is_said(journal, tmp_path, kind):
-    record, mine = journal.records(SPECS)[0], tmp_path / "mine"
-    journal.path.rename(mine)
+def test_what_is_not_a_plain_file_is_said(journal, path, tmp_path, kind):
+    record, mine = journal.records[SPECS[0]], tmp_path / "mine"
+    path.rename(mine)
     before = mine.read_bytes()
     {
-        "directory": journal.path.mkdir,
-        "link": lambda: journal.path.symlink_to(mine),
-        "pipe": lambda: os.mkfifo(journal.path),
+        "directory": path.mkdir,
+        "link": lambda: path.symlink_to(mine),
+        "pipe": lambda: os.mkfifo(path),
     }[kind]()
     with pytest.raises(InfrastructureError, match=f"{JOURNAL_FILE} cannot be written"):
         journal.keep(record)
     with pytest.raises(RunDirectoryError, match=f"{JOURNAL_FILE} cannot be read"):
-        journal.check(HEADER, PACKAGES)
+        resumed(path.parent)
     assert mine.read_bytes() == before
 
 
-def test_a_full_disk_keeps_what_is_there_and_room_again_is_used(journal):
-    last = journal.records(SPECS)[-1]
-    content = journal.path.read_bytes()
-    journal.path.write_bytes(content[: content.rindex(b"\n")])
+def test_a_full_disk_keeps_what_is_there_and_room_again_is_used(journal, path):
+    last = journal.records[SPECS[-1]]
+    content = path.read_bytes()
+    path.write_bytes(content[: content.rindex(b"\n")])
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (journal.path.stat().st_size + 1000, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 1000, hard))
     try:
         with pytest.raises(InfrastructureError, match=f"{JOURNAL_FILE} cannot be written"):
             journal.keep(last)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert keys(journal) == KEYS[:-1]
+    assert keys(path) == KEYS[:-1]
     journal.keep(last)
-    assert keys(journal) == KEYS
+    assert keys(path) == KEYS
 
 
 KEEP = """
 import sys
 from pathlib import Path
 from minitouch_bench.runs.journal import Journal
-from tests.evaluation.test_journal import SPECS
-source, target = (Journal(Path(name)) for name in sys.argv[1:])
-records = source.records(SPECS)
+from tests.evaluation.test_journal import resumed
+source, target = (resumed(Path(name)) for name in sys.argv[1:])
 print("begun", flush=True)
 while True:
-    for record in records:
+    for record in source.records.values():
         target.keep(record)
 """
 
 
 def test_a_killed_writer_leaves_whole_episodes(journal, tmp_path):
-    target = Journal(tmp_path / "target")
-    target.begin(HEADER, PACKAGES)
+    target = tmp_path / "target" / JOURNAL_FILE
+    Journal.begin(HEADER, PACKAGES, target.parent)
     root = os.path.abspath(f"{__file__}/../../..")
     for _ in range(3):
         writer = subprocess.Popen(
-            [sys.executable, "-c", KEEP, tmp_path, target.path.parent],
+            [sys.executable, "-c", KEEP, tmp_path, target.parent],
             env={**os.environ, "PYTHONPATH": root},
             stdout=subprocess.PIPE,
         )
-        before = target.path.stat().st_size
+        before = target.stat().st_size
         assert writer.stdout.readline() == b"begun\n"
-        while target.path.stat().st_size < before + 100_000:
+        while target.stat().st_size < before + 100_000:
             pass
         writer.kill()
         writer.communicate()
-        target.check(HEADER, PACKAGES)
         assert keys(target) == KEYS
 
 
 def test_an_episode_is_on_disk_before_the_call_returns(journal, monkeypatch):
-    record, synced, real = journal.records(SPECS)[0], [], os.fsync
+    record, synced, real = journal.records[SPECS[0]], [], os.fsync
     monkeypatch.setattr(os, "fsync", lambda handle: synced.append(real(handle)))
-    journal.begin(HEADER, PACKAGES)
-    journal.keep(record)
+    Journal.begin(HEADER, PACKAGES, journal.directory).keep(record)
     assert len(synced) == 2
 
 
 def test_a_journal_that_cannot_be_removed_is_said(tmp_path):
-    journal = Journal(tmp_path)
+    journal = Journal(HEADER, tmp_path)
     journal.remove()
-    journal.path.mkdir()
+    (tmp_path / JOURNAL_FILE).mkdir()
     with pytest.raises(RunDirectoryError, match="cannot be removed"):
         journal.remove()

@@ -88,8 +88,7 @@ def sound_run(directory: Path) -> tuple[EpisodeRecord, ...]:
         records.append(replace(record, trace=replace(record.trace, clipped=unclipped)))
     environment = RunEnvironment({"numpy": "2"}, {"system": "Linux"}, 1, "2025-01-01", 1.0)
     directory.mkdir()
-    journal = Journal(directory)
-    journal.begin(header, {})
+    journal = Journal.begin(header, {}, directory)
     for record in records:
         journal.keep(record)
     write_actions(records, directory)
