@@ -69,7 +69,7 @@ def frames_of(task: str) -> list[np.ndarray]:
     run = read_run(FILMED)
     fitting = [
         (spec, row)
-        for spec, row in run.rows()
+        for spec, row in run.specs_and_rows()
         if spec.task == task
         and spec.role is Role.FINAL
         and (task not in GOAL_TASKS or (row.success and row.steps < VIDEO_STEPS))

@@ -15,7 +15,7 @@ from minitouch_bench.runs.run import Run, read_run
 def best_and_worst(run: Run, task: str) -> tuple[str, str]:
     """Return the keys of two episodes by what ranks the task; of equal ones, by fewer steps."""
     metric = METRICS[ranking_metric(task)]
-    rows = [row for row in run.episodes if row.task == task]
+    rows = [row for row in run.rows if row.task == task]
     rows.sort(key=lambda row: (float(metric.value(row) or 0.0), -row.steps, -row.index))
     return f"{task}/{rows[-1].index}", f"{task}/{rows[0].index}"
 

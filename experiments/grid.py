@@ -118,7 +118,7 @@ def rows_of(cell: Cell, runs: list[mt.Run], place: Path) -> dict[str, pd.DataFra
         "seconds": progress["seconds"].iloc[-1],
         "final_policy": main.policy.digest,
         "exploration_policy": main.exploration.digest if main.exploration else "",
-        "run_digests": " ".join(run.facts.digest for run in runs),
+        "run_digests": " ".join(run.digest for run in runs),
     }
     rows = {
         "episodes": pd.concat([_episodes(run) for run in runs]),
@@ -147,7 +147,7 @@ def _episodes(run: mt.Run) -> pd.DataFrame:
 
 def _estimates(run: mt.Run) -> Iterator[dict[str, Any]]:
     """Yield the estimates of a run, unchanged; also those of both splits and of their gap."""
-    summary = run.facts.summary
+    summary = run.summary
     named = [*summary.tasks[0].estimates.items()]
     for gaps in (result.gaps for result in summary.generalization):
         for metric, gap in gaps.items():

@@ -22,12 +22,13 @@ from minitouch_bench.regression.comparison import (
     comparison_json,
     comparison_markdown,
 )
+from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import make_plan
-from minitouch_bench.runs.run import read_run
+from minitouch_bench.runs.results import TaskResult
+from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.tasks.objects import Objects
 from minitouch_bench.workflows import SILENT, UNSEEN, Callbacks, TrainingProgress, options, playing
 from minitouch_bench.workflows.options import StrPath, Words
-from minitouch_bench.workflows.results import Run, TaskResult
 
 __all__ = ["Run", "TaskResult", "compare", "evaluate", "load_run", "make", "train"]
 
@@ -106,7 +107,7 @@ def evaluate(
     )
     if output is None:
         with opening as running:
-            return Run(playing.play(setup, Journal(header_of(setup)), running, callbacks))
+            return playing.play(setup, Journal(header_of(setup)), running, callbacks)
     directory = REPORTS / run_name(setup) if str(output) == AUTO_OUTPUT else Path(output)
     with opening as running, lock_directory(directory):
         if resume and not holds_run(directory):
@@ -114,7 +115,7 @@ def evaluate(
         opened = open_run(setup, directory, resume=resume, fresh=fresh)
         run = playing.play(setup, opened, running, callbacks)
         playing.write_views(run, directory, video)
-    return Run(run)
+    return run
 
 
 def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
@@ -126,7 +127,7 @@ def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
         UsageError: the runs have other episodes or another protocol.
         RunDirectoryError: a directory is not a run, or is damaged.
     """
-    opened = [run.facts if isinstance(run, Run) else read_run(Path(run)) for run in runs]
+    opened = [run if isinstance(run, Run) else read_run(Path(run)) for run in runs]
     comparison = compare_runs(opened, [str(run.directory or run.name) for run in opened])
     if output is not None:
         write_file(Path(output) / "comparison.json", comparison_json(comparison))
@@ -140,7 +141,7 @@ def load_run(path: StrPath) -> Run:
     Raises:
         RunDirectoryError: the directory is not a run, or is damaged.
     """
-    return Run(read_run(Path(path)))
+    return read_run(Path(path))
 
 
 def train(

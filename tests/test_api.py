@@ -16,7 +16,7 @@ import minitouch_bench as mt
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.reporting.frames import EPISODE_COLUMNS
+from minitouch_bench.runs.results import EPISODE_COLUMNS
 from tests.reporting.synthetic import make_run, write
 
 ROOT = Path(__file__).parents[1]
@@ -72,7 +72,7 @@ def test_an_object_is_evaluated_and_its_run_is_unofficial(counted):
 def test_an_object_remembers_nothing_and_workers_do_not_matter(counted):
     run, policy = counted
     again = mt.evaluate(policy, **{**SHORT, "episodes": 2}, workers=2, name="again")
-    assert again.facts.digest == run.facts.digest
+    assert again.digest == run.digest
     assert again.header.policy.name == "again"
 
 
@@ -104,7 +104,7 @@ def test_what_people_print_is_readable(counted):
     frame = run["opening"].to_frame()
     assert frame.loc["success", ["label", "value"]].tolist() == ["Success", success.value]
     printed = str(run)
-    for words in ("Opening", "Diagnostics: Counter", "RND+touch", "unofficial: "):
+    for words in ("Counter on smoke, unofficial: ", "Opening\nSuccess ↑", str(success)):
         assert words in printed
 
 
@@ -223,7 +223,7 @@ def test_a_run_chooses_its_directory_itself_as_on_the_command_line(tmp_path, mon
 def test_a_run_with_a_directory_is_loaded_and_compared(tmp_path, counted):
     run = mt.evaluate("scripted", **SHORT, workers=1, output=tmp_path / "run")
     loaded = mt.load_run(tmp_path / "run")
-    assert loaded.facts == run.facts
+    assert loaded == run
     assert loaded["opening"].success.value == 1.0
     comparison = mt.compare(run, str(tmp_path / "run"), output=tmp_path / "page")
     assert comparison.pairs[0].identical
@@ -252,7 +252,7 @@ def test_what_is_no_policy_is_refused(policy, reason):
 
 def test_lists_and_workers_are_written_as_on_the_command_line(counted):
     run = mt.evaluate(Counter(), "smoke", tasks="opening", episodes=2, workers="auto")
-    assert run.facts.digest == counted[0].facts.digest
+    assert run.digest == counted[0].digest
     changed = mt.evaluate(Counter(), **SHORT, without="forces", perturb="mass=2,noise=3")
     said = {"without forces", "mass 2 times", "noise 3 gray levels"}
     assert said <= set(changed.header.unofficial_because)

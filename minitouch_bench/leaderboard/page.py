@@ -33,7 +33,7 @@ from minitouch_bench.reporting.figures import steps_plot, touch_plot
 from minitouch_bench.reporting.labels import group_faults, task_title
 from minitouch_bench.reporting.pages import render_page
 from minitouch_bench.reporting.report import Video
-from minitouch_bench.reporting.run_tables import TABLE4_METRICS, gap_cells
+from minitouch_bench.reporting.run_tables import gap_cells
 from minitouch_bench.reporting.svg import draw_share_bar
 from minitouch_bench.reporting.tables import (
     Row,
@@ -44,6 +44,7 @@ from minitouch_bench.reporting.tables import (
     metric_head,
 )
 from minitouch_bench.reporting.writers import Card, make_card
+from minitouch_bench.runs.results import TABLE4_METRICS
 from minitouch_bench.runs.run import Run
 
 TEMPLATES = Path(__file__).parent / "templates"

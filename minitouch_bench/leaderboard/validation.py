@@ -99,7 +99,7 @@ class SubmissionFindings(Findings):
     def episodes(self, task: str) -> list[list[EpisodeMetrics]]:
         """Return the final policy's episodes of a task of MAIN_SUITE, of each training seed."""
         runs = self.runs_on(MAIN_SUITE)
-        return [[row for row in run.episodes if row.task == task] for run in runs]
+        return [[row for row in run.rows if row.task == task] for run in runs]
 
     def videos(self) -> tuple[str, ...]:
         """Return the paths of its videos inside the submission."""
@@ -251,7 +251,7 @@ def find_copies(runs: Mapping[Key, Run]) -> dict[tuple[Key, Key], int]:
     a step are equal in every run and do not count.
     """
     owners: dict[tuple[str, int, str], list[Key]] = {}
-    played = {key: [row for row in run.episodes if row.steps] for key, run in runs.items()}
+    played = {key: [row for row in run.rows if row.steps] for key, run in runs.items()}
     for key, rows in played.items():
         for episode in dict.fromkeys((row.task, row.index, row.digest) for row in rows):
             owners.setdefault(episode, []).append(key)
@@ -266,7 +266,7 @@ def find_copies(runs: Mapping[Key, Run]) -> dict[tuple[Key, Key], int]:
 def check_copies(runs: Mapping[str, Run], problems: Problems) -> None:
     """Refuse each run that has, bit for bit, the episodes of an earlier one."""
     for (first, folder), count in find_copies(runs).items():
-        number = len(runs[folder].episodes)
+        number = len(runs[folder].rows)
         what = f"{count} of its {number} episodes are bit for bit those of {first}"
         problems.add(folder, what, "remove it")
 

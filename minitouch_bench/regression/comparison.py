@@ -159,9 +159,9 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
 
 def _in_shared_roles(first: Run, second: Run) -> tuple[Run, Run]:
     """Return two runs, without the exploration episodes that only one of them has."""
-    if first.exploration_episodes and second.exploration_episodes:
+    if first.exploration_rows and second.exploration_rows:
         return first, second
-    return replace(first, exploration_episodes=()), replace(second, exploration_episodes=())
+    return replace(first, exploration_rows=()), replace(second, exploration_rows=())
 
 
 def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:

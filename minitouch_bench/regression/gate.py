@@ -154,8 +154,8 @@ def judge_runs(
 
 def without_exploration(run: Run) -> Run:
     """Return a run with its final episodes alone, and their digest."""
-    digest = run_digest(run.header, run.episodes)
-    return replace(run, digest=digest, exploration_episodes=())
+    digest = run_digest(run.header, run.rows)
+    return replace(run, digest=digest, exploration_rows=())
 
 
 def refuse_other_rules(baseline: Run, candidate: RunHeader) -> None:

@@ -136,7 +136,7 @@ def _estimate_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
 def _steps_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
     panels = {}
     for name, section in zip(_names(sections), sections, strict=True):
-        episodes = [episode for episode in section.run.episodes if episode.task == task]
+        episodes = [episode for episode in section.run.rows if episode.task == task]
         panels[name if len(sections) > 1 else ""] = {
             tone: np.array([e.steps for e in episodes if e.outcome is outcome], np.int64)
             for outcome, tone in OUTCOME_TONES.items()

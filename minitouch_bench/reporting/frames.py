@@ -1,4 +1,4 @@
-"""A run's episodes as CSV and as a pandas frame, and Table 4 in long form as CSV and JSON."""
+"""A run's episodes as CSV, and Table 4 in long form as CSV and JSON."""
 
 import csv
 import io
@@ -9,23 +9,13 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.errors import printable
-from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.records import EpisodeMetrics
 from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_value
-from minitouch_bench.reporting.run_tables import find_estimate
+from minitouch_bench.reporting.tables import find_estimate
+from minitouch_bench.runs.results import EPISODE_COLUMNS, episode_row
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from minitouch_bench.reporting.report import Report
-
-_IDENTITY = ("task", "index", "seed", "shape", "outcome")
-_MEASURED = tuple(metric for metric in METRICS.values() if metric.column)
-EPISODE_COLUMNS = (*_IDENTITY, *(metric.column for metric in _MEASURED))
-"""Columns of ``episodes.csv``."""
-
-_BESIDE = ("family", "split", "digest")
-"""What a frame of episodes has and ``episodes.csv`` has not."""
 
 TABLE4_COLUMNS = (
     "policy", "task", "metric", "value", "low", "high", "count", "method", "source"
@@ -37,29 +27,9 @@ FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 CsvRow = tuple[Any, ...]
 
 
-def episodes_frame(episodes: Iterable[EpisodeMetrics]) -> "pd.DataFrame":
-    """Return a row per episode: EPISODE_COLUMNS, family, split, digest; NaN for no time."""
-    import pandas as pd  # noqa: PLC0415  takes half a second
-
-    rows = [
-        (*_episode_row(episode), *(getattr(episode, name) for name in _BESIDE))
-        for episode in episodes
-    ]
-    frame = pd.DataFrame(rows, columns=[*EPISODE_COLUMNS, *_BESIDE])
-    frame["outcome"] = frame["outcome"].map(str)  # plain words, not members of the enumeration
-    return frame.astype({"outcome": "str", "time_to_first_touch": "float64"})
-
-
 def episodes_csv(episodes: Iterable[EpisodeMetrics]) -> str:
     """Write ``episodes.csv``."""
-    return rows_csv(EPISODE_COLUMNS, map(_episode_row, episodes))
-
-
-def _episode_row(episode: EpisodeMetrics) -> CsvRow:
-    return (
-        *(getattr(episode, name) for name in _IDENTITY),
-        *(metric.cell(episode) for metric in _MEASURED),
-    )
+    return rows_csv(EPISODE_COLUMNS, map(episode_row, episodes))
 
 
 def table4_rows(report: "Report") -> list[dict[str, Any]]:

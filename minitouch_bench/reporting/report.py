@@ -12,13 +12,13 @@ from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.reporting.labels import RunSection, describe_runs, tasks_in_order
 from minitouch_bench.reporting.run_tables import (
-    TABLE4_METRICS,
     diagnostics,
     episode_table,
     novel_shapes,
     table4,
 )
 from minitouch_bench.reporting.tables import Table
+from minitouch_bench.runs.results import TABLE4_METRICS
 from minitouch_bench.runs.run import Run
 
 

@@ -18,9 +18,9 @@ from minitouch_bench.records import (
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import RunSection, task_title
 from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
+from minitouch_bench.runs.results import TABLE4_METRICS
 from minitouch_bench.runs.run import Run
 
-TABLE4_METRICS = metrics_shown_in(ShownIn.TABLE4)
 DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
 
 EPISODE_METRICS = ("episode_steps", "return", "touch_interaction", "touch_share")
@@ -80,7 +80,7 @@ def _label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
 
 def _split_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
     """Say that a value is over both splits of a shape set, where one is."""
-    mixed = [section.run for section in sections if has_both_splits(section.run.episodes)]
+    mixed = [section.run for section in sections if has_both_splits(section.run.rows)]
     if not mixed:
         return ()
     over = "Values are over all shapes, held-out and train together"
@@ -141,7 +141,7 @@ def episode_table(section: RunSection, tasks: Sequence[str]) -> tables.Table:
     """List a run's episodes, as ``replay`` calls them."""
     metrics = [METRICS[name] for name in EPISODE_METRICS]
     rows = []
-    for episode in section.run.episodes:
+    for episode in section.run.rows:
         if episode.task in tasks:
             values = ((metric, metric.value(episode)) for metric in metrics)
             texts = [_value_text(metric.name, value) for metric, value in values]

@@ -61,7 +61,7 @@ def write_views(run: Run, directory: Path, videos: Sequence[Path] = ()) -> Repor
     Raises:
         RunDirectoryError: one cannot be written.
     """
-    files.write_file(directory / files.EPISODES_FILE, episodes_csv(run.episodes))
+    files.write_file(directory / files.EPISODES_FILE, episodes_csv(run.rows))
     return write_page([run], directory, videos)
 
 

@@ -1,14 +1,14 @@
-"""An opened run: its facts as ``run.json`` and ``actions.npz`` hold them, read once.
+"""A finished run: its facts as ``run.json`` and ``actions.npz`` hold them, read once.
 
 Everything people look at is a view of it, and every check works on it.
 """
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from minitouch_bench.documents import read_json, write_json
 from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError
@@ -35,6 +35,10 @@ from minitouch_bench.records import (
 )
 from minitouch_bench.runs.actions import Actions, parse_actions
 from minitouch_bench.runs.plan import Plan
+from minitouch_bench.runs.results import TaskResult, episodes_frame, table4_frame
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 RUN_FORMAT: Final = "minitouch-run"
 RUN_VERSION: Final = 3
@@ -144,27 +148,77 @@ class RunDocument:
     episodes: tuple[EpisodeMetrics, ...]
     exploration_episodes: tuple[EpisodeMetrics, ...]
 
+
+@dataclass(frozen=True, repr=False)
+class Run:
+    """A finished run: its facts as ``run.json`` has them, and what Python users read of them.
+
+    ``run["pushing"]`` contains the estimates of a task, ``run["pushing"].success`` one of them.
+
+    ``rows`` and ``exploration_rows``: what was measured in each episode, in the suite's order.
+    ``name`` is what the run is called, usually its directory's name. ``directory`` is None where
+    the run is kept in memory only. ``content``: the bytes of ``run.json`` that were read, empty
+    where it was not read from a file. For the other fields see ``RunDocument``.
+    """
+
+    digest: str
+    header: RunHeader
+    environment: RunEnvironment
+    summary: Summary
+    faults: Mapping[str, str]
+    rows: tuple[EpisodeMetrics, ...]
+    exploration_rows: tuple[EpisodeMetrics, ...]
+    name: str
+    directory: Path | None = None
+    content: bytes = b""
+
     @property
     def plan(self) -> Plan:
         """What the run plays."""
         return self.header.plan
 
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """The tasks of the run."""
+        return self.plan.tasks
+
+    @property
+    def episodes(self) -> "pd.DataFrame":
+        """One row per episode, with the columns of ``episodes.csv``, family, split and digest."""
+        return episodes_frame(self.rows)
+
+    @property
+    def exploration_episodes(self) -> "pd.DataFrame":
+        """The episodes of the exploration policy; no rows without one."""
+        return episodes_frame(self.exploration_rows)
+
+    def table4(self) -> "pd.DataFrame":
+        """Return Table 4 in the paper's shape: metrics as rows, tasks as groups of columns.
+
+        Each task has the columns ``value``, ``low`` and ``high`` (95 %), NaN without estimate.
+        """
+        return table4_frame(self.summary)
+
+    def __getitem__(self, task: str) -> TaskResult:
+        for summary in self.summary.tasks:
+            if summary.task == task:
+                return TaskResult(summary)
+        raise KeyError(f"the run has no task '{task}'; it has {', '.join(self.tasks)}")
+
+    def __str__(self) -> str:
+        reasons = f"unofficial: {'; '.join(self.header.unofficial_because)}"
+        label = "official" if self.header.official else reasons
+        title = f"{self.header.policy.name} on {self.plan.suite}, {label}"
+        return "\n\n".join([title, *(str(TaskResult(one)) for one in self.summary.tasks)])
+
+    def __repr__(self) -> str:
+        label = "official" if self.header.official else "unofficial"
+        policy, suite, tasks = self.header.policy.name, self.plan.suite, ", ".join(self.tasks)
+        return f"<Run of {policy} on {suite}, {label}: {tasks}>"
+
     def by_role(self) -> tuple[tuple[Role, tuple[EpisodeMetrics, ...]], ...]:
-        """Return the episodes of each role, the final policy's first."""
-        return (Role.FINAL, self.episodes), (Role.EXPLORATION, self.exploration_episodes)
-
-
-@dataclass(frozen=True)
-class Run(RunDocument):
-    """A finished run, opened once; ``name`` is what it is called, usually its directory's name.
-
-    ``directory`` is None where it is kept in memory only. ``content``: the bytes of ``run.json``
-    that were read, empty where it was not read from a file.
-    """
-
-    name: str
-    directory: Path | None = None
-    content: bytes = b""
+        """Return the rows of each role, the final policy's first."""
+        return (Role.FINAL, self.rows), (Role.EXPLORATION, self.exploration_rows)
 
     @cached_property
     def actions_content(self) -> bytes:
@@ -208,9 +262,9 @@ class Run(RunDocument):
         contents = {RUN_FILE: self.content, ACTIONS_FILE: self.actions_content}
         return {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
 
-    def rows(self) -> Iterator[tuple[EpisodeSpec, EpisodeMetrics]]:
+    def specs_and_rows(self) -> Iterator[tuple[EpisodeSpec, EpisodeMetrics]]:
         """Walk through the episodes of the plan with the row of each."""
-        return zip(self.header.specs(), (*self.episodes, *self.exploration_episodes), strict=True)
+        return zip(self.header.specs(), (*self.rows, *self.exploration_rows), strict=True)
 
     def find(self, key: str) -> tuple[EpisodeSpec, EpisodeMetrics]:
         """Return the episode called ``key``, as ``pushing/17``.
@@ -218,7 +272,7 @@ class Run(RunDocument):
         Raises:
             UsageError: there is none.
         """
-        for spec, row in self.rows():
+        for spec, row in self.specs_and_rows():
             if spec.key == key:
                 return spec, row
         specs, chosen = self.header.specs(), self.plan.chosen
@@ -230,7 +284,7 @@ class Run(RunDocument):
 
     def is_edited(self) -> bool:
         """Tell whether the digest is not that of the episodes."""
-        return self.digest != run_digest(self.header, self.episodes, self.exploration_episodes)
+        return self.digest != run_digest(self.header, self.rows, self.exploration_rows)
 
 
 def make_run(
@@ -249,15 +303,13 @@ def make_run(
     episodes, exploration = rows[Role.FINAL], rows[Role.EXPLORATION]
     summary = summarize(header.plan.tasks, episodes, exploration, header.plan.seed)
     return Run(
-        format=RUN_FORMAT,
-        version=RUN_VERSION,
         digest=run_digest(header, episodes, exploration),
         header=header,
         environment=environment,
         summary=with_touch_curves(summary, records),
         faults={record.spec.key: record.fault for record in records if record.fault},
-        episodes=episodes,
-        exploration_episodes=exploration,
+        rows=episodes,
+        exploration_rows=exploration,
         name=name,
         directory=directory,
     )
@@ -290,9 +342,11 @@ def run_json(run: Run) -> bytes:
     Raises:
         ValueError: it contains NaN or infinity.
     """
-    return write_json(
-        RunDocument(**{field.name: getattr(run, field.name) for field in fields(RunDocument)})
-    )
+    document = RunDocument(
+        RUN_FORMAT, RUN_VERSION, run.digest, run.header, run.environment, run.summary, run.faults,
+        episodes=run.rows, exploration_episodes=run.exploration_rows,
+    )  # fmt: skip
+    return write_json(document)
 
 
 @dataclass(frozen=True)
@@ -319,9 +373,12 @@ def parse_run(content: bytes, name: str, directory: Path | None = None) -> Run:
     summary = document.summary
     rows = (*document.episodes, *document.exploration_episodes)
     named = {row.task for part in (rows, summary.tasks, summary.generalization) for row in part}
-    if unknown := sorted({*document.plan.tasks, *named} - set(TASK_NAMES)):
+    if unknown := sorted({*document.header.plan.tasks, *named} - set(TASK_NAMES)):
         raise RunDirectoryError(f"{RUN_FILE}: this version has no task {unknown[0]!a}")
-    return Run(**vars(document), name=name, directory=directory, content=content)
+    return Run(
+        document.digest, document.header, document.environment, document.summary, document.faults,
+        document.episodes, document.exploration_episodes, name, directory, content,
+    )  # fmt: skip
 
 
 def read_run(directory: Path) -> Run:

@@ -48,7 +48,7 @@ def replay_run(
 def _compare(run: Run, records: dict[EpisodeSpec, EpisodeRecord]) -> Iterator[Problem]:
     """Compare the rows of a run, and its touch curves, with its replayed episodes."""
     differs = False
-    for spec, row in run.rows():
+    for spec, row in run.specs_and_rows():
         given, used = len(run.actions[spec.key]), len(records[spec].trace.actions)
         if given != used:
             yield Problem(spec.key, f"{given} actions recorded, the episode ends after {used}")
@@ -148,7 +148,7 @@ def run_again(
     late = [spec for spec, record in records.items() if record.is_late]
     records |= _play(setup, late, engine, lambda _: None)
     late = [spec for spec in late if records[spec].is_late]
-    rows = dict(run.rows())
+    rows = dict(run.specs_and_rows())
     problems: list[Problem] = []
     unsaid = []
     for spec, record in records.items():

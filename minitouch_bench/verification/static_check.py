@@ -192,7 +192,7 @@ def contradictions(row: EpisodeMetrics) -> Iterator[str]:
 
 def _faults(run: Run) -> Iterator[Problem]:
     """Compare the texts of policy faults with the episodes that ended in one."""
-    failed = {spec.key for spec, row in run.rows() if row.outcome is Outcome.POLICY_FAULT}
+    failed = {spec.key for spec, row in run.specs_and_rows() if row.outcome is Outcome.POLICY_FAULT}
     if failed != set(run.faults):
         other = sorted(failed ^ set(run.faults))
         what = f"faults and outcomes differ in {', '.join(other[:NAMED])}"
@@ -209,7 +209,7 @@ def _digest(run: Run) -> Iterator[Problem]:
 def _estimates(run: Run) -> Iterator[Problem]:
     """Compute every estimate from the episodes, with the run's own random stream."""
     plan, tasks = run.plan, run.summary.tasks
-    expected = summarize(plan.tasks, run.episodes, run.exploration_episodes, plan.seed)
+    expected = summarize(plan.tasks, run.rows, run.exploration_rows, plan.seed)
     curveless = (replace(task, touch_curve=(), touch_curve_episodes=()) for task in tasks)
     recorded = replace(run.summary, tasks=tuple(curveless))
     differences = compare_values("summary", plain(recorded), plain(expected))
@@ -221,7 +221,7 @@ def _estimates(run: Run) -> Iterator[Problem]:
     for difference in islice(wrong, 2 * NAMED):
         yield replace(difference, remedy=AS_WRITTEN)
     for task in tasks:
-        if what := _curve_mistake(task, [e for e in run.episodes if e.task == task.task]):
+        if what := _curve_mistake(task, [e for e in run.rows if e.task == task.task]):
             yield Problem(f"touch curve of {task.task}", what, AS_WRITTEN)
 
 
@@ -247,7 +247,7 @@ def _actions(run: Run) -> Iterator[Problem]:
     if missing:
         what = f"the actions of {len(missing)} episodes are missing: {first_of(missing, NAMED)}"
         yield Problem(ACTIONS_FILE, what, AS_WRITTEN)
-    for spec, row in run.rows():
+    for spec, row in run.specs_and_rows():
         if spec.key in run.actions and (what := _actions_mistake(run.actions[spec.key], row)):
             yield Problem(f"{ACTIONS_FILE}, {spec.key}", what, AS_WRITTEN)
 

@@ -118,9 +118,9 @@ def evaluate(
             callbacks=callbacks,
         )
     if as_json:
-        print(run_json(run.facts).decode(), end="")
+        print(run_json(run).decode(), end="")
     else:
-        show_report(build_report([run.facts]), data_console())
+        show_report(build_report([run]), data_console())
     assert run.directory is not None
     note(f"report: {run.directory / 'report.html'}")
     if run.faults:

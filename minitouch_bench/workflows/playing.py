@@ -22,9 +22,7 @@ from minitouch_bench.runs.run import Run, run_json
 from minitouch_bench.workflows import Callbacks
 
 
-def play(
-    setup: PolicySetup, opened: Journal | Run, engine: Engine, callbacks: Callbacks
-) -> Run:
+def play(setup: PolicySetup, opened: Journal | Run, engine: Engine, callbacks: Callbacks) -> Run:
     """Play the episodes that are missing, and keep the facts of the run in its directory.
 
     The callbacks also receive the episodes that are already done. A finished run is returned

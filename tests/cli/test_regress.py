@@ -127,7 +127,7 @@ def test_a_task_whose_rules_changed_is_refused_by_name(runs):
         header = document["header"]
         header["task_digests"]["opening"] = "0" * 64
         saved = parse_run(json.dumps(document).encode(), "other")
-        document["digest"] = run_digest(saved.header, saved.episodes, saved.exploration_episodes)
+        document["digest"] = run_digest(saved.header, saved.rows, saved.exploration_rows)
 
     baseline = edited(runs, "other-rules", change)
     for candidate in (("--candidate", "good"), ("zero",)):
@@ -262,7 +262,7 @@ def test_a_baseline_that_lacks_episodes_is_refused_before_any_is_played(baseline
     document = json.loads((baseline / "base" / "run.json").read_text())
     document["episodes"] = [row for row in document["episodes"] if row["index"] < 4]
     saved = parse_run(json.dumps(document).encode(), "cut")
-    document["digest"] = run_digest(saved.header, saved.episodes)
+    document["digest"] = run_digest(saved.header, saved.rows)
     cut = baseline / "cut"
     cut.mkdir()
     (cut / "run.json").write_text(json.dumps(document))

@@ -47,4 +47,4 @@ def run(
 
 
 def digests(done: Run) -> list[tuple[str, str, str]]:
-    return [(spec.key, row.outcome, row.digest) for spec, row in done.rows()]
+    return [(spec.key, row.outcome, row.digest) for spec, row in done.specs_and_rows()]

@@ -108,11 +108,11 @@ def test_twice_the_mass_has_twice_the_moments_of_inertia():
 def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
     options = {"suite": "smoke", "tasks": "pushing,opening", "episodes": 1}
     altered = {"without": ["touch"], "perturb": ["mass=0.5:2"], "output": tmp_path / "run"}
-    run = evaluate("random", **options, **altered).facts
+    run = evaluate("random", **options, **altered)
     assert run.header.unofficial_because[-2:] == ("without touch", "mass 0.5 to 2 times")
     verify(tmp_path / "run", workers="1")
-    other = evaluate("random", **options).facts
-    assert [row.seed for row in run.episodes] == [row.seed for row in other.episodes]
+    other = evaluate("random", **options)
+    assert [row.seed for row in run.rows] == [row.seed for row in other.rows]
     assert run.digest != other.digest
 
 

@@ -27,8 +27,8 @@ KEYS = ["pushing/0", "pushing/1", "opening/0", "opening/1", "pick-up/0", "pick-u
 
 def test_a_run_holds_every_episode_in_the_suite_s_order(finished):
     done, _ = finished
-    assert [spec.key for spec, _ in done.rows()] == KEYS
-    assert {row.outcome for row in done.episodes} == {Outcome.SUCCESS}
+    assert [spec.key for spec, _ in done.specs_and_rows()] == KEYS
+    assert {row.outcome for row in done.rows} == {Outcome.SUCCESS}
     assert done.header.official is False
     assert done.environment.workers == 1
     assert done.environment.packages.items() >= installed_versions(BUILDS).items()
@@ -109,7 +109,7 @@ def test_a_fresh_run_replaces_the_old_one_and_leaves_the_rest(finished, tmp_path
     begin(finished[1], tmp_path, 6)
     (tmp_path / "notes.txt").write_text("mine")
     done = run(request(tasks=("opening",), episodes=1), tmp_path, fresh=True)
-    assert [spec.key for spec, _ in done.rows()] == ["opening/0"]
+    assert [spec.key for spec, _ in done.specs_and_rows()] == ["opening/0"]
     assert (tmp_path / JOURNAL_FILE).read_bytes().count(b"\n") == 1
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
@@ -129,13 +129,13 @@ def test_a_directory_of_other_files_is_refused_and_fresh_keeps_them(tmp_path, na
 
 def test_resuming_what_never_began_begins(tmp_path):
     done = run(request(tasks=("opening",), episodes=1), tmp_path, resume=True)
-    assert len(done.episodes) == 1
+    assert len(done.rows) == 1
 
 
 def test_faults_stay_in_the_denominator_and_the_rest_goes_on(tmp_path, importable):
     wanted = request("misbehaved:FaultInPushing", ("pushing", "opening"), 1)
     done = run(wanted, tmp_path)
-    pushing, opening = done.episodes
+    pushing, opening = done.rows
     assert pushing.outcome is Outcome.POLICY_FAULT
     assert pushing.steps == len(done.actions["pushing/0"]) == 2
     assert opening.outcome is Outcome.STEP_LIMIT
@@ -149,7 +149,7 @@ def test_a_run_that_begins_with_ten_faults_ends_and_can_be_resumed(tmp_path, imp
         run(wanted, tmp_path)
     assert (tmp_path / JOURNAL_FILE).read_bytes().count(b"\n") == 10
     done = run(wanted, tmp_path, resume=True)
-    assert [row.outcome for row in done.episodes] == [Outcome.POLICY_FAULT] * 12
+    assert [row.outcome for row in done.rows] == [Outcome.POLICY_FAULT] * 12
 
 
 def test_ten_faults_are_a_whole_run_and_nine_are_no_reason(tmp_path, importable, monkeypatch):
@@ -210,9 +210,9 @@ def test_a_factory_cannot_read_what_its_run_keeps(tmp_path, importable, monkeypa
 def test_exploration_is_run_beside_the_final_policy(tmp_path):
     wanted = request("scripted", ("playing", "opening"), 1, exploration="zero")
     done = run(wanted, tmp_path)
-    keys = [spec.key for spec, _ in done.rows()]
+    keys = [spec.key for spec, _ in done.specs_and_rows()]
     assert keys == ["playing/0", "opening/0", "exploration/opening/0"]
-    final, exploration = done.episodes[1], done.exploration_episodes[0]
+    final, exploration = done.rows[1], done.exploration_rows[0]
     assert (final.outcome, exploration.outcome) == (Outcome.SUCCESS, Outcome.STEP_LIMIT)
     assert exploration.seed == final.seed
 
@@ -251,13 +251,13 @@ def test_what_there_is_to_resume_is_said_and_the_views_are_written_again(tmp_pat
     notes, directory = [], tmp_path / "run"
     options = {"tasks": "opening", "episodes": 1, "workers": 1, "output": directory}
     options |= {"resume": True, "callbacks": Callbacks(note=notes.append)}
-    first = evaluate("zero", **options).facts
+    first = evaluate("zero", **options)
     assert not (directory / JOURNAL_FILE).exists()
     content = {path.name: path.read_bytes() for path in directory.iterdir()}
     (directory / "report.html").unlink()
     (directory / "episodes.csv").write_text("edited")
     (directory / JOURNAL_FILE).touch()  # a crash after the last file left it
-    again = evaluate("zero", **options).facts
+    again = evaluate("zero", **options)
     assert again == first
     assert content == {path.name: path.read_bytes() for path in directory.iterdir()}
     assert notes == [

@@ -45,7 +45,7 @@ def test_what_is_kept_is_read_in_the_order_of_the_plan(finished, path):
     first, *lines = path.read_bytes().split(b"\n")
     path.write_bytes(b"\n".join([first, *lines[::-1]]))
     records = resumed(path.parent).records
-    assert tuple(map(measure, records.values())) == finished[0].episodes
+    assert tuple(map(measure, records.values())) == finished[0].rows
     assert list(records) == list(SPECS)
     assert [record.spec for record in records.values()] == list(SPECS)
 

@@ -46,9 +46,9 @@ from minitouch_bench.metrics.intervals import over_seeds
 from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.run_tables import TABLE4_METRICS
 from minitouch_bench.reporting.tables import estimate_cell
 from minitouch_bench.reporting.writers import TABLE_FORMATS
+from minitouch_bench.runs.results import TABLE4_METRICS
 from minitouch_bench.runs.run import read_run, run_json
 from tests.leaderboard.synthetic import make_submission
 
@@ -162,7 +162,7 @@ def test_a_gap_over_two_seeds_is_no_narrower_than_over_their_episodes(submission
 
 def test_several_seeds_are_averaged_and_resampled(submissions, rows):
     rates = [
-        np.mean([e.success for e in read_run(place).episodes if e.task == "pushing"])
+        np.mean([e.success for e in read_run(place).rows if e.task == "pushing"])
         for place in sorted((submissions / "seeds").glob("seed-*/table4"))
     ]
     found = rows["seeds"].estimate("pushing", "success")
@@ -173,7 +173,7 @@ def test_several_seeds_are_averaged_and_resampled(submissions, rows):
     assert found.high >= max(rates) - 1e-12
     steps = rows["seeds"].estimate("pushing", "episode_steps")
     means = [
-        np.mean([e.steps for e in read_run(place).episodes if e.task == "pushing"])
+        np.mean([e.steps for e in read_run(place).rows if e.task == "pushing"])
         for place in sorted((submissions / "seeds").glob("seed-*/table4"))
     ]
     assert steps.low <= min(means) + 1e-9

@@ -9,7 +9,7 @@ def episodes(name, changed=0, number=400, steps=30):
     """Return a run whose first ``changed`` episodes are played in another way."""
     digests = [f"{name}{' otherwise' if i < changed else ''}" for i in range(number)]
     return SimpleNamespace(
-        episodes=[
+        rows=[
             SimpleNamespace(task="pushing", index=i, digest=one, steps=steps)
             for i, one in enumerate(digests)
         ]
@@ -41,5 +41,5 @@ def test_episodes_without_a_step_are_no_copies():
 
 
 def test_a_row_that_is_repeated_counts_once():
-    many = SimpleNamespace(episodes=episodes("a", number=1).episodes * 5000)
+    many = SimpleNamespace(rows=episodes("a", number=1).rows * 5000)
     assert find_copies({"a": many, "b": many}) == {}  # one of 5,000 rows is shared

@@ -93,7 +93,7 @@ def found(tmp_path_factory, request):
 
 
 def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(found):
-    assert all(episode.success for episode in found.runs[PLACE].episodes)
+    assert all(episode.success for episode in found.runs[PLACE].rows)
     prover = Prover(found, LocalEngine(1), rng=np.random.default_rng(0))
     prover.run_again(3)
     assert not prover.problems

@@ -33,7 +33,7 @@ def edit_run(directory: Path, change, run=RUN, *, seal=False) -> None:
     edit_document(file, change)
     if seal:
         saved = parse_run(file.read_bytes(), "x")
-        digest = run_digest(saved.header, saved.episodes, saved.exploration_episodes)
+        digest = run_digest(saved.header, saved.rows, saved.exploration_rows)
         edit_document(file, lambda document: document.update(digest=digest))
 
 

@@ -79,7 +79,7 @@ def make_saved(tasks: Mapping[str, Values], name: str = "a-run", digest: str | N
 def episode(task: str, index: int, own: Values) -> EpisodeMetrics:
     won = bool(own.success[index])
     return replace(
-        TEMPLATE.episodes[0],
+        TEMPLATE.rows[0],
         task=task,
         index=index,
         seed=1000 + index,

@@ -57,13 +57,13 @@ def test_a_clear_difference_is_seen_in_its_direction():
 
 
 def test_exploration_that_one_run_lacks_is_left_out_and_named():
-    explored = replace(GOOD, name="explored", exploration_episodes=GOOD.episodes)
+    explored = replace(GOOD, name="explored", exploration_rows=GOOD.rows)
     for pair in ((explored, BAD), (BAD, explored)):
         found = compared(*pair).pairs[0]
         assert "exploration is left out: 'bad' has none" in found.notes
         assert "exploration" not in {one.effect.metric for one in found.metrics}
         assert "success" in {one.effect.metric for one in found.metrics}
-    both = compared(explored, replace(BAD, exploration_episodes=BAD.episodes)).pairs[0]
+    both = compared(explored, replace(BAD, exploration_rows=BAD.rows)).pairs[0]
     assert "exploration" in {one.effect.metric for one in both.metrics}
     assert not any("left out" in note for note in both.notes)
 
@@ -145,8 +145,8 @@ def test_a_run_beside_itself_is_identical():
 
 def test_changed_episodes_are_listed_with_commands_that_replay_them(tmp_path):
     changes = compared(*(with_actions(run, tmp_path) for run in (GOOD, BAD))).pairs[0].changes
-    before = {(e.task, e.index): e.outcome for e in GOOD.episodes}
-    after = {(e.task, e.index): e.outcome for e in BAD.episodes}
+    before = {(e.task, e.index): e.outcome for e in GOOD.rows}
+    after = {(e.task, e.index): e.outcome for e in BAD.rows}
     assert len(changes) == sum(before[key] is not after[key] for key in before) > 20
     first = changes[0]
     assert first.replays[0] == f"minitouch-bench replay runs/good {first.episode}"

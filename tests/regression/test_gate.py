@@ -135,7 +135,7 @@ def test_the_longer_gate_has_the_same_settings_and_leaves_submissions_alone(
 
 
 def test_exploration_is_not_gated_again_by_a_policy():
-    runs = [replace(run, exploration_episodes=run.episodes) for run in (few(0), few(4))]
+    runs = [replace(run, exploration_rows=run.rows) for run in (few(0), few(4))]
     result = judged(runs[1], GateSettings(metric="exploration"), runs[0])
     assert result.endpoint.episodes_needed
     assert result.next_command == "minitouch-bench compare runs/base runs/new"
@@ -284,9 +284,7 @@ def test_a_run_without_actions_has_no_command_that_replays_it(tmp_path):
 
 def test_after_a_regression_of_exploration_an_exploration_episode_is_replayed(tmp_path):
     settings = GateSettings(metric="exploration")
-    before, after = (
-        replace(candidate(n), exploration_episodes=candidate(n).episodes) for n in (90, 20)
-    )
+    before, after = (replace(candidate(n), exploration_rows=candidate(n).rows) for n in (90, 20))
     result = judged(with_actions(after, tmp_path), settings, before)
     assert result.next_command == "minitouch-bench replay runs/new exploration/pushing/20"
 

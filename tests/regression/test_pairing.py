@@ -15,13 +15,13 @@ OTHER = make_saved({"playing": values(flags(0, 5)), "pushing": values(flags(4, 5
 
 
 def with_episode(run, place, **changes):
-    episodes = list(run.episodes)
+    episodes = list(run.rows)
     episodes[place] = replace(episodes[place], **changes)
-    return replace(run, episodes=tuple(episodes))
+    return replace(run, rows=tuple(episodes))
 
 
 def test_runs_of_the_same_episodes_are_paired_whatever_their_order():
-    pairs = pair_runs(ONE, replace(OTHER, episodes=OTHER.episodes[::-1]))
+    pairs = pair_runs(ONE, replace(OTHER, rows=OTHER.rows[::-1]))
     assert [pair.key for pair in pairs][4:6] == ["playing/4", "pushing/0"]
     for pair in pairs:
         assert (pair.first.task, pair.first.index) == (pair.second.task, pair.second.index)
@@ -61,7 +61,7 @@ def test_exploration_episodes_are_paired_by_their_role():
     found = collect_values(pairs, ("pushing",))
     assert [values.metric for values in found][:2] == ["exploration", "success"]
     with pytest.raises(UsageError, match="exploration/pushing/0"):
-        pair_runs(one, replace(other, exploration_episodes=()))
+        pair_runs(one, replace(other, exploration_rows=()))
 
 
 def test_a_task_with_other_rules_is_left_out():
@@ -78,13 +78,13 @@ REFUSALS = [
     (with_header(OTHER, suite="smoke"), "suites differ .table4; smoke"),
     (with_header(OTHER, seed=7), "seeds differ .0; 7"),
     (
-        replace(OTHER, episodes=OTHER.episodes[:-2]),
+        replace(OTHER, rows=OTHER.rows[:-2]),
         "2 of the first are not in the second.*pushing/3",
     ),
     (with_episode(OTHER, 6, seed=3), "pushing/1 are not the same one: seed '1001'.*'3'"),
     (with_episode(OTHER, 6, shape="mug"), "pushing/1.*shape"),
     (with_episode(OTHER, 6, index=0), "holds the episode pushing/0 twice"),
-    (replace(OTHER, episodes=()), "holds no episodes"),
+    (replace(OTHER, rows=()), "holds no episodes"),
 ]
 
 

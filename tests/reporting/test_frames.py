@@ -6,54 +6,49 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from minitouch_bench.reporting.frames import (
-    EPISODE_COLUMNS,
-    episodes_csv,
-    episodes_frame,
-    table4_csv,
-    table4_json,
-)
+from minitouch_bench.reporting.frames import episodes_csv, table4_csv, table4_json
 from minitouch_bench.reporting.report import build_report
+from minitouch_bench.runs.results import EPISODE_COLUMNS, episodes_frame
 
 
 def test_episodes_have_exactly_the_published_columns(hac):
-    text = episodes_csv(hac.episodes)
+    text = episodes_csv(hac.rows)
     assert text.splitlines()[0] == (
         "task,index,seed,shape,outcome,success,steps,return,touch_interaction,touch_share,"
         "touch_onsets,touch_steps,touch_variance,object_movement,time_to_first_touch,arm_time,"
         "clipped_actions"
     )
-    assert len(text.splitlines()) == 1 + len(hac.episodes)
+    assert len(text.splitlines()) == 1 + len(hac.rows)
     assert "\r" not in text
 
 
 def test_episodes_read_back_the_same(hac):
-    frame = pd.read_csv(io.StringIO(episodes_csv(hac.episodes)))
+    frame = pd.read_csv(io.StringIO(episodes_csv(hac.rows)))
     assert tuple(frame.columns) == EPISODE_COLUMNS
     assert frame["success"].dtype == bool
-    assert frame["object_movement"].tolist() == [e.object_movement for e in hac.episodes]
-    untouched = [e.first_touch_tick is None for e in hac.episodes]
+    assert frame["object_movement"].tolist() == [e.object_movement for e in hac.rows]
+    untouched = [e.first_touch_tick is None for e in hac.rows]
     assert frame["time_to_first_touch"].isna().tolist() == untouched
 
 
 def test_a_frame_has_the_shape_s_family_and_the_digest_too(hac):
-    frame = episodes_frame(hac.episodes)
+    frame = episodes_frame(hac.rows)
     assert tuple(frame.columns) == (*EPISODE_COLUMNS, "family", "split", "digest")
-    assert frame["digest"].tolist() == [episode.digest for episode in hac.episodes]
-    assert frame["arm_time"].tolist() == [episode.ticks / 240 for episode in hac.episodes]
-    assert frame["outcome"].value_counts().sum() == len(hac.episodes)
+    assert frame["digest"].tolist() == [episode.digest for episode in hac.rows]
+    assert frame["arm_time"].tolist() == [episode.ticks / 240 for episode in hac.rows]
+    assert frame["outcome"].value_counts().sum() == len(hac.rows)
     assert episodes_frame([]).empty
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\t=1", "\r=1", "\u202e=1"])
 def test_no_text_is_run_as_a_formula(hac, text):
-    episode = replace(hac.episodes[0], shape=text)
+    episode = replace(hac.rows[0], shape=text)
     cells = next(csv.DictReader(io.StringIO(episodes_csv([episode]))))
     assert cells["shape"].startswith("'")
 
 
 def test_a_negative_number_stays_a_number(hac):
-    episode = replace(hac.episodes[0], episode_return=-3.5)
+    episode = replace(hac.rows[0], episode_return=-3.5)
     assert next(csv.DictReader(io.StringIO(episodes_csv([episode]))))["return"] == "-3.5"
 
 

@@ -61,7 +61,7 @@ def test_tables_can_be_reached_and_read_aloud(page):
 
 
 def test_every_episode_is_on_the_page(page, hac):
-    for episode in hac.episodes:
+    for episode in hac.rows:
         assert f"{episode.task}/{episode.index}<" in page
 
 

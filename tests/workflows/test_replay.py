@@ -36,7 +36,7 @@ def inside(submission, monkeypatch):
 
 def shortest(directory):
     """Return the name of the episode with the fewest steps."""
-    row = min(read_run(directory).episodes, key=lambda row: row.steps)
+    row = min(read_run(directory).rows, key=lambda row: row.steps)
     return f"{row.task}/{row.index}"
 
 
