@@ -71,7 +71,7 @@ def make_saved(tasks: Mapping[str, Values], name: str = "a-run", digest: str | N
         digest=digest or name,
         header=header,
         summary=summary,
-        episodes=episodes,
+        rows=episodes,
         faults={},
     )
 
