@@ -137,7 +137,7 @@ def test_a_policy_that_is_late_everywhere_is_not_accused(found):
 
 def test_failing_on_purpose_in_unknown_scenes_is_a_drop(found, monkeypatch):
     recorded = found.runs[PLACE]
-    twenty = dataclasses.replace(recorded, episodes=10 * recorded.episodes)
+    twenty = dataclasses.replace(recorded, rows=10 * recorded.rows)
     checking = prover(dataclasses.replace(found, runs={PLACE: twenty}), FailingEngine({"all"}))
     checking.run_fresh(4, "a phrase")
     assert "4 fresh episodes end by a policy fault" in str([*checking.problems][-1])
@@ -158,7 +158,7 @@ def slow_in_fresh(found, monkeypatch, pace):
     """Run fresh episodes that take so many seconds each, where an official one takes 1 s."""
     clock = Clock(monkeypatch)
     recorded = found.runs[PLACE]
-    many = dataclasses.replace(recorded, episodes=10 * recorded.episodes)
+    many = dataclasses.replace(recorded, rows=10 * recorded.rows)
     checking = Prover(found, LocalEngine(1), clock.tick, time_limit_s=20.0)
     checking.run_again(2)
     clock.pace = pace
