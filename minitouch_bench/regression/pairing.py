@@ -297,7 +297,7 @@ def differences_of_making(first: Run, second: Run) -> tuple[str, ...]:
         *(
             f"exploration is left out: '{printable(run.name)}' has none"
             for run, other in ((first, second), (second, first))
-            if other.exploration_episodes and not run.exploration_episodes
+            if other.exploration_rows and not run.exploration_rows
         ),
         *_in_words(facts),
     )

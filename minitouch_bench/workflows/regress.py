@@ -118,7 +118,7 @@ def regress(
     else:
         isolated = options.isolation_options(isolation, trust, act_timeout, episode_timeout)
         opening = open_engine(options.engine_options(engine, workers, address), note)
-        if before.exploration_episodes:
+        if before.exploration_rows:
             note("the baseline's exploration episodes are left out: POLICY has none")
             before = without_exploration(before)
         setup = _prepare_like(before, policy, settings, isolated)
