@@ -88,12 +88,6 @@ class Proof:
     format: Literal["minitouch-proof"] = "minitouch-proof"
     version: Literal[1, 2] = 2
 
-    @property
-    def strength(self) -> tuple[int, int, int]:
-        """What orders proofs: level, fresh episodes per task, episodes that were run again."""
-        fresh = self.fresh.episodes_per_task if self.fresh else 0
-        return list(ProofLevel).index(self.level), fresh, self.rerun_episodes
-
     def covers(self, files: Mapping[str, str]) -> bool:
         """Return whether it is a proof of these very bytes, and of no others."""
         covered = {

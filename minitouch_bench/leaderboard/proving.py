@@ -97,11 +97,11 @@ def prove(
 ) -> SubmissionFindings:
     """Replay a submission that is valid, run it again, and write the proof if nothing differs.
 
-    The policies of a server and Python classes are replayed only. A stronger proof of the same
-    bytes stays; where an episode differs, an earlier proof is withdrawn. ``rerun``: so many drawn
-    episodes of each policy of each run. ``fresh``: so many new ones per task of each run; fewer
-    than MIN_FRESH_EPISODES give no level. Where the check cannot be finished, ``error`` of the
-    result says why, and what was replayed is proved.
+    The policies of a server and Python classes are replayed only. An earlier proof of a higher
+    level stays; where an episode differs, it is withdrawn. ``rerun``: so many drawn episodes of
+    each policy of each run. ``fresh``: so many new ones per task of each run; fewer than
+    MIN_FRESH_EPISODES give no level. Where the check cannot be finished, ``error`` of the result
+    says why, and what was replayed is proved.
     """
     prover = Prover(found, engine, on_record)
     level, played = ProofLevel.SELF_REPORTED, None
@@ -138,13 +138,13 @@ def _withdraw(found: SubmissionFindings) -> SubmissionFindings:
 def _keep(
     found: SubmissionFindings, level: ProofLevel, rerun: int, fresh: FreshProof | None
 ) -> SubmissionFindings:
-    """Write the proof of a level, unless there is a stronger one."""
-    if level is ProofLevel.SELF_REPORTED:
-        return found
+    """Write the proof of a level, unless there is one of a higher level."""
     is_verified = level is ProofLevel.VERIFIED
-    proof = Proof(level, found.files, *((rerun, fresh) if is_verified else ()))
-    if found.proof is not None and found.proof.strength > proof.strength:
+    if level is ProofLevel.SELF_REPORTED or (
+        found.level is ProofLevel.VERIFIED and not is_verified
+    ):
         return found
+    proof = Proof(level, found.files, *((rerun, fresh) if is_verified else ()))
     write_proof(proof, proof_path(found.directory))
     return replace(found, proof=proof)
 

