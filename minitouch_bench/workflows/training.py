@@ -126,7 +126,8 @@ class _Events:
         self._summary = require("tensorboardX.proto.summary_pb2", "train").Summary
         writers = require("tensorboardX.event_file_writer", "train")
         self._folder = files.make_folder(folder).absolute()
-        self._writer = writers.EventsWriter(str(self._folder / "events"))
+        with files.os_errors_as(RunDirectoryError, self._folder, "written"):
+            self._writer = writers.EventsWriter(str(self._folder / "events"))
 
     def add(self, row: ProgressRow) -> None:
         """Write every number of a row as a scalar at its control step.
