@@ -1,1 +1,1 @@
-"""The command line: each command parses, calls one function, and prints."""
+"""The application, its groups, and how commands print and show their progress."""

@@ -66,7 +66,7 @@ class _Lines:
 class EpisodeProgress:
     """Episodes done, success so far, and the time left; shown from the first phase on.
 
-    Entering it gives what a workflow calls to have its episodes shown.
+    Entering it gives the functions that an evaluation calls to have its episodes shown.
     """
 
     def __init__(

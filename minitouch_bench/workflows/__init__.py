@@ -1,4 +1,4 @@
-"""The work behind each command as functions: options in, a result out, callbacks on the way."""
+"""The commands, one per file, and the callbacks that report what a long one does."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
