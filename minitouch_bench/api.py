@@ -91,7 +91,7 @@ def evaluate(
         raise UsageError("resume, fresh and video need a directory: give an output")
     if video:
         require_video()
-    opening = open_engine(options.engine_options(engine, workers, address), callbacks.note)
+    opening = open_engine(options.engine_options(engine, workers, address))
     isolated = options.isolation_options(isolation, trust, act_timeout, episode_timeout)
     plan = make_plan(
         suite,

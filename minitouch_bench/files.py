@@ -192,20 +192,10 @@ def replace_file(path: Path, content: bytes, *, durable: bool = True) -> None:
         raise
 
 
-def append_text(path: Path, text: str) -> None:
-    """Add a text to the end of a file that others write to as well.
-
-    Raises:
-        RunDirectoryError: it cannot be written.
-    """
-    with os_errors_as(RunDirectoryError, path, "written"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("a", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-
-
-def append_bytes(path: Path, content: bytes) -> None:
+def append_bytes(path: Path, content: bytes, *, durable: bool = False) -> None:
     """Add to the end of a plain file that has no other name, and create it if need be.
+
+    What is ``durable`` survives a loss of the machine's power too.
 
     Raises:
         RunDirectoryError: it cannot be written, or is something else.
@@ -214,6 +204,9 @@ def append_bytes(path: Path, content: bytes) -> None:
         handle = open_plain(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
         with os.fdopen(handle, "ab") as file:
             file.write(content)
+            if durable:
+                file.flush()
+                os.fsync(handle)
 
 
 def make_folder(path: Path) -> Path:

@@ -17,7 +17,7 @@ from minitouch_bench.files import (
     KIB,
     LOCK_FILE,
     RUN_FILES,
-    append_text,
+    append_bytes,
     clear_run,
     holds_run,
     list_videos,
@@ -297,10 +297,10 @@ def test_a_file_that_is_written_on_has_no_other_name(tmp_path, flags):
         open_plain(tmp_path / "pipe", flags)
 
 
-def test_text_is_added_to_the_end(tmp_path):
-    append_text(tmp_path / "new" / "page.md", "one\n")
-    append_text(tmp_path / "new" / "page.md", "two\n")
-    assert (tmp_path / "new" / "page.md").read_text() == "one\ntwo\n"
+def test_bytes_are_added_to_the_end(tmp_path):
+    append_bytes(tmp_path / "page.md", b"one\n")
+    append_bytes(tmp_path / "page.md", b"two\n", durable=True)
+    assert (tmp_path / "page.md").read_bytes() == b"one\ntwo\n"
 
 
 # Reading

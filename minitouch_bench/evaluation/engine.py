@@ -60,9 +60,7 @@ ENGINES: Mapping[str, EngineEntry] = {
 """Each is a module ``evaluation/NAME_engine.py`` with ``open_engine``."""
 
 
-def open_engine(
-    options: EngineOptions, note: Note = lambda _: None
-) -> AbstractContextManager[Engine]:
+def open_engine(options: EngineOptions) -> AbstractContextManager[Engine]:
     """Return the context manager of the engine asked for; entering it starts the engine.
 
     Entering it raises ``MissingExtraError`` where a package is not installed, and
@@ -71,7 +69,7 @@ def open_engine(
     Raises:
         UsageError: no such engine, or an option has no meaning for it.
     """
-    return _find_module(options).open_engine(options, note)  # type: ignore[no-any-return]
+    return _find_module(options).open_engine(options)  # type: ignore[no-any-return]
 
 
 def _find_module(options: EngineOptions) -> ModuleType:

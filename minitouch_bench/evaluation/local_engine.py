@@ -5,16 +5,13 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.evaluation.engine import Engine, EngineOptions, Note
+from minitouch_bench.evaluation.engine import Engine, EngineOptions
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
 from minitouch_bench.processes import core_count, run_in_workers
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 
-def open_engine(
-    options: EngineOptions,
-    note: Note,  # noqa: ARG001 - an opener's signature
-) -> contextlib.AbstractContextManager[Engine]:
+def open_engine(options: EngineOptions) -> contextlib.AbstractContextManager[Engine]:
     """Open the engine of this machine."""
     return contextlib.nullcontext(LocalEngine(options.workers or core_count()))
 

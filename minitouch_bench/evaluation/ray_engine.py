@@ -21,7 +21,7 @@ from typing import Any
 from minitouch_bench.cache import cache_file
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.engine import Engine, EngineOptions, Note
+from minitouch_bench.evaluation.engine import Engine, EngineOptions
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
 from minitouch_bench.evaluation.run import package_versions
 from minitouch_bench.optional import compare_versions, require
@@ -42,10 +42,7 @@ SETTINGS = {
 """Environment of Ray, which reads it when it is imported; what the user has set goes first."""
 
 
-def open_engine(
-    options: EngineOptions,
-    note: Note = lambda _: None,  # noqa: ARG001 - an opener's signature
-) -> contextlib.AbstractContextManager[Engine]:
+def open_engine(options: EngineOptions) -> contextlib.AbstractContextManager[Engine]:
     """Open an engine on a Ray cluster, by default one of ``workers`` CPUs that is started here.
 
     Raises:

@@ -4,7 +4,6 @@ Each line begins with the CRC-32 of its JSON, and each but the first with its ow
 line that a crash or a full disk cut short costs its own episode, and never the next one.
 """
 
-import os
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -14,11 +13,11 @@ import msgspec
 
 from minitouch_bench.conditions import Conditions
 from minitouch_bench.documents import read_json
-from minitouch_bench.errors import InfrastructureError, RunDirectoryError
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import (
     GIB,
     JOURNAL_FILE,
-    open_plain,
+    append_bytes,
     os_errors_as,
     read_file,
     write_file,
@@ -110,10 +109,11 @@ class Journal:
         """Add a finished episode; with a directory it survives whatever happens after this returns.
 
         Raises:
-            InfrastructureError: the disk is full or fails; the earlier episodes stay.
+            RunDirectoryError: the disk is full or fails; the earlier episodes stay.
         """
         if self.directory is not None:
-            _append(self.directory / JOURNAL_FILE, b"\n" + _as_line(_line_of(record)))
+            line = b"\n" + _as_line(_line_of(record))
+            append_bytes(self.directory / JOURNAL_FILE, line, durable=True)
         self.records[record.spec] = record
 
     def remove(self) -> None:
@@ -126,15 +126,6 @@ class Journal:
             path = self.directory / JOURNAL_FILE
             with os_errors_as(RunDirectoryError, path, "removed"):
                 path.unlink(missing_ok=True)
-
-
-def _append(path: Path, line: bytes) -> None:
-    with os_errors_as(InfrastructureError, path, "written"):
-        handle = open_plain(path, os.O_WRONLY | os.O_APPEND)
-        with os.fdopen(handle, "ab") as file:
-            file.write(line)
-            file.flush()
-            os.fsync(handle)
 
 
 def _as_line(document: object) -> bytes:

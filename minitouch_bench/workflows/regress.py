@@ -9,7 +9,7 @@ import typer
 from minitouch_bench.cli.console import data_console, note
 from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.files import ACTIONS_FILE, REPORTS, append_text, lock_directory, write_file
+from minitouch_bench.files import ACTIONS_FILE, REPORTS, append_bytes, lock_directory, write_file
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
 from minitouch_bench.workflows import options
@@ -117,7 +117,7 @@ def regress(
         after = read_checked(directory)
     else:
         isolated = options.isolation_options(isolation, trust, act_timeout, episode_timeout)
-        opening = open_engine(options.engine_options(engine, workers, address), note)
+        opening = open_engine(options.engine_options(engine, workers, address))
         if before.exploration_rows:
             note("the baseline's exploration episodes are left out: POLICY has none")
             before = without_exploration(before)
@@ -133,7 +133,7 @@ def regress(
     if junit is not None:
         write_file(junit, writers.gate_junit(result))
     if summary is not None:
-        append_text(summary, writers.gate_markdown(result))
+        append_bytes(summary, writers.gate_markdown(result).encode())
     if as_json:
         print(writers.gate_json(result), end="")
     else:

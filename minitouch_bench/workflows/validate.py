@@ -55,7 +55,7 @@ def validate(
     for place in directories:
         found = validation.validate(place)
         if prove and found.passed:
-            with EpisodeProgress() as callbacks, open_engine(opening, note) as engine:
+            with EpisodeProgress() as callbacks, open_engine(opening) as engine:
                 callbacks.phase("proof", proving.count_episodes(found))
                 found = proving.prove(found, engine, callbacks.episode)
         results.append(found)

@@ -62,7 +62,7 @@ def verify(
     from minitouch_bench.verification.problems import Findings
     from minitouch_bench.verification.static_check import check_run
 
-    opening = open_engine(options.engine_options(engine, workers, address), note)
+    opening = open_engine(options.engine_options(engine, workers, address))
     opened = read_run(run)
     if problems := check_run(opened):
         _show(Findings(problems), run, as_json)

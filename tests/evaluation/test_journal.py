@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from minitouch_bench.errors import InfrastructureError, RunDirectoryError
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.run import header_of, package_versions
 from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.metrics.summary import measure
@@ -100,7 +100,7 @@ def test_what_is_not_a_plain_file_is_said(journal, path, tmp_path, kind):
         "link": lambda: path.symlink_to(mine),
         "pipe": lambda: os.mkfifo(path),
     }[kind]()
-    with pytest.raises(InfrastructureError, match=f"{JOURNAL_FILE} cannot be written"):
+    with pytest.raises(RunDirectoryError, match=f"{JOURNAL_FILE} cannot be written"):
         journal.keep(record)
     with pytest.raises(RunDirectoryError, match=f"{JOURNAL_FILE} cannot be read"):
         resumed(path.parent)
@@ -114,7 +114,7 @@ def test_a_full_disk_keeps_what_is_there_and_room_again_is_used(journal, path):
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 1000, hard))
     try:
-        with pytest.raises(InfrastructureError, match=f"{JOURNAL_FILE} cannot be written"):
+        with pytest.raises(RunDirectoryError, match=f"{JOURNAL_FILE} cannot be written"):
             journal.keep(last)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
