@@ -16,9 +16,9 @@ from typer.main import get_command
 
 import minitouch_bench as mt
 from minitouch_bench.agents.config import PHASE_STEPS, PRESETS, TrainingConfig, make_config
-from minitouch_bench.cli.app import PROGRAM, app
+from minitouch_bench.commands.app import PROGRAM, app
+from minitouch_bench.comparison.comparison import Comparison
 from minitouch_bench.records import Estimate
-from minitouch_bench.regression.comparison import Comparison
 from minitouch_bench.reporting.labels import task_title
 
 PAGES = Path(__file__).parent.parent / "docs" / "reference"

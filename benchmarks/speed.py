@@ -123,7 +123,7 @@ def measure_workers(console: Console) -> None:
     for workers in (1, 2):
         with tempfile.TemporaryDirectory() as directory:
             command = [
-                sys.executable, "-m", "minitouch_bench.cli.entry", "evaluate", "random",
+                sys.executable, "-m", "minitouch_bench", "evaluate", "random",
                 "--suite", "smoke", "--episodes", "8", "--workers", str(workers),
                 "--output", f"{directory}/run",
             ]  # fmt: skip

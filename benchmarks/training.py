@@ -17,11 +17,11 @@ from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import PRESETS
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
+from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.policies.networks import TOUCH_SIZE
 from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.workflows.training import run_training
 
 FILLED, UPDATES, ACTIONS = 1024, 20, 50
 RANDOM_STEPS, STEPS = 1000, 2000

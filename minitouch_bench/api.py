@@ -3,32 +3,43 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from minitouch_bench.conditions import parse_conditions
-from minitouch_bench.errors import InterruptedRunError, UsageError
-from minitouch_bench.evaluation.actors import prepare_policies
-from minitouch_bench.evaluation.engine import open_engine
-from minitouch_bench.evaluation.run import header_of, open_run, run_name
-from minitouch_bench.evaluation.video import require_video
-from minitouch_bench.files import REPORTS, holds_run, lock_directory, write_file
-from minitouch_bench.policies.isolation.options import Isolation
-from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
-from minitouch_bench.regression.comparison import (
+from minitouch_bench.comparison.comparison import (
     Comparison,
     compare_runs,
     comparison_json,
     comparison_markdown,
 )
+from minitouch_bench.conditions import parse_conditions
+from minitouch_bench.documents import StrPath, Words, words
+from minitouch_bench.errors import InterruptedRunError, UsageError
+from minitouch_bench.evaluation.actors import prepare_policies
+from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, engine_options, open_engine
+from minitouch_bench.evaluation.execution import header_of, open_run, play, run_name
+from minitouch_bench.evaluation.video import require_video, video_name, write_video
+from minitouch_bench.files import (
+    REPORTS,
+    VIDEOS,
+    holds_run,
+    list_videos,
+    lock_directory,
+    make_folder,
+    write_file,
+)
+from minitouch_bench.policies.isolation.options import Isolation, isolation_options
+from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
+from minitouch_bench.reporting import writers
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.results import TaskResult
 from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.tasks.objects import Objects
-from minitouch_bench.workflows import SILENT, UNSEEN, Callbacks, TrainingProgress, options, playing
-from minitouch_bench.workflows.options import StrPath, Words
+
+if TYPE_CHECKING:
+    from minitouch_bench.agents.training_directory import TrainingProgress
 
 __all__ = ["Run", "TaskResult", "compare", "evaluate", "load_run", "make", "train"]
 
@@ -67,7 +78,7 @@ def evaluate(
     video: int = 0,
     resume: bool = False,
     fresh: bool = False,
-    workers: int | str | None = options.AUTO,
+    workers: int | str | None = AUTO,
     engine: str = "local",
     address: str | None = None,
     isolation: str = Isolation.SANDBOX.value,
@@ -91,15 +102,15 @@ def evaluate(
         raise UsageError("resume, fresh and video need a directory: give an output")
     if video:
         require_video()
-    opening = open_engine(options.engine_options(engine, workers, address))
-    isolated = options.isolation_options(isolation, trust, act_timeout, episode_timeout)
+    opening = open_engine(engine_options(engine, workers, address))
+    isolated = isolation_options(isolation, trust, act_timeout, episode_timeout)
     plan = make_plan(
         suite,
-        None if tasks is None else options.words(tasks),
+        None if tasks is None else words(tasks),
         episodes,
         seed,
         episodes_from or (),
-        conditions=parse_conditions(options.words(without), options.words(perturb)),
+        conditions=parse_conditions(words(without), words(perturb)),
         limits=isolated.limits,
     )
     setup = prepare_policies(
@@ -107,15 +118,24 @@ def evaluate(
     )
     if output is None:
         with opening as running:
-            return playing.play(setup, Journal(header_of(setup)), running, callbacks)
+            return play(setup, Journal(header_of(setup)), running, callbacks)
     directory = REPORTS / run_name(setup) if str(output) == AUTO_OUTPUT else Path(output)
     with opening as running, lock_directory(directory):
         if resume and not holds_run(directory):
             callbacks.note(f"no run to resume in {directory}: starting a new one")
         opened = open_run(setup, directory, resume=resume, fresh=fresh)
-        run = playing.play(setup, opened, running, callbacks)
-        playing.write_views(run, directory, video)
+        run = play(setup, opened, running, callbacks)
+        _write_views(run, directory, video)
     return run
+
+
+def _write_views(run: Run, directory: Path, video: int = 0) -> None:
+    """Write the report, the episodes, and videos of the first ``video`` episodes of each task."""
+    for spec in run.header.specs():
+        if spec.index < video:
+            file = make_folder(directory / VIDEOS) / video_name(spec.key)
+            write_video(spec, run.actions_of(spec.key), file, run.plan.conditions)
+    writers.write_views(run, directory, list_videos(directory))
 
 
 def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
@@ -159,7 +179,7 @@ def train(
     output: StrPath | None = None,
     resume: bool = False,
     device: str = "auto",
-    callbacks: TrainingProgress = UNSEEN,
+    callbacks: "TrainingProgress | None" = None,
 ) -> Path:
     """Train a learner in two phases: curiosity alone, then the task.
 
@@ -172,7 +192,7 @@ def train(
     """
     # Not at the top: an evaluation needs neither.
     from minitouch_bench.agents.config import apply_settings, make_config  # noqa: PLC0415
-    from minitouch_bench.workflows.training import run_training  # noqa: PLC0415
+    from minitouch_bench.agents.training_directory import NO_CALLBACKS, run_training  # noqa: PLC0415
 
     given = {
         "method": method,
@@ -187,6 +207,7 @@ def train(
     asked = apply_settings(base, changes)
     usual = TRAININGS / f"{asked.task}-{asked.method}-{asked.seed}"
     directory = usual if output is None else Path(output)
+    callbacks = callbacks or NO_CALLBACKS
     callbacks.begin(asked.steps)
     if not run_training(asked, directory, resume=resume, device=device, callbacks=callbacks):
         raise InterruptedRunError(

@@ -5,9 +5,11 @@ against 95 ms and 30 ms more to build the reader, and a ``run.json`` of 1,200 ep
 2.7 ms against 4.0 ms. What pydantic does better: it lists all faults, msgspec stops at the first.
 """
 
+import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, is_dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -18,6 +20,10 @@ from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import MIB, os_errors_as, read_file
 
 Document = TypeVar("Document")
+
+StrPath = str | PathLike[str]
+Words = str | Sequence[str]
+"""A list, or a text with commas."""
 
 SHOWN = 200
 """Characters of a fault; a stranger's text never fills the screen."""
@@ -183,3 +189,22 @@ def _unknown_keys(table: Any, known: Any, path: str) -> Iterator[str]:
 def write_toml(document: object) -> str:
     """Write a record as TOML."""
     return tomli_w.dumps(plain(document))
+
+
+def words(given: Iterable[object] | None) -> tuple[str, ...]:
+    """Return the words of a list, or of a text with commas, in order."""
+    listed = given.split(",") if isinstance(given, str) else given or ()
+    return tuple(word for one in listed if (word := str(one).strip()))
+
+
+def whole_numbers(option: str, given: str | None) -> tuple[int, ...]:
+    """Return the whole numbers of a text with commas.
+
+    Raises:
+        UsageError: one of its words is not a whole number.
+    """
+    numbers = words(given)
+    for word in numbers:
+        if not re.fullmatch("[0-9]{1,15}", word):
+            raise UsageError(f"{option} is a list of whole numbers, not '{word}'")
+    return tuple(map(int, numbers))

@@ -45,6 +45,9 @@ RUN_ENTRIES = frozenset({*RUN_FILES, VIDEOS})
 LARGEST_FILE = 64 * MIB
 """The most that is read of a file at once, where no other limit is given."""
 
+ENTRY_MARK = b"PK\x01\x02"
+"""What each entry of a ZIP file's list begins with."""
+
 LARGEST_CHECKPOINT = GIB
 """The most bytes of a checkpoint, given as a file, inside an archive, or by a hub."""
 

@@ -1,8 +1,9 @@
-"""Imports go leftwards only, in the order that the project's layout gives."""
+"""The house has nine floors: imports go down, and never between rooms of one floor."""
 
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -10,48 +11,25 @@ import pytest
 import minitouch_bench
 
 PACKAGE = Path(minitouch_bench.__file__).parent
-BASE = {
-    "conditions",
-    "records",
-    "errors",
-    "optional",
-    "files",
-    "machine",
-    "cache",
-    "processes",
-    "documents",
-}
-LAYERS = (
-    "protocol",
-    "metrics",
-    "simulation",
-    "shapegen",
-    "tasks",
-    "policies",
-    "runs",
-    "agents",
-    "evaluation",
-    "reporting",
-    "regression",
-    "verification",
-    "leaderboard",
-    "workflows",
-    "api",
-    "cli",
-    "commands",
-    "application",
+GROUND = {
+    "cache", "conditions", "documents", "errors", "files", "machine", "optional", "processes",
+    "protocol", "records",
+}  # fmt: skip
+"""Rooms that may import one another, as long as their files make no circle."""
+
+FLOORS = (
+    GROUND,
+    {"simulation"},
+    {"shapegen", "metrics"},
+    {"tasks"},
+    {"runs", "policies"},
+    {"evaluation", "reporting"},
+    {"verification", "comparison", "agents"},
+    {"leaderboard", "api", "cli"},
+    {"commands"},
 )
-SHARED = {"__init__", "options", "playing", "results", "training"}
-"""What the Python interface needs of workflows/; the other modules there are a command each."""
-
-TERMINAL = {"__init__", "command", "console", "progress"}
-"""What commands need of cli/; the other modules there are the application and its groups."""
-
-REPORT_LAYERS = {"protocol", "metrics", "runs", "reporting", "regression"}
-"""They read files of a run, and draw without a simulator or torch.
-
-Runs also need the shapes and the limits of policies, which load neither.
-"""
+DOORS = {"__init__": {"protocol", "errors", "api"}, "__main__": {"errors", "commands"}}
+"""What opens the house, and the rooms that each door leads to."""
 
 SIMULATOR_FILES = {"simulation/client.py", "simulation/bullet.py"}
 
@@ -60,10 +38,11 @@ def modules():
     return {path.relative_to(PACKAGE).as_posix(): path for path in sorted(PACKAGE.rglob("*.py"))}
 
 
-def imported_names(path):
-    """Return every imported module, at the top or inside functions, in full."""
+def imported_names(path, *, at_top=False):
+    """Return every imported module, at the top or also inside functions, in full."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in tree.body if at_top else ast.walk(tree):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -73,57 +52,45 @@ def imported_names(path):
     return found
 
 
-def layer_of(relative):
-    package, _, module = relative.removesuffix(".py").partition("/")
-    if package == "workflows" and module not in SHARED:
-        return "commands"
-    if package == "cli" and module not in TERMINAL:
-        return "application"
-    return package
+def room_of(relative):
+    return relative.split("/")[0].removesuffix(".py")
 
 
-def inner_layers(path):
-    """Return the layers of ours that a module imports."""
-    own = {name.split(".", 1)[1] for name in imported_names(path) if is_ours(name)}
-    files = {f"{name.replace('.', '/')}{end}" for name in own for end in (".py", "/__init__.py")}
-    return {layer_of(file) for file in files & set(MODULES)}
-
-
-def is_ours(name):
-    return name.startswith("minitouch_bench.")
+def imported_files(path, **options):
+    """Return the files of ours that a module imports."""
+    own = {
+        name.split(".", 1)[1].replace(".", "/")
+        for name in imported_names(path, **options)
+        if name.startswith("minitouch_bench.")
+    }
+    return {f"{name}{end}" for name in own for end in (".py", "/__init__.py")} & set(MODULES)
 
 
 MODULES = modules()
 
 
-def test_every_module_is_in_a_known_layer():
-    known = BASE | set(LAYERS) | {"__init__"}
-    assert {layer_of(relative) for relative in MODULES} <= known
+def test_every_module_is_in_a_known_room():
+    known = set().union(*FLOORS, DOORS)
+    assert {room_of(relative) for relative in MODULES} == known
 
 
 @pytest.mark.parametrize("relative", MODULES)
-def test_imports_go_leftwards_only(relative):
-    layer, imported = layer_of(relative), inner_layers(MODULES[relative])
-    if layer in BASE:
-        allowed = BASE
-    elif layer == "__init__":
-        allowed = BASE | {"protocol", "api"}
-    elif layer in REPORT_LAYERS - {"runs"}:
-        allowed = BASE | {one for one in REPORT_LAYERS if LAYERS.index(one) <= LAYERS.index(layer)}
+def test_imports_go_down(relative):
+    room = room_of(relative)
+    imported = {room_of(file) for file in imported_files(MODULES[relative])} - {room, "__init__"}
+    if room in DOORS:
+        allowed = DOORS[room]
+    elif room in GROUND:
+        allowed = GROUND
     else:
-        allowed = BASE | set(LAYERS[: LAYERS.index(layer) + 1])
+        floor = next(i for i, rooms in enumerate(FLOORS) if room in rooms)
+        allowed = set().union(*FLOORS[:floor])
     assert imported <= allowed, f"{relative} imports {sorted(imported - allowed)}"
 
 
-def test_the_base_imports_nothing_but_the_base_of_ours():
-    for name in BASE:
-        assert inner_layers(PACKAGE / f"{name}.py") <= BASE
-
-
-def test_the_protocol_names_no_agent():
-    for relative, path in MODULES.items():
-        if layer_of(relative) == "protocol":
-            assert "agents" not in inner_layers(path), relative
+def test_no_file_imports_itself_through_others():
+    graph = {name: imported_files(path, at_top=True) - {name} for name, path in MODULES.items()}
+    TopologicalSorter(graph).prepare()  # raises CycleError, which names the files
 
 
 def test_only_the_simulation_knows_pybullet():
@@ -155,7 +122,7 @@ def loaded_by(module):
         "minitouch_bench",
         "minitouch_bench.records",
         "minitouch_bench.reporting",
-        "minitouch_bench.regression",
+        "minitouch_bench.comparison",
     ],
 )
 def test_reports_are_drawn_without_torch_or_the_simulator(module):
@@ -175,4 +142,4 @@ def test_a_worker_has_the_simulator_and_no_torch():
 def test_the_command_line_loads_what_a_command_needs_when_it_runs():
     heavy = {"torch", "pybullet", "matplotlib", "pandas", "scipy", "trimesh", "coacd", "jinja2"}
     heavy |= {"markdown_it", "pygments"}
-    assert not loaded_by("minitouch_bench.cli.app") & heavy
+    assert not loaded_by("minitouch_bench.commands.app") & heavy

@@ -39,7 +39,7 @@ def elsewhere(tmp_path):
 
     def run(*arguments):
         return subprocess.run(
-            [sys.executable, "-m", "minitouch_bench.cli.entry", *arguments],
+            [sys.executable, "-m", "minitouch_bench", *arguments],
             cwd=tmp_path / "work",
             env={**os.environ, "PYTHONPATH": str(folder)},
             capture_output=True,
@@ -62,7 +62,7 @@ def test_a_run_in_a_process_has_the_same_digest_and_is_unofficial(elsewhere, tmp
     episodes = ("evaluate", "random", "--tasks", "pushing", "--episodes", "2", "--workers", "2")
     done = elsewhere(*episodes, "--isolation", "process", "--output", "run")
     assert done.returncode == 0, done.stderr
-    here = [sys.executable, "-m", "minitouch_bench.cli.entry", *episodes, "--output", "here"]
+    here = [sys.executable, "-m", "minitouch_bench", *episodes, "--output", "here"]
     subprocess.run(here, cwd=tmp_path, check=True, capture_output=True)
     found = json.loads((tmp_path / "work" / "run" / "run.json").read_text())
     expected = json.loads((tmp_path / "here" / "run.json").read_text())
@@ -89,7 +89,7 @@ def test_how_a_policys_process_ended_is_known():
     assert said.splitlines() == ["(7, False) (0, False)", "(-9, True) (0, False)"]
 
 
-@pytest.mark.parametrize("module", ["api", "workflows.train", "verification.doctor"])
+@pytest.mark.parametrize("module", ["api", "commands.train", "verification.doctor"])
 def test_everything_is_imported(module):
     # torch here is a build for Linux, and loads its libraries by the system's name.
     done = subprocess.run(

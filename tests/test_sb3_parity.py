@@ -58,7 +58,7 @@ def exports(tmp_path_factory):
 
 def evaluate(folder, suffix):
     subprocess.run(
-        [sys.executable, "-m", "minitouch_bench.cli.entry", "evaluate", f"actor{suffix}",
+        [sys.executable, "-m", "minitouch_bench", "evaluate", f"actor{suffix}",
          "--tasks", "pushing", "--episodes", "4", "--output", f"run{suffix}"],
         cwd=folder, check=True, capture_output=True,
     )  # fmt: skip

@@ -123,7 +123,7 @@ def test_the_smoke_suite_has_the_digests_of_the_clone(command, policy, tmp_path)
     smoke = ("evaluate", policy, "--suite", "smoke", "--workers", "auto", "--fresh")
     done, place = command(*smoke, "--output", policy)
     assert done.returncode == 0, done.stderr
-    here = [sys.executable, "-m", "minitouch_bench.cli.entry", *smoke, "--output", policy]
+    here = [sys.executable, "-m", "minitouch_bench", *smoke, "--output", policy]
     subprocess.run(here, check=True, cwd=tmp_path, capture_output=True)
     documents = [json.loads((at / policy / "run.json").read_text()) for at in (place, tmp_path)]
     assert documents[0]["digest"] == documents[1]["digest"]

@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-COMMAND = (sys.executable, "-m", "minitouch_bench.cli.entry", "leaderboard")
+COMMAND = (sys.executable, "-m", "minitouch_bench", "leaderboard")
 
 OUTCOMES = {0: "valid", 1: "refused", 5: "not finished", 6: "not readable"}
 """What the exit codes of ``leaderboard validate`` mean; any other is a fault of the program."""

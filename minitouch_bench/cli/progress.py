@@ -18,12 +18,13 @@ from rich.progress import (
 from rich.table import Column
 
 from minitouch_bench.cli.console import note, notes
+from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import EpisodeRecord, Outcome, Role
-from minitouch_bench.workflows import Callbacks, TrainingProgress
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training import ProgressRow
+    from minitouch_bench.agents.training_directory import TrainingProgress
 
 LINE_INTERVAL_S = 60.0
 """Seconds between two lines of progress where no terminal shows a bar."""
@@ -129,8 +130,10 @@ def count_progress(label: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
-def training_progress() -> Iterator[TrainingProgress]:
+def training_progress() -> Iterator["TrainingProgress"]:
     """Show a training on the screen, and end it between two steps after a Ctrl-C."""
+    from minitouch_bench.agents.training_directory import TrainingProgress
+
     lines, bar = _Lines(notes), _make_bars()
     with _interrupts() as interrupts, bar:
 

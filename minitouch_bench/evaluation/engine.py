@@ -29,6 +29,10 @@ class Engine(Protocol):
         """
 
 
+MAX_WORKERS = 1024
+AUTO = "auto"
+
+
 @dataclass(frozen=True)
 class EngineOptions:
     """Which engine to open. ``workers`` None: one per core; ``address``: of a cluster."""
@@ -37,6 +41,25 @@ class EngineOptions:
     workers: int | None = None
     address: str | None = None
 
+
+def ignore(*_: object) -> None:
+    """Do nothing."""
+
+
+@dataclass(frozen=True)
+class Callbacks:
+    """Functions that an evaluation calls while it runs; each does nothing by default.
+
+    ``note`` takes one line for the user. ``phase`` takes what begins now, in a word or two, and
+    its number of episodes; ``episode`` takes each episode of the phase as it ends.
+    """
+
+    note: Callable[[str], None] = ignore
+    phase: Callable[[str, int], None] = ignore
+    episode: Callable[[EpisodeRecord], None] = ignore
+
+
+SILENT = Callbacks()
 
 Note = Callable[[str], None]
 """Takes one line for the user."""
@@ -82,3 +105,17 @@ def _find_module(options: EngineOptions) -> ModuleType:
         having = " or ".join(name for name, entry in ENGINES.items() if entry.address)
         raise UsageError(f"--address is for another engine: add --engine {having}")
     return import_module(f"{__package__}.{options.name}_engine")
+
+
+def engine_options(engine: str, workers: int | str | None, address: str | None) -> EngineOptions:
+    """Return the engine asked for; None and "auto" stand for one worker per core.
+
+    Raises:
+        UsageError: it is not such a number of workers.
+    """
+    if workers in (None, AUTO):
+        return EngineOptions(engine, None, address)
+    text = str(workers)
+    if not text.isdecimal() or not 1 <= int(text) <= MAX_WORKERS:
+        raise UsageError(f"--workers is a number from 1 to {MAX_WORKERS}, or auto, not '{text}'")
+    return EngineOptions(engine, int(text), address)

@@ -16,6 +16,7 @@ from pathlib import Path
 from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError
 from minitouch_bench.files import (
     CHECKPOINTS,
+    ENTRY_MARK,
     LARGEST_CHECKPOINT,
     SUBMISSION_FILE,
     os_errors_as,
@@ -45,8 +46,6 @@ MAX_RATIO = 100
 """Weights hardly shrink, and torch stores them unpacked."""
 
 MAX_MEMBERS = 10_000
-ENTRY_MARK = b"PK\x01\x02"
-"""What each entry of a ZIP file's list begins with."""
 
 SERVERS = ("http://", "https://")
 HUB = "hf://"

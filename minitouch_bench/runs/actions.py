@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import ACTIONS_FILE, KIB, write_file
-from minitouch_bench.policies.sources import ENTRY_MARK
+from minitouch_bench.files import ACTIONS_FILE, ENTRY_MARK, KIB, write_file
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 

@@ -7,10 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from minitouch_bench.conditions import STANDARD, Conditions
+from minitouch_bench.conditions import STANDARD, USUAL_LIMITS, Conditions, PolicyLimits
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
-from minitouch_bench.policies.isolation.options import USUAL_LIMITS, PolicyLimits
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.protocol.seeds import episode_seed, policy_seed, suite_generator
 from minitouch_bench.protocol.spec import CUBE, SuiteSpec

@@ -36,7 +36,7 @@ def start(directory, *options):
     with notes_of(directory).open("a") as notes:
         return subprocess.Popen(
             [
-                sys.executable, "-m", "minitouch_bench.cli.entry", "train", "opening",
+                sys.executable, "-m", "minitouch_bench", "train", "opening",
                 "--config", str(file), "--output", str(directory), "--device", "cpu", *options,
             ],
             stderr=notes, stdout=subprocess.DEVNULL,

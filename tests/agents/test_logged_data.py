@@ -13,9 +13,8 @@ from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
 from minitouch_bench.agents.logged_data import fill_from_log
 from minitouch_bench.agents.replay import Replay
+from minitouch_bench.agents.training_directory import TrainingProgress, run_training
 from minitouch_bench.errors import UsageError
-from minitouch_bench.workflows import TrainingProgress
-from minitouch_bench.workflows.training import run_training
 from tests.agents.logs import LENGTHS, write_log
 
 

@@ -12,11 +12,10 @@ from tensorboardX.proto import event_pb2
 import minitouch_bench as mt
 from minitouch_bench.agents import METHODS, training
 from minitouch_bench.agents.config import PhaseConfig
+from minitouch_bench.agents.training_directory import TrainingProgress, run_training
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.policies.native import load_native, save_native
 from minitouch_bench.policies.policy import Checkpoint
-from minitouch_bench.workflows import TrainingProgress
-from minitouch_bench.workflows.training import run_training
 from tests.agents.trainings import CONFIG, stop_at_once
 
 

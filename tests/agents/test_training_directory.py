@@ -11,13 +11,13 @@ import pytest
 import torch
 
 from minitouch_bench.agents import checkpoint, training
+from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import (
     InfrastructureError,
     MiniTouchError,
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.workflows.training import run_training
 from tests.agents.test_training import break_off, outcome
 from tests.agents.trainings import CONFIG, stop_at_once
 

@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
-from minitouch_bench.workflows import TrainingProgress
-from minitouch_bench.workflows.training import run_training
+from minitouch_bench.agents.training_directory import TrainingProgress, run_training
 
 CONFIG = TrainingConfig(
     "pushing",

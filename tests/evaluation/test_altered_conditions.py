@@ -5,6 +5,7 @@ import pybullet
 import pytest
 
 from minitouch_bench.api import evaluate
+from minitouch_bench.commands.verify import verify
 from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actors import AlteredSenses
@@ -12,7 +13,6 @@ from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.workflows.verify import verify
 
 ONE_WORKER = EngineOptions(workers=1)
 TRUSTED = IsolationOptions(Isolation.PROCESS, trust=True)

@@ -8,8 +8,9 @@ from minitouch_bench.errors import (
     UsageError,
 )
 from minitouch_bench.evaluation.actors import prepare_policies
+from minitouch_bench.evaluation.engine import Callbacks
+from minitouch_bench.evaluation.execution import header_of, open_run, package_versions
 from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.evaluation.run import header_of, open_run, package_versions
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.optional import installed_versions
 from minitouch_bench.policies.isolation.options import Isolation
@@ -19,7 +20,6 @@ from minitouch_bench.records import Outcome
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.simulation.bullet import BUILDS
-from minitouch_bench.workflows import Callbacks
 from tests.evaluation.runs import digests, request, run
 
 KEYS = ["pushing/0", "pushing/1", "opening/0", "opening/1", "pick-up/0", "pick-up/1"]
@@ -157,7 +157,7 @@ def test_ten_faults_are_a_whole_run_and_nine_are_no_reason(tmp_path, importable,
     assert len(run(wanted, tmp_path / "whole").episodes) == 10
     wanted = request("misbehaved:Hopeless", ("opening",), 11, isolation=Isolation.PROCESS)
     monkeypatch.setenv("FINE", str(wanted.plan.specs()[3].policy_seed))
-    monkeypatch.setattr("minitouch_bench.evaluation.run.HOPELESS_AFTER", 4)
+    monkeypatch.setattr("minitouch_bench.evaluation.execution.HOPELESS_AFTER", 4)
     assert len(run(wanted, tmp_path / "fine").episodes) == 11
 
 
@@ -181,7 +181,7 @@ def test_a_run_of_other_packages_is_not_resumed(tmp_path, monkeypatch):
     wanted = request("zero", ("opening",), 1)
     open_run(wanted, tmp_path, resume=False, fresh=False)
     monkeypatch.setattr(
-        "minitouch_bench.evaluation.run.package_versions", lambda: {"torch": "99.0"}
+        "minitouch_bench.evaluation.execution.package_versions", lambda: {"torch": "99.0"}
     )
     with pytest.raises(RunDirectoryError, match=r"torch \S+ there, 99\.0 here") as refused:
         open_run(wanted, tmp_path, resume=True, fresh=False)

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.evaluation.run import header_of, package_versions
+from minitouch_bench.evaluation.execution import header_of, package_versions
 from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.runs.journal import Journal

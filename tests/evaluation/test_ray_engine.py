@@ -22,8 +22,8 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import EngineOptions, open_engine
+from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.ray_engine import map_checkpoints, pack, unpack
-from minitouch_bench.evaluation.run import header_of
 from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.networks import TouchActor

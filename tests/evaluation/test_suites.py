@@ -3,10 +3,9 @@ from dataclasses import replace
 import pytest
 import typer
 
-from minitouch_bench.cli.app import app
-from minitouch_bench.conditions import Conditions
+from minitouch_bench.commands.app import app
+from minitouch_bench.conditions import Conditions, PolicyLimits
 from minitouch_bench.errors import UsageError
-from minitouch_bench.policies.isolation.options import PolicyLimits
 from minitouch_bench.policies.sources import identify, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.records import IN_MEMORY, Role

@@ -28,14 +28,14 @@ register_metric(
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.leaderboard.build import build_board
-from minitouch_bench.regression.comparison import (
+from minitouch_bench.comparison.comparison import (
     compare_runs,
     comparison_json,
     comparison_text,
 )
-from minitouch_bench.regression.gate import judge_runs
-from minitouch_bench.regression.settings import GateSettings
-from minitouch_bench.regression.writers import gate_markdown
+from minitouch_bench.comparison.gate import judge_runs
+from minitouch_bench.comparison.settings import GateSettings
+from minitouch_bench.comparison.writers import gate_markdown
 from minitouch_bench.reporting.formats import as_markdown
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.writers import report_blocks, table4_latex, to_html

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from minitouch_bench.conditions import PolicyLimits
 from minitouch_bench.errors import (
     CheckpointChangedError,
     InfrastructureError,
@@ -24,7 +25,7 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.policies.connection import EpisodeChannel, HostConnection
 from minitouch_bench.policies.isolate import try_policy
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import PolicySource, parse_source

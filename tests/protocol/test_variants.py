@@ -2,7 +2,7 @@
 
 import json
 
-from minitouch_bench.policies.isolation.options import PolicyLimits
+from minitouch_bench.conditions import PolicyLimits
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from tests.altered import copy_package, edit, python
 
@@ -15,7 +15,7 @@ MAKE_POLICY = """
 import sys
 from pathlib import Path
 import minitouch_bench as mt
-from minitouch_bench.policies.isolation.options import PolicyLimits
+from minitouch_bench.conditions import PolicyLimits
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 environment = mt.make("playing")
@@ -35,7 +35,7 @@ def test_a_variant_is_a_change_of_the_protocol_alone(tmp_path):
         edit(package / "protocol" / name, change)
     python(package, tmp_path, "-c", MAKE_POLICY)
     settings = ["--tasks", "playing", "--episodes", "1", "--workers", "1", "--output", "run"]
-    command = ["-m", "minitouch_bench.cli.entry", "evaluate", "policy.safetensors"]
+    command = ["-m", "minitouch_bench", "evaluate", "policy.safetensors"]
     python(package, tmp_path, *command, *settings)
     (episode,) = json.loads((tmp_path / "run" / "run.json").read_text())["episodes"]
     assert (episode["outcome"], episode["steps"]) == ("step_limit", 300)

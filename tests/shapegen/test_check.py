@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from minitouch_bench.cli.shapes import app
+from minitouch_bench.commands.shapes import app
 from minitouch_bench.shapegen.body_codec import digest
 from minitouch_bench.shapegen.check import check_set
 from minitouch_bench.shapegen.manifest import load_shape_set

@@ -90,7 +90,7 @@ def test_a_full_disk_keeps_what_was_made(tmp_path: Path, monkeypatch: pytest.Mon
 @pytest.mark.slow
 def test_workers_and_kill_nine_change_nothing(tmp_path: Path) -> None:
     one = generate(tmp_path / "one", 24, 0, 1).digest
-    command = [sys.executable, "-m", "minitouch_bench.cli.shapes", "generate", "--count", "24",
+    command = [sys.executable, "-m", "minitouch_bench.commands.shapes", "generate", "--count", "24",
                "--workers", "2", "--output", str(tmp_path / "two")]  # fmt: skip
     process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
     partial = tmp_path / "two/.partial"

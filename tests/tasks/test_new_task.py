@@ -64,7 +64,7 @@ def command(tmp_path_factory):
     add_the_task(package)
 
     def run(*arguments: str) -> str:
-        return python(package, root, "-m", "minitouch_bench.cli.entry", *arguments)
+        return python(package, root, "-m", "minitouch_bench", *arguments)
 
     picture = package / "reporting" / "pictures" / "peg.png"
     python(package, root, "-c", TAKE_PICTURE, str(picture))

@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from minitouch_bench.evaluation.engine import ignore
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import RUN_FILE, write_file
 from minitouch_bench.reporting.writers import write_views
@@ -10,7 +11,6 @@ from minitouch_bench.runs.run import run_json
 from minitouch_bench.verification.problems import Findings
 from minitouch_bench.verification.replay_check import replay_run
 from minitouch_bench.verification.static_check import check_run
-from minitouch_bench.workflows import ignore
 from tests.evaluation.runs import request, run
 
 WANTED = request("scripted", ("pushing", "opening"), 2, exploration="scripted")

@@ -26,9 +26,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import typer
 
+from minitouch_bench.commands.report import report
+from minitouch_bench.comparison.comparison import compare_runs
 from minitouch_bench.errors import MiniTouchError
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.run import header_of, open_run
+from minitouch_bench.evaluation.execution import header_of, open_run
 from minitouch_bench.files import (
     ACTIONS_FILE,
     GIB,
@@ -43,13 +45,11 @@ from minitouch_bench.leaderboard.packing import copy_run
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EpisodeRecord
-from minitouch_bench.regression.comparison import compare_runs
 from minitouch_bench.reporting.writers import write_views
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import RunEnvironment, make_run, read_run, run_json
-from minitouch_bench.workflows.report import report
 from tests.leaderboard.synthetic import make_submission
 from tests.reporting.synthetic import make_record
 from tests.verification.conftest import verify_run

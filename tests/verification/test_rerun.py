@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from minitouch_bench.conditions import PolicyLimits
 from minitouch_bench.errors import UsageError
-from minitouch_bench.policies.isolation.options import PolicyLimits
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import Role
 from minitouch_bench.runs.run import read_run

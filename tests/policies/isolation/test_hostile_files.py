@@ -22,10 +22,11 @@ import pytest
 import safetensors.torch
 import torch
 
+from minitouch_bench.conditions import PolicyLimits
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.files import LARGEST_CHECKPOINT
 from minitouch_bench.policies.isolate import isolate, try_policy
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, PolicyLimits
+from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import ENTRY_MARK, parse_source

@@ -30,7 +30,7 @@ seccomp.install([
     (seccomp.LOAD, 0, 0, 16), (seccomp.IF_EQUAL, 0, 1, argument),
     (seccomp.RETURN, 0, 0, seccomp.ERRNO | errno.EINVAL), (seccomp.RETURN, 0, 0, 0x7FFF0000),
 ])
-os.execv(sys.executable, [sys.executable, "-m", "minitouch_bench.cli.entry", *sys.argv[3:]])
+os.execv(sys.executable, [sys.executable, "-m", "minitouch_bench", *sys.argv[3:]])
 """
 """A kernel without a call, or without one option of it; then the command line."""
 

@@ -1,0 +1,263 @@
+"""Train a learner in a directory, evaluated as it goes under the protocol's own rollout."""
+
+import os
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from minitouch_bench import files
+from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_recorded_config
+from minitouch_bench.agents.training import Evaluation, ProgressRow, Training, TrainingCallbacks
+from minitouch_bench.documents import write_toml
+from minitouch_bench.errors import (
+    InfrastructureError,
+    InvalidActionError,
+    MissingExtraError,
+    RunDirectoryError,
+    UsageError,
+)
+from minitouch_bench.evaluation.actors import PolicyActor
+from minitouch_bench.evaluation.engine import Note, ignore
+from minitouch_bench.evaluation.rollout import run_episode
+from minitouch_bench.optional import require
+from minitouch_bench.policies.native import NativePolicy
+from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.policies.sources import KEPT_FILE, TRAINED_FILE
+from minitouch_bench.processes import keep_freed_memory
+from minitouch_bench.records import Outcome
+from minitouch_bench.reporting.training_page import training_page
+from minitouch_bench.runs.plan import Suite
+from minitouch_bench.tasks.environment import MiniTouchEnv
+
+
+@dataclass(frozen=True)
+class TrainingProgress:
+    """Functions that a training calls while it runs; each does nothing by default.
+
+    ``note`` takes one line for the user. ``begin`` takes the control steps of both phases; ``row``
+    takes each row of ``progress.csv``. ``should_stop`` is asked before each control step.
+    """
+
+    note: Callable[[str], None] = ignore
+    begin: Callable[[int], None] = ignore
+    row: Callable[[ProgressRow], None] = ignore
+    should_stop: Callable[[], bool] = lambda: False
+
+
+NO_CALLBACKS = TrainingProgress()
+
+EVALUATION_SUITE = "training"
+"""Seeds the episodes of a training's evaluations; no suite has this name."""
+
+EVENTS_DIRECTORY = "events"
+
+
+def run_training(
+    config: TrainingConfig,
+    directory: Path,
+    *,
+    resume: bool = False,
+    device: str = "auto",
+    callbacks: TrainingProgress = NO_CALLBACKS,
+) -> bool:
+    """Train to the end and return True, or False where it was asked to stop before.
+
+    ``device``: "auto", "cpu" or "cuda".
+
+    Raises:
+        UsageError: no such device, or settings with which the training diverges.
+        RunDirectoryError: the directory is in use, is not empty and ``resume`` was not asked for,
+            contains another training, or its checkpoint is damaged.
+        InfrastructureError: a file cannot be written; the training can be resumed.
+    """
+    chosen = choose_device(device)
+    keep_freed_memory()
+    torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
+    with files.lock_directory(directory), ExitStack() as stack:
+        _check_directory(config, directory, resume, callbacks.note)
+        environment = MiniTouchEnv(
+            config.task, config.objects or None, max_steps=config.episode_steps or None
+        )
+        stack.callback(environment.close)
+        evaluator = TrainingEvaluator(config)
+        stack.callback(evaluator.close)
+
+        def on_row(row: ProgressRow) -> None:
+            callbacks.row(row)
+            if events is not None:
+                events.add(row)
+
+        watched = TrainingCallbacks(evaluator.evaluate, on_row, callbacks.should_stop)
+        training = Training(config, environment, directory, watched, chosen)
+        training.start()
+        files.write_file(directory / CONFIG_FILE, write_toml(config))
+        events = _open_events(directory, callbacks.note)
+        if events is not None:
+            stack.callback(events.close)
+        finished = _run(training, directory)
+        if (directory / files.PROGRESS_FILE).exists():  # there is a row to draw
+            files.write_file(directory / files.REPORT_PAGE, training_page(directory))
+    return finished
+
+
+def _run(training: Training, directory: Path) -> bool:
+    """Train; where a file cannot be written, say what is kept and how to go on.
+
+    Raises:
+        InfrastructureError: a file cannot be written.
+        UsageError: the networks no longer give numbers.
+    """
+    try:
+        return training.run()
+    except InvalidActionError as error:
+        raise UsageError(
+            f"the training diverged after step {training.step}: {error}.\n"
+            "Set a smaller learning_rate or reward_scale, and another --output"
+        ) from error
+    except RunDirectoryError as error:
+        kept = training.kept_step
+        if kept is None:
+            advice = "There is no checkpoint yet; the same command with --resume begins again"
+        else:
+            advice = (
+                f"The checkpoint of step {kept} is kept in {directory}; once there is room, the "
+                "same command with --resume continues"
+            )
+        raise InfrastructureError(f"{error}\n{advice}") from error
+
+
+class _Events:
+    """TensorBoard's events of one training, each in its file before the next control step.
+
+    tensorboardX's ``SummaryWriter`` writes in a thread, which ends with a traceback and leaves the
+    training waiting where the disk is full; the writer below it has none.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._proto = require("tensorboardX.proto.event_pb2", "train")
+        self._summary = require("tensorboardX.proto.summary_pb2", "train").Summary
+        writers = require("tensorboardX.event_file_writer", "train")
+        self._folder = files.make_folder(folder).absolute()
+        with files.os_errors_as(RunDirectoryError, self._folder, "written"):
+            self._writer = writers.EventsWriter(str(self._folder / "events"))
+
+    def add(self, row: ProgressRow) -> None:
+        """Write every number of a row as a scalar at its control step.
+
+        Raises:
+            RunDirectoryError: the disk is full.
+        """
+        scalars = [
+            self._summary.Value(tag=f"{row.phase}/{name}", simple_value=value)
+            for name, value in asdict(row).items()
+            if name != "step" and isinstance(value, float | int)
+        ]
+        event = self._proto.Event(
+            wall_time=time.time(), step=row.step, summary=self._summary(value=scalars)
+        )
+        with files.os_errors_as(RunDirectoryError, self._folder, "written"):
+            self._writer.write_event(event)
+            self._writer.flush()
+
+    def close(self) -> None:
+        """Close the file; every row is in it already."""
+        with suppress(OSError):
+            self._writer.close()
+
+
+def _open_events(directory: Path, note: Note) -> _Events | None:
+    """Return the writer of a new file of events, None where its package is not installed."""
+    try:
+        return _Events(directory / EVENTS_DIRECTORY)
+    except MissingExtraError as error:
+        note(f"no TensorBoard events are written: {error}")
+        return None
+
+
+def choose_device(name: str) -> torch.device:
+    """Return the device called ``name``; "auto" prefers a GPU.
+
+    Raises:
+        UsageError: there is none of that name here.
+    """
+    found = torch.cuda.is_available()
+    if name not in ("auto", "cpu", "cuda") or (name == "cuda" and not found):
+        raise UsageError(f"no device '{name}' here; choose auto, cpu" + ", cuda" * found)
+    if name == "cpu" or not found:
+        return torch.device("cpu")
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # equal sums in every run
+    torch.backends.cudnn.deterministic = True
+    torch.backends.cudnn.benchmark = False
+    torch.set_float32_matmul_precision("high")
+    return torch.device("cuda")
+
+
+def _check_directory(config: TrainingConfig, directory: Path, resume: bool, note: Note) -> None:
+    """See that a directory is empty, or that the training in it is the one to resume.
+
+    Raises:
+        RunDirectoryError: the directory contains anything and ``resume`` was not asked for, or it
+            contains no training or one with other settings.
+    """
+    file = directory / CONFIG_FILE
+    entries = files.entries_of(directory)
+    if resume and CONFIG_FILE in entries:
+        known = read_recorded_config(file)
+        if config.is_longer_than(known):
+            _keep_policy(directory / TRAINED_FILE, known.steps)
+        elif config != known:
+            raise RunDirectoryError(
+                f"{file} has other settings than asked for; resume with the same ones, or with "
+                "more steps in the last phase"
+            )
+    elif entries:
+        more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""
+        advice = "continue the training in it with --resume, or choose another --output"
+        if CONFIG_FILE not in entries:
+            advice = "it contains no training; choose another --output"
+        raise RunDirectoryError(
+            f"{directory} is not empty: {entries[0]!a}{more}.\n{advice.capitalize()}"
+        )
+    elif resume:
+        note(f"{directory} contains no training yet: one is started")
+
+
+def _keep_policy(file: Path, steps: int) -> None:
+    """Name the policy of a training that is made longer by its steps: it is no longer the last."""
+    if os.path.lexists(file):
+        with files.os_errors_as(RunDirectoryError, file, "renamed"):
+            file.rename(file.with_name(KEPT_FILE.format(steps)))
+
+
+class TrainingEvaluator:
+    """Evaluate policies on the same few episodes each time, in a world of their own."""
+
+    def __init__(self, config: TrainingConfig) -> None:
+        suite = Suite(
+            EVALUATION_SUITE,
+            (config.task,),
+            config.evaluate_episodes,
+            rankable=False,
+            seed=config.seed,
+        )
+        self._specs = suite.episodes(exploration=False)
+        self._environment = MiniTouchEnv(config.task, None)
+
+    def evaluate(self, actor: TouchActor, deterministic: bool) -> Evaluation:
+        """Return the shares of success and touch over the episodes."""
+        records = [
+            run_episode(self._environment, PolicyActor(NativePolicy(actor, deterministic)), spec)
+            for spec in self._specs
+        ]
+        touched = np.concatenate([record.trace.contact_ticks > 0 for record in records])
+        success = np.mean([record.outcome is Outcome.SUCCESS for record in records])
+        return Evaluation(float(success), float(touched.mean()))
+
+    def close(self) -> None:
+        """Free the world."""
+        self._environment.close()

@@ -1,0 +1,128 @@
+"""The command ``evaluate``: run a policy through a suite, and print its Table 4."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from minitouch_bench.cli import options
+from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.cli.options import episodes_option, output_option
+from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.conditions import CHANGES, SENSES
+from minitouch_bench.errors import PolicyFaultError
+from minitouch_bench.evaluation.engine import AUTO
+from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
+
+SUITES = ", ".join(suite.name for suite in PROTOCOL.suites)
+
+
+def evaluate(
+    policy: options.Policy,
+    *,
+    suite: Annotated[str, episodes_option(help=f"{SUITES}.")] = PROTOCOL.suites[0].name,
+    name: Annotated[str | None, episodes_option(help="Name of the policy in reports.")] = None,
+    tasks: Annotated[
+        str | None,
+        episodes_option(metavar="A,B", help="Only these tasks of the suite; unofficial."),
+    ] = None,
+    exploration: options.Exploration = None,
+    episodes: Annotated[
+        int | None,
+        episodes_option(
+            metavar="N",
+            min=1,
+            max=MAX_EPISODES,
+            help="Episodes per task; another number than the suite's is unofficial.",
+        ),
+    ] = None,
+    episodes_from: Annotated[
+        list[str] | None,
+        episodes_option(
+            metavar="TASK/N,N",
+            help="Only these episodes, as in pushing/3,17; repeat it for several tasks; "
+            "unofficial.",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        episodes_option(metavar="N", min=0, help="Seed in place of the suite's; unofficial."),
+    ] = None,
+    without: Annotated[
+        str | None,
+        episodes_option(
+            metavar="A,B",
+            help=f"Senses that stay as at the reset: {', '.join(SENSES)}; unofficial.",
+        ),
+    ] = None,
+    perturb: Annotated[
+        str | None,
+        episodes_option(
+            metavar="A=X,B=X:Y",
+            help=f"{', '.join(CHANGES)}: see docs/how-to/robustness.md; unofficial.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        output_option(metavar="DIR", help="Directory of the run; by default reports/POLICY-SUITE."),
+    ] = None,
+    video: Annotated[
+        int,
+        output_option(
+            metavar="N", min=0, help="Record videos of the first N episodes of each task."
+        ),
+    ] = 0,
+    resume: options.Resume = False,
+    fresh: options.Fresh = False,
+    as_json: Annotated[
+        bool, output_option("--json", help="Print run.json in place of the tables.")
+    ] = False,
+    workers: options.Workers = AUTO,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
+    isolation: options.IsolationLevel = Isolation.SANDBOX.value,
+    trust: options.Trust = False,
+    act_timeout: options.ActTimeout = ACT_TIMEOUT_S,
+    episode_timeout: options.EpisodeTimeout = EPISODE_TIMEOUT_S,
+) -> None:
+    """Run a policy through a suite and write its Table-4 report."""
+    from minitouch_bench import api
+    from minitouch_bench.reporting.report import build_report
+    from minitouch_bench.reporting.writers import show_report
+    from minitouch_bench.runs.run import run_json
+
+    with EpisodeProgress() as callbacks:
+        run = api.evaluate(
+            policy,
+            suite,
+            name=name,
+            tasks=tasks,
+            exploration=exploration,
+            episodes=episodes,
+            episodes_from=episodes_from or (),
+            seed=seed,
+            without=without,
+            perturb=perturb,
+            output=api.AUTO_OUTPUT if output is None else output,
+            video=video,
+            resume=resume,
+            fresh=fresh,
+            workers=workers,
+            engine=engine,
+            address=address,
+            isolation=isolation,
+            trust=trust,
+            act_timeout=act_timeout,
+            episode_timeout=episode_timeout,
+            callbacks=callbacks,
+        )
+    if as_json:
+        print(run_json(run).decode(), end="")
+    else:
+        show_report(build_report([run]), data_console())
+    assert run.directory is not None
+    note(f"report: {run.directory / 'report.html'}")
+    if run.faults:
+        raise typer.Exit(PolicyFaultError.exit_code)

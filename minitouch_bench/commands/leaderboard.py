@@ -1,0 +1,112 @@
+"""``minitouch-bench leaderboard``: check submissions, and build the leaderboard."""
+
+import os
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from minitouch_bench.cli import options
+from minitouch_bench.cli.command import Command, make_group
+from minitouch_bench.cli.console import note, print_problems
+from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.errors import (
+    CHECK_FAILED,
+    IncompleteCheckError,
+    RunDirectoryError,
+    UsageError,
+    printable,
+)
+from minitouch_bench.evaluation.engine import AUTO, engine_options
+from minitouch_bench.files import REPORTS, SUBMISSIONS, os_errors_as
+
+app = make_group(help="Check submissions and build the leaderboard.")
+
+
+@app.command(
+    cls=Command, epilog="Example: minitouch-bench leaderboard validate submissions/hac --prove"
+)
+def validate(
+    directories: Annotated[
+        list[Path], typer.Argument(metavar="DIR", help="Directories of submissions.")
+    ],
+    *,
+    prove: Annotated[
+        bool,
+        typer.Option(
+            "--prove",
+            help="Also replay every recorded action, run 20 sampled episodes of each policy again "
+            "with its checkpoint and 50 new episodes per task, and write the proof that the "
+            "leaderboard shows.",
+        ),
+    ] = False,
+    workers: options.Workers = AUTO,
+) -> None:
+    """Check submissions without trusting them; exit 1 with every problem and how to correct it.
+
+    A submission that cannot be read, or whose check cannot be finished, does not stop the others.
+    """
+    from minitouch_bench.evaluation.engine import open_engine
+    from minitouch_bench.leaderboard import proving, validation
+
+    for place in directories:
+        with os_errors_as(UsageError, place, "read"):
+            if not stat.S_ISDIR(os.stat(place).st_mode):
+                raise UsageError(f"{place} is not a directory; give a submission's directory")
+    opening = engine_options("local", workers, None)
+    results = []
+    for place in directories:
+        found = validation.validate(place)
+        if prove and found.passed:
+            with EpisodeProgress() as callbacks, open_engine(opening) as engine:
+                callbacks.phase("proof", proving.count_episodes(found))
+                found = proving.prove(found, engine, callbacks.episode)
+        results.append(found)
+        _show(found)
+    valid = sum(found.passed for found in results)
+    note(f"{valid} of {len(results)} valid")
+    if any(not problem.is_unchecked for found in results for problem in found.problems):
+        raise typer.Exit(CHECK_FAILED)
+    if valid < len(results):
+        is_incomplete = any(isinstance(found.error, IncompleteCheckError) for found in results)
+        unchecked = IncompleteCheckError if is_incomplete else RunDirectoryError
+        raise typer.Exit(unchecked.exit_code)
+
+
+def _show(found: "SubmissionFindings") -> None:
+    """Print a submission's problems, or its level of proof."""
+    print_problems(found.name, filter(None, (found.error, *found.problems)))
+    name = printable(found.name)
+    if found.withdrawn:
+        print(f"{name}: its proof ({found.withdrawn}) is withdrawn")
+    if found.passed:
+        print(f"{name}: valid, {found.level}")
+
+
+@app.command(cls=Command, epilog="Example: minitouch-bench leaderboard build --output site")
+def build(
+    submissions: Annotated[Path, typer.Option(help="Directory of all submissions.")] = SUBMISSIONS,
+    output: Annotated[Path, typer.Option(help="Directory of the leaderboard.")] = REPORTS
+    / "leaderboard",
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit 1 if any submission is refused.")
+    ] = False,
+) -> None:
+    """Write the leaderboard as Markdown, CSV, JSON and a site that opens offline."""
+    from minitouch_bench.leaderboard.build import build_board
+
+    board = build_board(submissions, output, note)
+    for refusal in board.refused:
+        print_problems(refusal.name, refusal.reasons)
+    note(
+        f"{len(board.ranked)} ranked, {len(board.other_protocol)} of another protocol, "
+        f"{len(board.refused)} refused"
+    )
+    print(output / "index.html")
+    if strict and board.refused:
+        raise typer.Exit(CHECK_FAILED)
+
+
+if TYPE_CHECKING:
+    from minitouch_bench.leaderboard.validation import SubmissionFindings

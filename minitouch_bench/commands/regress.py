@@ -1,0 +1,202 @@
+"""The command ``regress``: compare a candidate with its baseline, and exit 1 if it is worse."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from minitouch_bench.cli import options
+from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.cli.options import output_option
+from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.evaluation.engine import AUTO, engine_options
+from minitouch_bench.files import ACTIONS_FILE, REPORTS, append_bytes, lock_directory, write_file
+from minitouch_bench.policies.isolation.options import Isolation, isolation_options
+from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
+
+if TYPE_CHECKING:
+    from minitouch_bench.comparison.settings import GateSettings
+    from minitouch_bench.evaluation.actors import PolicySetup
+    from minitouch_bench.policies.isolation.options import IsolationOptions
+    from minitouch_bench.reporting.writers import write_views
+    from minitouch_bench.runs.run import Run
+
+GITHUB_SUMMARY = "GITHUB_STEP_SUMMARY"
+"""The variable in which a GitHub workflow names the file of a step's summary."""
+
+
+def regress(
+    policy: Annotated[
+        str | None,
+        typer.Argument(metavar="POLICY", help="Play this policy on the baseline's episodes."),
+    ] = None,
+    *,
+    baseline: Annotated[
+        Path, typer.Option(metavar="RUN", help="Directory of the run to compare with.")
+    ],
+    candidate: Annotated[
+        Path | None,
+        typer.Option(metavar="RUN", help="Directory of a finished run, in place of POLICY."),
+    ] = None,
+    metric: Annotated[
+        str | None,
+        typer.Option(
+            help="What decides: the mean of this metric over its tasks; by default success, in "
+            "Playing alone touch_share."
+        ),
+    ] = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X|X%",
+            help="How much worse the metric may get, such as 0.05 or 10%; the default depends on "
+            "the metric.",
+        ),
+    ] = None,
+    alpha: Annotated[
+        float,
+        typer.Option(metavar="X", help="Chance of a false regression, from 0.001 to 0.25."),
+    ] = 0.05,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Always fail if there are not enough episodes.")
+    ] = False,
+    lenient: Annotated[
+        bool, typer.Option("--lenient", help="Never fail if there are not enough episodes.")
+    ] = False,
+    workers: options.Workers = AUTO,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
+    output: Annotated[
+        Path | None,
+        output_option(
+            metavar="DIR",
+            help="Directory of POLICY's run; by default reports/POLICY-SUITE-regress.",
+        ),
+    ] = None,
+    resume: options.Resume = False,
+    fresh: options.Fresh = False,
+    isolation: options.IsolationLevel = Isolation.SANDBOX.value,
+    trust: options.Trust = False,
+    act_timeout: options.ActTimeout = ACT_TIMEOUT_S,
+    episode_timeout: options.EpisodeTimeout = EPISODE_TIMEOUT_S,
+    junit: Annotated[
+        Path | None, output_option(metavar="FILE", help="Write JUnit XML to this file.")
+    ] = None,
+    summary: Annotated[
+        Path | None,
+        output_option(
+            metavar="FILE",
+            envvar=GITHUB_SUMMARY,
+            show_envvar=False,
+            help="Append Markdown to this file; by default to $GITHUB_STEP_SUMMARY, if set.",
+        ),
+    ] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Say whether a candidate is worse: regression (exit 1), no regression, not enough episodes.
+
+    A policy plays the baseline's episodes; its run is kept in its directory.
+    """
+    if (policy is None) == (candidate is None):
+        raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
+    if candidate is not None and (output is not None or resume or fresh or trust):
+        raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
+    from minitouch_bench.comparison import writers
+    from minitouch_bench.comparison.gate import judge_runs, without_exploration
+    from minitouch_bench.comparison.settings import GateSettings, Tolerance
+    from minitouch_bench.evaluation.engine import open_engine
+    from minitouch_bench.evaluation.execution import open_run, play, run_name
+    from minitouch_bench.runs.run import Run
+
+    allowed = None if tolerance is None else Tolerance.parse(tolerance)
+    settings = GateSettings(alpha, metric or "", allowed, strict, lenient)
+    before = read_checked(baseline)
+    if candidate is not None:
+        directory = candidate
+        after = read_checked(directory)
+    else:
+        isolated = isolation_options(isolation, trust, act_timeout, episode_timeout)
+        opening = open_engine(engine_options(engine, workers, address))
+        if before.exploration_rows:
+            note("the baseline's exploration episodes are left out: POLICY has none")
+            before = without_exploration(before)
+        setup = _prepare_like(before, policy, settings, isolated)
+        directory = output or REPORTS / f"{run_name(setup)}-regress"
+        with EpisodeProgress() as callbacks, opening as running, lock_directory(directory):
+            opened = open_run(setup, directory, resume=resume, fresh=fresh)
+            if isinstance(opened, Run):
+                refuse_edited(opened)
+            after = play(setup, opened, running, callbacks)
+            write_views(after, directory)
+    result = judge_runs(before, after, (str(baseline), str(directory)), settings)
+    if junit is not None:
+        write_file(junit, writers.gate_junit(result))
+    if summary is not None:
+        append_bytes(summary, writers.gate_markdown(result).encode())
+    if as_json:
+        print(writers.gate_json(result), end="")
+    else:
+        writers.show_result(result, data_console())
+    if result.exit_code:
+        raise typer.Exit(result.exit_code)
+
+
+def read_checked(directory: Path) -> "Run":
+    """Read a run whose numbers agree with one another: see ``refuse_edited``.
+
+    Raises:
+        RunDirectoryError: it is not a run, or was edited.
+        UsageError: it was played by other rules than this installation's.
+    """
+    from minitouch_bench.runs.run import read_run
+
+    run = read_run(directory)
+    refuse_edited(run)
+    return run
+
+
+def refuse_edited(run: "Run") -> None:
+    """Refuse a run that cannot have been written as it is, as far as its files say so.
+
+    Its digest does not cover every number of an episode, so the estimates are computed again, and
+    the actions counted where they are kept. Only ``verify``, which replays the actions, finds
+    numbers that were changed in every place where they stand. How ``run.json`` is formatted does
+    not matter: a repository's hooks may format it.
+
+    Raises:
+        RunDirectoryError: it was edited, or its actions are damaged.
+        UsageError: it was played by other rules than this installation's.
+    """
+    from minitouch_bench.verification.static_check import check_run
+
+    assert run.directory is not None
+    has_actions = (run.directory / ACTIONS_FILE).exists()
+    for problem in check_run(replace(run, content=b""), unpack_actions=has_actions):
+        if problem.is_other_protocol:
+            raise UsageError(f"{run.directory}: {problem.what}: make the run again")
+        raise RunDirectoryError(f"{run.directory} was edited or damaged.\n{problem}")
+
+
+def _prepare_like(
+    baseline: "Run",
+    policy: object,
+    settings: "GateSettings",
+    isolation: "IsolationOptions",
+) -> "PolicySetup":
+    """Load a policy to play the baseline's plan.
+
+    Raises:
+        UsageError: the policy's episodes cannot be judged by the baseline's.
+        PolicyError: the policy cannot be used.
+    """
+    from minitouch_bench.comparison.gate import judge_runs, refuse_other_rules
+    from minitouch_bench.evaluation.actors import prepare_policies
+    from minitouch_bench.evaluation.execution import header_of
+
+    judge_runs(baseline, baseline, ("", ""), settings)  # what cannot be judged is not played
+    plan = replace(baseline.plan, limits=isolation.limits)
+    setup = prepare_policies(policy, plan, isolation, note)
+    refuse_other_rules(baseline, header_of(setup))
+    return setup

@@ -1,0 +1,64 @@
+"""The command ``report``: finished runs beside each other in Table 4."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from minitouch_bench.cli import options
+from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.documents import words
+from minitouch_bench.errors import UsageError
+from minitouch_bench.files import REPORTS, list_videos
+
+COMPARISON = REPORTS / "comparison"
+"""Where the report of several runs is written without ``--output``."""
+
+
+def report(
+    runs: options.Runs,
+    *,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Directory of report.html; by default the run's, for a submission's run one in "
+            "reports/, for several runs reports/comparison.",
+        ),
+    ] = None,
+    names: Annotated[str | None, typer.Option(metavar="A,B", help="Names of the runs.")] = None,
+    tasks: Annotated[str | None, typer.Option(metavar="A,B", help="Only these tasks.")] = None,
+    metrics: Annotated[
+        str | None,
+        typer.Option(metavar="A,B", help="The rows of Table 4: see docs/reference/metrics.md."),
+    ] = None,
+    table_format: Annotated[
+        str | None,
+        typer.Option(
+            "--format",
+            metavar="md|latex|csv|json",
+            help="Print Table 4 in this format, and write no page.",
+        ),
+    ] = None,
+) -> None:
+    """Show finished runs beside each other in Table 4, and write report.html."""
+    from minitouch_bench.reporting.report import Shown, build_report, view_directory
+    from minitouch_bench.reporting.writers import TABLE_FORMATS, show_report, write_page
+    from minitouch_bench.runs.run import read_run
+
+    if table_format is not None and table_format not in TABLE_FORMATS:
+        raise UsageError(f"no format '{table_format}'; there are {', '.join(TABLE_FORMATS)}")
+    if table_format is not None and output is not None:
+        raise UsageError("--format prints Table 4 and writes no page: leave --output out")
+    opened = [read_run(run) for run in runs]
+    named = None if names is None else words(names)
+    shown = Shown(named, words(tasks), words(metrics))
+    if table_format is not None:
+        print(TABLE_FORMATS[table_format](build_report(opened, shown=shown)), end="")
+        return
+    first = opened[0].directory or Path()
+    single = len(opened) == 1
+    directory = output or (view_directory(first) if single else COMPARISON)
+    videos = list_videos(first) if single else []
+    show_report(write_page(opened, directory, videos, shown), data_console())
+    note(f"report: {directory / 'report.html'}")

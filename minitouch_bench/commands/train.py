@@ -1,0 +1,85 @@
+"""The command ``train``: train a learner in two phases."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from minitouch_bench.agents import METHODS
+from minitouch_bench.cli import options
+from minitouch_bench.cli.progress import training_progress
+
+
+def train(
+    task: options.Task,
+    *,
+    method: Annotated[
+        str | None, typer.Option(help=f"{', '.join(METHODS)}; by default hac.")
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=0, help="Seed of every random number; by default 0."),
+    ] = None,
+    exploration_steps: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=0, help="Control steps on the intrinsic reward alone."),
+    ] = None,
+    task_steps: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=0, help="Control steps on the task's reward afterwards."),
+    ] = None,
+    objects: Annotated[
+        str | None,
+        typer.Option(
+            help="cube, or shapes: train, held-out, all; by default the task's. A policy that was "
+            "trained on held-out shapes cannot show generalization on novel-shapes."
+        ),
+    ] = None,
+    from_log: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Dataset (Minari's format) to explore in place of the simulator.",
+        ),
+    ] = None,
+    preset: Annotated[
+        str,
+        typer.Option(help="default (what learns best here) or paper (values of the supplement)."),
+    ] = "default",
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="TOML file of settings: see docs/reference/training-settings.md.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Directory of the training; by default reports/training/TASK-METHOD-SEED.",
+        ),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint.")] = False,
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+) -> None:
+    """Train a learner in two phases: curiosity alone, then the task."""
+    from minitouch_bench import api
+
+    with training_progress() as callbacks:
+        directory = api.train(
+            task,
+            method,
+            seed=seed,
+            exploration_steps=exploration_steps,
+            task_steps=task_steps,
+            objects=objects,
+            from_log=from_log,
+            preset=preset,
+            config=config,
+            output=output,
+            resume=resume,
+            device=device,
+            callbacks=callbacks,
+        )
+    print(directory)

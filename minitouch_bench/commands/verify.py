@@ -1,0 +1,144 @@
+"""The command ``verify``: replay a run, and run drawn episodes again with its checkpoint."""
+
+import json
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from minitouch_bench.cli import options
+from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.errors import (
+    CHECK_FAILED,
+    IncompleteCheckError,
+    InterruptedRunError,
+    printable,
+)
+from minitouch_bench.evaluation.engine import AUTO, engine_options
+from minitouch_bench.policies.isolation.options import Isolation, isolation_options
+
+if TYPE_CHECKING:
+    from minitouch_bench.records import PolicyIdentity
+    from minitouch_bench.verification.problems import Findings
+
+SHOWN = 10
+"""Differences that are listed; the others are counted."""
+
+rerun_option = partial(typer.Option, rich_help_panel="Running again")
+
+
+def verify(
+    run: options.RunDirectory,
+    *,
+    rerun: Annotated[
+        int,
+        rerun_option(
+            metavar="N",
+            min=0,
+            help="Also run N sampled episodes of each policy with its checkpoint.",
+        ),
+    ] = 0,
+    policy: Annotated[
+        str | None, rerun_option(help="Where the checkpoint is now; by default where it was.")
+    ] = None,
+    exploration: Annotated[
+        str | None, rerun_option(help="Where the exploration checkpoint is now.")
+    ] = None,
+    workers: options.Workers = AUTO,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
+    isolation: options.IsolationLevel = Isolation.SANDBOX.value,
+    trust: options.Trust = False,
+    as_json: options.AsJson = False,
+) -> None:
+    """Replay a run's recorded actions and recompute every estimate; exit 1 if any differs."""
+    import numpy as np
+
+    from minitouch_bench.evaluation.engine import open_engine
+    from minitouch_bench.runs.run import read_run
+    from minitouch_bench.verification import replay_check
+    from minitouch_bench.verification.problems import Findings
+    from minitouch_bench.verification.static_check import check_run
+
+    opening = open_engine(engine_options(engine, workers, address))
+    opened = read_run(run)
+    if problems := check_run(opened):
+        _show(Findings(problems), run, as_json)
+    isolated = isolation_options(isolation, trust)
+    setup = None
+    if rerun:
+        policy = policy or _source_of(opened.header.policy, "--policy")
+        exploration = exploration or _source_of(opened.header.exploration, "--exploration")
+        setup = replay_check.prepare_rerun(opened, policy, exploration, isolated, note)
+    try:
+        with EpisodeProgress() as callbacks, opening as running:
+            callbacks.phase("replaying", len(opened.header.specs()))
+            found = replay_check.replay_run(opened, running, callbacks.episode)
+            if setup is not None and found.passed:
+                specs = replay_check.draw_episodes(opened, rerun, np.random.default_rng())
+                callbacks.phase("running again", len(specs))
+                again = replay_check.run_again(opened, setup, specs, running, callbacks.episode)
+                found = replace(again, replayed=found.replayed)
+    except KeyboardInterrupt as error:
+        raise InterruptedRunError("interrupted; nothing was changed") from error
+    _show(found, run, as_json)
+
+
+def _show(found: "Findings", run: Path, as_json: bool) -> None:
+    """Print what a check found.
+
+    Raises:
+        typer.Exit: it found a difference.
+    """
+    if as_json:
+        print(json.dumps({"passed": found.passed, **asdict(found)}, indent=1))
+    else:
+        _show_problems(found, run)
+    if not found.passed:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
+    """Return where a run's checkpoint was; the run's maker does not choose who is contacted.
+
+    Raises:
+        IncompleteCheckError: it is not there now, or not on this machine.
+    """
+    from minitouch_bench.policies.sources import is_remote
+
+    if recorded is None:
+        return None
+    if is_remote(recorded.source):
+        raise IncompleteCheckError(
+            f"the policy is at {recorded.source}, which is contacted only if you name it.\n"
+            f"If you trust that address, give it with {option}"
+        )
+    if recorded.digest and not Path(recorded.source).exists():
+        raise IncompleteCheckError(
+            f"the checkpoint {recorded.source} is gone: no episode can be run again.\n"
+            f"Say with {option} where it is now"
+        )
+    return recorded.source
+
+
+def _show_problems(found: "Findings", run: Path) -> None:
+    console = data_console()
+
+    def line(text: str, style: str = "") -> None:
+        console.print(printable(text), style=style, markup=False, highlight=False, soft_wrap=True)
+
+    for problem in found.problems[:SHOWN]:
+        line(str(problem))
+    if len(found.problems) > SHOWN:
+        line(f"... and {len(found.problems) - SHOWN} more")
+    if found.replayed:
+        line(f"{found.replayed} episodes replayed from their recorded actions")
+    if found.reran:
+        line(f"{found.reran} episodes run again with the checkpoint")
+    if found.passed:
+        line(f"{run} is verified: every number follows from its episodes", "bold green")
+    else:
+        line(f"{run} is not verified", "bold red")

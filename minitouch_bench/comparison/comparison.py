@@ -1,0 +1,271 @@
+"""Runs of the same episodes compared, each against the first, and shown."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from minitouch_bench.comparison.paired_tests import Effect, paired_test
+from minitouch_bench.comparison.pairing import (
+    COMPARED_METRICS,
+    ComparedRun,
+    OutcomeChange,
+    PairedValues,
+    are_identical,
+    collect_values,
+    differences_of_making,
+    find_changes,
+    pair_runs,
+)
+from minitouch_bench.comparison.power import episodes_needed
+from minitouch_bench.comparison.tables import (
+    NOT_ALIKE,
+    SHOWN_CHANGES,
+    changes_blocks,
+    effect_row,
+    json_text,
+    p_text,
+    run_line,
+    tables_by_metric,
+)
+from minitouch_bench.errors import UsageError
+from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.metric import NO_DIRECTION
+from minitouch_bench.metrics.significance import ALPHA, holm
+from minitouch_bench.reporting import tables
+from minitouch_bench.reporting.formats import (
+    Block,
+    Heading,
+    NoteBlock,
+    as_markdown,
+    as_text,
+    on_screen,
+)
+from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
+from minitouch_bench.runs.run import Run
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+
+COMPARISON_VERSION = 3
+"""Of the JSON document."""
+
+
+@dataclass(frozen=True)
+class ComparedMetric:
+    """One metric of one task in two runs, and what it shows.
+
+    ``p_adjusted`` is over the tasks and runs of the metric. ``episodes_to_resolve`` would show
+    the difference if it is as observed, None for no difference or too many.
+    """
+
+    effect: Effect
+    p_adjusted: float
+    verdict: str
+    episodes_to_resolve: int | None
+
+
+@dataclass(frozen=True)
+class RunPair:
+    """One run against the first, by their titles. ``notes``: what else is not alike."""
+
+    first: str
+    second: str
+    identical: bool
+    metrics: tuple[ComparedMetric, ...]
+    changes: tuple[OutcomeChange, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison:
+    """All runs against the first; ``alpha``: chance of a false difference in a metric."""
+
+    runs: tuple[ComparedRun, ...]
+    pairs: tuple[RunPair, ...]
+    alpha: float = ALPHA
+
+    def to_frame(self) -> "pd.DataFrame":
+        """Return a row per pair of runs (their letters), metric and task, as the tables have it."""
+        import pandas as pd  # noqa: PLC0415  takes half a second
+
+        return pd.DataFrame(
+            {
+                "first": pair.first, "second": pair.second,
+                "task": effect.task, "metric": effect.metric, "unit": effect.unit,
+                "first_value": effect.first, "second_value": effect.second,
+                "difference": effect.difference.value,
+                "low": effect.difference.low, "high": effect.difference.high,
+                "count": effect.count, "p_value": effect.p_value,
+                **{name: value for name, value in vars(compared).items() if name != "effect"},
+            }
+            for pair in self.pairs
+            for compared in pair.metrics
+            for effect in (compared.effect,)
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        names = ", ".join(f"{run.title} {run.name}" for run in self.runs)
+        changed = sum(len(pair.changes) for pair in self.pairs)
+        return f"<Comparison of {names}: {changed} changed outcomes>"
+
+    def __str__(self) -> str:
+        return comparison_text(self)
+
+
+def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
+    """Compare each run with the first; ``paths`` are their directories, for replaying.
+
+    Raises:
+        UsageError: fewer than two runs or more than LETTERS, or runs that were not made of the
+            same episodes by the same protocol.
+    """
+    if not 2 <= len(runs) <= len(LETTERS):
+        raise UsageError(f"compare takes 2 to {len(LETTERS)} runs, not {len(runs)}")
+    named = [
+        ComparedRun(letter, name, path, run_labels(run))
+        for letter, name, path, run in zip(LETTERS, run_names(runs), paths, runs, strict=False)
+    ]
+    paired = [pair_runs(*_in_shared_roles(runs[0], other)) for other in runs[1:]]
+    tasks, root = tasks_in_order(runs), (runs[0].plan.seed,)
+    tested = [
+        [(values, paired_test(values, root)) for values in collect_values(pairs, tasks)]
+        for pairs in paired
+    ]
+    adjusted = _adjusted([effect for row in tested for _, effect in row])
+    first = named[0]
+    return Comparison(
+        tuple(named),
+        tuple(
+            RunPair(
+                first=first.title,
+                second=other.title,
+                identical=are_identical(runs[0], run, pairs),
+                metrics=tuple(
+                    _compared(values, effect, next(adjusted), (first.title, other.title))
+                    for values, effect in row
+                ),
+                changes=find_changes(pairs, (runs[0], run), (first.path, other.path)),
+                notes=differences_of_making(runs[0], run),
+            )
+            for other, run, pairs, row in zip(named[1:], runs[1:], paired, tested, strict=True)
+        ),
+    )
+
+
+def _in_shared_roles(first: Run, second: Run) -> tuple[Run, Run]:
+    """Return two runs, without the exploration episodes that only one of them has."""
+    if first.exploration_rows and second.exploration_rows:
+        return first, second
+    return replace(first, exploration_rows=()), replace(second, exploration_rows=())
+
+
+def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:
+    """Yield each effect's p-value, adjusted over all effects of its metric."""
+    adjusted = {
+        metric: iter(holm([effect.p_value for effect in effects if effect.metric == metric]))
+        for metric in COMPARED_METRICS
+    }
+    return (next(adjusted[effect.metric]) for effect in effects)
+
+
+def _compared(
+    values: PairedValues, effect: Effect, p_adjusted: float, titles: tuple[str, str]
+) -> ComparedMetric:
+    return ComparedMetric(
+        effect=effect,
+        p_adjusted=p_adjusted,
+        verdict=verdict(effect, p_adjusted, titles),
+        episodes_to_resolve=episodes_needed(values, ALPHA),
+    )
+
+
+def verdict(effect: Effect, p_adjusted: float, titles: tuple[str, str]) -> str:
+    """Put an effect into words: without a better direction the second run has more or less."""
+    if effect.differing == 0:
+        return "equal in every episode"
+    if not effect.is_clear:
+        return "no difference seen"
+    if p_adjusted > ALPHA:
+        return "not clear once adjusted"
+    if effect.direction == NO_DIRECTION:
+        return f"{titles[1]} has {'more' if effect.difference.value > 0 else 'less'}"
+    return f"{titles[0] if effect.worsening > 0 else titles[1]} is better"
+
+
+def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[Block]:
+    """Yield a whole comparison, with so many changed episodes of each pair."""
+    yield from map(run_line, comparison.runs)
+    for pair in comparison.pairs:
+        yield Heading(f"{pair.second} against {pair.first}")
+        if pair.identical:
+            yield "The run digests are equal: every episode is the same to the last bit."
+        yield from (f"{NOT_ALIKE}: {note}." for note in pair.notes)
+        yield from comparison_tables(pair)
+        yield from changes_blocks(pair.changes, (pair.first, pair.second), changes)
+    yield ""
+    yield from map(NoteBlock, comparison_notes(comparison))
+
+
+def comparison_tables(pair: RunPair) -> tuple[tables.Table, ...]:
+    """Lay one run against the first, one table per metric: tasks down."""
+    columns = tables.make_columns(
+        pair.first, pair.second, f"{pair.second} minus {pair.first}", "p", "p adjusted", "Verdict",
+        "Episodes to resolve", words=["Verdict"],
+    )  # fmt: skip
+    rows = []
+    for compared in pair.metrics:
+        effect, episodes = compared.effect, compared.episodes_to_resolve
+        row = effect_row(
+            effect,
+            p_text(effect.p_value),
+            p_text(compared.p_adjusted),
+            compared.verdict,
+            None if episodes is None else f"{episodes:,}",
+        )
+        rows.append((effect, row))
+    return tuple(tables_by_metric(columns, rows))
+
+
+def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
+    """Say how the figures of a comparison were made."""
+    percent = f"{100 * comparison.alpha:g} %"
+    paired = "; ".join(dict.fromkeys(METRICS[name].statistic.paired for name in COMPARED_METRICS))
+    return (
+        "Brackets and p: of this row alone. 95 % interval of the paired difference and its test: "
+        f"{paired}; episode variance only. Where p is above 5 % the interval contains 0. "
+        "It is too narrow for a mean of which few episodes differ or a few carry the difference.",
+        "p adjusted and verdict: over all rows of the metric (its tasks and runs) by Holm's "
+        f"method, judged at {percent}. Not clear once adjusted: the row alone would show a "
+        "difference, among so many rows it may be chance.",
+        "Mean: over the tasks with a goal, if they have equally many episodes. A metric without an "
+        "arrow has no better direction.",
+        "Episodes to resolve: for a power of 80 % at 5 %, if the difference is as observed.",
+    )
+
+
+def show_comparison(comparison: Comparison, console: Console) -> None:
+    """Print a comparison."""
+    console.print(on_screen(comparison_blocks(comparison, SHOWN_CHANGES)))
+
+
+def comparison_text(comparison: Comparison) -> str:
+    """Return what a terminal shows of a comparison."""
+    return as_text(comparison_blocks(comparison, SHOWN_CHANGES))
+
+
+def comparison_markdown(comparison: Comparison) -> str:
+    """Write a comparison as a page, with every changed episode."""
+    lines = as_markdown(comparison_blocks(comparison, MAX_EPISODES))
+    return "\n".join(["# Comparison of runs", "", *lines]) + "\n"
+
+
+def comparison_json(comparison: Comparison) -> str:
+    """Write a comparison; the keys are the fields of ``Comparison``."""
+    return json_text(
+        {"format": "minitouch-comparison", "version": COMPARISON_VERSION, **asdict(comparison)}
+    )

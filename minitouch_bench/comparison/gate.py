@@ -1,0 +1,313 @@
+"""The regression gate: whether a candidate is worse than its baseline beyond a tolerance.
+
+One question decides, the endpoint: the mean of one metric over the tasks that have it, by default
+success over the tasks with a goal. It is tested once, at the gate's whole level. Only where it is
+a regression are the metrics of each task tested, to say where: a fixed sequence, which keeps the
+level (W. Maurer, L. A. Hothorn and W. Lehmacher, "Multiple comparisons in drug clinical trials
+and preclinical assays: a-priori ordered hypotheses", 1995).
+"""
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+
+from minitouch_bench.comparison.paired_tests import (
+    Effect,
+    is_binary,
+    paired_test,
+)
+from minitouch_bench.comparison.pairing import (
+    MEAN_TASK,
+    ComparedRun,
+    EpisodePair,
+    OutcomeChange,
+    PairedValues,
+    are_identical,
+    collect_values,
+    count_pairs,
+    differences_of_making,
+    find_changes,
+    pair_runs,
+)
+from minitouch_bench.comparison.power import FEWEST_FOR_A_MEAN, episodes_needed
+from minitouch_bench.comparison.settings import GateSettings
+from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
+from minitouch_bench.metrics.intervals import Root
+from minitouch_bench.metrics.metric import NO_DIRECTION
+from minitouch_bench.metrics.significance import holm
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.records import Outcome, Role
+from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
+from minitouch_bench.reporting.report import view_directory
+from minitouch_bench.runs.run import Run, RunHeader, run_digest
+
+
+class Decision(StrEnum):
+    """What the gate says."""
+
+    REGRESSION = "regression"
+    NO_REGRESSION = "no regression"
+    NOT_ENOUGH = "not enough episodes"
+
+
+REGRESSION_CODE = 1
+NOT_ENOUGH_CODE = 5
+"""Exit codes: the check failed; the check has no result, as everywhere."""
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """What decides: the mean of one metric over its tasks.
+
+    ``p_value``: one-sided, of a candidate that is no worse. ``tolerance`` is in the metric's unit.
+    ``episodes_needed``: per task, to settle it, None for none or too many.
+    """
+
+    effect: Effect
+    tasks: tuple[str, ...]
+    p_value: float
+    tolerance: float
+    decision: Decision
+    episodes_needed: int | None = None
+
+    @property
+    def is_beyond(self) -> bool:
+        """Whether the candidate is worse by more than the tolerance in the episodes seen."""
+        return self.effect.worsening > self.tolerance
+
+
+@dataclass(frozen=True)
+class TaskMetric:
+    """A metric of one task. ``p_adjusted`` is over all of them, None where none was tested."""
+
+    effect: Effect
+    p_adjusted: float | None
+    is_worse: bool
+
+
+@dataclass(frozen=True)
+class GateResult:
+    """What the gate found, and the command to type next.
+
+    ``identical``: every episode of both runs has the same bits. ``wall_s``: seconds that the
+    candidate's run took.
+    """
+
+    baseline: ComparedRun
+    candidate: ComparedRun
+    decision: Decision
+    settings: GateSettings
+    identical: bool
+    endpoint: Endpoint
+    per_task: tuple[TaskMetric, ...]
+    changes: tuple[OutcomeChange, ...]
+    notes: tuple[str, ...]
+    next_command: str
+    wall_s: float
+
+    @property
+    def exit_code(self) -> int:
+        """0, 1 for a regression, 5 where there are not enough episodes and it fails."""
+        if self.decision is Decision.REGRESSION:
+            return REGRESSION_CODE
+        is_open = self.decision is Decision.NOT_ENOUGH and not self.settings.lenient
+        fails = is_open and (self.settings.strict or self.endpoint.is_beyond)
+        return NOT_ENOUGH_CODE if fails else 0
+
+
+def judge_runs(
+    baseline: Run, candidate: Run, paths: tuple[str, str], settings: GateSettings
+) -> GateResult:
+    """Judge a candidate by its whole run, beside the baseline's.
+
+    Raises:
+        UsageError: the runs cannot be paired, or have none of the metric.
+    """
+    refuse_other_rules(baseline, candidate.header)
+    pairs = pair_runs(baseline, candidate)
+    tasks, root = tasks_in_order((baseline,)), (baseline.plan.seed,)
+    values = endpoint_values(pairs, tasks, settings)
+    endpoint = judge_endpoint(values, settings, root)
+    identical = are_identical(baseline, candidate, pairs)
+    if identical:
+        endpoint = replace(endpoint, decision=Decision.NO_REGRESSION, episodes_needed=None)
+    per_task = measure_tasks(pairs, tasks, endpoint, settings.alpha, root)
+    changes = find_changes(pairs, (baseline, candidate), paths)
+    return GateResult(
+        baseline=ComparedRun.of("baseline", baseline, paths[0]),
+        candidate=ComparedRun.of("candidate", candidate, paths[1]),
+        decision=endpoint.decision,
+        settings=settings,
+        identical=identical,
+        endpoint=endpoint,
+        per_task=per_task,
+        changes=changes,
+        notes=differences_of_making(baseline, candidate),
+        next_command=_next_command(endpoint, changes, (baseline, candidate), paths, settings),
+        wall_s=candidate.environment.wall_s,
+    )
+
+
+def without_exploration(run: Run) -> Run:
+    """Return a run with its final episodes alone, and their digest."""
+    digest = run_digest(run.header, run.rows)
+    return replace(run, digest=digest, exploration_rows=())
+
+
+def refuse_other_rules(baseline: Run, candidate: RunHeader) -> None:
+    """Refuse a candidate that was not played by the baseline's rules, in each of its tasks.
+
+    Raises:
+        UsageError: the line names the tasks whose rules differ, or what else does.
+    """
+    header, name = baseline.header, printable(baseline.name)
+    again = "make the baseline again"
+    if other := header.rules_differ(candidate):
+        raise UsageError(
+            f"the rules of {printable(', '.join(other))} are not those that '{name}' was played "
+            f"by: {again}"
+        )
+    for what, here, there in (
+        ("protocol digest", candidate.protocol_digest[:12], header.protocol_digest[:12]),
+        ("conditions", *map(_conditions, (candidate, header))),
+    ):
+        if here != there:
+            raise UsageError(
+                f"the candidate's {what} and that of '{name}' differ "
+                f"({printable(here)}; {printable(there)}): {again}"
+            )
+
+
+def _conditions(header: RunHeader) -> str:
+    return ", ".join(header.plan.conditions.in_words()) or "standard"
+
+
+def endpoint_values(
+    pairs: Sequence[EpisodePair], tasks: Sequence[str], settings: GateSettings
+) -> PairedValues:
+    """Return the values that decide, of all tasks in which the metric can get worse.
+
+    Raises:
+        UsageError: there are none, or the tasks have unequal numbers of episodes.
+    """
+    if not tasks:
+        raise UsageError("nothing to judge: the baseline has no estimates")
+    goals = [task for task in tasks if task in GOAL_TASKS]
+    name = settings.metric or ranking_metric((goals or list(tasks))[0])
+    metric = METRICS[name]
+    deciding = tuple(task for task in tasks if metric.is_in(task) and metric.direction_in(task))
+    title = MEAN_TASK if len(deciding) > 1 else "".join(deciding)
+    counts = count_pairs(pairs, deciding, name)
+    if len({*counts.values()}) > 1:
+        numbers = ", ".join(f"{printable(task)} {count}" for task, count in counts.items())
+        raise UsageError(
+            f"no mean over tasks with unequal numbers of episodes ({numbers}): make the baseline "
+            "again with equally many episodes of each task"
+        )
+    values = PairedValues.of(pairs, title, name, deciding)
+    if not len(values.first):
+        why = f"in {', '.join(tasks)} {name} cannot get worse"
+        if deciding and metric.role is Role.EXPLORATION:
+            why = "POLICY plays no exploration episodes; give --candidate, a run that has them"
+        raise UsageError(f"nothing to judge: {why}")
+    return values
+
+
+def judge_endpoint(values: PairedValues, settings: GateSettings, root: Root) -> Endpoint:
+    """Judge the endpoint over whole runs.
+
+    It is a regression where the candidate is worse by more than the tolerance and, at the gate's
+    level, significantly worse. It is none where the 95 % interval excludes a worsening beyond the
+    tolerance. Otherwise there are not enough episodes.
+    """
+    effect = paired_test(values, root)
+    allowed = settings.tolerance_of(values.metric).absolute(effect.first)
+    endpoint = Endpoint(effect, values.tasks, one_sided(effect), allowed, Decision.NOT_ENOUGH)
+    # The interval of a share is good for any number of episodes.
+    is_believed = effect.count >= FEWEST_FOR_A_MEAN or is_binary(effect.metric)
+    if endpoint.is_beyond and endpoint.p_value <= settings.alpha:
+        return replace(endpoint, decision=Decision.REGRESSION)
+    if effect.worst <= allowed and is_believed:
+        return replace(endpoint, decision=Decision.NO_REGRESSION)
+    return replace(endpoint, episodes_needed=_needed(values, effect, allowed, settings.alpha))
+
+
+def one_sided(effect: Effect) -> float:
+    """Return the p-value that the second run is no worse: half the two-sided one, by symmetry."""
+    return effect.p_value / 2.0 if effect.worsening > 0.0 else 1.0
+
+
+def measure_tasks(
+    pairs: Sequence[EpisodePair],
+    tasks: Sequence[str],
+    endpoint: Endpoint,
+    alpha: float,
+    root: Root,
+) -> tuple[TaskMetric, ...]:
+    """Measure every metric of every task that can get worse; test them after a regression only."""
+    effects = [
+        paired_test(values, root)
+        for values in collect_values(pairs, tasks)
+        if values.task != MEAN_TASK and values.direction != NO_DIRECTION
+    ]
+    if endpoint.decision is not Decision.REGRESSION:
+        return tuple(TaskMetric(effect, None, is_worse=False) for effect in effects)
+    adjusted = holm([one_sided(effect) for effect in effects])
+    return tuple(
+        TaskMetric(effect, p_value, p_value <= alpha)
+        for effect, p_value in zip(effects, adjusted, strict=True)
+    )
+
+
+def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) -> int | None:
+    """Return the episodes per task that show the worsening, or exclude it; None for too many."""
+    needed = episodes_needed(values, 2.0 * level, allowed)
+    if needed is None:
+        return None
+    per_task = -(-max(needed, effect.count + 1) // len(values.tasks))
+    return per_task if per_task <= MAX_EPISODES else None
+
+
+def _next_command(
+    endpoint: Endpoint,
+    changes: Sequence[OutcomeChange],
+    runs: tuple[Run, Run],
+    paths: tuple[str, str],
+    settings: GateSettings,
+) -> str:
+    """Return the command line that leads on from here.
+
+    After a regression it replays an episode that was lost, if the candidate's actions are kept;
+    where more episodes would settle the matter it plays them; otherwise it compares the runs in
+    full.
+    """
+    role = METRICS[endpoint.effect.metric].role
+    lost = [
+        change.replays[1]
+        for change in changes
+        if change.first is Outcome.SUCCESS
+        and change.episode.startswith(f"{Role.EXPLORATION}/") == (role is Role.EXPLORATION)
+    ]
+    if endpoint.decision is Decision.REGRESSION and any(lost):
+        return lost[0]
+    # A policy plays no exploration episodes.
+    can_play = role is Role.FINAL and not runs[0].plan.chosen
+    if endpoint.episodes_needed and can_play:
+        directory = view_directory(runs[0].directory or Path(paths[0]))
+        output = printable(f"{directory}-{endpoint.episodes_needed}")
+        return _longer_gate(runs, output, endpoint.episodes_needed, settings)
+    return shlex.join(["minitouch-bench", "compare", *map(printable, paths)])
+
+
+def _longer_gate(runs: tuple[Run, Run], output: str, episodes: int, settings: GateSettings) -> str:
+    """Return the commands that make a longer baseline and compare the candidate with it."""
+    baseline, candidate = (run.header for run in runs)
+    plan = replace(baseline.plan, episodes=episodes)
+    evaluate = reproduce_command(replace(baseline, plan=plan))
+    regress = ["minitouch-bench", "regress", candidate.policy.source, "--baseline", output]
+    regress += [*settings.as_options(), *policy_options(candidate)]
+    return f"{evaluate} {shlex.join(['--output', output])} && {shlex.join(map(printable, regress))}"

@@ -1,0 +1,207 @@
+"""Begin or resume a run, play the episodes that are missing, and make the finished run."""
+
+import re
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from minitouch_bench.errors import (
+    HopelessRunError,
+    InfrastructureError,
+    InterruptedRunError,
+    RunDirectoryError,
+    UsageError,
+)
+from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.engine import Callbacks, Engine
+from minitouch_bench.files import (
+    RUN_FILE,
+    clear_run,
+    entries_of,
+    holds_run,
+    write_file,
+)
+from minitouch_bench.machine import machine_facts
+from minitouch_bench.optional import installed_versions
+from minitouch_bench.policies.loaders import computing_packages
+from minitouch_bench.policies.sources import identify
+from minitouch_bench.records import EpisodeRecord, Outcome
+from minitouch_bench.runs.actions import write_actions
+from minitouch_bench.runs.journal import Journal, check_same
+from minitouch_bench.runs.run import (
+    Run,
+    RunEnvironment,
+    RunHeader,
+    make_header,
+    make_run,
+    read_run,
+    run_json,
+)
+from minitouch_bench.simulation.bullet import BUILDS
+
+PACKAGES = ("minitouch-bench", *BUILDS, "gymnasium", "numpy", *computing_packages())
+"""What a run's numbers may depend on; those that are installed stand in ``run.json``."""
+
+HOPELESS_AFTER = 10
+"""A run whose first episodes, this many, are all policy faults ends there."""
+
+
+def header_of(setup: PolicySetup) -> RunHeader:
+    """Return what fixes the numbers of the run that plays this."""
+    policy, explorer = setup.policy, setup.exploration
+    exploration = None if explorer is None else identify(explorer)
+    return make_header(setup.plan, identify(policy), exploration, setup.isolation_level())
+
+
+def run_name(setup: PolicySetup) -> str:
+    """Name a run after its policy, suite and conditions, in characters that suit a file name."""
+    policy = _file_name(setup.policy.name)[:80] or "policy"
+    conditions = [_file_name(words) for words in setup.conditions.in_words()]
+    return "-".join((policy, setup.plan.suite, *conditions))
+
+
+def _file_name(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip(".-")
+
+
+def open_run(setup: PolicySetup, directory: Path, *, resume: bool, fresh: bool) -> Journal | Run:
+    """Begin a run in a locked directory, or read what is done; a finished run is returned itself.
+
+    Raises:
+        UsageError: both ``resume`` and ``fresh``.
+        RunDirectoryError: it holds a run and neither was asked for, or a run of other
+            settings; the text names the differences. Or it holds other files and no run.
+        InfrastructureError: the disk is full.
+    """
+    if resume and fresh:
+        raise UsageError("choose one of --resume and --fresh")
+    header = header_of(setup)
+    if fresh:
+        clear_run(directory)
+    if fresh or not holds_run(directory):
+        if not fresh:
+            _check_empty(directory)
+        return Journal.begin(header, package_versions(), directory)
+    if not resume:
+        raise RunDirectoryError(
+            f"{directory} already contains a run.\n"
+            "Add --resume to continue it, --fresh to replace it, or choose another directory"
+        )
+    if (directory / RUN_FILE).exists():
+        run = read_run(directory)
+        check_same(header, run.header, directory)
+        Journal(header, directory).remove()  # a crash after the last file left it
+        return run
+    return Journal.resume(header, package_versions(), directory)
+
+
+def _check_empty(directory: Path) -> None:
+    """Refuse a directory of other files: one of them could be called as one of a run is."""
+    if entries := entries_of(directory):
+        more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""
+        raise RunDirectoryError(
+            f"{directory} is not empty and does not contain a run: {entries[0]!a}{more}.\n"
+            "Choose another directory; or add --fresh: files called as a run's are then replaced"
+        )
+
+
+def play_missing(
+    setup: PolicySetup,
+    journal: Journal,
+    engine: Engine,
+    on_record: Callable[[EpisodeRecord], None],
+) -> Run:
+    """Play the episodes that are missing, and return the whole run.
+
+    The journal keeps each record before ``on_record`` sees it. Where the run has a directory,
+    ``actions.npz`` is written there at the end.
+
+    Raises:
+        InfrastructureError: the run is incomplete; what is done is kept.
+        HopelessRunError: so is one whose first episodes are all policy faults; a run that is
+            resumed after them goes on.
+    """
+    header, directory, records = journal.header, journal.directory, journal.records
+    specs = header.specs()
+    missing = [spec for spec in specs if spec not in records]
+    # Use the first planned episodes. Which finish first depends on the number of workers.
+    first = specs[:HOPELESS_AFTER] if len(specs) > HOPELESS_AFTER else ()
+    started, clock, workers = datetime.now(UTC), time.monotonic(), engine.workers
+    if directory is not None:
+        setup = setup.keep_out_of(directory)
+    for record in engine.run(setup, missing):
+        journal.keep(record)
+        on_record(record)
+        if record.spec in first and all(spec in records for spec in first):
+            _refuse_hopeless([records[spec] for spec in first])
+    environment = RunEnvironment(
+        packages=package_versions(),
+        machine=machine_facts(),
+        workers=workers,
+        started=started.isoformat(timespec="seconds"),
+        wall_s=round(time.monotonic() - clock, 3),
+    )
+    in_order = tuple(records[spec] for spec in specs)
+    if directory is None:
+        return make_run(header, environment, in_order, run_name(setup))
+    write_actions(in_order, directory)
+    return make_run(header, environment, in_order, directory.resolve().name, directory)
+
+
+def _refuse_hopeless(records: Sequence[EpisodeRecord]) -> None:
+    faults = [record.fault for record in records if record.outcome is Outcome.POLICY_FAULT]
+    if len(faults) == len(records):
+        raise HopelessRunError(
+            f"the first {len(records)} episodes are all policy faults: {faults[0]}"
+        )
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions of the packages that a run's numbers may depend on."""
+    return installed_versions(PACKAGES)
+
+
+def play(setup: PolicySetup, opened: Journal | Run, engine: Engine, callbacks: Callbacks) -> Run:
+    """Play the episodes that are missing, and keep the facts of the run in its directory.
+
+    The callbacks also receive the episodes that are already done. A finished run is returned
+    unchanged.
+    """
+    if isinstance(opened, Run):
+        callbacks.note(f"{opened.directory} contains the finished run: no episode is missing")
+        return opened
+    callbacks.phase("episodes", len(opened.header.specs()))
+    for record in opened.records.values():
+        callbacks.episode(record)
+    with resumable(opened.directory):
+        run = play_missing(setup, opened, engine, callbacks.episode)
+        if run.directory is None:
+            return run
+        content = run_json(run)
+        write_file(run.directory / RUN_FILE, content)  # a directory with it holds a finished run
+    opened.remove()
+    return replace(run, content=content)
+
+
+@contextmanager
+def resumable(directory: Path | None) -> Iterator[None]:
+    """Tell the user of an interrupted run how to continue it.
+
+    A file that cannot be written, as on a full disk, interrupts one too.
+    """
+    advice = (
+        "Nothing is kept: a run with an output directory could be resumed."
+        if directory is None
+        else f"What is done is kept in {directory}; the same command with --resume continues."
+    )
+    try:
+        yield
+    except HopelessRunError as error:
+        raise HopelessRunError(f"{error}\n{advice}") from error
+    except (InfrastructureError, RunDirectoryError) as error:
+        raise InfrastructureError(f"{error}\n{advice}") from error
+    except KeyboardInterrupt as error:
+        raise InterruptedRunError(f"interrupted\n{advice}") from error

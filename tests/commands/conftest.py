@@ -1,0 +1,22 @@
+from pathlib import Path
+
+import pytest
+
+from tests.commands.command import Finished, run
+
+HERE = Path(__file__).parent
+SCRIPTED = ("evaluate", "scripted", "--tasks", "pushing,opening", "--episodes", "2")
+
+
+@pytest.fixture(autouse=True)
+def importable(monkeypatch):
+    """Let policy processes import ``strangers`` from here."""
+    monkeypatch.setenv("PYTHONPATH", str(HERE), prepend=":")
+
+
+@pytest.fixture(scope="session")
+def scripted(tmp_path_factory) -> tuple[Finished, Path]:
+    """A finished run of four episodes, which nobody may change."""
+    directory = tmp_path_factory.mktemp("cli")
+    done = run(*SCRIPTED, "--workers", 1, "--output", directory / "run", directory=directory)
+    return done, directory / "run"

@@ -1,0 +1,153 @@
+import os
+import shlex
+import subprocess
+
+import pytest
+from typer.core import TyperOption
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from minitouch_bench.commands.app import app
+from minitouch_bench.errors import UsageError
+from tests.commands.command import COMMAND, run
+
+USAGE = [
+    (["evaluate"], "POLICY", "evaluate "),
+    (["evaluate", "zero", "--episodes", "0"], "--episodes", "evaluate "),
+    (["evaluate", "zero", "--act-timeout", "inf"], "--act-timeout", "evaluate "),
+    (["evaluate", "zero", "--act-timeout", "nan"], "--act-timeout", "evaluate "),
+    (["evaluat", "zero"], "evaluate", ""),
+    (["leaderboard", "validate"], "DIR", "leaderboard validate "),
+    (["leaderboard", "valid"], "validate", "leaderboard "),
+]
+
+
+@pytest.mark.parametrize(("arguments", "word", "command"), USAGE)
+def test_wrong_usage_takes_two_lines(tmp_path, arguments, word, command):
+    done = run(*arguments, directory=tmp_path)
+    done.refused(2, word)
+    assert done.err.endswith(f"\nSee minitouch-bench {command}--help\n")
+
+
+def test_without_arguments_there_is_help(tmp_path):
+    done = run(directory=tmp_path)
+    assert done.code == 2
+    assert "Usage" in done.out + done.err
+    assert run("--help", directory=tmp_path).code == 0
+
+
+COMMANDS = [
+    (f"{name} {sub}".strip(), command)
+    for name, one in get_command(app).commands.items()
+    for sub, command in getattr(one, "commands", {"": one}).items()
+]
+
+
+@pytest.mark.parametrize(("name", "command"), COMMANDS, ids=[name for name, _ in COMMANDS])
+def test_every_option_has_a_help_and_is_spelled_once(name, command):
+    assert command.help
+    for option in command.params:
+        assert option.help, f"{name}: {option.name}"
+        assert len(option.opts) == 1, option.opts
+
+
+@pytest.mark.parametrize(("name", "command"), COMMANDS, ids=[name for name, _ in COMMANDS])
+def test_an_option_is_given_once_unless_its_help_says_that_it_may_be_repeated(name, command):
+    for option in command.params:
+        if isinstance(option, TyperOption):
+            given = [option.opts[0], *([] if option.is_flag else ["1"])]
+            done = CliRunner().invoke(app, [*name.split(), *given, *given])
+            refused = isinstance(done.exception, UsageError) and "2 times" in str(done.exception)
+            assert refused != ("repeat" in option.help), f"{name} {option.name}: {done.output}"
+            assert not refused or str(done.exception).startswith(option.opts[0])
+
+
+def test_a_switch_and_its_opposite_are_one_option():
+    both = ["submit", "zero", "--include-checkpoint", "--no-include-checkpoint"]
+    done = CliRunner().invoke(app, both)
+    assert isinstance(done.exception, UsageError)
+    assert "--no-include-checkpoint" in str(done.exception)
+
+
+def test_an_option_given_twice_ends_a_command_before_it_does_anything(tmp_path):
+    twice = ("--tasks", "pushing", "--tasks", "opening")
+    run("evaluate", "zero", *twice, directory=tmp_path).refused(2, "--tasks", "once")
+    run("--version", "--version", directory=tmp_path).refused(2, "--version")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_help_has_the_options_in_groups(tmp_path):
+    done = run("evaluate", "--help", directory=tmp_path)
+    assert done.code == 0
+    titles = [line for line in done.out.splitlines() if line.endswith(":") and line[0] != " "]
+    assert titles == [
+        "Arguments:", "Episodes:", "Output:", "Engine:", "Isolation:", "Options:",
+    ]  # fmt: skip
+    assert "Only these tasks of the suite; unofficial." in done.out
+
+
+def test_a_shell_can_complete_it(tmp_path):
+    """The shell is the one that started the command: bash stays, because it has more to do."""
+    command = f"{shlex.join(COMMAND)} --show-completion && true"
+    done = subprocess.run(
+        ["bash", "-c", command], check=False, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "complete" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("streams", "code", "notes"),
+    [
+        (">&-", 0, ""),
+        ("2>&-", 0, ""),
+        ("<&- >&- 2>&-", 0, ""),
+        ("2>/dev/full", 0, ""),
+        (
+            ">/dev/full",
+            5,
+            "minitouch-bench: standard output cannot be written: No space left on device\n",
+        ),
+        (">/dev/full 2>/dev/full", 5, ""),
+    ],
+)
+def test_a_closed_or_full_stream_has_a_line_at_most_and_the_right_exit_code(
+    tmp_path, streams, code, notes
+):
+    command = f"{shlex.join(COMMAND)} --version {streams}"
+    done = subprocess.run(
+        command, check=False, shell=True, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (code, notes)
+
+
+def test_a_refusal_keeps_its_exit_code_where_nothing_can_be_printed(tmp_path):
+    command = f"{shlex.join(COMMAND)} verify nothing >/dev/full 2>/dev/full"
+    assert subprocess.run(command, check=False, shell=True, cwd=tmp_path).returncode == 6
+
+
+def test_escape_codes_of_a_name_reach_no_terminal(tmp_path):
+    run("verify", "\x1b[31mred\u200b", directory=tmp_path).refused(
+        6, "[31mred is not a run directory"
+    )
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("evaluate", b"\xff.onnx"),
+        ("evaluate", "zero", "--exploration", b"\xff"),
+        ("evaluate", "zero", "--name", b"\xff"),
+        ("verify", "here", "--policy", b"\xff"),
+    ],
+)
+def test_a_name_that_is_not_utf_8_is_refused_in_a_line(tmp_path, arguments):
+    words = [word if isinstance(word, str) else os.fsdecode(word) for word in arguments]
+    (tmp_path / os.fsdecode(b"\xff.onnx")).touch()
+    run(*words, directory=tmp_path).refused(2, "UTF-8", "\\udcff")
+
+
+def test_a_directory_whose_name_is_not_utf_8_is_refused_in_a_line(tmp_path):
+    directory = tmp_path / os.fsdecode(b"\xff")
+    directory.mkdir()
+    run("evaluate", "zero", directory=directory).refused(2, "UTF-8", "\\udcff")

@@ -1,0 +1,65 @@
+"""``compare`` on runs of the real simulator and on written ones."""
+
+import json
+
+import pytest
+
+from minitouch_bench.files import ACTIONS_FILE
+from tests.commands.command import run
+from tests.reporting.synthetic import make_run
+from tests.reporting.synthetic import write as write_run
+
+
+def write(directory, name, **options):
+    write_run(make_run(name, exploration=False, **options), directory)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("runs")
+    write(directory / "a", "good", skill=0.9)
+    write(directory / "b", "bad", skill=0.2)
+    (directory / "b" / ACTIONS_FILE).touch()  # what can be replayed
+    write(directory / "c", "good-too", skill=0.9, seed=4)
+    write(directory / "few", "few", episodes=4)
+    write(directory / "other", "other", digest="0123456789")
+    return directory
+
+
+def test_three_runs_are_compared_and_written(runs, tmp_path):
+    done = run("compare", "a", "b", "c", "--output", tmp_path / "page", directory=runs)
+    assert done.code == 0, done.err
+    assert "B against A" in done.out
+    assert "C against A" in done.out
+    assert "A is better" in done.out
+    assert "minitouch-bench replay b " in done.out
+    assert "comparison.md" in done.err
+    assert (tmp_path / "page" / "comparison.md").read_text().startswith("# Comparison of runs")
+    document = json.loads((tmp_path / "page" / "comparison.json").read_text())
+    again = run("compare", "a", "b", "c", "--json", directory=runs)
+    assert json.loads(again.out) == document
+
+
+def test_a_real_run_beside_itself_is_identical(scripted):
+    done = run("compare", scripted[1], scripted[1], directory=scripted[1].parent)
+    assert done.code == 0, done.err
+    assert "every episode is the same to the last bit" in done.out
+
+
+REFUSED = [
+    (("a",), 2, "2 to 26 runs"),
+    (("a", "few"), 2, "not of the same episodes"),
+    (("a", "other"), 2, "protocols differ"),
+    (("a", "gone"), 6, "gone is not a run directory"),
+]
+
+
+@pytest.mark.parametrize(("names", "code", "reason"), REFUSED)
+def test_what_cannot_be_compared_is_refused_with_the_reason(runs, names, code, reason):
+    run("compare", *names, directory=runs).refused(code, reason)
+
+
+def test_a_place_that_cannot_be_written_is_named(runs):
+    done = run("compare", "a", "b", "--output", "a/run.json/x", directory=runs)
+    assert done.code == 6
+    assert "cannot be written" in done.err

@@ -1,0 +1,329 @@
+"""The main job: what it leaves behind, and how it ends on every kind of bad input."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import time
+import warnings
+import zipfile
+
+import numpy as np
+import pytest
+import torch
+
+from minitouch_bench.files import JOURNAL_FILE, RUN_FILES, lock_directory
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor
+from tests.commands.command import finish, run, start
+from tests.commands.conftest import SCRIPTED
+
+ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
+
+
+def rows(directory):
+    with (directory / "episodes.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def same_numbers(one, other, files=("actions.npz", "episodes.csv")):
+    for name in files:
+        assert (one / name).read_bytes() == (other / name).read_bytes()
+
+
+# A run that goes well
+
+
+def test_a_run_leaves_its_files_and_shows_its_table(scripted):
+    done, directory = scripted
+    assert done.code == 0, done.err
+    assert set(os.listdir(directory)) == {*RUN_FILES} - {JOURNAL_FILE}
+    assert "Success" in done.out
+    assert "4/4" in done.err
+    assert "report.html" in done.err
+    assert [row["outcome"] for row in rows(directory)] == ["success"] * 4
+    document = json.loads((directory / "run.json").read_text())
+    assert "reads the simulator's state" in (directory / "run.json").read_text()
+    assert "2 of 100 episodes per task" in json.dumps(document)
+
+
+def test_two_workers_give_the_same_numbers_and_json_alone_on_stdout(scripted, tmp_path):
+    done = run(
+        *SCRIPTED, "--workers", 2, "--output", tmp_path / "run", "--json", directory=tmp_path
+    )
+    assert done.code == 0
+    assert json.loads(done.out) == json.loads((tmp_path / "run" / "run.json").read_text())
+    same_numbers(tmp_path / "run", scripted[1])
+
+
+@pytest.mark.slow
+def test_the_default_place_is_named_after_the_policy(tmp_path):
+    done = run("evaluate", "zero", *ONE, directory=tmp_path)
+    assert done.code == 0
+    assert (tmp_path / "reports" / "zero-table4" / "report.html").exists()
+
+
+@pytest.mark.slow
+def test_the_first_episodes_are_recorded_on_video_if_asked_for(tmp_path):
+    run(*SCRIPTED, "--output", "run", "--video", 1, directory=tmp_path)
+    assert sorted(os.listdir(tmp_path / "run" / "videos")) == ["opening-0.mp4", "pushing-0.mp4"]
+    assert "pushing-0.mp4" in (tmp_path / "run" / "report.html").read_text()
+
+
+@pytest.fixture(scope="module")
+def actor_files(tmp_path_factory):
+    """One actor in three forms: native, TorchScript, Stable-Baselines3."""
+    directory = tmp_path_factory.mktemp("actors")
+    torch.manual_seed(5)
+    actor = TouchActor(action_size=5).eval()
+    save_native(actor, directory / "native.safetensors")
+    example = (torch.zeros(1, 1, 84, 84, dtype=torch.uint8), torch.zeros(1, 11))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.jit.trace(actor, example).save(directory / "script.pt")
+    return directory
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("others", [("script.pt",)])
+def test_one_actor_in_several_formats_gives_the_same_numbers(actor_files, tmp_path, others):
+    places = []
+    for name in ("native.safetensors", *others):
+        places.append(tmp_path / name.partition(".")[0])
+        policy = actor_files / name
+        done = run("evaluate", policy, *ONE, "--output", places[-1], directory=tmp_path)
+        assert done.code == 0, done.err
+    for place in places[1:]:
+        same_numbers(places[0], place, ("actions.npz", "episodes.csv"))
+    with np.load(places[0] / "actions.npz") as actions:
+        assert actions["pushing/0"].any()
+
+
+@pytest.mark.slow
+def test_a_stable_baselines_model_is_evaluated_from_its_zip(tmp_path):
+    sb3 = pytest.importorskip("stable_baselines3")
+    from tests.policies.recipes import StillEnvironment
+
+    model = sb3.SAC("MultiInputPolicy", StillEnvironment(4), buffer_size=10, seed=1, device="cpu")
+    model.save(tmp_path / "model.zip")
+    done = run("evaluate", "model.zip", *ONE, "--output", tmp_path / "run", directory=tmp_path)
+    assert done.code == 0, done.err
+    assert rows(tmp_path / "run")[0]["outcome"] in ("step_limit", "left_workspace", "success")
+
+
+# Some episodes of a suite
+
+
+@pytest.fixture(scope="module")
+def chosen(tmp_path_factory):
+    """The first episode of Opening and the second of Pushing alone."""
+    directory = tmp_path_factory.mktemp("chosen")
+    which = ("--episodes-from", "opening/0", "--episodes-from", "pushing/1")
+    done = run("evaluate", "scripted", *which, "--output", "run", directory=directory)
+    return done, directory / "run", which
+
+
+def test_chosen_episodes_hold_the_bits_of_the_whole_run(scripted, chosen):
+    done, directory, _ = chosen
+    assert done.code == 0, done.err
+    assert "unofficial: episodes pushing/1, opening/0 only" in done.out
+    whole = [row for row in rows(scripted[1]) if (row["task"], row["index"]) in TWO]
+    assert rows(directory) == whole
+    with np.load(directory / "actions.npz") as own, np.load(scripted[1] / "actions.npz") as other:
+        assert {*own.files} == {"pushing/1", "opening/0"}
+        assert all(np.array_equal(own[key], other[key]) for key in own.files)
+
+
+TWO = {("pushing", "1"), ("opening", "0")}
+
+
+def test_a_run_of_chosen_episodes_is_verified_replayed_reported_and_resumed(chosen, tmp_path):
+    _, directory, which = chosen
+    assert run("verify", directory, directory=tmp_path).code == 0
+    assert run("replay", directory, "pushing/1", "--steps", directory=tmp_path).code == 0
+    gone = run("replay", directory, "pushing/0", "--steps", directory=tmp_path)
+    gone.refused(2, "no episode 'pushing/0'; it has pushing/1, opening/0")
+    copy = shutil.copytree(directory, tmp_path / "copy")
+    assert run("report", copy, directory=tmp_path).code == 0
+    page = (copy / "report.html").read_text()
+    assert "--episodes-from pushing/1 --episodes-from opening/0" in page
+    assert "episodes per task" not in page
+    again = ("evaluate", "scripted", "--output", copy, "--resume")
+    assert run(*again, *which, directory=tmp_path).code == 0
+    run(*again, *which[:2], directory=tmp_path).refused(6, "chosen: pushing/1, opening/0")
+
+
+def test_chosen_episodes_that_do_not_exist(tmp_path):
+    wrong = ("evaluate", "zero", "--episodes-from")
+    run(*wrong, "pushing/100", directory=tmp_path).refused(2, "pushing/0 to pushing/99")
+    run(*wrong, "pushing/1", "--episodes", 2, directory=tmp_path).refused(2, "leave out")
+
+
+# Policies that cannot be used: 3
+
+
+def test_no_such_file(tmp_path):
+    run("evaluate", "gone.pt", directory=tmp_path).refused(3, "gone.pt", "does not exist")
+
+
+def test_a_text_file_that_says_it_is_a_model(tmp_path):
+    (tmp_path / "notes.pt").write_text("dear diary\n")
+    run("evaluate", "notes.pt", directory=tmp_path).refused(3, "notes.pt")
+
+
+def test_a_truncated_zip(tmp_path):
+    with zipfile.ZipFile(tmp_path / "whole.zip", "w") as file:
+        file.writestr("data", "{}" * 1000)
+    (tmp_path / "cut.zip").write_bytes((tmp_path / "whole.zip").read_bytes()[:-40])
+    run("evaluate", "cut.zip", directory=tmp_path).refused(3, "cut.zip")
+
+
+def test_an_onnx_graph_with_other_input_names(tmp_path):
+    onnx = pytest.importorskip("onnx")
+    number = onnx.TensorProto.FLOAT
+    left = onnx.helper.make_tensor_value_info("picture", number, (1, 4))
+    right = onnx.helper.make_tensor_value_info("action", number, (1, 4))
+    node = onnx.helper.make_node("Identity", ["picture"], ["action"])
+    graph = onnx.helper.make_graph([node], "g", [left], [right])
+    onnx.save(onnx.helper.make_model(graph), tmp_path / "x.onnx")
+    run("evaluate", "x.onnx", directory=tmp_path).refused(3, "x.onnx", "image")
+
+
+def test_a_policy_s_own_code_needs_trust(tmp_path):
+    run("evaluate", "strangers:Policy", directory=tmp_path).refused(3, "--trust")
+    assert os.listdir(tmp_path) == []
+
+
+# Policies at fault: the run finishes, with 4
+
+
+def test_faults_are_counted_and_named_and_the_run_finishes(tmp_path):
+    options = ("--episodes", 1, "--workers", 2, "--act-timeout", 0.5, "--trust")
+    done = run(
+        "evaluate", "strangers:OneFaultATask", *options, "--output", "run", directory=tmp_path
+    )
+    assert done.code == 4
+    assert "Traceback" not in done.err
+    assert {row["outcome"] for row in rows(tmp_path / "run")} == {"policy_fault"}
+    assert {row["success"] for row in rows(tmp_path / "run")} <= {"0", "false", "False"}
+    text = (tmp_path / "run" / "run.json").read_text()
+    for fault in ("NaN", "3 numbers, not 4 or 5", "no action within 0.5 s", "exited with code 3"):
+        assert fault in text
+        assert fault in (tmp_path / "run" / "report.html").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["WrongLength", "NotANumber", "Sleeper", "Leaver"])
+def test_each_fault_alone_ends_with_4(tmp_path, name):
+    options = (*ONE, "--act-timeout", 0.5, "--trust", "--output", "run")
+    assert run("evaluate", f"strangers:{name}", *options, directory=tmp_path).code == 4
+
+
+# Usage: 2
+
+
+def test_a_task_that_does_not_exist(tmp_path):
+    run("evaluate", "zero", "--tasks", "flying", directory=tmp_path).refused(2, "flying", "pick-up")
+
+
+def test_no_directory_is_made_for_a_mistake(tmp_path):
+    run("evaluate", "zero", "--workers", "many", "--output", "run", directory=tmp_path).refused(
+        2, "--workers"
+    )
+    run("evaluate", "zero", *ONE, "--exploration", "gone.pt", directory=tmp_path).refused(
+        3, "gone.pt"
+    )
+    assert os.listdir(tmp_path) == []
+
+
+# The directory: 6
+
+
+def test_a_directory_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("no directory")
+    run("evaluate", "zero", *ONE, "--output", "file/run", directory=tmp_path).refused(
+        6, "cannot be written"
+    )
+
+
+def test_a_directory_that_holds_a_run_is_not_touched(scripted):
+    _, directory = scripted
+    before = {path.name: path.read_bytes() for path in directory.iterdir()}
+    again = run(*SCRIPTED, "--output", directory, directory=directory.parent)
+    again.refused(6, "--resume", "--fresh")
+    other = run("evaluate", "zero", *ONE, "--output", directory, "--resume", directory=directory)
+    other.refused(6, "another run", "policy: scripted there, zero asked for")
+    assert {path.name: path.read_bytes() for path in directory.iterdir()} == before
+
+
+def test_a_directory_in_use(tmp_path):
+    with lock_directory(tmp_path / "run"):
+        done = run("evaluate", "zero", *ONE, "--output", "run", directory=tmp_path)
+    done.refused(6, "in use")
+
+
+# Broken off
+
+
+def wait_for_records(run, count, process):
+    """Wait until so many episodes of a run under way are kept; 0: until it has begun."""
+    deadline = time.monotonic() + 60
+    journal = run / JOURNAL_FILE
+    while not journal.exists() or journal.read_bytes().count(b"\n") < count:
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.005)
+
+
+def test_after_ctrl_c_the_run_is_resumed_with_the_same_result(scripted, tmp_path):
+    process = start(*SCRIPTED, "--workers", 1, "--output", "run", directory=tmp_path)
+    wait_for_records(tmp_path / "run", 1, process)
+    began = time.monotonic()
+    os.killpg(process.pid, signal.SIGINT)
+    broken = finish(process)
+    assert time.monotonic() - began < 30.0
+    assert broken.code == 130
+    assert broken.out == ""
+    assert "Traceback" not in broken.err
+    assert "--resume" in broken.err
+    done = run(*SCRIPTED, "--output", "run", "--resume", directory=tmp_path)
+    assert done.code == 0
+    same_numbers(tmp_path / "run", scripted[1])
+
+
+@pytest.mark.slow
+def test_after_kill_9_the_run_is_resumed_with_the_same_result(scripted, tmp_path):
+    process = start(*SCRIPTED, "--workers", 2, "--output", "run", directory=tmp_path)
+    wait_for_records(tmp_path / "run", 1, process)
+    process.kill()
+    process.communicate()
+    journal = tmp_path / "run" / JOURNAL_FILE
+    journal.write_bytes(journal.read_bytes()[:-99])  # what a crash of the machine may leave
+    done = run(*SCRIPTED, "--workers", 2, "--output", "run", "--resume", directory=tmp_path)
+    assert done.code == 0
+    same_numbers(tmp_path / "run", scripted[1])
+
+
+@pytest.mark.parametrize("moment", [0, pytest.param(0.7, marks=pytest.mark.slow)])
+def test_ctrl_c_before_the_first_episode_ends_it_as_well(tmp_path, moment):
+    process = start("evaluate", "random", *ONE, "--output", "run", directory=tmp_path)
+    wait_for_records(tmp_path / "run", 0, process)
+    time.sleep(moment)  # workers are starting
+    os.killpg(process.pid, signal.SIGINT)
+    broken = finish(process)
+    assert broken.code == 130
+    assert "Traceback" not in broken.err
+
+
+def test_a_worker_that_always_dies_leaves_a_run_to_be_resumed(tmp_path, monkeypatch):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\n"
+        "if 'minitouch_bench.processes' in ' '.join(sys.orig_argv):\n"
+        "    raise SystemExit(9)\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    done = run(*SCRIPTED, "--workers", 1, "--output", "run", directory=tmp_path)
+    assert done.code == 5
+    assert "failed 3 times" in done.err
+    assert "--resume" in done.err

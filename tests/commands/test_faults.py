@@ -1,0 +1,233 @@
+"""What a run survives, beyond what the other tests show."""
+
+import contextlib
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from minitouch_bench.files import JOURNAL_FILE
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor
+from tests.commands.command import finish, run, start
+
+POLICY = "policy.safetensors"
+OPTIONS = ("--tasks", "pushing,opening,pick-up", "--episodes", "2", "--workers", "2")
+EVALUATE = ("evaluate", POLICY, *OPTIONS, "--output", "run")
+RESULTS = ("actions.npz", "episodes.csv")
+KILLS = 20
+
+RANDOM = ("evaluate", "random", "--tasks", "pushing,opening", "--episodes", "3", "--workers", "2")
+"""Its actions come from each episode's seed, and it starts in no time."""
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory) -> Path:
+    """A finished run of a checkpoint, with the checkpoint beside it."""
+    directory = tmp_path_factory.mktemp("uninterrupted")
+    save_native(TouchActor(action_size=5), directory / POLICY)
+    done = run(*EVALUATE, directory=directory)
+    assert done.code == 0, done.err
+    return directory
+
+
+@pytest.fixture
+def place(uninterrupted, tmp_path) -> Path:
+    """An empty place with the same checkpoint."""
+    shutil.copy(uninterrupted / POLICY, tmp_path)
+    return tmp_path
+
+
+def same_results(one: Path, other: Path) -> None:
+    """Compare two runs; only what they say of the machine and the time may differ."""
+    for name in RESULTS:
+        assert (one / name).read_bytes() == (other / name).read_bytes(), name
+    documents = [json.loads((directory / "run.json").read_text()) for directory in (one, other)]
+    for document in documents:
+        del document["environment"]
+    assert documents[0] == documents[1]
+
+
+def family(pid: int) -> dict[int, str]:
+    """Return the processes below one, with their command lines."""
+    found: dict[int, str] = {}
+    generation = [pid]
+    while generation:
+        children = []
+        for parent in generation:
+            with contextlib.suppress(OSError):
+                text = Path(f"/proc/{parent}/task/{parent}/children").read_text()
+                children += [int(child) for child in text.split()]
+        for child in children:
+            with contextlib.suppress(OSError):
+                found[child] = Path(f"/proc/{child}/cmdline").read_text().replace("\0", " ")
+        generation = children
+    return found
+
+
+def victims(pid: int, kind: str) -> list[int]:
+    """Return the workers below the command, or the processes that hold their policies."""
+    below = family(pid)
+    if kind == "worker":
+        return [child for child, line in below.items() if "minitouch_bench.processes" in line]
+    return [child for child, line in below.items() if "policies.forkserver" in line]
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory) -> Path:
+    """A finished run of the random policy."""
+    directory = tmp_path_factory.mktemp("undisturbed")
+    done = run(*RANDOM, "--output", "run", directory=directory)
+    assert done.code == 0, done.err
+    return directory / "run"
+
+
+def begun(run: Path, process: subprocess.Popen[str]) -> None:
+    """Wait until the first episodes are on their way."""
+    while not (run / JOURNAL_FILE).exists() and process.poll() is None:
+        time.sleep(0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_kill_9_of_the_parent_at_20_moments_costs_time_only(undisturbed, tmp_path):
+    chance = random.Random(1)
+    place = tmp_path / "run"
+    killed = 0
+    while killed < KILLS:
+        (place / ".lock").unlink(missing_ok=True)
+        process = start(*RANDOM, "--output", place, "--resume", directory=tmp_path)
+        while not (place / ".lock").exists() and process.poll() is None:
+            time.sleep(0.001)
+        time.sleep(chance.choice([0.0, 0.01, chance.uniform(0.0, 4.0)]))  # opening it, or playing
+        killed += process.poll() is None
+        below = family(process.pid)
+        process.kill()
+        process.communicate()
+        deadline = time.monotonic() + 10
+        while any(Path(f"/proc/{child}/exe").exists() for child in below):
+            assert time.monotonic() < deadline, "a child outlived its parent"
+            time.sleep(0.05)
+        if (place / "run.json").exists():  # it had ended: the next begins anew
+            same_results(place, undisturbed)
+            shutil.rmtree(place)
+    done = run(*RANDOM, "--output", place, "--resume", directory=tmp_path)
+    assert done.code == 0, done.err
+    same_results(place, undisturbed)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("kind", ["worker", "policy"])
+def test_kill_9_of_workers_and_policies_changes_nothing(undisturbed, tmp_path, kind):
+    chance = random.Random(2)
+    place = tmp_path / "run"
+    killed = 0
+    while killed < KILLS:
+        process = start(*RANDOM, "--output", place, "--fresh", directory=tmp_path)
+        begun(place, process)
+        for _ in range(2):  # an episode is tried three times
+            time.sleep(chance.uniform(0.3, 2.0))
+            if found := victims(process.pid, kind):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(chance.choice(found), signal.SIGKILL)
+                    killed += 1
+        done = finish(process)
+        assert done.code == 0, done.err
+        same_results(place, undisturbed)
+
+
+def test_a_second_ctrl_c_ends_it_as_well(place):
+    process = start(*EVALUATE, directory=place)
+    while not (place / "run" / JOURNAL_FILE).exists():
+        time.sleep(0.01)
+    time.sleep(1.0)
+    for _ in range(2):
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGINT)
+        time.sleep(0.05)
+    broken = finish(process)
+    assert broken.code in (130, -signal.SIGINT)
+    assert "Traceback" not in broken.err
+    assert run(*EVALUATE, "--resume", directory=place).code == 0
+
+
+def test_a_ctrl_c_after_the_end_shows_no_traceback(tmp_path):
+    program = (
+        "import atexit, signal, sys; import minitouch_bench.__main__ as entry; "
+        "atexit.register(signal.raise_signal, signal.SIGINT); "
+        "sys.argv = ['', 'tasks']; entry.main()"
+    )
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, check=False, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == -signal.SIGINT
+    assert "pushing" in done.stdout
+    assert done.stderr == ""
+
+
+def test_another_checkpoint_under_the_same_name_does_not_resume(uninterrupted, place):
+    shutil.copytree(uninterrupted / "run", place / "run")
+    save_native(TouchActor(action_size=5), place / POLICY)
+    done = run(*EVALUATE, "--resume", directory=place)
+    done.refused(6, "another run", "policy: policy ")
+    same_results(place / "run", uninterrupted / "run")
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 200 kB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(disk)]
+    if os.geteuid() != 0 or subprocess.run(mount, check=False).returncode != 0:
+        pytest.skip("needs the right to mount a tmpfs (root)")
+    yield disk
+    subprocess.run(["umount", "-l", str(disk)], check=True)
+
+
+def test_a_full_disk_loses_nothing_and_goes_on_when_there_is_room(uninterrupted, place, small_disk):
+    filler = small_disk / "filler"
+    filler.write_bytes(bytes(160_000))
+    options = ("evaluate", POLICY, *OPTIONS, "--output", small_disk / "run")
+    full = run(*options, directory=place)
+    assert full.code in (5, 6)
+    assert "No space left on device" in full.err or "no space left on device" in full.err
+    assert "Traceback" not in full.err
+    filler.unlink()
+    subprocess.run(["mount", "-o", "remount,size=50m", str(small_disk)], check=True)
+    done = run(*options, "--resume", directory=place)
+    assert done.code == 0, done.err
+    same_results(small_disk / "run", uninterrupted / "run")
+
+
+HOSTILE = [
+    '=HYPERLINK("http:evil","x").safetensors',
+    "<script>alert(1)<img src=x onerror=alert(1)>.safetensors",
+    "\x1b[31m\x1b]0;owned\x07red.safetensors",
+    "..safetensors.safetensors",
+]
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_names_reach_no_file_terminal_page_or_sheet(uninterrupted, tmp_path, name):
+    shutil.copy(uninterrupted / POLICY, tmp_path / name)
+    options = ("--tasks", "opening", "--episodes", "1", "--workers", "1")
+    done = run("evaluate", tmp_path / name, *options, directory=tmp_path)
+    assert done.code == 0, done.err
+    (directory,) = (tmp_path / "reports").iterdir()
+    assert directory.parent == tmp_path / "reports"
+    assert all(c.isalnum() or c in "._-" for c in directory.name)
+    assert "\x1b" not in done.out + done.err
+    page = (directory / "report.html").read_text()
+    assert "<script>alert" not in page
+    assert "<img src=x" not in page
+    cells = (directory / "episodes.csv").read_text().splitlines()
+    assert not any(line.startswith(("=", '"=')) for line in cells)
+    assert "\x1b" not in page + "".join(cells)

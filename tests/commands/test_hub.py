@@ -1,0 +1,160 @@
+"""Policies on the Hub, from a stand-in server that speaks as much of its protocol as they need."""
+
+import hashlib
+import json
+import threading
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.util import find_spec
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from minitouch_bench.commands.submit import submit
+from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.policies.sources import HubFile, parse_hub_address, parse_source
+from tests.commands.command import run
+from tests.leaderboard.synthetic import official_run, write_official
+
+COMMIT = "0123456789abcdef0123456789abcdef01234567"
+ADDRESS = "hf://somebody/touch/nets/pushing.safetensors"
+ONE = ("--episodes-from", "pushing/0", "--workers", "1")
+
+needs_library = pytest.mark.skipif(
+    find_spec("huggingface_hub") is None, reason="needs the extra hub: huggingface_hub is missing"
+)
+
+
+@pytest.fixture
+def hub(tmp_path, monkeypatch):
+    """A server with one file at one commit, called main and v1: what it serves and was asked."""
+    save_native(TouchActor(action_size=4).eval(), tmp_path / "served.safetensors")
+    content = (tmp_path / "served.safetensors").read_bytes()
+    served = SimpleNamespace(content=content, size=len(content), asked=[])
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_HEAD(self):
+            self.answer()
+
+        def do_GET(self):
+            if self.answer():
+                self.wfile.write(content)
+
+        def answer(self):
+            served.asked.append(self.path)
+            paths = {
+                f"/somebody/touch/resolve/{one}/nets/pushing.safetensors"
+                for one in ("main", "v1", COMMIT)
+            }
+            is_there = self.path.partition("?")[0] in paths
+            self.send_response(200 if is_there else 404)
+            self.send_header("X-Repo-Commit", COMMIT)
+            self.send_header("ETag", f'"{hashlib.sha256(content).hexdigest()}"')
+            self.send_header("Content-Length", str(served.size if is_there else 0))
+            if not is_there:
+                self.send_header("X-Error-Code", "EntryNotFound")
+            self.end_headers()
+            return is_there
+
+        def log_message(self, *_):
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    monkeypatch.setenv("HF_ENDPOINT", f"http://127.0.0.1:{server.server_port}")
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "home"))
+    yield served
+    server.shutdown()
+    server.server_close()
+
+
+@needs_library
+def test_a_policy_on_the_hub_is_evaluated_and_its_commit_and_digest_are_kept(hub, tmp_path):
+    done = run("evaluate", f"{ADDRESS}@v1", *ONE, "--output", "run", directory=tmp_path)
+    assert done.code == 0, done.err
+    text = (tmp_path / "run" / "run.json").read_text()
+    policy = json.loads(text)["header"]["policy"]
+    assert policy["source"] == f"{ADDRESS}@{COMMIT}"
+    assert policy["digest"] == hashlib.sha256(hub.content).hexdigest()
+    assert policy["kind"] == "native"
+    assert str(tmp_path) not in text
+    assert f"evaluate {ADDRESS}@{COMMIT}" in (tmp_path / "run" / "report.html").read_text()
+    asked = list(hub.asked)
+    unnamed = run("verify", "run", "--rerun", 1, directory=tmp_path)
+    unnamed.refused(5, f"{ADDRESS}@{COMMIT}", "only if you name it", "--policy")
+    assert hub.asked == asked
+    named = ("--policy", policy["source"])
+    again = run("verify", "run", "--rerun", 1, *named, directory=tmp_path)
+    assert again.code == 0, again.err
+
+
+@needs_library
+@pytest.mark.parametrize("is_cached", [True, False])
+def test_packing_a_run_takes_its_file_from_the_cache_alone(hub, tmp_path, monkeypatch, is_cached):
+    monkeypatch.chdir(tmp_path)
+    if is_cached:
+        parse_source(f"{ADDRESS}@{COMMIT}")
+    digest = hashlib.sha256(hub.content).hexdigest()
+    done = official_run()
+    policy = replace(done.header.policy, source=f"{ADDRESS}@{COMMIT}", digest=digest)
+    run_path = Path("reports/table4")
+    write_official(replace(done, header=replace(done.header, policy=policy)), run_path)
+    asked = list(hub.asked)
+    submit([run_path], name="mine", training_steps=0)
+    assert hub.asked == asked
+    assert bool(list(Path("submissions/mine").rglob("*.safetensors"))) is is_cached
+
+
+@needs_library
+def test_the_commit_and_the_main_branch_are_the_same_policy(hub, tmp_path):
+    first = run("evaluate", ADDRESS, *ONE, "--output", "run", directory=tmp_path)
+    assert first.code == 0, first.err
+    pinned = (f"{ADDRESS}@{COMMIT}", *ONE, "--output", "run", "--resume")
+    done = run("evaluate", *pinned, directory=tmp_path)
+    assert done.code == 0, done.err  # another policy would not resume it
+
+
+@needs_library
+@pytest.mark.parametrize("revision", ["main", COMMIT])
+def test_a_file_that_is_too_large_is_not_fetched(hub, tmp_path, revision):
+    hub.size = 10**12
+    done = run("evaluate", f"{ADDRESS}@{revision}", *ONE, directory=tmp_path)
+    done.refused(3, "1000000000000 bytes", "too large")
+    assert sum("/resolve/" in path for path in hub.asked) == 1
+
+
+@needs_library
+@pytest.mark.parametrize("address", [f"{ADDRESS}@v2", ADDRESS.replace("pushing", "opening")])
+def test_a_file_that_is_not_there(hub, tmp_path, address):
+    done = run("evaluate", address, *ONE, directory=tmp_path)
+    done.refused(3, address, "cannot be fetched")
+
+
+@needs_library
+def test_a_hub_that_does_not_answer(tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_ENDPOINT", "http://127.0.0.1:9")
+    monkeypatch.setenv("HF_HOME", str(tmp_path))
+    run("evaluate", ADDRESS, *ONE, directory=tmp_path).refused(3, "cannot be fetched")
+
+
+@pytest.mark.skipif(find_spec("huggingface_hub") is not None, reason="huggingface_hub is there")
+def test_without_the_library_the_extra_is_named(tmp_path):
+    done = run("evaluate", ADDRESS, directory=tmp_path)
+    done.refused(3, "huggingface_hub", "minitouch-bench[hub]")
+
+
+def test_addresses():
+    assert parse_hub_address("hf://a/b/c/d.onnx") == HubFile("a/b", "c/d.onnx", "main")
+    assert str(parse_hub_address("hf://a/b/c.pt@refs/pr/1")) == "hf://a/b/c.pt@refs/pr/1"
+    leaving = ("hf://a/b/../../../x.onnx", "hf://../b/x.pt", "hf://a/./x.pt", "hf://a/b//x.pt")
+    for wrong in (*leaving, "hf://a/b", "hf://a/b/", "hf://a@v1/b/c.pt@v2", "hf://a b/c/d.pt"):
+        with pytest.raises(PolicyLoadError, match="hf://USER/REPO/FILE"):
+            parse_hub_address(wrong)
+
+
+def test_another_kind_of_file_is_refused_before_it_is_fetched(tmp_path):
+    done = run("evaluate", "hf://a/b/c.txt", directory=tmp_path)
+    done.refused(3, "no known policy format")

@@ -1,0 +1,180 @@
+"""Checking submissions and drawing the board, as a maintainer types it."""
+
+import contextlib
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from minitouch_bench.commands.leaderboard import app, build
+from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError
+from minitouch_bench.leaderboard.board import LeftOut, make_board
+from minitouch_bench.leaderboard.validation import SubmissionFindings
+from minitouch_bench.verification.problems import Problem
+from tests.commands.command import run
+from tests.leaderboard.synthetic import make_submission
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    root = tmp_path_factory.mktemp("board")
+    make_submission(root / "submissions", "hac")
+    make_submission(root / "submissions", "zero", 0.1, kind="zero")
+    return root
+
+
+@pytest.fixture
+def root(sound, tmp_path):
+    return shutil.copytree(sound, tmp_path / "root")
+
+
+def test_valid_submissions_are_named_with_their_level(root):
+    done = run("leaderboard", "validate", "submissions/hac", "submissions/zero", directory=root)
+    assert done.code == 0
+    assert done.out == "hac: valid, verified\nzero: valid, verified\n"
+
+
+@pytest.mark.parametrize("refused", [(), (LeftOut("hac", ("notes.txt: no such file",)),)])
+def test_a_strict_build_fails_where_a_submission_is_refused(tmp_path, monkeypatch, refused):
+    board = replace(make_board([]), refused=refused)
+    monkeypatch.setattr("minitouch_bench.leaderboard.build.build_board", lambda *_: board)
+    build(tmp_path, tmp_path, strict=False)
+    expected = pytest.raises(typer.Exit) if refused else contextlib.nullcontext()
+    with expected as end:
+        build(tmp_path, tmp_path, strict=True)
+    assert not refused or end.value.exit_code == 1
+
+
+@pytest.fixture
+def validate(monkeypatch, tmp_path):
+    """Run the command where the check of each directory, by its name, finds this."""
+
+    def run_command(*arguments, **results):
+        places = [tmp_path / name for name in results]
+        for place in places:
+            place.mkdir()
+        found = lambda place: SubmissionFindings(directory=place, **results[place.name])  # noqa: E731
+        monkeypatch.setattr("minitouch_bench.leaderboard.validation.validate", found)
+        return CliRunner().invoke(app, ["validate", *map(str, places), *arguments])
+
+    return run_command
+
+
+def problem(*, is_unchecked=False):
+    return {"problems": (Problem("run.json", "no", is_unchecked=is_unchecked),)}
+
+
+@pytest.mark.parametrize(("unchecked", "code"), [((True,), 6), ((True, False), 1)])
+def test_a_submission_that_cannot_be_read_is_not_called_invalid(validate, unchecked, code):
+    problems = tuple(Problem("run.json", "no", is_unchecked=one) for one in unchecked)
+    assert validate(hac={"problems": problems}).exit_code == code
+
+
+@pytest.mark.parametrize(("error", "code"), [(IncompleteCheckError, 5), (RunDirectoryError, 6)])
+def test_a_check_that_cannot_be_finished_does_not_stop_the_others(validate, error, code):
+    done = validate(first={"error": error("why")}, second={})
+    assert done.exit_code == code
+    assert done.stdout.splitlines() == ["first: why", "second: valid, self-reported"]
+    assert done.stderr == "1 of 2 valid\n"
+
+
+def test_a_proof_that_is_withdrawn_is_told(validate):
+    done = validate(hac=problem() | {"withdrawn": "verified"})
+    assert done.exit_code == 1
+    assert done.stdout.splitlines()[-1] == "hac: its proof (verified) is withdrawn"
+
+
+def test_a_directory_that_is_not_there_is_a_wrong_argument(root):
+    for name in ("nosuch", "submissions/hac/submission.toml", "x" * 300):
+        done = run("leaderboard", "validate", "submissions/hac", name, directory=root)
+        done.refused(2, name)
+        assert done.out == ""
+
+
+def test_every_fault_has_a_line_and_the_exit_code_is_1(root):
+    (root / "submissions/hac/notes.txt").write_text("hello")
+    (root / "submissions/hac/seed-0/table4/table4.csv").write_text("policy\n")
+    done = run("leaderboard", "validate", "submissions/hac", "submissions/zero", directory=root)
+    assert done.code == 1
+    lines = done.out.splitlines()
+    assert lines[-1] == "zero: valid, verified"
+    assert "hac: notes.txt: a submission has no such file; remove it" in lines
+    assert any("table4.csv: a submission has no such file" in line for line in lines)
+    assert "1 of 2 valid" in done.err
+
+
+def test_nothing_is_played_where_the_files_are_at_fault_already(root):
+    (root / "submissions/hac/notes.txt").write_text("hello")
+    shutil.rmtree(root / "submissions" / "_proofs")
+    done = run("leaderboard", "validate", "submissions/hac", "--prove", directory=root)
+    assert done.code == 1
+    assert len(done.out.splitlines()) == 1
+    assert not (root / "submissions" / "_proofs").exists()
+
+
+def test_a_board_is_built_and_a_bad_submission_does_not_stop_it(root):
+    shutil.copytree(root / "submissions" / "hac", root / "submissions" / "bad")
+    done = run("leaderboard", "build", directory=root)
+    assert done.code == 0
+    assert "bad: submission.toml: the name is 'hac', the directory 'bad'" in done.out
+    assert done.out.splitlines()[-1] == "reports/leaderboard/index.html"
+    assert "1 ranked, 0 of another protocol, 1 refused" in done.err
+    names = {path.name for path in (root / "reports" / "leaderboard").iterdir()}
+    assert {"index.html", "leaderboard.md", "leaderboard.csv", "leaderboard.json"} <= names
+
+
+def test_the_stored_leaderboard_is_what_is_built_today(tmp_path):
+    done = run("leaderboard", "build", "--output", tmp_path, directory=ROOT)
+    assert done.code == 0
+    stored = ROOT / "reports" / "leaderboard"
+    built, kept = (
+        {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")}
+        for folder in (tmp_path, stored)
+    )
+    assert built == kept, "make leaderboard"
+
+
+def test_the_page_about_it_has_the_learned_rows_of_today():
+    board = (ROOT / "reports" / "leaderboard" / "leaderboard.md").read_text()
+    overall = board.partition("## Overall")[2].partition("\n## ")[0].replace("\\", "")
+    page = (ROOT / "docs" / "results" / "leaderboard.md").read_text()
+    rows = re.findall(r"(?m)^\| (\d.*?) \| (\S+) \| (.*?) \|", overall)
+    assert len(rows) == page.count("| `")
+    for rank, name, mean in rows:
+        assert f"| `{name}` | {mean} | {rank} |" in page
+
+
+def test_the_same_submissions_give_the_same_board(root):
+    for place in ("one", "two"):
+        assert run("leaderboard", "build", "--output", place, directory=root).code == 0
+    for name in ("index.html", "leaderboard.md", "leaderboard.csv", "leaderboard.json"):
+        assert (root / "one" / name).read_bytes() == (root / "two" / name).read_bytes()
+
+
+def test_no_directory_of_submissions(tmp_path):
+    run("leaderboard", "build", directory=tmp_path).refused(2, "no directory of submissions")
+
+
+def test_a_link_to_itself_does_not_stop_the_leaderboard(root):
+    (root / "submissions" / "loop").symlink_to("loop")
+    done = run("leaderboard", "build", "--output", "site", directory=root)
+    assert done.code == 0, done.err
+    assert "1 ranked" in done.err
+    assert "loop: it is not a directory" in done.out
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("leaderboard", "build", "--output", "site", "--submissions"), 2),
+        (("submit", "--name", "mine", "--training-steps", "0"), 6),
+    ],
+)
+def test_a_directory_that_cannot_be_looked_at_is_a_mistake_of_one_line(tmp_path, words, code):
+    run(*words, "x" * 300, directory=tmp_path).refused(code, "File name too long")

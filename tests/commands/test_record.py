@@ -1,0 +1,96 @@
+from pathlib import Path
+
+import minari
+import numpy as np
+import pytest
+import typer
+
+from minitouch_bench.agents.logged_data import fill_from_log
+from minitouch_bench.agents.replay import Replay
+from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.commands.record import record
+from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+
+POLICIES = Path(__file__).parents[1] / "evaluation"
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("data") / "log"
+    record("scripted", "pushing", output=directory, episodes=2)
+    return directory
+
+
+def test_minari_reads_what_was_recorded(dataset):
+    episodes = list(minari.MinariDataset(dataset).iterate_episodes())
+    assert len(episodes) == 2
+    for episode in episodes:
+        steps = len(episode.actions)
+        assert episode.observations["image"].shape == (steps + 1, 1, 84, 84)
+        assert episode.observations["touch"].shape == (steps + 1, 11)
+        ends = episode.terminations | episode.truncations
+        assert np.flatnonzero(ends).tolist() == [steps - 1]
+        assert np.flatnonzero(episode.infos["is_success"]).tolist() == [steps]
+    first, second = (episode.observations["image"][0] for episode in episodes)
+    assert not np.array_equal(first, second)
+
+
+def test_a_relative_directory_is_written_to(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    directory = Path("data/log")
+    record("zero", "opening", output=directory, episodes=1)
+    assert len(list(minari.MinariDataset(directory).iterate_episodes())) == 1
+    assert [entry.name for entry in Path("data").iterdir()] == ["log"]
+
+
+def test_a_training_reads_it_too(dataset):
+    replay = Replay(1000, 11, 4, compress=True)
+    fill_from_log(replay, dataset, 4)
+    steps = [len(one.actions) for one in minari.MinariDataset(dataset).iterate_episodes()]
+    assert replay.rows == sum(steps) + 2
+    assert [end for _, end in replay.state()["successes"]] == [steps[0], replay.rows - 1]
+
+
+def test_a_fault_is_no_end_of_the_task(tmp_path, monkeypatch):
+    """A memory that learned from it would take the last state for a goal."""
+    monkeypatch.setenv("PYTHONPATH", str(POLICIES), prepend=":")
+    options = {"task": "pushing", "episodes": 1, "trust": True}
+    with pytest.raises(typer.Exit) as end:
+        record("misbehaved:FaultInPushing", output=tmp_path / "log", **options)
+    assert end.value.exit_code == 4
+    dataset = minari.MinariDataset(tmp_path / "log")
+    (episode,) = dataset.iterate_episodes()
+    assert episode.terminations.tolist() == [False, False]
+    assert episode.truncations.tolist() == [False, True]
+    assert dataset.spec.dataset_id == "minitouch/pushing/misbehaved-FaultInPushing-v0"
+    with pytest.raises(PolicyLoadError, match="nothing learned"):
+        record("misbehaved:Hopeless", output=tmp_path / "none", **options)
+
+
+def test_a_dataset_is_not_overwritten(dataset):
+    with pytest.raises(RunDirectoryError, match="--output"):
+        record("random", "pushing", output=dataset, episodes=1)
+
+
+def test_an_interrupted_recording_leaves_nothing_in_the_way(tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    directory = tmp_path / "log"
+    monkeypatch.setattr(EpisodeProgress, "_add", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        record("random", "opening", output=directory)
+    monkeypatch.undo()
+    assert list(tmp_path.iterdir()) == []
+    record("random", "opening", output=directory, episodes=2)
+    assert len(list(minari.MinariDataset(tmp_path / "log").iterate_episodes())) == 2
+
+
+def test_an_unknown_task_is_named(tmp_path):
+    with pytest.raises(UsageError, match="juggling"):
+        record("random", "juggling", output=tmp_path / "log")
+
+
+def test_a_seed_that_no_dataset_can_hold_is_refused_before_an_episode(tmp_path):
+    with pytest.raises(UsageError, match=r"--seed is below 2\^64"):
+        record("random", "pushing", output=tmp_path / "log", seed=2**64)

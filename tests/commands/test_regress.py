@@ -1,0 +1,301 @@
+"""``regress`` on written runs, and with policies on the real simulator."""
+
+import json
+import os
+import shlex
+import signal
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import pytest
+
+from minitouch_bench.commands.replay import replay_episode
+from minitouch_bench.files import RUN_FILE, write_file
+from minitouch_bench.runs.actions import write_actions
+from minitouch_bench.runs.plan import make_plan
+from minitouch_bench.runs.run import make_header, parse_run, run_digest, run_json
+from minitouch_bench.runs.run import make_run as measure_run
+from tests.commands.command import finish, run, start
+from tests.commands.test_evaluate import wait_for_records
+from tests.reporting.synthetic import make_run
+
+TEN = ("--tasks", "pushing,opening", "--episodes", "5")
+
+
+def write(directory, name, episodes=20, **options):
+    """Write a run whose numbers agree: of the suite's episodes, with as many actions as steps."""
+    plan = make_plan("table4", episodes=episodes)
+    played = make_run(name, plan.tasks, episodes, exploration=False, **options)
+    records = tuple(map(of_plan, played.records, plan.specs()))
+    header = make_header(plan, played.header.policy, None, "sandbox")
+    directory.mkdir()
+    write_actions(records, directory)
+    done = measure_run(header, played.environment, records, name)
+    write_file(directory / RUN_FILE, run_json(done))
+
+
+def of_plan(record, spec):
+    record.trace.actions[record.trace.clipped] = 1  # a clipped action is at a bound
+    return replace(record, spec=spec)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("runs")
+    write(directory / "good", "good", skill=0.9, episodes=60)
+    write(directory / "bad", "bad", skill=0.2, episodes=60)
+    write(directory / "close", "close", skill=0.85, episodes=60)
+    write(directory / "few", "few", episodes=4)
+    write(directory / "few-good", "few-good", skill=1.0, episodes=4)
+    return directory
+
+
+def gate(runs, candidate, *options):
+    return run("regress", "--baseline", "good", "--candidate", candidate, *options, directory=runs)
+
+
+def edited(runs, name, change):
+    """A copy of the good run, called ``name``, whose document ``change`` has edited."""
+    document = json.loads((runs / "good" / "run.json").read_text())
+    change(document)
+    (runs / name).mkdir(exist_ok=True)
+    (runs / name / "run.json").write_text(json.dumps(document))  # its layout does not matter
+    return name
+
+
+def test_a_regression_exits_1_and_writes_all_it_is_asked_for(runs, tmp_path):
+    files = ("--junit", tmp_path / "out" / "gate.xml", "--summary", tmp_path / "summary.md")
+    done = gate(runs, "bad", *files)
+    assert done.code == 1, done.err
+    answer, following = done.out.strip().splitlines()[-2:]
+    assert answer.startswith("regression: mean success ")
+    assert following.startswith("next: minitouch-bench replay bad ")
+    suite = ElementTree.parse(tmp_path / "out" / "gate.xml").getroot().find("testsuite")
+    assert len(suite.findall("testcase")) > 6
+    assert int(suite.attrib["failures"]) >= 3
+    assert float(suite.attrib["time"]) > 0
+    summary = (tmp_path / "summary.md").read_text()
+    assert summary.startswith("## ❌ minitouch-bench regression: ")
+
+
+def test_the_summary_of_a_github_step_is_added_to(runs, tmp_path, monkeypatch):
+    page = tmp_path / "step.md"
+    page.write_text("before\n")
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(page))
+    assert gate(runs, "good").code == 0
+    assert gate(runs, "bad").code == 1
+    text = page.read_text()
+    assert text.startswith("before\n## ✅ minitouch-bench no regression: ")
+    assert text.count("\n## ") == 2
+
+
+def test_equal_digests_are_no_regression_and_say_so(runs):
+    done = gate(runs, "good", "--strict")
+    assert done.code == 0
+    assert "no regression: the run digests are equal" in done.out
+
+
+def test_not_enough_episodes_are_never_called_a_pass_and_fail_if_worse_beyond_the_tolerance(runs):
+    done = gate(runs, "close", "--tolerance", "0.3", "--alpha", "0.001", "--json")
+    assert json.loads(done.out)["decision"] == "no regression"
+    command = ("regress", "--baseline", "few-good", "--candidate", "few", "--alpha", "0.001")
+    done = run(*command, "--json", directory=runs)
+    document = json.loads(done.out)
+    assert (done.code, document["decision"]) == (5, "not enough episodes")
+    assert document["endpoint"]["p_value"] > 0.001
+    done = run(*command, "--lenient", directory=runs)
+    assert done.code == 0
+    assert "not enough episodes: mean success" in done.out
+    assert "PASS" not in done.out
+
+
+def test_no_file_changes_the_settings(runs, tmp_path):
+    (tmp_path / "minitouch-bench.toml").write_text("[regress]\ntolerance = 0.95\n")
+    paths = ("--baseline", runs / "good", "--candidate", runs / "bad")
+    assert run("regress", *paths, directory=tmp_path).code == 1
+    assert run("regress", *paths, "--tolerance", "0.95", directory=tmp_path).code == 0
+
+
+@pytest.mark.parametrize("twice", ["--candidate", "--baseline"])
+def test_an_option_given_twice_is_an_error(runs, twice):
+    options = ("--candidate", "bad", "--baseline", "good", twice, "good")
+    run("regress", *options, directory=runs).refused(2, twice)
+
+
+def test_a_task_whose_rules_changed_is_refused_by_name(runs):
+    def change(document):
+        header = document["header"]
+        header["task_digests"]["opening"] = "0" * 64
+        saved = parse_run(json.dumps(document).encode(), "other")
+        document["digest"] = run_digest(saved.header, saved.rows, saved.exploration_rows)
+
+    baseline = edited(runs, "other-rules", change)
+    for candidate in (("--candidate", "good"), ("zero",)):
+        done = run("regress", "--baseline", baseline, *candidate, directory=runs)
+        done.refused(2, "other-rules", "rules of opening", "make the run again")
+    assert not (runs / "reports").exists()
+
+
+def no_success(document):
+    for row in document["episodes"]:
+        row["outcome"] = "step_limit"
+
+
+def in_pushing(field, value):
+    """An edit of a number that the digest does not cover, in the first failed episode."""
+
+    def change(document):
+        row = next(row for row in document["episodes"] if row["outcome"] == "success")
+        row[field] = value
+
+    return change
+
+
+EDITS = {
+    "outcomes": (no_success, 6, "was edited"),
+    "digest": (lambda document: document.update(digest="0" * 64), 6, "was edited"),
+    "steps": (in_pushing("steps", 3), 6, "was edited"),
+    "touch_steps": (in_pushing("touch_steps", 2), 6, "was edited"),
+    "episodes": (
+        lambda document: document["header"]["plan"].update(episodes=2**62),
+        6,
+        "header.plan.episodes",
+    ),
+    "protocol": (
+        lambda document: document["header"].update(protocol_digest="0" * 64), 6, "protocol_digest"
+    ),
+    "conditions": (
+        lambda document: document["header"]["plan"]["conditions"].update(without=["vision"]),
+        6,
+        "unofficial_because",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_a_run_that_was_edited_is_refused_on_either_side(runs, edit):
+    change, code, reason = EDITS[edit]
+    baseline = edited(runs, f"edited-{edit}", change)
+    pair = ("--baseline", baseline, "--candidate", "good")
+    run("regress", *pair, directory=runs).refused(code, reason)
+    pair = ("--baseline", "good", "--candidate", baseline)
+    run("regress", *pair, directory=runs).refused(code, reason)
+
+
+REFUSED = [
+    (("--baseline", "good"), 2, "either POLICY or --candidate"),
+    (("zero", "--baseline", "good", "--candidate", "bad"), 2, "either POLICY or --candidate"),
+    (("--candidate", "good"), 2, "--baseline"),
+    (("--baseline", "good", "--candidate", "few"), 2, "not of the same episodes"),
+    (("--baseline", "gone", "--candidate", "good"), 6, "gone is not a run directory"),
+    (("--baseline", "good", "--candidate", "bad", "--alpha", "1"), 2, "alpha"),
+    (("--baseline", "good", "--candidate", "bad", "--alpha", "0.0001"), 2, "alpha"),
+    (("--baseline", "good", "--candidate", "bad", "--metric", "x"), 2, "no metric 'x'"),
+    (("--baseline", "good", "--candidate", "bad", "--strict", "--lenient"), 2, "not both"),
+    (("--baseline", "good", "--candidate", "bad", "--resume"), 2, "are for a POLICY"),
+]
+
+
+@pytest.mark.parametrize(("options", "code", "reason"), REFUSED)
+def test_mistakes_end_in_two_lines(runs, options, code, reason):
+    run("regress", *options, directory=runs).refused(code, reason)
+
+
+# With a policy, in the simulator
+
+
+@pytest.fixture(scope="module")
+def baseline(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("gate")
+    done = run("evaluate", "scripted", *TEN, "--output", "base", directory=directory)
+    assert done.code == 0, done.err
+    return directory
+
+
+def test_a_policy_is_played_under_the_baseline_s_conditions(tmp_path):
+    conditions = ("--without", "vision", "--perturb", "mass=2")
+    base = run(
+        "evaluate", "random", "--suite", "smoke", "--tasks", "opening", "--episodes", "1",
+        *conditions, "--output", "base", directory=tmp_path,
+    )  # fmt: skip
+    assert base.code == 0, base.err
+    done = run("regress", "random", "--baseline", "base", "--output", "new", directory=tmp_path)
+    assert done.code == 0, done.err
+    plan = json.loads((tmp_path / "new" / "run.json").read_text())["header"]["plan"]
+    assert plan["conditions"]["without"] == ["vision"]
+    assert plan["conditions"]["mass"] == [2.0, 2.0]
+
+
+def test_a_policy_that_is_not_there_is_refused(baseline):
+    run("regress", "gone.pt", "--baseline", "base", directory=baseline).refused(3, "gone.pt")
+
+
+def test_a_policy_that_is_clearly_worse_is_a_regression_whose_commands_work(baseline):
+    command = ("regress", "zero", "--baseline", "base", "--output", "zero")
+    done = run(*command, "--json", directory=baseline)
+    document = json.loads(done.out)
+    assert (done.code, document["decision"]) == (1, "regression")
+    assert len(document["changes"]) == 10
+    replays = [document["next_command"], *document["changes"][-1]["replays"]]
+    for command_line in replays:
+        program, verb, directory, key = shlex.split(command_line)
+        assert (program, verb) == ("minitouch-bench", "replay")
+        assert replay_episode(baseline / directory, key).is_same  # without the command's video
+    run(*command, directory=baseline).refused(6, "--resume", "--fresh")
+    again = run(*command, "--resume", "--json", directory=baseline)
+    assert json.loads(again.out) == document
+    steps = json.loads((baseline / "zero" / "run.json").read_text())
+    steps["episodes"][0]["touch_steps"] += 1
+    (baseline / "zero" / "run.json").write_text(json.dumps(steps))
+    run(*command, "--resume", directory=baseline).refused(6, "was edited")
+
+
+def test_the_same_policy_has_the_same_bits(baseline):
+    command = ("regress", "scripted", "--baseline", "base", "--output", "again")
+    done = run(*command, directory=baseline)
+    assert done.code == 0, done.err
+    assert "every episode is the same to the last bit" in done.out
+    assert (baseline / "again" / "report.html").exists()
+
+
+def test_a_baseline_that_lacks_episodes_is_refused_before_any_is_played(baseline):
+    document = json.loads((baseline / "base" / "run.json").read_text())
+    document["episodes"] = [row for row in document["episodes"] if row["index"] < 4]
+    saved = parse_run(json.dumps(document).encode(), "cut")
+    document["digest"] = run_digest(saved.header, saved.rows)
+    cut = baseline / "cut"
+    cut.mkdir()
+    (cut / "run.json").write_text(json.dumps(document))
+    done = run("regress", "zero", "--baseline", cut, "--output", "never", directory=baseline)
+    done.refused(6, "2 episodes are missing")
+    assert not (baseline / "never").exists()
+    exploration = ("--metric", "exploration", "--output", "never")
+    done = run("regress", "zero", "--baseline", "base", *exploration, directory=baseline)
+    done.refused(2, "POLICY plays no exploration episodes")
+    assert not (baseline / "never").exists()
+
+
+@pytest.mark.slow
+def test_the_number_of_workers_and_a_break_do_not_change_the_answer(baseline):
+    def without_paths(done):
+        """The result, without what names the candidate's directory."""
+        document = json.loads(done.out)
+        document.pop("next_command")
+        document.pop("wall_s")
+        return {**document, "candidate": None, "changes": len(document["changes"])}
+
+    answers = []
+    for name, workers in (("one", 1), ("two", 2)):
+        options = ("--output", name, "--workers", workers, "--json")
+        done = run("regress", "random", "--baseline", "base", *options, directory=baseline)
+        answers.append(without_paths(done))
+    assert answers[0] == answers[1]
+    broken = ("regress", "random", "--baseline", "base", "--output", "broken")
+    process = start(*broken, "--workers", 1, directory=baseline)
+    wait_for_records(baseline / "broken", 2, process)
+    os.killpg(process.pid, signal.SIGINT)
+    ended = finish(process)
+    assert ended.code == 130
+    assert "--resume" in ended.err
+    done = run(*broken, "--resume", "--json", directory=baseline)
+    assert answers[0] == without_paths(done)

@@ -1,0 +1,79 @@
+import shutil
+
+import pytest
+
+from minitouch_bench.commands.report import report
+from tests.commands.command import run
+from tests.reporting.synthetic import make_run, write
+
+
+def test_one_run_is_shown_and_drawn_again(scripted, tmp_path):
+    copy = tmp_path / "again"
+    shutil.copytree(scripted[1], copy)
+    (copy / "report.html").unlink()
+    done = run("report", copy, directory=tmp_path)
+    assert done.code == 0
+    assert "Success" in done.out
+    assert (copy / "report.html").exists()
+
+
+def test_several_runs_stand_side_by_side(scripted, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(scripted[1], other)
+    done = run("report", scripted[1], other, "--output", tmp_path / "both", directory=tmp_path)
+    assert done.code == 0
+    page = (tmp_path / "both" / "report.html").read_text()
+    assert page.count("scripted") > 1
+    assert "Pushing" in page
+
+
+@pytest.mark.parametrize("content", [None, "no json"])
+def test_what_is_no_run_is_refused(tmp_path, content):
+    directory = tmp_path / "none"
+    directory.mkdir()
+    if content is not None:
+        (directory / "run.json").write_text(content)
+    run("report", directory, directory=tmp_path).refused(6, "none")
+
+
+def test_runs_are_called_what_the_user_says(scripted, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(scripted[1], other)
+    both = (scripted[1], other)
+    done = run("report", *both, "--names", "old, new", "--output", "both", directory=tmp_path)
+    assert done.code == 0
+    page = (tmp_path / "both" / "report.html").read_text()
+    assert ">old</p>" in page
+    assert ">new</p>" in page
+    for names in ("one", "same,same", "a,"):
+        run("report", *both, "--names", names, directory=tmp_path).refused(2, "names")
+
+
+@pytest.mark.parametrize(
+    ("form", "words"),
+    [("latex", r"\toprule"), ("md", "| Metric |"), ("csv", "policy,task,"), ("json", '"policy":')],
+)
+def test_table_4_is_printed_in_each_format_and_nothing_is_written(scripted, tmp_path, form, words):
+    chosen = ("--tasks", "pushing", "--metrics", "success,touched")
+    done = run("report", scripted[1], "--format", form, *chosen, directory=tmp_path)
+    assert done.code == 0, done.err
+    assert words in done.out
+    assert "pushing" in done.out.lower()
+    assert "touched" in done.out.lower()
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_choice_that_does_not_exist_is_refused(scripted, tmp_path):
+    run("report", scripted[1], "--format", "pdf", directory=tmp_path).refused(2, "pdf")
+    run("report", scripted[1], "--metrics", "luck", directory=tmp_path).refused(2, "luck")
+    both = ("--format", "csv", "--output", "out")
+    run("report", scripted[1], *both, directory=tmp_path).refused(2, "--output")
+
+
+def test_the_videos_of_a_run_are_in_its_report_however_it_is_named(tmp_path):
+    write(make_run("a", tasks=("pushing",), episodes=2, exploration=False), tmp_path)
+    (tmp_path / "videos").mkdir()
+    (tmp_path / "videos" / "pushing-1.mp4").write_bytes(b"a video")
+    for path in (tmp_path, tmp_path / "run.json"):
+        report([path])
+        assert "videos/pushing-1.mp4" in (tmp_path / "report.html").read_text()

@@ -1,0 +1,154 @@
+import json
+import shutil
+import socket
+from dataclasses import replace
+
+import pytest
+
+from minitouch_bench.commands.replay import replay_episode
+from minitouch_bench.records import Outcome
+from tests.commands.command import run
+from tests.leaderboard.synthetic import official_run, write_official
+
+ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
+
+
+@pytest.fixture
+def copy(scripted, tmp_path):
+    return shutil.copytree(scripted[1], tmp_path / "run")
+
+
+def test_a_true_run_is_verified_and_run_again(scripted):
+    directory = scripted[1]
+    done = run("verify", directory, "--rerun", 2, directory=directory.parent)
+    assert done.code == 0, done.err
+    assert "4 episodes replayed" in done.out
+    assert "2 episodes run again with the checkpoint" in done.out
+    assert "is verified" in done.out
+
+
+def test_an_edited_run_is_named_with_exit_1(copy):
+    text = (copy / "run.json").read_text()
+    text = text.replace('"outcome": "success"', '"outcome": "step_limit"', 1)
+    (copy / "run.json").write_text(text)
+    done = run("verify", copy, "--rerun", 2, "--json", directory=copy.parent)
+    assert done.code == 1
+    result = json.loads(done.out)
+    assert result["passed"] is False
+    assert result["reran"] == 0
+    assert result["problems"][0] == {
+        "place": "pushing/0",
+        "what": "it ended at the step limit after 10 of 200 steps",
+        "remedy": "take the run as it was written",
+        "is_other_protocol": False,
+        "is_unchecked": False,
+    }
+    plain = run("verify", copy, directory=copy.parent)
+    assert plain.code == 1
+    assert "pushing/0: it ended at the step limit after 10 of 200 steps" in plain.out
+    assert "is not verified" in plain.out
+
+
+def test_a_run_is_verified_without_its_checkpoint_but_not_run_again(tmp_path):
+    from minitouch_bench.policies.native import save_native
+    from minitouch_bench.policies.networks import TouchActor
+
+    policy = tmp_path / "policy.safetensors"
+    save_native(TouchActor(action_size=4), policy)
+    done = run("evaluate", policy, *ONE, "--output", "run", directory=tmp_path)
+    assert done.code == 0, done.err
+    moved = policy.rename(tmp_path / "moved.safetensors")
+    assert run("verify", "run", directory=tmp_path).code == 0
+    run("verify", "run", "--rerun", 1, directory=tmp_path).refused(5, "is gone", "--policy")
+    again = run("verify", "run", "--rerun", 1, "--policy", moved, directory=tmp_path)
+    assert again.code == 0, again.err
+    save_native(TouchActor(action_size=4), moved)
+    run("verify", "run", "--rerun", 1, "--policy", moved, directory=tmp_path).refused(
+        2, "is not the policy of this run"
+    )
+
+
+def test_a_server_that_a_run_names_is_contacted_only_if_the_user_names_it(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(0.0)
+        address = f"http://127.0.0.1:{server.getsockname()[1]}"
+        done = official_run(kind="remote")
+        policy = replace(done.header.policy, source=address)
+        write_official(replace(done, header=replace(done.header, policy=policy)), tmp_path / "run")
+        unnamed = run("verify", "run", "--rerun", 1, directory=tmp_path)
+        unnamed.refused(5, address, "contacted only if you name it", "--policy")
+        with pytest.raises(BlockingIOError):
+            server.accept()
+
+
+def test_what_is_no_run_or_damaged_ends_with_6(copy, tmp_path):
+    run("verify", tmp_path, directory=tmp_path).refused(
+        6, "is not a run directory: it has no run.json"
+    )
+    for gone in ("gone", "gone/run.json"):
+        run("verify", gone, directory=tmp_path).refused(
+            6, "gone is not a run directory: it does not exist"
+        )
+    (copy / "actions.npz").write_bytes((copy / "actions.npz").read_bytes()[:-30])
+    run("verify", copy, directory=tmp_path).refused(6, "actions.npz", "damaged")
+
+
+# replay
+
+
+def test_an_episode_is_recorded_on_video_beside_its_run(copy):
+    done = run("replay", copy, "opening/1", directory=copy.parent)
+    assert done.code == 0, done.err
+    video = copy / "replays" / "opening-1.mp4"
+    assert done.out.strip() == str(video)
+    assert video.stat().st_size > 1000
+    assert "success after" in done.err
+    assert "the same bits as recorded" in done.err
+    assert run("verify", copy, directory=copy.parent).code == 0  # a video changes no report
+
+
+def test_another_recorded_outcome_is_not_what_was_replayed(scripted):
+    replayed = replay_episode(scripted[1], "opening/0")
+    assert replayed.is_same
+    edited = replace(replayed.row, outcome=Outcome.STEP_LIMIT)
+    assert not replace(replayed, row=edited).is_same
+
+
+def test_an_episode_is_printed_step_by_step(scripted):
+    directory = scripted[1]
+    done = run("replay", directory, "opening/0", "--steps", directory=directory.parent)
+    assert done.code == 0, done.err
+    assert "door angle, rad" in done.out
+    assert not (directory / "replays").exists()
+
+
+def test_an_episode_that_is_not_there_is_said(scripted):
+    directory = scripted[1]
+    run("replay", directory, "pick-up/0", directory=directory.parent).refused(2, "pushing/0")
+    wrong = run("replay", directory, "pushing/0", "--video", "x.avi", directory=directory.parent)
+    assert wrong.code == 2
+    assert "an .mp4 or a .gif, not 'x.avi'" in wrong.err
+
+
+# doctor
+
+
+def test_the_doctor_finds_this_machine_sound(tmp_path):
+    done = run("doctor", "--json", "--workers", 2, directory=tmp_path)
+    assert done.code == 0, done.out + done.err
+    result = json.loads(done.out)
+    verdicts = {check["name"]: check["verdict"] for check in result["checks"]}
+    assert result["healthy"] is True
+    wanted = {"isolation", "policy repeats", "fresh process repeats", "order and workers", "crash"}
+    assert {name for name in wanted if verdicts[name] == "ok"} == wanted
+    assert "fail" not in verdicts.values()
+
+
+def test_the_doctor_names_what_is_wrong(tmp_path, monkeypatch):
+    (tmp_path / "cache").write_text("no directory")
+    monkeypatch.setenv("MINITOUCH_CACHE", str(tmp_path / "cache"))
+    done = run("doctor", directory=tmp_path)
+    assert done.code == 1
+    assert "cache" in done.out
+    assert "cannot be written" in " ".join(done.out.split())
+    assert "Not to be trusted yet: cache" in done.out

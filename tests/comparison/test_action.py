@@ -1,0 +1,215 @@
+"""The composite action and the example workflow, checked as far as one can without GitHub."""
+
+import json
+import os
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+from minitouch_bench.comparison.settings import GateSettings, Tolerance
+
+ROOT = Path(__file__).parents[2]
+ACTION = ROOT / ".github/actions/regress/action.yml"
+WORKFLOW = ROOT / "docs/examples/regress.yml"
+
+
+def script():
+    """The gate's shell script, without the indentation of the YAML."""
+    text = ACTION.read_text().split("      run: |\n")[-1]
+    return "\n".join(line.removeprefix("        ") for line in text.splitlines())
+
+
+def gate(tmp_path, code=0, decision="no regression", refused="", **given):
+    """Run the script with a stand-in command that notes its arguments.
+
+    ``refused``: it refuses to resume what is there.
+    """
+    command = tmp_path / "minitouch-bench"
+    body = json.dumps({"decision": decision})
+    command.write_text(
+        "#!/usr/bin/env bash\nprintf '%s\\n' \"$@\" > arguments\n"
+        f'[[ " $* " == *" --resume "* ]] && [ -n "{refused}" ] && exit 6\n'
+        f"echo '{body}'\nexit {code}\n"
+    )
+    command.chmod(0o755)
+    names = re.findall(r"^        ([A-Z]+): \$\{\{ inputs\.", ACTION.read_text(), re.MULTILINE)
+    variables = dict.fromkeys([*names, "BASE"], "") | {
+        key.upper(): value for key, value in given.items()
+    }
+    done = subprocess.run(
+        ["bash", "--noprofile", "--norc", "-e", "-o", "pipefail", "-c", script()],
+        cwd=tmp_path,
+        env={
+            **variables,
+            "PATH": f"{tmp_path}:{os.environ['PATH']}",
+            "RUNNER_TEMP": str(tmp_path.parent),
+            "GITHUB_OUTPUT": str(tmp_path / "output"),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done, (tmp_path / "arguments").read_text().splitlines()
+
+
+def test_the_script_passes_the_inputs_on_as_they_are(tmp_path):
+    hostile = "x; touch owned $(touch owned) `touch owned`"
+    done, arguments = gate(
+        tmp_path,
+        baseline="reports/base line",
+        policy=hostile,
+        output="out/run",
+        junit="out/j.xml",
+        metric="success",
+        tolerance="5%",
+        strict="true",
+    )
+    assert done.returncode == 0, done.stderr
+    assert arguments == [
+        "regress", "--baseline", "reports/base line", "--junit", "out/j.xml", "--json",
+        "--metric", "success", "--tolerance", "5%", "--strict",
+        "--output", "out/run", "--", hostile,
+    ]  # fmt: skip
+    assert not (tmp_path / "owned").exists()
+    assert (tmp_path / "output").read_text() == "decision=no regression\n"
+
+
+def test_the_script_ends_as_the_gate_does(tmp_path):
+    done, arguments = gate(tmp_path, code=1, decision="regression", baseline="b", candidate="c")
+    assert done.returncode == 1
+    assert arguments[-2:] == ["--candidate", "c"]
+    assert (tmp_path / "output").read_text() == "decision=regression\n"
+
+
+@pytest.mark.parametrize(("refused", "option"), [("", "--resume"), ("yes", "--fresh")])
+def test_a_run_that_was_stopped_is_continued_and_another_one_replaced(tmp_path, refused, option):
+    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+    (tmp_path / "out").mkdir()
+    done, arguments = gate(tmp_path, refused=refused, policy="p.onnx", baseline="b", output="out")
+    assert done.returncode == 0, done.stderr
+    assert arguments[-5:] == ["--output", "out", option, "--", "p.onnx"]
+
+
+@pytest.mark.parametrize("output", ["out/run", "link/run", "./out/../out/run"])
+def test_a_run_of_the_repository_is_not_continued(tmp_path, output):
+    (tmp_path / "out" / "run").mkdir(parents=True)
+    (tmp_path / "out" / "run" / "run.json").write_text("{}")
+    (tmp_path / "link").symlink_to("out")
+    gated = {"policy": "p.onnx", "baseline": "b", "output": output}
+    assert refusal(tmp_path, **gated) == 2  # what is not a clone cannot say what is the clone's
+    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+    subprocess.run(["git", "-C", str(tmp_path), "add", "out"], check=True)
+    assert refusal(tmp_path, **gated) == 2
+
+
+def git(repository, *words):
+    identity = (
+        "-c",
+        "user.name=a",
+        "-c",
+        "user.email=a@b",
+        "-c",
+        "uploadpack.allowAnySHA1InWant=1",
+    )
+    done = subprocess.run(
+        ["git", "-C", str(repository), *identity, *words],
+        check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    return done.stdout.strip()
+
+
+@pytest.fixture
+def pull_request(tmp_path):
+    """A shallow clone of a change that edits its own baseline, and the base commit."""
+    origin, clone = tmp_path / "origin", tmp_path / "a clone"
+    git(tmp_path, "init", "-q", str(origin))
+    git(origin, "config", "uploadpack.allowAnySHA1InWant", "true")
+    run = origin / "reports" / "base line" / "run.json"
+    run.parent.mkdir(parents=True)
+    for text in ("the base's", "the change's"):
+        run.write_text(text)
+        git(origin, "add", ".")
+        git(origin, "commit", "-q", "-m", text)
+    git(tmp_path, "clone", "-q", "--depth", "1", origin.as_uri(), str(clone))
+    return clone, git(origin, "rev-parse", "HEAD^")
+
+
+def test_a_pull_request_is_judged_by_the_baseline_of_its_base_commit(pull_request):
+    clone, base = pull_request
+    done, arguments = gate(clone, base=base, baseline="reports/base line", policy="p.onnx")
+    assert done.returncode == 0, done.stderr
+    taken = Path(arguments[arguments.index("--baseline") + 1])
+    assert (taken / "run.json").read_text() == "the base's"
+    own = clone / "reports" / "base line"
+    for given in ({"base": base, "baseline": str(own)}, {"baseline": "reports/base line"}):
+        _, arguments = gate(clone, policy="p.onnx", **given)  # the job's own; no pull request
+        assert arguments[2] == given["baseline"]
+
+
+@pytest.mark.parametrize("baseline", ["reports/new", "../origin/reports/base line"])
+def test_a_baseline_that_the_base_commit_lacks_is_refused(pull_request, baseline):
+    clone, base = pull_request
+    assert refusal(clone, base=base, baseline=baseline, policy="p.onnx") == 2
+
+
+def refusal(tmp_path, **given):
+    """Return the script's exit code where the command was not started."""
+    (tmp_path / "arguments").write_text("")
+    done, arguments = gate(tmp_path, **given)
+    assert arguments == []
+    assert done.stdout.startswith("::error title=MiniTouch regression gate::")
+    return done.returncode
+
+
+def test_not_enough_episodes_leave_a_warning(tmp_path):
+    for code in (0, 5):
+        done, _ = gate(
+            tmp_path, code=code, decision="not enough episodes", baseline="b", candidate="c"
+        )
+        assert done.returncode == code
+        assert done.stdout.startswith("::warning title=MiniTouch regression gate::")
+
+
+def test_no_input_stands_in_a_script():
+    for step in ACTION.read_text().split("run: |")[1:]:
+        assert "${{" not in step.split("    - name:")[0].split("      env:")[0]
+
+
+def test_every_input_is_handed_to_a_step():
+    text = ACTION.read_text()
+    declared = re.findall(r"^  (\w+):\n    description", text.split("outputs:")[0], re.MULTILINE)
+    assert len(declared) == 12
+    for name in declared:
+        assert f"${{{{ inputs.{name} }}}}" in text
+
+
+def test_the_example_uses_inputs_that_exist_and_tolerances_that_mean_something():
+    text = WORKFLOW.read_text()
+    given = text.split("@main\n        with:\n")[1].split("      - uses")[0]
+    used = re.findall(r"^          (\w+):", given, re.MULTILINE)
+    assert used == ["install", "baseline", "policy", "tolerance"]
+    (tolerance,) = re.findall(r'^          tolerance: "(.*)"$', given, re.MULTILINE)
+    GateSettings(tolerance=Tolerance.parse(tolerance))
+
+
+def test_both_name_the_package_as_its_project_file_does():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    action = yaml.safe_load(ACTION.read_text())["inputs"]
+    name, extra = re.fullmatch(r"([a-z-]+)\[(\w+)\]", action["install"]["default"]).groups()
+    assert name == project["name"]
+    assert extra in project["optional-dependencies"]
+    (step,) = [
+        s for s in yaml.safe_load(WORKFLOW.read_text())["jobs"]["gate"]["steps"] if "name" in s
+    ]
+    assert step["with"]["install"].startswith(f"{name}[{extra}] @ git+https://")
+    assert step["uses"].startswith(f"OWNER/{name}/")
+    assert f"Python :: {action['python']['default']}" in " ".join(project["classifiers"])
+
+
+@pytest.mark.parametrize("file", [ACTION, WORKFLOW])
+def test_it_is_yaml(file):
+    assert yaml.safe_load(file.read_text())["name"]

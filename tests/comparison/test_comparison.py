@@ -1,0 +1,245 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minitouch_bench.comparison.comparison import (
+    compare_runs,
+    comparison_json,
+    comparison_markdown,
+    show_comparison,
+)
+from minitouch_bench.errors import UsageError
+from minitouch_bench.metrics.significance import holm
+from tests.comparison.pairs import (
+    Values,
+    draw,
+    flags,
+    make_saved,
+    outside_code,
+    shown,
+    values,
+    with_actions,
+)
+from tests.reporting.conftest import HOSTILE
+
+TASKS = ("playing", "pushing", "opening", "pick-up")
+
+
+def drawn(name, skill, seed, n=60):
+    hardness = {task: np.random.default_rng(place).random(n) for place, task in enumerate(TASKS)}
+    rng = np.random.default_rng(seed)
+    return make_saved({task: draw(rng, skill, hardness[task]) for task in TASKS}, name)
+
+
+GOOD, BAD, GOOD_TOO = drawn("good", 0.9, 1), drawn("bad", 0.4, 2), drawn("good-too", 0.9, 3)
+PATHS = ("runs/good", "runs/bad one", "runs/too")
+
+
+def compared(*runs):
+    return compare_runs(runs, PATHS[: len(runs)])
+
+
+def test_a_clear_difference_is_seen_in_its_direction():
+    found = compared(GOOD, BAD).pairs[0]
+    success = [one for one in found.metrics if one.effect.metric == "success"]
+    assert [one.effect.task for one in success] == ["pushing", "opening", "pick-up", "mean"]
+    for one in success:
+        assert one.verdict == "A is better"
+        assert one.effect.difference.high < 0
+        assert one.effect.worsening > 0
+    steps = next(one for one in found.metrics if one.effect.metric == "episode_steps")
+    assert steps.verdict == "A is better"
+    assert steps.effect.difference.low > 0
+    turned = compare_runs((BAD, GOOD), PATHS[:2]).pairs[0].metrics
+    assert [one.verdict for one in turned if one.effect.metric == "success"] == ["B is better"] * 4
+
+
+def test_exploration_that_one_run_lacks_is_left_out_and_named():
+    explored = replace(GOOD, name="explored", exploration_rows=GOOD.rows)
+    for pair in ((explored, BAD), (BAD, explored)):
+        found = compared(*pair).pairs[0]
+        assert "exploration is left out: 'bad' has none" in found.notes
+        assert "exploration" not in {one.effect.metric for one in found.metrics}
+        assert "success" in {one.effect.metric for one in found.metrics}
+    both = compared(explored, replace(BAD, exploration_rows=BAD.rows)).pairs[0]
+    assert "exploration" in {one.effect.metric for one in both.metrics}
+    assert not any("left out" in note for note in both.notes)
+
+
+def test_more_of_a_metric_without_direction_is_neither_better_nor_worse():
+    few, many = (
+        make_saved({task: values(flags(30, 60), touch=np.full(60, ticks)) for task in TASKS}, name)
+        for name, ticks in (("few", 100), ("many", 300))
+    )
+    for pair, words, best in (((few, many), "B has more", "B"), ((many, few), "B has less", "A")):
+        found = {
+            one.effect.task: one.verdict
+            for one in compared(*pair).pairs[0].metrics
+            if one.effect.metric == "touch_interaction"
+        }
+        assert found == {**dict.fromkeys(TASKS, words), "playing": f"{best} is better"}
+
+
+def test_touching_all_the_time_is_not_better_where_there_is_a_goal():
+    """B holds the object in every step and never succeeds."""
+    reaches, holds = (
+        make_saved({task: Values(won, steps, steps * 9, touched) for task in TASKS}, name)
+        for name, won, steps, touched in (
+            ("reaches", flags(60, 60), np.full(60, 20), np.full(60, 5)),
+            ("holds", flags(0, 60), np.full(60, 200), np.full(60, 200)),
+        )
+    )
+    found = {
+        one.effect.task: one.verdict
+        for one in compared(reaches, holds).pairs[0].metrics
+        if one.effect.metric == "touch_share"
+    }
+    assert found == {**dict.fromkeys(TASKS, "B has more"), "playing": "B is better"}
+
+
+def test_an_interval_and_its_own_p_value_agree_and_the_verdict_follows_the_adjusted_one():
+    # 6 lost and none won: p = 0.031 alone; 0.094 among the three rows of success.
+    tasks = {task: values(flags(60, 60)) for task in ("pushing", "opening")}
+    other = make_saved({**tasks, "opening": values(flags(54, 60))}, "other")
+    alone, *_ = [
+        one
+        for one in compared(make_saved(tasks, "one"), other).pairs[0].metrics
+        if (one.effect.task, one.effect.metric) == ("opening", "success")
+    ]
+    assert alone.effect.p_value == pytest.approx(2 / 64)
+    assert alone.effect.difference.high < 0
+    assert alone.p_adjusted > 0.05
+    assert alone.verdict == "not clear once adjusted"
+
+
+def test_equally_good_runs_show_no_difference():
+    found = compared(GOOD, GOOD_TOO).pairs[0]
+    assert {one.verdict for one in found.metrics} == {"no difference seen"}
+    assert all(one.p_adjusted > 0.05 for one in found.metrics)
+
+
+def test_holm_is_over_the_tasks_and_runs_of_a_metric():
+    comparison = compared(GOOD, BAD, GOOD_TOO)
+    findings = [one for found in comparison.pairs for one in found.metrics]
+    for metric in ("success", "touch_interaction"):
+        own = [one for one in findings if one.effect.metric == metric]
+        assert len(own) == 8
+        wanted = holm([one.effect.p_value for one in own])
+        assert tuple(one.p_adjusted for one in own) == wanted
+
+
+def test_a_run_beside_itself_is_identical():
+    found = compared(GOOD, replace(GOOD, name="again")).pairs[0]
+    assert found.identical
+    assert found.changes == ()
+    for one in found.metrics:
+        assert (one.verdict, one.p_adjusted, one.episodes_to_resolve) == (
+            "equal in every episode",
+            1.0,
+            None,
+        )
+    assert not compared(GOOD, BAD).pairs[0].identical
+
+
+def test_changed_episodes_are_listed_with_commands_that_replay_them(tmp_path):
+    changes = compared(*(with_actions(run, tmp_path) for run in (GOOD, BAD))).pairs[0].changes
+    before = {(e.task, e.index): e.outcome for e in GOOD.rows}
+    after = {(e.task, e.index): e.outcome for e in BAD.rows}
+    assert len(changes) == sum(before[key] is not after[key] for key in before) > 20
+    first = changes[0]
+    assert first.replays[0] == f"minitouch-bench replay runs/good {first.episode}"
+    assert first.replays[1] == f"minitouch-bench replay 'runs/bad one' {first.episode}"
+
+
+def test_what_is_not_alike_beside_the_policies_is_said():
+    other = replace(
+        GOOD_TOO,
+        header=replace(GOOD_TOO.header, isolation="none"),
+        environment=replace(
+            GOOD_TOO.environment, packages={**GOOD_TOO.environment.packages, "numpy": "2.0.0"}
+        ),
+        faults={"pushing/3": "NaN"},
+    )
+    comparison = compared(GOOD, other)
+    assert comparison.pairs[0].notes == (
+        "isolation: sandbox in the first run, none in the second",
+        "numpy: 2.4.6 in the first run, 2.0.0 in the second",
+    )
+    assert "1 policy fault" in comparison.runs[1].labels
+    assert compared(GOOD, BAD).pairs[0].notes == ()
+
+
+def test_it_repeats_to_the_last_bit():
+    assert compared(GOOD, BAD, GOOD_TOO) == compared(GOOD, BAD, GOOD_TOO)
+
+
+@pytest.mark.parametrize("count", [0, 1, 27])
+def test_too_few_and_too_many_runs_are_refused(count):
+    with pytest.raises(UsageError, match="2 to 26"):
+        compare_runs([GOOD] * count, ["x"] * count)
+
+
+def test_the_document_is_json_with_every_number():
+    comparison = compared(GOOD, BAD)
+    document = json.loads(comparison_json(comparison))
+    assert (document["format"], document["version"]) == ("minitouch-comparison", 3)
+    findings = document["pairs"][0]["metrics"]
+    assert len(findings) == 15
+    effect = next(f["effect"] for f in findings if f["effect"]["metric"] == "success")
+    assert (effect["unit"], effect["direction"]) == ("share of episodes", "↑")
+    assert set(effect["difference"]) == {"value", "low", "high", "count", "method"}
+    assert len(document["pairs"][0]["changes"]) == len(comparison.pairs[0].changes)
+
+
+def test_values_are_those_of_run_json_to_the_last_bit(hac, novel):
+    for run in (hac, novel):
+        other = replace(run, name="other", digest="other")
+        (pair,) = compare_runs((run, other), ("a", "b")).pairs
+        shown = {(one.effect.task, one.effect.metric): one.effect.first for one in pair.metrics}
+        stored = {
+            (part.task, metric): estimate.value
+            for part in run.summary.tasks
+            for metric, estimate in part.estimates.items()
+        }
+        assert len(shown) > 6
+        assert all(stored[key] == value for key, value in shown.items() if key[0] != "mean")
+
+
+def test_printed_it_is_the_tables_and_it_has_a_frame_of_them():
+    comparison = compared(GOOD, BAD)
+    printed = shown(show_comparison, comparison).splitlines()
+    assert str(comparison).splitlines() == [line.rstrip() for line in printed]
+    frame = comparison.to_frame()
+    (row,) = frame[(frame["task"] == "mean")].to_dict("records")
+    (mean,) = [one for one in comparison.pairs[0].metrics if one.effect.task == "mean"]
+    assert (row["first"], row["second"], row["verdict"]) == ("A", "B", "A is better")
+    difference = mean.effect.difference
+    assert (row["difference"], row["low"]) == (difference.value, difference.low)
+    assert len(frame) == len(comparison.pairs[0].metrics)
+
+
+def test_the_screen_and_the_page_show_effect_interval_verdict_and_commands(tmp_path):
+    comparison = compared(GOOD, with_actions(BAD, tmp_path))
+    screen, page = shown(show_comparison, comparison), comparison_markdown(comparison)
+    for text in (screen, page):
+        for wanted in ("Success ↑ (share of episodes)", "B minus A", "A is better", "resolve"):
+            assert wanted in text
+    assert "more; --json has all of them" in screen
+    assert page.count("minitouch-bench replay") == len(comparison.pairs[0].changes)
+    assert max(map(len, screen.splitlines())) <= 120
+
+
+def test_hostile_names_are_harmless_everywhere():
+    hostile = replace(
+        make_saved({"pushing": values([True, False] * 4)}, HOSTILE),
+        faults={"pushing/1": HOSTILE},
+    )
+    comparison = compare_runs((hostile, replace(hostile, digest="x")), (HOSTILE, HOSTILE))
+    page, screen = comparison_markdown(comparison), shown(show_comparison, comparison)
+    for text in (page, screen):
+        assert "\x1b" not in text
+        assert "\u202e" not in text
+    assert "<script>" not in outside_code(page)
+    assert "<script>" in screen  # as text

@@ -1,0 +1,390 @@
+import json
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from minitouch_bench.comparison.gate import Decision, judge_runs
+from minitouch_bench.comparison.settings import GateSettings, Tolerance
+from minitouch_bench.comparison.writers import (
+    gate_json,
+    gate_junit,
+    gate_markdown,
+    result_line,
+    show_result,
+)
+from minitouch_bench.conditions import Conditions
+from minitouch_bench.errors import UsageError
+from tests.comparison.pairs import (
+    flags,
+    make_saved,
+    outside_code,
+    shown,
+    values,
+    with_actions,
+    with_header,
+)
+from tests.reporting.conftest import HOSTILE
+
+N = 100
+BASELINE = make_saved({"pushing": values(flags(90, N)), "opening": values(flags(95, N))}, "base")
+STANDARD = GateSettings()
+STEPS = GateSettings(metric="episode_steps")
+
+
+def candidate(pushing, opening=95, name="candidate"):
+    tasks = {"pushing": values(flags(pushing, N)), "opening": values(flags(opening, N))}
+    return make_saved(tasks, name)
+
+
+def judged(other, settings=STANDARD, baseline=BASELINE):
+    return judge_runs(baseline, other, ("runs/base", "runs/new"), settings)
+
+
+def worse_in(result):
+    return [(one.effect.task, one.effect.metric) for one in result.per_task if one.is_worse]
+
+
+# The decision
+
+
+def test_a_clear_worsening_is_a_regression_and_the_tasks_say_where():
+    result = judged(candidate(70))
+    assert (result.decision, result.exit_code) == (Decision.REGRESSION, 1)
+    effect = result.endpoint.effect
+    assert (effect.task, effect.metric, effect.count) == ("mean", "success", 2 * N)
+    assert worse_in(result) == [("pushing", "success"), ("pushing", "episode_steps")]
+    assert len(result.changes) == 20
+
+
+def test_every_episode_lost_is_a_regression_however_few(tmp_path):
+    goals = ("pushing", "opening")
+    won = make_saved({task: values(flags(4, 4)) for task in goals}, "base")
+    lost = with_actions(make_saved({task: values(flags(0, 4)) for task in goals}, "x"), tmp_path)
+    result = judged(lost, baseline=won)
+    assert (result.decision, result.exit_code) == (Decision.REGRESSION, 1)
+    assert result.endpoint.p_value == pytest.approx(0.5**8)
+    assert result_line(result) == (
+        "regression: mean success 1.000 → 0.000 in 8 episodes, beyond the tolerance, p 0.0039"
+    )
+    assert result.next_command == "minitouch-bench replay runs/new pushing/0"
+
+
+def test_a_worsening_within_the_tolerance_is_none():
+    result = judged(candidate(70), GateSettings(tolerance=Tolerance(0.2)))
+    assert result.decision is Decision.NO_REGRESSION
+    assert result.endpoint.p_value < 0.001  # significant, and tolerated
+
+
+FEW = {task: values(flags(10, 10)) for task in ("pushing", "opening")}
+
+
+def few(lost):
+    tasks = FEW | {"pushing": values(flags(10 - lost, 10))}
+    return make_saved(tasks, "few")
+
+
+@pytest.mark.parametrize(
+    ("lost", "options", "code"),
+    [
+        (0, {}, 0),  # 20 episodes do not exclude a loss of 5 points
+        (0, {"strict": True}, 5),
+        (4, {}, 5),  # 20 points, p = 0.06: worse, perhaps by chance
+        (4, {"lenient": True}, 0),
+    ],
+)
+def test_what_chance_explains_is_not_enough_and_fails_where_it_is_beyond(lost, options, code):
+    result = judged(few(lost), GateSettings(**options), make_saved(FEW, "base"))
+    assert (result.decision, result.exit_code) == (Decision.NOT_ENOUGH, code)
+    assert result.endpoint.episodes_needed > 10
+    assert result.endpoint.is_beyond == (lost == 4)
+    assert worse_in(result) == []
+    assert {one.p_adjusted for one in result.per_task} == {None}
+    words = result_line(result)
+    assert words.startswith("not enough episodes: mean success 1.000 → ")
+    assert "PASS" not in words
+    assert "--output runs/base-" in result.next_command
+    assert f"--episodes {result.endpoint.episodes_needed}" in result.next_command
+
+
+OPTIONS = {
+    "--metric episode_steps": {"metric": "episode_steps"},
+    "--tolerance 10%": {"tolerance": Tolerance(0.1, relative=True)},
+    "--alpha 0.01 --tolerance 0.1 --lenient": {
+        "alpha": 0.01, "tolerance": Tolerance(0.1), "lenient": True
+    },
+    "--strict": {"strict": True},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", OPTIONS)
+def test_the_longer_gate_has_the_same_settings_and_leaves_submissions_alone(
+    words, tmp_path, monkeypatch
+):
+    (tmp_path / "submissions" / "mine").mkdir(parents=True)
+    (tmp_path / "submissions" / "mine" / "submission.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    paths = ("submissions/mine/seed-0/table4", "new")
+    base, settings = make_saved(FEW, "base"), GateSettings(**OPTIONS[words])
+    result = judge_runs(base, few(4), paths, settings)
+    output = f"reports/mine/seed-0/table4-{result.endpoint.episodes_needed}"
+    evaluate, regress = result.next_command.split(" && ")
+    assert evaluate.endswith(f" --output {output}")
+    assert regress.endswith(f" --baseline {output} {words}")
+
+
+def test_exploration_is_not_gated_again_by_a_policy():
+    runs = [replace(run, exploration_rows=run.rows) for run in (few(0), few(4))]
+    result = judged(runs[1], GateSettings(metric="exploration"), runs[0])
+    assert result.endpoint.episodes_needed
+    assert result.next_command == "minitouch-bench compare runs/base runs/new"
+
+
+def test_what_the_most_episodes_would_not_settle_is_called_so():
+    result = judged(replace(few(0), digest="other"), GateSettings(tolerance=Tolerance(0.0)), few(0))
+    assert "even 10,000 episodes per task, the maximum, would not settle" in result_line(result)
+
+
+def test_an_improvement_is_no_regression():
+    result = judged(candidate(100, 100))
+    assert (result.decision, result.exit_code) == (Decision.NO_REGRESSION, 0)
+    assert result.endpoint.p_value == 1.0
+    assert result.next_command == "minitouch-bench compare runs/base runs/new"
+
+
+def test_equal_digests_are_no_regression_even_where_few_episodes_prove_nothing():
+    base = make_saved({"pushing": values(flags(2, 3))}, "few", digest="same")
+    result = judged(replace(base, name="again"), GateSettings(strict=True), base)
+    assert result.identical
+    assert (result.decision, result.exit_code) == (Decision.NO_REGRESSION, 0)
+    other = judged(replace(base, digest="other"), GateSettings(strict=True), base)
+    assert not other.identical
+    assert (other.decision, other.exit_code) == (Decision.NOT_ENOUGH, 5)
+    assert other.endpoint.episodes_needed == 73
+
+
+# What decides
+
+
+def test_playing_is_judged_by_its_touch_share_unless_a_task_has_a_goal():
+    touched = replace(values(flags(0, N)), touch_steps=np.full(N, 150))
+    rubbed = replace(touched, touch_steps=np.full(N, 50))
+    goal = values(flags(N, N))
+    alone = judged(make_saved({"playing": rubbed}, "x"), baseline=make_saved({"playing": touched}))
+    assert (alone.endpoint.effect.task, alone.endpoint.effect.metric) == ("playing", "touch_share")
+    assert alone.decision is Decision.REGRESSION
+    base, other = ({"playing": own, "pushing": goal} for own in (touched, rubbed))
+    both = judged(make_saved(other, "x"), baseline=make_saved(base))
+    assert (both.endpoint.effect.task, both.endpoint.effect.metric) == ("pushing", "success")
+    assert both.decision is Decision.NO_REGRESSION
+
+
+def test_another_metric_can_decide():
+    goal = values(flags(N, N), np.full(N, 40))
+    rng = np.random.default_rng(0)
+    slower = values(flags(N, N), rng.normal(60, 3, N).round())
+    faster = values(flags(N, N), rng.normal(20, 3, N).round())
+    base = make_saved({"pushing": goal, "opening": goal})
+    for own, decision in (
+        (slower, Decision.REGRESSION),
+        (faster, Decision.NO_REGRESSION),
+    ):
+        other = make_saved({"pushing": own, "opening": own}, "x")
+        assert judged(other, baseline=base).decision is Decision.NO_REGRESSION  # success
+        result = judged(other, STEPS, base)
+        assert result.decision is decision
+        assert result.endpoint.tasks == ("pushing", "opening")
+        assert result.endpoint.tolerance == pytest.approx(4.0)
+
+
+def test_few_equal_values_are_not_enough_for_a_mean():
+    for n, decision in ((9, Decision.NOT_ENOUGH), (10, Decision.NO_REGRESSION)):
+        base = make_saved({"playing": values(flags(0, n))}, "base")
+        assert judged(replace(base, digest="other"), baseline=base).decision is decision
+
+
+@pytest.mark.parametrize(
+    ("metric", "why"),
+    [
+        ("exploration", "POLICY plays no exploration episodes; give --candidate"),
+        ("touch_interaction", "touch_interaction cannot get worse"),
+    ],
+)
+def test_a_metric_that_decides_nothing_is_a_mistake(metric, why):
+    with pytest.raises(UsageError, match=why):
+        judged(candidate(70), GateSettings(metric=metric))
+
+
+def test_tasks_with_unequal_numbers_of_episodes_have_no_mean_to_judge():
+    run = make_saved({"pushing": values(flags(3, 3)), "opening": values(flags(1, 1))})
+    with pytest.raises(UsageError, match=r"\(pushing 3, opening 1\): make the baseline again"):
+        judged(run, baseline=run)
+
+
+def test_holm_is_over_every_metric_of_every_task():
+    result = judged(candidate(70))
+    raw = min(one.effect.p_value for one in result.per_task) / 2
+    tested = len(result.per_task)
+    assert {one.effect.task for one in result.per_task} == {"pushing", "opening"}
+    assert min(one.p_adjusted for one in result.per_task) == pytest.approx(tested * raw)
+
+
+# What cannot be compared
+
+
+@pytest.mark.parametrize("other", [["pushing"], ["pushing", "opening"]])
+def test_a_task_with_other_rules_is_refused_by_name(other):
+    then = {"pushing": "p" * 64, "opening": "o" * 64}
+    now = {task: "n" * 64 if task in other else digest for task, digest in then.items()}
+    with pytest.raises(UsageError, match=f"the rules of {', '.join(other)} are not"):
+        judged(
+            with_header(candidate(90), task_digests=now),
+            baseline=with_header(BASELINE, task_digests=then),
+        )
+
+
+def test_another_protocol_digest_is_refused():
+    with pytest.raises(UsageError, match="protocol digest"):
+        judged(candidate(90), baseline=with_header(BASELINE, protocol_digest="0" * 64))
+
+
+def test_other_conditions_are_refused():
+    blind = with_header(candidate(90), conditions=Conditions(without=("vision",)))
+    with pytest.raises(UsageError, match=r"conditions .*vision.*standard"):
+        judged(blind)
+    assert judged(blind, baseline=with_header(BASELINE, conditions=blind.plan.conditions))
+
+
+# What it writes
+
+
+@pytest.mark.parametrize(
+    ("other", "line", "command"),
+    [
+        (candidate(70), "regression: mean ", "minitouch-bench replay runs/new pushing/70"),
+        (candidate(100), "no regression: mean ", "minitouch-bench compare runs/base runs/new"),
+    ],
+)
+def test_it_ends_in_the_answer_and_the_command_to_type_next(other, line, command, tmp_path):
+    result = judged(with_actions(other, tmp_path))
+    answer, following = shown(show_result, result).strip().splitlines()[-2:]
+    assert answer.startswith(line)
+    assert following == f"next: {command}"
+
+
+def test_a_run_without_actions_has_no_command_that_replays_it(tmp_path):
+    for directory in (None, tmp_path):
+        result = judged(replace(candidate(70), directory=directory))
+        assert result.decision is Decision.REGRESSION
+        assert {command for change in result.changes for command in change.replays} == {""}
+        assert result.next_command == "minitouch-bench compare runs/base runs/new"
+        assert "replay" not in gate_markdown(result) + gate_junit(result)
+
+
+def test_after_a_regression_of_exploration_an_exploration_episode_is_replayed(tmp_path):
+    settings = GateSettings(metric="exploration")
+    before, after = (replace(candidate(n), exploration_rows=candidate(n).rows) for n in (90, 20))
+    result = judged(with_actions(after, tmp_path), settings, before)
+    assert result.next_command == "minitouch-bench replay runs/new exploration/pushing/20"
+
+
+def test_the_document_says_all():
+    document = json.loads(gate_json(judged(few(4), baseline=make_saved(FEW, "base"))))
+    assert (document["format"], document["decision"]) == (
+        "minitouch-regression",
+        "not enough episodes",
+    )
+    assert document["exit_code"] == 5
+    endpoint = document["endpoint"]
+    assert (endpoint["tolerance"], endpoint["tasks"]) == (0.05, ["pushing", "opening"])
+    assert endpoint["episodes_needed"] > 10
+    assert document["next_command"].startswith("minitouch-bench evaluate ")
+
+
+def junit_suite(result):
+    root = ElementTree.fromstring(gate_junit(result))
+    suite = root.find("testsuite")
+    for element in (root, suite):
+        assert int(element.attrib["tests"]) == len(suite.findall("testcase"))
+        for counted, found in (("failures", "failure"), ("skipped", "skipped")):
+            assert int(element.attrib[counted]) == len(suite.findall(f"testcase/{found}"))
+    return suite
+
+
+def case_names(suite):
+    return [(case.attrib["classname"], case.attrib["name"]) for case in suite.findall("testcase")]
+
+
+@pytest.mark.parametrize(
+    ("other", "lenient", "kind"),
+    [
+        (few(10), False, "failure"),
+        (few(4), False, "failure"),
+        (few(4), True, "skipped"),
+        (few(0), False, "skipped"),
+    ],
+)
+def test_junit_has_a_case_for_the_answer_and_one_for_each_metric(other, lenient, kind):
+    result = judged(other, GateSettings(lenient=lenient), make_saved(FEW, "base"))
+    suite = junit_suite(replace(result, wall_s=12.5))
+    first, *others = suite.findall("testcase")
+    assert case_names(suite)[0] == ("minitouch.gate", "mean success")
+    assert first.find(kind) is not None
+    if result.decision is Decision.REGRESSION:
+        assert sum(case.find("failure") is not None for case in others) == len(worse_in(result)) > 0
+    else:
+        assert all(case.find("skipped") is not None for case in others)
+    assert suite.attrib["time"] == first.attrib["time"] == "12.500"
+    assert not any("time" in case.attrib for case in others)
+
+
+@pytest.mark.parametrize("tasks", [("pushing",), ("pushing", "opening"), ("playing",)])
+@pytest.mark.parametrize("n", [4, 100])
+def test_the_names_of_junit_s_cases_are_unique_and_do_not_depend_on_the_outcome(tasks, n):
+    won, lost = values(flags(n, n)), replace(values(flags(0, n)), touch_steps=np.zeros(n, int))
+    base = make_saved(dict.fromkeys(tasks, won), "base")
+    found = [
+        judged(make_saved(dict.fromkeys(tasks, own), name), GateSettings(strict=strict), base)
+        for own, name in ((won, "base"), (won, "other"), (lost, "lost"))
+        for strict in (False, True)
+    ]
+    assert len({result.decision for result in found}) >= 2
+    names = {tuple(case_names(junit_suite(result))) for result in found}
+    assert len(names) == 1
+    (one,) = names
+    assert len(set(one)) == len(one) > len(tasks)
+
+
+def test_the_summary_begins_with_the_answer():
+    assert gate_markdown(judged(candidate(70))).startswith(
+        "## ❌ minitouch-bench regression: mean success 0.925 → 0.825"
+    )
+    page = gate_markdown(judged(few(4), baseline=make_saved(FEW, "base")))
+    assert page.startswith("## ❔ minitouch-bench not enough episodes: ")
+    assert gate_markdown(judged(candidate(90))).startswith("## ✅ minitouch-bench no regression: ")
+    assert "4 episodes ended in another way" in page
+
+
+def test_the_screen_shows_every_metric_in_its_width():
+    text = shown(show_result, judged(candidate(70)))
+    for wanted in ("What decides: Success ↑", "Success ↑ (share of episodes)", "Mean"):
+        assert wanted in text
+    assert max(map(len, text.splitlines()[:-2])) <= 120  # the last two stay whole, to be copied
+
+
+def test_hostile_names_are_harmless_everywhere():
+    hostile = replace(candidate(70, name=HOSTILE), faults={"pushing/1": HOSTILE})
+    result = judge_runs(BASELINE, hostile, (HOSTILE, HOSTILE), STANDARD)
+    page = gate_markdown(result)
+    assert "<script>" not in outside_code(page)
+    screen = shown(show_result, result)
+    for text in (page, gate_junit(result), screen, result.next_command):
+        assert "\x1b" not in text
+    ElementTree.fromstring(gate_junit(result))
+
+
+def test_a_run_without_estimates_has_nothing_to_judge():
+    bare = replace(BASELINE, summary=replace(BASELINE.summary, tasks=()))
+    with pytest.raises(UsageError, match="the baseline has no estimates"):
+        judged(candidate(90), baseline=bare)

@@ -1,0 +1,117 @@
+"""The gate against data whose truth is known: false alarms and power.
+
+Each trial draws two policies on the same episodes: the hardness of an episode is common to both,
+half of each policy's outcomes its own luck.
+"""
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from minitouch_bench.comparison.gate import Decision, judge_endpoint, judge_runs
+from minitouch_bench.comparison.pairing import MEAN_TASK, PairedValues
+from minitouch_bench.comparison.settings import GateSettings
+from tests.comparison.pairs import make_saved, values
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
+
+GOALS = ("pushing", "opening", "pick-up")
+GATES = 2000
+STANDARD = GateSettings()
+PATHS = ("a", "b")
+PER_TASK = (4, 10, 25)
+"""Episodes of each task."""
+
+
+def draw_gates(before, after, episodes, noise=0.5, seed=1):
+    """Judge GATES gates of the mean success over three tasks; a policy is its skill by task."""
+    rng = np.random.default_rng(seed)
+    shape = (GATES, len(GOALS), episodes)
+    hardness = rng.random(shape)
+    sides = []
+    for skill in (before, after):
+        own = np.where(rng.random(shape) < noise, rng.random(shape), hardness)
+        skills = np.broadcast_to(skill, len(GOALS))
+        won = own < skills[:, None]
+        sides.append(won.reshape(GATES, -1).astype(float))
+    judged = {}  # by lost and won, on which the decision rests
+    gates = []
+    for first, second in zip(*sides, strict=True):
+        key = ((first > second).sum(), (second > first).sum())
+        if key not in judged:
+            paired = PairedValues(MEAN_TASK, "success", GOALS, first, second)
+            judged[key] = judge_endpoint(paired, STANDARD, (0,))
+        gates.append(judged[key])
+    found = Counter(gate.decision for gate in gates)
+    beyond = sum(gate.is_beyond for gate in gates if gate.decision is Decision.NOT_ENOUGH)
+    shares = {decision.value: count / GATES for decision, count in found.items()}
+    print(f"\n{before} to {after}, luck {noise}, {episodes} per task: {shares}", end="")
+    print(f", not enough and beyond the tolerance: {beyond / GATES}", flush=True)
+    return {decision: found[decision] / GATES for decision in Decision}
+
+
+@pytest.mark.parametrize("episodes", [*PER_TASK, 100])
+@pytest.mark.parametrize(
+    ("skill", "noise"),
+    [
+        (0.9, 0.5),
+        (0.6, 0.5),
+        (0.9, 1.0),
+        (0.6, 1.0),
+        (0.95, 0.1),
+        (0.5, 1.0),
+        ((0.2, 0.5, 0.9), 0.5),
+    ],
+)  # fmt: skip
+def test_equal_policies_are_hardly_ever_a_regression(skill, noise, episodes):
+    # The test is exact; with 300 pairs it uses nearly all of its level, and 2,000 gates vary.
+    room = 0.0 if episodes in PER_TASK else 3 * math.sqrt(0.05 * 0.95 / GATES)
+    assert draw_gates(skill, skill, episodes, noise)[Decision.REGRESSION] <= 0.05 + room
+
+
+POWER = [
+    (1.0, 0.0, {4: 0.99, 10: 0.99, 25: 0.99}),
+    (0.9, 0.3, {4: 0.75, 10: 0.95, 25: 0.99}),
+    (0.9, 0.6, {4: 0.15, 10: 0.6, 25: 0.95}),
+    (0.9, (0.6, 0.9, 0.9), {4: 0.0, 10: 0.05, 25: 0.2}),
+]
+"""Skill before and after, and the least share of regressions by episodes per task."""
+
+
+@pytest.mark.parametrize("noise", [0.5, 1.0])
+@pytest.mark.parametrize("episodes", PER_TASK)
+@pytest.mark.parametrize(("before", "after", "least"), POWER)
+def test_a_worsening_is_seen(before, after, least, episodes, noise):
+    assert draw_gates(before, after, episodes, noise)[Decision.REGRESSION] >= least[episodes]
+
+
+def test_a_worsening_beyond_the_tolerance_hardly_ever_passes():
+    # The truth is at the very tolerance, where a pass is most easily wrong.
+    assert draw_gates(0.95, 0.90, 133, noise=0.1)[Decision.NO_REGRESSION] <= 0.05
+
+
+def test_as_many_episodes_as_printed_settle_the_matter():
+    rng, trials = np.random.default_rng(5), 500
+
+    def judged(lost, won, n):
+        index = np.arange(n)
+        runs = [
+            make_saved({"pushing": values(side)}, name)
+            for name, side in (("a", index < n - won), ("b", index >= lost))
+        ]
+        return judge_runs(*runs, PATHS, STANDARD).endpoint
+
+    # 10 lost and 4 won of 100: beyond the tolerance, p = 0.09.
+    first = judged(10, 4, 100)
+    assert first.decision is Decision.NOT_ENOUGH
+    counts = rng.multinomial(first.episodes_needed, (0.10, 0.04, 0.86), trials)
+    seen = np.mean(
+        [
+            judged(int(lost), int(won), first.episodes_needed).decision is Decision.REGRESSION
+            for lost, won, _ in counts
+        ]
+    )
+    print(f"\n{first.episodes_needed} episodes printed: regression in {seen:.3f}")
+    assert abs(seen - 0.8) <= 3 * math.sqrt(0.16 / trials) + 0.02
