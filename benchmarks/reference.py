@@ -1,9 +1,11 @@
 """Write the generated pages of the reference from the code: ``make reference``.
 
 The command line comes from the registered application, the Python interface from the public names'
-signatures and docstrings, the training settings from their dataclasses and presets.
+signatures and docstrings, the training settings from their dataclasses and presets, the list of
+modules from their first lines and from what the tests import.
 """
 
+import ast
 import dataclasses
 import inspect
 import re
@@ -281,8 +283,51 @@ def _page(parts: Iterable[str]) -> str:
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
+MOST_TESTS = 3
+"""Files of tests named beside a module."""
+
+
+def modules() -> str:
+    """Return the page of every module, by its package: what it is, and which tests import it."""
+    package, tests = Path(mt.__file__).parent, PAGES.parents[1] / "tests"
+    importers: dict[str, list[str]] = {}
+    for file in sorted(tests.rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module and file.stem.startswith("test_"):
+                names = {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+                for name in names:
+                    importers.setdefault(name, []).append(file.relative_to(tests).as_posix())
+    rooms: dict[str, list[tuple[str, ...]]] = {}
+    for file in sorted(package.rglob("*.py")):
+        path = file.relative_to(package)
+        summary = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+        name = ".".join((package.name, *path.with_suffix("").parts)).removesuffix(".__init__")
+        if file.name == "__init__.py" and len(summary.splitlines()) <= 1 < len(path.parts):
+            continue  # a package's own line is the head of its table
+        mirror = path.with_name(f"test_{path.name}")
+        mirrored = [mirror.as_posix()] if (tests / mirror).exists() else []
+        found = list(dict.fromkeys((*mirrored, *importers.get(name, ()))))
+        row = (f"`{path}`", _plain(summary.partition("\n\n")[0]), _listed(found))
+        rooms.setdefault(path.parts[0] if len(path.parts) > 1 else "", []).append(row)
+    parts = [
+        GENERATED,
+        "# Modules",
+        "Every module of `minitouch_bench/`, and the files of `tests/` that test or import it. "
+        "[Code map](../project/code-map.md) says which modules a change touches.",
+    ]
+    for room, rows in rooms.items():
+        parts += [f"## {room or 'Ground floor'}", _table(("Module", "What it is", "Tests"), rows)]
+    return _page(parts)
+
+
+def _listed(tests: list[str]) -> str:
+    more = f" and {len(tests) - MOST_TESTS} more" if len(tests) > MOST_TESTS else ""
+    return ", ".join(f"`{test}`" for test in tests[:MOST_TESTS]) + more
+
+
 GENERATORS = {
     "command-line": command_line,
+    "modules": modules,
     "python-api": python_api,
     "training-settings": training_settings,
 }
