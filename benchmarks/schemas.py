@@ -8,8 +8,7 @@ import msgspec
 
 from minitouch_bench.leaderboard.board import Board
 from minitouch_bench.leaderboard.submission import Submission
-from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.metric import Metric, ShownIn
+from minitouch_bench.metrics.definitions import METRICS, Metric, ShownIn
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.runs.run import RunDocument
 

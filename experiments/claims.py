@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.metric import DOWN
+from minitouch_bench.metrics.definitions import DOWN, METRICS
 from minitouch_bench.metrics.significance import ALPHA, POWER, holm
 
 LEAST_SEEDS = 5

@@ -3,19 +3,28 @@
 A writer never leaves a part of a file, and never writes through a link. A reader opens plain
 files only, follows no link unless told to, and looks at the size before it reads. So a run that a
 stranger made can be read and written to as one's own.
+
+The cache has generated files that PyBullet must read from disk, each named by the hash of its
+content: the simulator keeps files by name and would serve an old geometry under the same name.
 """
 
 import errno
 import fcntl
+import hashlib
 import os
 import re
 import secrets
 import stat
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from minitouch_bench.errors import MiniTouchError, RunDirectoryError, UnreadableFileError
+from minitouch_bench.errors import (
+    InfrastructureError,
+    MiniTouchError,
+    RunDirectoryError,
+    UnreadableFileError,
+)
 
 KIB, MIB, GIB = 2**10, 2**20, 2**30
 
@@ -301,3 +310,43 @@ def _amount(size: int) -> str:
         if size % unit == 0:
             return f"{size // unit} {name}"
     return f"{size} bytes"
+
+
+VARIABLE = "MINITOUCH_CACHE"
+"""Environment variable that names another directory for generated files."""
+
+
+def cache_directory() -> Path:
+    """Return the directory of generated files: ``$MINITOUCH_CACHE`` or the user's cache."""
+    if chosen := os.environ.get(VARIABLE):
+        return Path(chosen).absolute()
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base).absolute() / "minitouch-bench"
+
+
+def cache_file(stem: str, suffix: str, content: bytes) -> Path:
+    """Return the path of a file that holds ``content``, writing it if it is not there.
+
+    Raises:
+        InfrastructureError: the cache cannot be written.
+    """
+    digest = hashlib.sha256(content).hexdigest()[:16]
+    path = cache_directory() / f"{stem}-{digest}{suffix}"
+    if not _holds(path, content):
+        with cache_errors(path.parent):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(path, content)
+    return path
+
+
+def cache_errors(directory: Path) -> AbstractContextManager[None]:
+    """Raise an ``OSError`` of the block as an ``InfrastructureError`` that names the variable."""
+    hint = f"; set {VARIABLE} to another directory"
+    return os_errors_as(InfrastructureError, directory, "written", hint)
+
+
+def _holds(path: Path, content: bytes) -> bool:
+    try:
+        return read_file(path, len(content)) == content
+    except OSError:
+        return False

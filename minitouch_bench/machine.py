@@ -1,7 +1,16 @@
-"""Facts of this machine: its system, processor and Python."""
+"""Facts of this machine: its system, processor and Python; installed and optional packages."""
 
+import importlib
 import platform
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, requires, version
+from operator import attrgetter
 from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from minitouch_bench.errors import MissingExtraError, PolicyLoadError
 
 CPUINFO = Path("/proc/cpuinfo")
 """What Linux says of each processor, in lines of "name : value"."""
@@ -33,3 +42,64 @@ def _processor_fact(name: str) -> str:
         return ""
     facts = (line.partition(":") for line in lines)
     return next((value.strip() for key, _, value in facts if key.strip() == name), "")
+
+
+def require(module: str, extra: str) -> ModuleType:
+    """Import an optional module.
+
+    Raises:
+        MissingExtraError: it is not installed; the text names the extra that brings it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        needed = extras().get(extra, [f"minitouch-bench[{extra}]"])
+        wanted = " ".join(f"'{requirement}'" for requirement in needed)
+        raise MissingExtraError(
+            f"this needs the package '{error.name}': pip install {wanted} "
+            f"(the extra minitouch-bench[{extra}])"
+        ) from error
+
+
+def installed_versions(names: Iterable[str]) -> dict[str, str]:
+    """Return the versions of those of these packages that are installed."""
+    versions = {}
+    for name in names:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    return versions
+
+
+def compare_versions(there: Mapping[str, str], here: Mapping[str, str]) -> str:
+    """Say which versions differ, as in "torch 2.6 there, 2.7 here"; "" where none does."""
+    names = sorted({name for name, _ in there.items() ^ here.items()})
+    return "; ".join(
+        f"{name} {there.get(name, 'none')} there, {here.get(name, 'none')} here" for name in names
+    )
+
+
+def extras() -> dict[str, list[str]]:
+    """Return the requirements of each extra; they work wherever this package came from."""
+    try:
+        lines = requires("minitouch-bench") or ()
+    except PackageNotFoundError:  # a checkout that is not installed
+        lines = ()
+    requirements: dict[str, list[str]] = {}
+    for line in lines:
+        requirement, _, extra = line.partition("; extra == ")
+        if extra:
+            requirements.setdefault(extra.strip('"'), []).append(requirement)
+    return requirements
+
+
+def look_up(target: str) -> Any:
+    """Return the object named by ``package.module:attribute``.
+
+    Raises:
+        PolicyLoadError: the module or the attribute does not exist.
+    """
+    module_name, _, attribute = target.partition(":")
+    try:
+        return attrgetter(attribute)(importlib.import_module(module_name))
+    except (ImportError, AttributeError) as error:
+        raise PolicyLoadError(f"'{target}' cannot be imported: {error}") from error

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from minitouch_bench.cache import cache_directory, cache_file
 from minitouch_bench.errors import InfrastructureError
+from minitouch_bench.files import cache_directory, cache_file
 
 
 def test_the_cache_follows_the_environment(monkeypatch):

@@ -12,7 +12,7 @@ import minitouch_bench
 
 PACKAGE = Path(minitouch_bench.__file__).parent
 GROUND = {
-    "cache", "conditions", "documents", "errors", "files", "machine", "optional", "processes",
+    "conditions", "documents", "errors", "files", "machine", "processes",
     "protocol", "records",
 }  # fmt: skip
 """Rooms that may import one another, as long as their files make no circle."""

@@ -3,6 +3,7 @@ import platform
 import pytest
 
 from minitouch_bench import machine
+from minitouch_bench.errors import MissingExtraError
 
 CPUINFO = """processor\t: 0
 model name\t: Some Processor: 3 GHz
@@ -32,3 +33,19 @@ def test_a_system_that_names_nothing_has_an_architecture_and_no_features(cpuinfo
         cpuinfo.write_text(content)
     assert machine.processor_model() == platform.machine()
     assert machine.processor_flags() == frozenset()
+
+
+def test_a_missing_package_names_what_an_index_has_and_the_extra():
+    with pytest.raises(MissingExtraError) as missing:
+        machine.require("no_such_package", "onnx")
+    assert "pip install 'onnx>=" in str(missing.value)
+    assert "(the extra minitouch-bench[onnx])" in str(missing.value)
+
+
+def test_where_nothing_is_installed_the_extra_is_named(monkeypatch):
+    def requires(_):
+        raise machine.PackageNotFoundError
+
+    monkeypatch.setattr(machine, "requires", requires)
+    with pytest.raises(MissingExtraError, match=r"pip install 'minitouch-bench\[onnx\]'"):
+        machine.require("no_such_package", "onnx")

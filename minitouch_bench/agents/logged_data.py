@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import UsageError
-from minitouch_bench.optional import require
+from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE
 
 LARGEST_VALUE = 1e4

@@ -24,7 +24,7 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.actors import PolicyActor
 from minitouch_bench.evaluation.engine import Note, ignore
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.optional import require
+from minitouch_bench.machine import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import KEPT_FILE, TRAINED_FILE

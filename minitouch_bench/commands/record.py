@@ -14,7 +14,7 @@ from minitouch_bench.cli.console import note
 from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.errors import PolicyFaultError, RunDirectoryError, UsageError
 from minitouch_bench.files import os_errors_as
-from minitouch_bench.optional import require
+from minitouch_bench.machine import require
 from minitouch_bench.policies.isolation.options import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, Outcome
@@ -46,7 +46,7 @@ def record(
     """
     from minitouch_bench.evaluation.actors import prepare_policies
     from minitouch_bench.evaluation.rollout import EpisodeRunner
-    from minitouch_bench.protocol.seeds import PUBLIC_SEED_BITS
+    from minitouch_bench.protocol.minitouch import PUBLIC_SEED_BITS
     from minitouch_bench.runs.plan import Plan, Suite
     from minitouch_bench.tasks.environment import MiniTouchEnv
 

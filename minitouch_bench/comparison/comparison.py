@@ -19,7 +19,7 @@ from minitouch_bench.comparison.pairing import (
     pair_runs,
 )
 from minitouch_bench.comparison.power import episodes_needed
-from minitouch_bench.comparison.tables import (
+from minitouch_bench.comparison.writers import (
     NOT_ALIKE,
     SHOWN_CHANGES,
     changes_blocks,
@@ -31,8 +31,7 @@ from minitouch_bench.comparison.tables import (
 )
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
-from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.metric import NO_DIRECTION
+from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
 from minitouch_bench.metrics.significance import ALPHA, holm
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.formats import (

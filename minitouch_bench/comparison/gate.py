@@ -35,9 +35,8 @@ from minitouch_bench.comparison.power import FEWEST_FOR_A_MEAN, episodes_needed
 from minitouch_bench.comparison.settings import GateSettings
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
-from minitouch_bench.metrics.definitions import METRICS, ranking_metric
+from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_metric
 from minitouch_bench.metrics.intervals import Root
-from minitouch_bench.metrics.metric import NO_DIRECTION
 from minitouch_bench.metrics.significance import holm
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import Outcome, Role

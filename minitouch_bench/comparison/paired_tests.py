@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from minitouch_bench.comparison.pairing import PairedValues
-from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.definitions import DOWN, METRICS, UP
 from minitouch_bench.metrics.intervals import Root, stream
-from minitouch_bench.metrics.metric import DOWN, UP
 from minitouch_bench.metrics.significance import ALPHA
 from minitouch_bench.metrics.statistics import Share
 from minitouch_bench.records import Estimate

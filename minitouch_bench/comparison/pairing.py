@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import ACTIONS_FILE
-from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
-from minitouch_bench.metrics.metric import ShownIn
+from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Outcome, Role
 from minitouch_bench.reporting.labels import run_labels

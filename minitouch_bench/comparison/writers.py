@@ -1,7 +1,9 @@
-"""A gate's result: on a terminal, as Markdown, as JSON and as JUnit XML."""
+"""What a comparison and a gate's result look like: tables, JSON, Markdown and JUnit."""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from typing import Any
 from xml.etree import ElementTree
 
 from rich.console import Console
@@ -9,20 +11,10 @@ from rich.text import Text
 
 from minitouch_bench.comparison.gate import NOT_ENOUGH_CODE, Decision, GateResult
 from minitouch_bench.comparison.paired_tests import Effect
-from minitouch_bench.comparison.tables import (
-    NOT_ALIKE,
-    SHOWN_CHANGES,
-    changes_blocks,
-    difference_text,
-    effect_head,
-    effect_row,
-    json_text,
-    p_text,
-    run_line,
-    tables_by_metric,
-)
+from minitouch_bench.comparison.pairing import COMPARED_METRICS, ComparedRun, OutcomeChange
 from minitouch_bench.errors import printable
 from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.formats import (
     Block,
@@ -32,7 +24,85 @@ from minitouch_bench.reporting.formats import (
     escape_md,
     on_screen,
 )
-from minitouch_bench.reporting.labels import listed
+from minitouch_bench.reporting.labels import listed, task_title
+from minitouch_bench.reporting.run_tables import OUTCOME_TITLES
+
+SMALLEST_P = 0.0001
+"""A p-value below is written as such: the bootstrap draws no finer ones."""
+
+NOT_ALIKE = "The runs also differ beside the policies"
+
+SHOWN_CHANGES = 20
+"""Changed episodes that a screen lists; the JSON has all of them."""
+
+
+def effect_row(effect: Effect, *cells: str | None) -> tables.Row:
+    """Lay out a task's values in both runs, their difference, and what follows."""
+    values = (tables.format_value(effect.metric, value) for value in (effect.first, effect.second))
+    return tables.make_row(task_title(effect.task), *values, difference_text(effect), *cells)
+
+
+def tables_by_metric(
+    columns: tuple[tables.Column, ...], rows: Sequence[tuple[Effect, tables.Row]]
+) -> Iterator[tables.Table]:
+    """Yield a table for each metric, in the metrics' order."""
+    heads = {effect_head(effect): effect.metric for effect, _ in rows}
+    for head in sorted(heads, key=lambda head: COMPARED_METRICS.index(heads[head])):
+        of_head = tuple(row for effect, row in rows if effect_head(effect) == head)
+        yield tables.Table(head, ("Task",), columns, of_head)
+
+
+def changes_blocks(
+    changes: Sequence[OutcomeChange], titles: tuple[str, str], most: int
+) -> Iterator[Block]:
+    """Lay out the episodes that ended in another way, with the command that replays each."""
+    if not changes:
+        return
+    columns = (
+        *tables.make_columns(*titles, words=titles),
+        tables.Column(f"Replay of {titles[1]}", is_text=True, is_code=True),
+    )
+    rows = tuple(
+        tables.make_row(
+            change.episode,
+            OUTCOME_TITLES[change.first],
+            OUTCOME_TITLES[change.second],
+            change.replays[1],
+        )
+        for change in changes[:most]
+    )
+    yield ""
+    yield tables.Table("Episodes that ended in another way", ("Episode",), columns, rows)
+    if (more := len(changes) - most) > 0:
+        yield from ("", f"and {more} more; --json has all of them")
+
+
+def difference_text(effect: Effect) -> str:
+    """Write a difference with its sign and its 95 % interval."""
+    return str(tables.difference_cell(effect.metric, effect.difference))
+
+
+def p_text(p_value: float) -> str:
+    """Write a p-value."""
+    return f"<{SMALLEST_P:.4f}" if p_value < SMALLEST_P else f"{p_value:.4f}"
+
+
+def effect_head(effect: Effect) -> str:
+    """Name the metric of an effect with its better direction in the task, and its unit."""
+    label = f"{METRICS[effect.metric].label} {effect.direction}".rstrip()
+    return f"{label} ({effect.unit})"
+
+
+def run_line(run: ComparedRun) -> str:
+    """Say which run a title stands for, and what must be known of it."""
+    labels = f" ({'; '.join(run.labels)})" if run.labels else ""
+    return f"{run.title.capitalize()}: {run.name}, {printable(run.path)}{labels}"
+
+
+def json_text(document: dict[str, Any]) -> str:
+    """Write a JSON document; NaN and infinity are refused."""
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
 
 SUMMARY_CHANGES = 50
 """Changed episodes that a result's page lists; the JSON has all of them."""

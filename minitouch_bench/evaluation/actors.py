@@ -22,8 +22,7 @@ from minitouch_bench.policies.policy import Observation, Policy, close_policy
 from minitouch_bench.policies.python_objects import keep_in_memory
 from minitouch_bench.policies.scripted import Controller, make_controller
 from minitouch_bench.policies.sources import PolicySource, parse_source
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
-from minitouch_bench.protocol.seeds import senses_generator
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES, senses_generator
 from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import Plan

@@ -24,8 +24,7 @@ from minitouch_bench.files import (
     holds_run,
     write_file,
 )
-from minitouch_bench.machine import machine_facts
-from minitouch_bench.optional import installed_versions
+from minitouch_bench.machine import installed_versions, machine_facts
 from minitouch_bench.policies.loaders import computing_packages
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.records import EpisodeRecord, Outcome

@@ -18,13 +18,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from minitouch_bench.cache import cache_file
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine, EngineOptions
 from minitouch_bench.evaluation.execution import package_versions
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
-from minitouch_bench.optional import compare_versions, require
+from minitouch_bench.files import cache_file
+from minitouch_bench.machine import compare_versions, require
 from minitouch_bench.policies.sources import PolicySource, read_again
 from minitouch_bench.policies.wire import plain_line
 from minitouch_bench.processes import ARITHMETIC, MAX_ATTEMPTS, core_count, interrupts_held

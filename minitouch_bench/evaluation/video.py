@@ -12,7 +12,7 @@ from PIL import Image
 from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import os_errors_as, write_file
-from minitouch_bench.optional import require
+from minitouch_bench.machine import require
 from minitouch_bench.records import EpisodeSpec
 from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
 

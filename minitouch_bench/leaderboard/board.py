@@ -13,16 +13,22 @@ from typing import Annotated, Literal, Self
 from minitouch_bench.errors import printable
 from minitouch_bench.leaderboard.columns import ColumnSpec, columns_of
 from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
-from minitouch_bench.leaderboard.ranking import Rank, rank
-from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY, count_learned, score, score_gaps
+from minitouch_bench.leaderboard.ranking import (
+    OVERALL,
+    RANKED_BY,
+    Rank,
+    count_learned,
+    rank,
+    score,
+    score_gaps,
+)
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, About
 from minitouch_bench.leaderboard.validation import SubmissionFindings, find_copies
-from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
-from minitouch_bench.metrics.metric import ShownIn
+from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.policies.loaders import BUILT_IN
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.records import Count, EpisodeMetrics, Estimate, Gap, Outcome, Sha256
-from minitouch_bench.reporting.paper import PAPER_METHODS, paper_values
+from minitouch_bench.reporting.labels import PAPER_METHODS, paper_values
 
 CEILING = "scripted"
 FLOORS = tuple(name for name in BUILT_IN if name != CEILING)

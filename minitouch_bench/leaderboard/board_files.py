@@ -15,7 +15,7 @@ from minitouch_bench.leaderboard.board import (
     BoardRow,
     LeftOut,
 )
-from minitouch_bench.leaderboard.scores import BOARD_METRICS, FLOOR_SUCCESS, RANKED_BY
+from minitouch_bench.leaderboard.ranking import BOARD_METRICS, FLOOR_SUCCESS, RANKED_BY
 from minitouch_bench.leaderboard.views import (
     CALIBRATION,
     EPISODE_VARIANCE,
@@ -30,8 +30,13 @@ from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
 from minitouch_bench.reporting.formats import escape_md, table_lines
 from minitouch_bench.reporting.frames import CsvRow, rows_csv
-from minitouch_bench.reporting.labels import listed, task_title
-from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_values
+from minitouch_bench.reporting.labels import (
+    PAPER_METHODS,
+    PAPER_NOTE,
+    listed,
+    paper_values,
+    task_title,
+)
 from minitouch_bench.reporting.tables import Column, Table, make_row
 
 SHOWN_REASONS = 3

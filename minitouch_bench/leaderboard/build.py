@@ -17,11 +17,11 @@ from minitouch_bench.files import is_folder, make_folder, os_errors_as, read_fil
 from minitouch_bench.leaderboard.board import COLUMN_SPECS, Board, BoardRow, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown, notes
 from minitouch_bench.leaderboard.columns import amount
-from minitouch_bench.leaderboard.inventory import MAX_VIDEO
 from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, submission_page, video_address
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel, proof_path, read_proof
-from minitouch_bench.leaderboard.scores import MEAN_SUCCESS, OVERALL
+from minitouch_bench.leaderboard.ranking import MEAN_SUCCESS, OVERALL
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, MODALITIES, NAME
+from minitouch_bench.leaderboard.submission_checks import MAX_VIDEO
 from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
 from minitouch_bench.leaderboard.views import BoardView, views
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL

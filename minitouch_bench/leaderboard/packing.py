@@ -10,7 +10,6 @@ from pathlib import Path
 from minitouch_bench import files
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
-from minitouch_bench.leaderboard.inventory import MAX_VIDEO, RUN_LIMITS
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     SUBMITTED_SUITES,
@@ -20,6 +19,7 @@ from minitouch_bench.leaderboard.submission import (
     checkpoint_place,
     run_place,
 )
+from minitouch_bench.leaderboard.submission_checks import MAX_VIDEO, RUN_LIMITS
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.sources import (
     DIRECTORY,

@@ -20,8 +20,7 @@ from minitouch_bench.leaderboard.board import (
     ending_of,
 )
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel
-from minitouch_bench.leaderboard.ranking import Rank
-from minitouch_bench.leaderboard.scores import OVERALL, RANKED_BY
+from minitouch_bench.leaderboard.ranking import OVERALL, RANKED_BY, Rank
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, SEED_VARIANCE, with_learned

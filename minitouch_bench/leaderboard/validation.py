@@ -17,22 +17,22 @@ from minitouch_bench.files import (
     list_videos,
     os_errors_as,
 )
-from minitouch_bench.leaderboard.inventory import (
-    MAX_SUBMISSION_FILE,
-    RUN_LIMITS,
-    check_files,
-    check_videos,
-    list_files,
-    read_plain,
-)
 from minitouch_bench.leaderboard.proof import Proof, ProofLevel, find_proof, level_of
-from minitouch_bench.leaderboard.run_checks import check_submitted
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     CheckpointFile,
     Submission,
     TrainingSeed,
     read_submission,
+)
+from minitouch_bench.leaderboard.submission_checks import (
+    MAX_SUBMISSION_FILE,
+    RUN_LIMITS,
+    check_files,
+    check_submitted,
+    check_videos,
+    list_files,
+    read_plain,
 )
 from minitouch_bench.policies.loaders import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip

@@ -4,14 +4,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from minitouch_bench.leaderboard.board import TOUCH_METRICS, Board, BoardRow, in_order
-from minitouch_bench.leaderboard.ranking import Rank
-from minitouch_bench.leaderboard.scores import GAP_TASKS, MEAN_SUCCESS, OVERALL, RANKED_BY
+from minitouch_bench.leaderboard.ranking import GAP_TASKS, MEAN_SUCCESS, OVERALL, RANKED_BY, Rank
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
-from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
-from minitouch_bench.metrics.metric import ShownIn
+from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.reporting import tables
-from minitouch_bench.reporting.labels import listed, task_title
-from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_cell
+from minitouch_bench.reporting.labels import CAVEAT, PAPER_METHODS, listed, paper_cell, task_title
 from minitouch_bench.reporting.run_tables import gap_cells
 
 RANKED, UNRANKED, CALIBRATION, PAPER = "ranked", "unranked", "calibration", "paper"

@@ -6,9 +6,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in, ranking_metric
+from minitouch_bench.metrics.definitions import (
+    METRICS,
+    Metric,
+    ShownIn,
+    metrics_shown_in,
+    ranking_metric,
+)
 from minitouch_bench.metrics.intervals import Root, stream
-from minitouch_bench.metrics.metric import Metric, ShownIn
 from minitouch_bench.records import (
     EpisodeMetrics,
     EpisodeRecord,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError
-from minitouch_bench.optional import look_up, require
+from minitouch_bench.machine import look_up, require
 from minitouch_bench.policies.isolation.options import Isolation
 
 if TYPE_CHECKING:

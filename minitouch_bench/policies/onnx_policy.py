@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.optional import require
+from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Checkpoint, Observation
 from minitouch_bench.policies.sources import check_bytes
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.optional import look_up
+from minitouch_bench.machine import look_up
 from minitouch_bench.policies.policy import Checkpoint, Observation, Policy, close_policy
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.policies.wire import describe

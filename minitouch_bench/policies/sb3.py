@@ -17,7 +17,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.optional import require
+from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Checkpoint, Observation
 from minitouch_bench.policies.wire import plain_line
 from minitouch_bench.protocol.minitouch import PROTOCOL

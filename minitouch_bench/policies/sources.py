@@ -22,7 +22,7 @@ from minitouch_bench.files import (
     os_errors_as,
     read_file,
 )
-from minitouch_bench.optional import require
+from minitouch_bench.machine import require
 from minitouch_bench.policies.loaders import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.wire import describe
 from minitouch_bench.protocol.minitouch import TASK_NAMES

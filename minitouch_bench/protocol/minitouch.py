@@ -1,10 +1,15 @@
-"""The protocol ``minitouch-v1``: one frozen value.
+"""The protocol ``minitouch-v1``: one frozen value, and the seeds of its episodes.
 
 Letters: T text of the paper, R the released package, D ours; ``docs/reference/protocol.md`` gives
-the fact behind every R and the reason of every D.
+the fact behind every R and the reason of every D. An episode's seed is a function of what the
+episode is, and of nothing else.
 """
 
+import hashlib
+import json
 import math
+
+import numpy as np
 
 from minitouch_bench.protocol.spec import (
     ControlSpec,
@@ -84,3 +89,45 @@ LOAD_TIMEOUT_S, ACT_TIMEOUT_S, EPISODE_TIMEOUT_S = 60.0, 5.0, 300.0
 
 MAIN_SUITE, NOVEL_SHAPES = "table4", "novel-shapes"
 """The suites of Table 4 and of Figure 11."""
+
+
+PUBLIC_SEED_BITS = 64
+"""A run seed of more bits is a secret; its episodes' seeds are then too many to be tried."""
+
+
+def episode_seed(suite: str, task: str, index: int, run_seed: int) -> int:
+    """Return the seed of one episode: 0 to 2^32 - 1, and to 2^128 - 1 where the run's is secret.
+
+    It does not depend on the number of episodes, the number of workers, or what ran before.
+    """
+    sequence = np.random.SeedSequence(
+        [_number(PROTOCOL.name), _number(suite), _number(task), index, run_seed]
+    )
+    words = 1 if run_seed.bit_length() <= PUBLIC_SEED_BITS else 4
+    return int.from_bytes(
+        sequence.generate_state(words, np.uint32).astype("<u4").tobytes(), "little"
+    )
+
+
+def policy_seed(suite: str, task: str, index: int, run_seed: int) -> int:
+    """Return the seed that a policy is given in one episode, 0 to 2^64 - 1.
+
+    SHA-256 over what the episode's seed is made of, not over that seed: a policy that could
+    compute the episode's seed from its own could build the scene and look at it.
+    """
+    text = json.dumps(["policy", PROTOCOL.name, suite, task, index, run_seed])
+    return _number(text)
+
+
+def senses_generator(episode: int) -> np.random.Generator:
+    """Return the generator of noise on an episode's senses, apart from that of its scene."""
+    return np.random.default_rng([_number("senses"), episode])
+
+
+def suite_generator(suite: str) -> np.random.Generator:
+    """Return the generator of what a suite draws once for all its runs."""
+    return np.random.default_rng([_number(PROTOCOL.name), _number(suite)])
+
+
+def _number(text: str) -> int:
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")

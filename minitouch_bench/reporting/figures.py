@@ -11,8 +11,7 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.records import Estimate, Outcome
 from minitouch_bench.reporting import charts
 from minitouch_bench.reporting.charts import series_tone
-from minitouch_bench.reporting.labels import RunSection, task_title
-from minitouch_bench.reporting.paper import PAPER_METHODS, paper_value
+from minitouch_bench.reporting.labels import PAPER_METHODS, RunSection, paper_value, task_title
 from minitouch_bench.reporting.report import Report
 from minitouch_bench.reporting.run_tables import (
     OUTCOME_TITLES,

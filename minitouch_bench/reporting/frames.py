@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.errors import printable
 from minitouch_bench.records import EpisodeMetrics
-from minitouch_bench.reporting.paper import CAVEAT, PAPER_METHODS, paper_value
+from minitouch_bench.reporting.labels import CAVEAT, PAPER_METHODS, paper_value
 from minitouch_bench.reporting.run_tables import find_estimate
 from minitouch_bench.runs.results import EPISODE_COLUMNS, episode_row
 

@@ -4,8 +4,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from minitouch_bench.errors import printable
-from minitouch_bench.metrics.definitions import METRICS, intervals_in_words, metrics_shown_in
-from minitouch_bench.metrics.metric import NO_DIRECTION, UP, ShownIn
+from minitouch_bench.metrics.definitions import (
+    METRICS,
+    NO_DIRECTION,
+    UP,
+    ShownIn,
+    intervals_in_words,
+    metrics_shown_in,
+)
 from minitouch_bench.metrics.summary import MIN_EPISODES, has_both_splits
 from minitouch_bench.records import (
     Estimate,
@@ -16,8 +22,13 @@ from minitouch_bench.records import (
     TaskSummary,
 )
 from minitouch_bench.reporting import tables
-from minitouch_bench.reporting.labels import RunSection, task_title
-from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_NOTE, paper_cell
+from minitouch_bench.reporting.labels import (
+    PAPER_METHODS,
+    PAPER_NOTE,
+    RunSection,
+    paper_cell,
+    task_title,
+)
 from minitouch_bench.runs.results import TABLE4_METRICS
 from minitouch_bench.runs.run import Run
 

@@ -22,9 +22,8 @@ from minitouch_bench.reporting.formats import (
     table_section,
 )
 from minitouch_bench.reporting.frames import episodes_csv, table4_csv, table4_json
-from minitouch_bench.reporting.labels import fault_lines, task_title
+from minitouch_bench.reporting.labels import PAPER_METHODS, fault_lines, paper_value, task_title
 from minitouch_bench.reporting.pages import image_uri, render_page
-from minitouch_bench.reporting.paper import PAPER_METHODS, paper_value
 from minitouch_bench.reporting.report import USUAL, Report, Shown, build_report, find_videos
 from minitouch_bench.reporting.run_tables import task_summary
 from minitouch_bench.reporting.tables import Cell, Column, Row, Table, estimate_cell

@@ -22,7 +22,7 @@ from minitouch_bench.files import (
     read_file,
     write_file,
 )
-from minitouch_bench.optional import compare_versions
+from minitouch_bench.machine import compare_versions
 from minitouch_bench.records import (
     EpisodeRecord,
     EpisodeSpec,

@@ -10,8 +10,13 @@ import numpy as np
 from minitouch_bench.conditions import STANDARD, USUAL_LIMITS, Conditions, PolicyLimits
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
-from minitouch_bench.protocol.seeds import episode_seed, policy_seed, suite_generator
+from minitouch_bench.protocol.minitouch import (
+    GOAL_TASKS,
+    PROTOCOL,
+    episode_seed,
+    policy_seed,
+    suite_generator,
+)
 from minitouch_bench.protocol.spec import CUBE, SuiteSpec
 from minitouch_bench.records import Count, EpisodeSpec, Role, Seed
 from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set

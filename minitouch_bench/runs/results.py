@@ -4,8 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from minitouch_bench.metrics.definitions import METRICS, metrics_shown_in
-from minitouch_bench.metrics.metric import ShownIn
+from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.records import EpisodeMetrics, Estimate, Summary, TaskSummary
 
 if TYPE_CHECKING:

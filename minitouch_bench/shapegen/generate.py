@@ -12,7 +12,7 @@ from typing import Any
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.files import lock_directory, os_errors_as, replace_file
-from minitouch_bench.optional import installed_versions
+from minitouch_bench.machine import installed_versions
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen.body_codec import digest

@@ -15,9 +15,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from minitouch_bench.cache import cache_directory, cache_errors
 from minitouch_bench.errors import UsageError
-from minitouch_bench.files import GIB, MIB, read_file, replace_file
+from minitouch_bench.files import GIB, MIB, cache_directory, cache_errors, read_file, replace_file
 from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen.body_codec import (
     Body,

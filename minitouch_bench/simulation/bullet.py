@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.optional import installed_versions
+from minitouch_bench.machine import installed_versions
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec, Rgba
 

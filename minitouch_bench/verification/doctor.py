@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.cache import cache_directory, cache_file
 from minitouch_bench.errors import InfrastructureError, MiniTouchError
 from minitouch_bench.evaluation.actors import RecordedActor, Recording
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
-from minitouch_bench.optional import extras, installed_versions
+from minitouch_bench.files import cache_directory, cache_file
+from minitouch_bench.machine import extras, installed_versions
 from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.isolation import landlock
 from minitouch_bench.policies.policy import zero_observation

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 import torch
 
-from minitouch_bench.cache import VARIABLE
 from minitouch_bench.errors import (
     CheckpointChangedError,
     InfrastructureError,
@@ -24,7 +23,7 @@ from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import EngineOptions, open_engine
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.ray_engine import map_checkpoints, pack, unpack
-from minitouch_bench.files import ACTIONS_FILE
+from minitouch_bench.files import ACTIONS_FILE, VARIABLE
 from minitouch_bench.policies.isolation.options import Isolation
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import parse_source

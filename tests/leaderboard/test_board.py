@@ -29,12 +29,12 @@ from minitouch_bench.leaderboard.proof import (
     proof_path,
     write_proof,
 )
-from minitouch_bench.leaderboard.ranking import Rank
-from minitouch_bench.leaderboard.scores import (
+from minitouch_bench.leaderboard.ranking import (
     BOARD_METRICS,
     FLOOR_SUCCESS,
     MEAN_SUCCESS,
     OVERALL,
+    Rank,
     count_learned,
     score,
     score_gaps,

@@ -13,7 +13,7 @@ from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.leaderboard.board import CALIBRATION_POLICIES
 from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.reporting.paper import PAPER_METHODS
+from minitouch_bench.reporting.labels import PAPER_METHODS
 from tests.altered import edit_document
 from tests.leaderboard.browser import CHROMIUM, Browser
 from tests.leaderboard.synthetic import ABOUT, make_submission, prove_as

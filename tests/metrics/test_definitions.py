@@ -3,11 +3,14 @@ from dataclasses import fields
 import pytest
 
 from minitouch_bench.metrics.definitions import (
+    DOWN,
     METRICS,
+    NO_DIRECTION,
+    UP,
+    ShownIn,
     metrics_shown_in,
     ranking_metric,
 )
-from minitouch_bench.metrics.metric import DOWN, NO_DIRECTION, UP, ShownIn
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.records import EpisodeMetrics, EpisodeSpec
 

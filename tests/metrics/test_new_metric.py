@@ -6,15 +6,14 @@ import sys
 
 import pytest
 
-from minitouch_bench.metrics.definitions import METRICS, register_metric
-from minitouch_bench.metrics.metric import Metric
+from minitouch_bench.metrics.definitions import METRICS, Metric, register_metric
 from tests.altered import ROOT
 
 SCRIPT = """
 import sys
 from pathlib import Path
 from minitouch_bench.metrics.definitions import METRICS, register_metric
-from minitouch_bench.metrics.metric import CONTROL_STEPS, DOWN, Metric, ShownIn
+from minitouch_bench.metrics.definitions import CONTROL_STEPS, DOWN, Metric, ShownIn
 from minitouch_bench.metrics.statistics import Quantile
 
 register_metric(

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 from gymnasium.utils.seeding import np_random
 
-from minitouch_bench.protocol.seeds import episode_seed, policy_seed, senses_generator
+from minitouch_bench.protocol.minitouch import episode_seed, policy_seed, senses_generator
 from minitouch_bench.runs.plan import find_suite
 
 KNOWN = {

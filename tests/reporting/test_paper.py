@@ -1,6 +1,6 @@
 import pytest
 
-from minitouch_bench.reporting.paper import PAPER_METHODS, PAPER_TASKS, paper_value
+from minitouch_bench.reporting.labels import PAPER_METHODS, PAPER_TASKS, paper_value
 
 
 def test_tasks_and_methods_stand_in_the_order_of_the_paper():

@@ -1,6 +1,6 @@
 import pytest
 
-from minitouch_bench import optional
+from minitouch_bench import machine
 from minitouch_bench.errors import UsageError
 from minitouch_bench.simulation import bullet
 
@@ -26,5 +26,5 @@ def test_another_simulator_than_the_protocol_s_is_refused(
 
 
 def test_either_build_of_the_protocol_s_simulator_will_do(monkeypatch):
-    monkeypatch.setattr(optional, "version", bullet.BUILDS.__getitem__)
+    monkeypatch.setattr(machine, "version", bullet.BUILDS.__getitem__)
     bullet._check_build()
