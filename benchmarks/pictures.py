@@ -40,8 +40,6 @@ def main() -> None:
     for task in TASK_CLASSES:
         picture, observed = draw(task)
         picture.quantize(128).save(REPORT_PICTURES / f"{task}.png", optimize=True)
-        small = picture.resize((WIDTH // 2, HEIGHT // 2), Image.Resampling.LANCZOS)
-        small.quantize(128).save(DOCUMENT_PICTURES / f"{task}.png", optimize=True)
         inset = Image.fromarray(observed).resize((168, 168), Image.Resampling.NEAREST)
         picture.paste((255, 255, 255), (WIDTH - 180, 8, WIDTH - 8, 180))
         picture.paste(inset.convert("RGB"), (WIDTH - 178, 10))
