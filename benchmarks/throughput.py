@@ -15,7 +15,7 @@ from rich.table import Table
 
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
+from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import PolicySource, parse_source

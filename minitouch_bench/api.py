@@ -29,7 +29,7 @@ from minitouch_bench.files import (
     make_folder,
     write_file,
 )
-from minitouch_bench.policies.isolation.options import Isolation, isolation_options
+from minitouch_bench.policies.isolation.levels import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 from minitouch_bench.reporting import writers
 from minitouch_bench.runs.journal import Journal

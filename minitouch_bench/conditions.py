@@ -118,7 +118,7 @@ def _spelled(name: str) -> str:
     return name.replace("_", "-")
 
 
-CHANGES: Final = tuple(map(_spelled, PERTURBATIONS))
+PERTURBATION_NAMES: Final = tuple(map(_spelled, PERTURBATIONS))
 """What can be changed, as it is spelled on the command line."""
 
 STANDARD: Final = Conditions()
@@ -138,8 +138,8 @@ def parse_conditions(without: Sequence[str], changes: Sequence[str]) -> Conditio
     values: dict[str, float | Range] = {}
     for change in changes:
         spelled, _, text = change.partition("=")
-        if spelled not in CHANGES:
-            raise UsageError(f"no condition '{spelled}'; there are {', '.join(CHANGES)}")
+        if spelled not in PERTURBATION_NAMES:
+            raise UsageError(f"no condition '{spelled}'; there are {', '.join(PERTURBATION_NAMES)}")
         name = spelled.replace("-", "_")
         low, colon, high = text.partition(":")
         try:

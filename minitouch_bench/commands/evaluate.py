@@ -9,11 +9,11 @@ from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, note
 from minitouch_bench.cli.options import episodes_option, output_option
 from minitouch_bench.cli.progress import EpisodeProgress
-from minitouch_bench.conditions import CHANGES, SENSES
+from minitouch_bench.conditions import PERTURBATION_NAMES, SENSES
 from minitouch_bench.errors import PolicyFaultError
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import MAX_EPISODES
-from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 
 SUITES = ", ".join(suite.name for suite in PROTOCOL.suites)
@@ -61,7 +61,7 @@ def evaluate(
         str | None,
         episodes_option(
             metavar="A=X,B=X:Y",
-            help=f"{', '.join(CHANGES)}: see docs/how-to/robustness.md; unofficial.",
+            help=f"{', '.join(PERTURBATION_NAMES)}: see docs/how-to/robustness.md; unofficial.",
         ),
     ] = None,
     output: Annotated[

@@ -94,7 +94,7 @@ def build(
     ] = False,
 ) -> None:
     """Write the leaderboard as Markdown, CSV, JSON and a site that opens offline."""
-    from minitouch_bench.leaderboard.build import build_board
+    from minitouch_bench.leaderboard.site import build_board
 
     board = build_board(submissions, output, note)
     for refusal in board.refused:

@@ -15,7 +15,7 @@ from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.errors import PolicyFaultError, RunDirectoryError, UsageError
 from minitouch_bench.files import os_errors_as
 from minitouch_bench.machine import require
-from minitouch_bench.policies.isolation.options import Isolation, isolation_options
+from minitouch_bench.policies.isolation.levels import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import EpisodeRecord, Outcome
 

@@ -13,13 +13,13 @@ from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, engine_options
 from minitouch_bench.files import ACTIONS_FILE, REPORTS, append_bytes, lock_directory, write_file
-from minitouch_bench.policies.isolation.options import Isolation, isolation_options
+from minitouch_bench.policies.isolation.levels import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
 
 if TYPE_CHECKING:
     from minitouch_bench.comparison.settings import GateSettings
     from minitouch_bench.evaluation.actors import PolicySetup
-    from minitouch_bench.policies.isolation.options import IsolationOptions
+    from minitouch_bench.policies.isolation.levels import IsolationOptions
     from minitouch_bench.reporting.writers import write_views
     from minitouch_bench.runs.run import Run
 
@@ -103,7 +103,7 @@ def regress(
         raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
     if candidate is not None and (output is not None or resume or fresh or trust):
         raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
-    from minitouch_bench.comparison import writers
+    from minitouch_bench.comparison import gate_report
     from minitouch_bench.comparison.gate import judge_runs, without_exploration
     from minitouch_bench.comparison.settings import GateSettings, Tolerance
     from minitouch_bench.evaluation.engine import open_engine
@@ -132,13 +132,13 @@ def regress(
             write_views(after, directory)
     result = judge_runs(before, after, (str(baseline), str(directory)), settings)
     if junit is not None:
-        write_file(junit, writers.gate_junit(result))
+        write_file(junit, gate_report.gate_junit(result))
     if summary is not None:
-        append_bytes(summary, writers.gate_markdown(result).encode())
+        append_bytes(summary, gate_report.gate_markdown(result).encode())
     if as_json:
-        print(writers.gate_json(result), end="")
+        print(gate_report.gate_json(result), end="")
     else:
-        writers.show_result(result, data_console())
+        gate_report.show_result(result, data_console())
     if result.exit_code:
         raise typer.Exit(result.exit_code)
 

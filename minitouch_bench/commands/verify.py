@@ -18,7 +18,7 @@ from minitouch_bench.errors import (
     printable,
 )
 from minitouch_bench.evaluation.engine import AUTO, engine_options
-from minitouch_bench.policies.isolation.options import Isolation, isolation_options
+from minitouch_bench.policies.isolation.levels import Isolation, isolation_options
 
 if TYPE_CHECKING:
     from minitouch_bench.records import PolicyIdentity

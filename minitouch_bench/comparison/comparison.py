@@ -6,6 +6,16 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from minitouch_bench.comparison.gate_report import (
+    NOT_ALIKE,
+    SHOWN_CHANGES,
+    changes_blocks,
+    effect_row,
+    json_text,
+    p_text,
+    run_line,
+    tables_by_metric,
+)
 from minitouch_bench.comparison.paired_tests import Effect, paired_test
 from minitouch_bench.comparison.pairing import (
     COMPARED_METRICS,
@@ -19,16 +29,6 @@ from minitouch_bench.comparison.pairing import (
     pair_runs,
 )
 from minitouch_bench.comparison.power import episodes_needed
-from minitouch_bench.comparison.writers import (
-    NOT_ALIKE,
-    SHOWN_CHANGES,
-    changes_blocks,
-    effect_row,
-    json_text,
-    p_text,
-    run_line,
-    tables_by_metric,
-)
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION

@@ -12,7 +12,7 @@ from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import Actor
 from minitouch_bench.policies.isolate import effective_level, isolate, try_policy
-from minitouch_bench.policies.isolation.options import (
+from minitouch_bench.policies.isolation.levels import (
     SANDBOXED,
     Isolation,
     IsolationOptions,

@@ -38,7 +38,7 @@ PACKING = ".packing"
 
 
 @dataclass(frozen=True)
-class Training:
+class PackedTraining:
     """One training of a method: its finished runs by suite, and its checkpoint files.
 
     ``files`` maps each entry of ``submission.toml`` to the file that is copied, None where only
@@ -58,7 +58,7 @@ class Training:
         return TrainingSeed(seed, places, tuple(entries))
 
 
-def group_by_training(runs: Sequence[Run], *, include: bool) -> list[Training]:
+def group_by_training(runs: Sequence[Run], *, include: bool) -> list[PackedTraining]:
     """Return the trainings in the order of their first runs: runs of one policy are one training.
 
     Args:
@@ -95,7 +95,7 @@ def group_by_training(runs: Sequence[Run], *, include: bool) -> list[Training]:
         )
         files_there = {file: path if include else None for file, path in named.items()}
         listed = {suite: of_policy[suite] for suite in SUBMITTED_SUITES if suite in of_policy}
-        trainings.append(Training(listed, files_there))
+        trainings.append(PackedTraining(listed, files_there))
     return trainings
 
 
@@ -129,7 +129,7 @@ def _checkpoint_files(
 
 
 def pack(
-    submission: Submission, trainings: Sequence[Training], submissions: Path
+    submission: Submission, trainings: Sequence[PackedTraining], submissions: Path
 ) -> tuple[Problem, ...]:
     """Make a submission in a folder aside, check it, and move it to its name in one rename.
 

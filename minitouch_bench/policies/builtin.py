@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from minitouch_bench.policies.policy import Checkpoint, Observation, action_size
 
 
-class _Floor:
+class _Baseline:
     def __init__(self, checkpoint: Checkpoint) -> None:
         pass
 
 
-class RandomPolicy(_Floor):
+class RandomPolicy(_Baseline):
     """Draw every number uniformly from [-1, 1), from the episode's seed."""
 
     def reset(self, seed: int, task: str) -> None:
@@ -54,7 +54,7 @@ class OpenLoopPolicy:
         return action
 
 
-class ZeroPolicy(_Floor):
+class ZeroPolicy(_Baseline):
     """Never move."""
 
     def reset(self, seed: int, task: str) -> None:

@@ -38,7 +38,7 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.policies import wire
 from minitouch_bench.policies.isolation.kernel import ProcessLimits
-from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.isolation.sandbox import NOTHING, Sandbox, factory_paths, prepare
 from minitouch_bench.policies.loaders import FORMATS, check_permitted, find_loader, load_policy
 from minitouch_bench.policies.policy import Checkpoint, action_size, close_policy, warning_of

@@ -17,7 +17,7 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
 )
 from minitouch_bench.policies.forkserver import seed_everything
-from minitouch_bench.policies.isolation.options import SANDBOXED, Isolation, IsolationOptions
+from minitouch_bench.policies.isolation.levels import SANDBOXED, Isolation, IsolationOptions
 from minitouch_bench.policies.loaders import FORMATS, check_permitted, load_policy
 from minitouch_bench.policies.policy import (
     Checkpoint,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError
 from minitouch_bench.machine import look_up, require
-from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.isolation.levels import Isolation
 
 if TYPE_CHECKING:
     from minitouch_bench.policies.policy import Checkpoint, Policy

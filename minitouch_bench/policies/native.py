@@ -27,7 +27,7 @@ UNSAID_IMAGE_SHAPE = (1, 84, 84)
 
 
 @dataclass(frozen=True)
-class NativeForm:
+class PolicyMetadata:
     """Whose weights these are, and the shape of the images that they were trained on.
 
     ``encoder_width`` scales the encoder's channels: see ``networks.VisualEncoder``.
@@ -78,7 +78,7 @@ def as_array(action: Tensor) -> NDArray[Any]:
 def save_native(actor: TouchActor, path: Path) -> None:
     """Write an actor as a native checkpoint."""
     assert isinstance(actor.encoder, VisualEncoder)
-    form = NativeForm(actor.architecture, actor.action_size, IMAGE_SHAPE, actor.encoder.width)
+    form = PolicyMetadata(actor.architecture, actor.action_size, IMAGE_SHAPE, actor.encoder.width)
     tensors = {name: value.contiguous() for name, value in actor.state_dict().items()}
     write_file(path, safetensors.torch.save(tensors, {METADATA_KEY: json.dumps(asdict(form))}))
 
@@ -110,7 +110,7 @@ def load_native(checkpoint: Checkpoint) -> NativePolicy:
     return NativePolicy(actor, checkpoint.deterministic)
 
 
-def _read_form(checkpoint: Checkpoint) -> NativeForm:
+def _read_form(checkpoint: Checkpoint) -> PolicyMetadata:
     try:
         (length,) = struct.unpack_from("<Q", checkpoint.content)
         if length > min(MAX_HEADER_BYTES, len(checkpoint.content)):
@@ -122,7 +122,7 @@ def _read_form(checkpoint: Checkpoint) -> NativeForm:
     except (struct.error, ValueError, RecursionError) as error:
         raise PolicyLoadError(f"{checkpoint.target} is damaged: it is not safetensors") from error
     try:
-        form = msgspec.json.decode(header["__metadata__"][METADATA_KEY], type=NativeForm)
+        form = msgspec.json.decode(header["__metadata__"][METADATA_KEY], type=PolicyMetadata)
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise PolicyLoadError(
             f"{checkpoint.target} is not a native checkpoint: no '{METADATA_KEY}' entry in its "

@@ -13,7 +13,7 @@ from minitouch_bench import errors
 from minitouch_bench.policies import wire
 from minitouch_bench.policies.connection import EpisodeChannel, HostConnection, HostGoneError
 from minitouch_bench.policies.isolation.kernel import ProcessLimits
-from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
+from minitouch_bench.policies.isolation.levels import SANDBOXED, IsolationOptions
 from minitouch_bench.policies.policy import Observation, action_size
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.processes import core_count

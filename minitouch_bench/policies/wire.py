@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.policies.isolation.kernel import ProcessLimits
-from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Observation
 
 MAX_PAYLOAD = 64 * 1024

@@ -10,7 +10,7 @@ from minitouch_bench.errors import IncompleteCheckError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup, Recording, prepare_policies
 from minitouch_bench.evaluation.engine import Engine, Note
 from minitouch_bench.metrics.summary import measure, touch_curve
-from minitouch_bench.policies.isolation.options import SANDBOXED, IsolationOptions
+from minitouch_bench.policies.isolation.levels import SANDBOXED, IsolationOptions
 from minitouch_bench.policies.sources import PolicySource, identify
 from minitouch_bench.records import (
     EpisodeMetrics,

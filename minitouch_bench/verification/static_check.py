@@ -15,7 +15,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.files import ACTIONS_FILE, RUN_FILE
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import summarize
-from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.records import (
     IN_MEMORY,

@@ -43,7 +43,7 @@ def test_valid_submissions_are_named_with_their_level(root):
 @pytest.mark.parametrize("refused", [(), (LeftOut("hac", ("notes.txt: no such file",)),)])
 def test_a_strict_build_fails_where_a_submission_is_refused(tmp_path, monkeypatch, refused):
     board = replace(make_board([]), refused=refused)
-    monkeypatch.setattr("minitouch_bench.leaderboard.build.build_board", lambda *_: board)
+    monkeypatch.setattr("minitouch_bench.leaderboard.site.build_board", lambda *_: board)
     build(tmp_path, tmp_path, strict=False)
     expected = pytest.raises(typer.Exit) if refused else contextlib.nullcontext()
     with expected as end:

@@ -9,7 +9,7 @@ import pytest
 
 from minitouch_bench.commands.replay import replay_episode, write_replay_video
 from minitouch_bench.commands.report import report
-from minitouch_bench.leaderboard.build import build_board
+from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.runs.run import read_run
 from tests.commands.command import run

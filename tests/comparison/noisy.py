@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from minitouch_bench.comparison.gate import GateResult, judge_runs
+from minitouch_bench.comparison.gate_report import difference_text, result_line
 from minitouch_bench.comparison.settings import GateSettings
-from minitouch_bench.comparison.writers import difference_text, result_line
 from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.execution import header_of

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from minitouch_bench.comparison.gate import Decision, judge_runs
-from minitouch_bench.comparison.settings import GateSettings, Tolerance
-from minitouch_bench.comparison.writers import (
+from minitouch_bench.comparison.gate_report import (
     gate_json,
     gate_junit,
     gate_markdown,
     result_line,
     show_result,
 )
+from minitouch_bench.comparison.settings import GateSettings, Tolerance
 from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import UsageError
 from tests.comparison.pairs import (

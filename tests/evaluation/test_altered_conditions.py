@@ -10,7 +10,7 @@ from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actors import AlteredSenses
 from minitouch_bench.evaluation.engine import EngineOptions
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
+from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 

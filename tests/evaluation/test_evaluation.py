@@ -13,7 +13,7 @@ from minitouch_bench.evaluation.execution import header_of, open_run, package_ve
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.machine import installed_versions
-from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.records import Outcome

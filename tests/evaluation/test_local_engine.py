@@ -13,7 +13,7 @@ from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.files import JOURNAL_FILE
-from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.runs.plan import find_suite
 from tests.evaluation.runs import digests, request, run
 

@@ -24,7 +24,7 @@ from minitouch_bench.evaluation.engine import EngineOptions, open_engine
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.ray_engine import map_checkpoints, pack, unpack
 from minitouch_bench.files import ACTIONS_FILE, VARIABLE
-from minitouch_bench.policies.isolation.options import Isolation
+from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import TASK_NAMES

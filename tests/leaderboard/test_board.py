@@ -20,7 +20,6 @@ from minitouch_bench.leaderboard.board import (
     make_board,
 )
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
-from minitouch_bench.leaderboard.build import build_board, find_submissions, index_html
 from minitouch_bench.leaderboard.columns import amount
 from minitouch_bench.leaderboard.proof import (
     MAX_PROOF,
@@ -39,6 +38,7 @@ from minitouch_bench.leaderboard.ranking import (
     score,
     score_gaps,
 )
+from minitouch_bench.leaderboard.site import build_board, find_submissions, index_html
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.leaderboard.views import views
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric

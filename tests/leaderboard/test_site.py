@@ -11,7 +11,7 @@ import pytest
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.leaderboard.board import CALIBRATION_POLICIES
-from minitouch_bench.leaderboard.build import build_board
+from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.reporting.labels import PAPER_METHODS
 from tests.altered import edit_document

@@ -13,7 +13,7 @@ import tomli_w
 from benchmarks.schemas import board_schema, submission_schema
 from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
-from minitouch_bench.leaderboard.build import build_board
+from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.submission import (
     CheckpointFile,
     Submission,

@@ -26,7 +26,7 @@ register_metric(
 )
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.leaderboard.build import build_board
+from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.comparison.comparison import (
     compare_runs,
     comparison_json,
@@ -34,7 +34,7 @@ from minitouch_bench.comparison.comparison import (
 )
 from minitouch_bench.comparison.gate import judge_runs
 from minitouch_bench.comparison.settings import GateSettings
-from minitouch_bench.comparison.writers import gate_markdown
+from minitouch_bench.comparison.gate_report import gate_markdown
 from minitouch_bench.reporting.formats import as_markdown
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.writers import report_blocks, table4_latex, to_html

@@ -25,7 +25,7 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.policies.connection import EpisodeChannel, HostConnection
 from minitouch_bench.policies.isolate import try_policy
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
+from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import PolicySource, parse_source
@@ -372,7 +372,7 @@ def test_the_scripted_policy_has_no_process():
 
 WORKER = """
 import sys, time
-from minitouch_bench.policies.isolation.options import IsolationOptions
+from minitouch_bench.policies.isolation.levels import IsolationOptions
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.sources import parse_source

@@ -40,8 +40,8 @@ from minitouch_bench.files import (
     lock_directory,
     write_file,
 )
-from minitouch_bench.leaderboard.build import build_board
 from minitouch_bench.leaderboard.packing import copy_run
+from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.records import EpisodeRecord

@@ -18,7 +18,7 @@ from minitouch_bench.errors import (
     PolicyTimeoutError,
 )
 from minitouch_bench.policies.isolate import isolate
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions
+from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import parse_source

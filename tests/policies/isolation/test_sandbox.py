@@ -12,7 +12,7 @@ from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.policies.isolate import InProcessPolicy, effective_level, isolate, try_policy
 from minitouch_bench.policies.isolation import landlock, sandbox
 from minitouch_bench.policies.isolation.kernel import ProcessLimits
-from minitouch_bench.policies.isolation.options import Isolation, IsolationOptions, weakest
+from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions, weakest
 from minitouch_bench.policies.isolation.sandbox import ENTERED, FactoryPaths, readable_paths
 from minitouch_bench.policies.python_objects import keep_in_memory
 from minitouch_bench.policies.sources import parse_source

@@ -3,7 +3,7 @@
 import pytest
 
 from minitouch_bench.errors import IsolationError
-from minitouch_bench.policies.isolation.options import IsolationOptions
+from minitouch_bench.policies.isolation.levels import IsolationOptions
 from minitouch_bench.policies.isolation.sandbox import factory_paths
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.process import PolicyProcess
