@@ -46,8 +46,13 @@ def open_engine(options: EngineOptions) -> contextlib.AbstractContextManager[Eng
     """Open an engine on a Ray cluster, by default one of ``workers`` CPUs that is started here.
 
     Raises:
-        UsageError: the address is not HOST:PORT.
+        UsageError: the address is not HOST:PORT, or the path of this Python contains a space.
     """
+    if " " in sys.executable:  # Ray starts no worker that has variables of its own, and waits
+        raise UsageError(
+            f"Ray cannot start '{sys.executable}': its path contains a space.\n"
+            "Use --engine local, or an environment in another directory"
+        )
     if options.address is not None and not re.fullmatch(r"[^/]+:\d{1,5}", options.address):
         raise UsageError(
             "--address is HOST:PORT of the cluster's head, as in 10.0.0.1:6379, "

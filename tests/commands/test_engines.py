@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import signal
+import sys
 import tempfile
 import time
 
@@ -15,6 +16,8 @@ from tests.commands.conftest import SCRIPTED
 from tests.commands.test_evaluate import ONE, same_numbers, wait_for_records
 from tests.evaluation.ray_nodes import command_line, descendants, free_port, head, joined
 from tests.evaluation.test_local_engine import wait_until
+
+pytestmark = pytest.mark.skipif(" " in sys.executable, reason="Ray needs a path without a space")
 
 LONG = ("evaluate", "zero", "--tasks", "opening", "--episodes", "40", "--output", "run")
 

@@ -37,6 +37,8 @@ from tests.evaluation.test_local_engine import wait_until
 
 HERE = Path(__file__).parent
 
+pytestmark = pytest.mark.skipif(" " in sys.executable, reason="Ray needs a path without a space")
+
 
 @pytest.fixture(scope="module")
 def script(tmp_path_factory) -> Path:
@@ -298,3 +300,9 @@ def test_without_ray_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(MissingExtraError, match=r"minitouch-bench\[ray\]"), engine_on(None):
         pass
+
+
+def test_a_python_whose_path_has_a_space_is_refused(monkeypatch):
+    monkeypatch.setattr(sys, "executable", "/home/some one/.venv/bin/python")
+    with pytest.raises(UsageError, match="contains a space"):
+        open_engine(EngineOptions("ray"))

@@ -8,15 +8,14 @@ import pytest
 from tests.github.scripts import load
 
 HEAD = "a" * 40
-GH = f"""#!{sys.executable}
-import json, os, pathlib, sys
+GH = """import json, os, pathlib, sys
 at = pathlib.Path(os.environ["FAKE"])
 place = sys.argv[2].removeprefix("repos/owner/bench/")
 given = sys.stdin.read() if "--input" in sys.argv else ""
 with (at / "calls").open("a") as file:
     file.write(json.dumps([place, sys.argv[3:], given]) + "\\n")
 answers = json.loads((at / "answers").read_text())
-print(json.dumps(answers.get(place.partition("?")[0], {{}})))
+print(json.dumps(answers.get(place.partition("?")[0], {})))
 """
 
 
@@ -25,7 +24,9 @@ def github(tmp_path, monkeypatch):
     """A stand-in of ``gh`` that answers for one pull request, and notes its calls."""
     command = tmp_path / "bin" / "gh"
     command.parent.mkdir()
-    command.write_text(GH)
+    (tmp_path / "gh.py").write_text(GH)
+    # By way of a shell: a first line names no program whose path has a space.
+    command.write_text(f"#!/bin/sh\nexec '{sys.executable}' '{tmp_path / 'gh.py'}' \"$@\"\n")
     command.chmod(0o755)
     variables = {
         "PATH": f"{command.parent}",

@@ -90,10 +90,10 @@ def test_diagnostics_have_a_row_a_task_and_run(hac, scripted):
 
 def test_the_episodes_are_listed_as_replay_calls_them(hac):
     (table,) = build_report([hac]).episodes
-    first = hac.episodes[0]
+    first = hac.rows[0]
     row = table.rows[0]
     assert row.heads == (f"{first.task}/{first.index}",)
     texts = [cell.text for cell in row.cells]
     assert texts[2] == str(first.steps)  # a count has no decimals
     assert texts[4] == str(first.touch_interaction)
-    assert len(table.rows) == len(hac.episodes)
+    assert len(table.rows) == len(hac.rows)
