@@ -208,7 +208,6 @@ def train(
     usual = TRAININGS / f"{asked.task}-{asked.method}-{asked.seed}"
     directory = usual if output is None else Path(output)
     callbacks = callbacks or NO_CALLBACKS
-    callbacks.begin(asked.steps)
     if not run_training(asked, directory, resume=resume, device=device, callbacks=callbacks):
         raise InterruptedRunError(
             f"interrupted; what is learned is kept in {directory}, and the same command with "

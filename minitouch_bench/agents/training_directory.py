@@ -80,6 +80,7 @@ def run_training(
     torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
     with files.lock_directory(directory), ExitStack() as stack:
         _check_directory(config, directory, resume, callbacks.note)
+        callbacks.begin(config.steps)
         environment = MiniTouchEnv(
             config.task, config.objects or None, max_steps=config.episode_steps or None
         )
