@@ -1,1 +1,1 @@
-"""The application, its groups, and how commands print and show their progress."""
+"""What commands share: options, and how they print and show their progress."""

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-import minitouch_bench
 from minitouch_bench.errors import IsolationError
 from minitouch_bench.files import RUN_ENTRIES
 from minitouch_bench.policies.isolation import kernel, landlock, seccomp
@@ -65,7 +64,7 @@ def readable_paths() -> tuple[str, ...]:
         packages.append(site.getusersitepackages())
     # Another environment's packages, joined by a .pth file or PYTHONPATH.
     packages += [path for path in sys.path if Path(path).name in PACKAGE_FOLDERS]
-    package = str(Path(minitouch_bench.__file__).parent)
+    package = str(Path(__file__).parents[2])
     library = os.path.join(sys.base_prefix, "lib")  # with libpython, and conda's libraries
     return tuple(dict.fromkeys((*SYSTEM, library, *packages, package)))
 
