@@ -1,8 +1,8 @@
 """How often the leaderboard's tests err: 2,000 simulated boards per setting.
 
 A board has four rows in one task, which play the same 100 episodes. Where all four have the same
-true mean, each pair that is told apart is a false alarm. Power: the share of boards on which a
-row that is better by 0.15 than the next is ranked before it.
+true mean, each pair with a significant difference is a false alarm. Power: the share of boards on
+which a row that is better by 0.15 than the next is ranked before it.
 
     python -m benchmarks.board_errors [--boards 2000]
 """
@@ -63,7 +63,7 @@ def play(rng: np.random.Generator, success: Floats, ease: Floats) -> Floats:
 
 
 def simulate(methods: tuple[Method, ...], boards: int, better: float) -> tuple[float, float, float]:
-    """Return the shares of pairs told apart, of boards with one, and with the first row ahead."""
+    """Return the shares of significant pairs, of boards with one, and with the first row ahead."""
     rng = np.random.default_rng(0)
     pairs = np.triu_indices(len(methods), 1)
     apart, boards_apart, ahead = 0.0, 0, 0
@@ -86,7 +86,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--boards", type=int, default=2000)
     boards = parser.parse_args().boards
-    print("| Setting | Pairs told apart at 5 % | Boards with a false rank | Power |")
+    print("| Setting | Significant pairs at 5 % | Boards with a false rank | Power |")
     print("|---|---|---|---|")
     for name, methods in SETTINGS.items():
         pair, board, _ = simulate(methods, boards, 0.0)

@@ -203,7 +203,7 @@ QUANTITIES: Mapping[str, Callable[[Shape], float]] = {
 
 
 BY_FAMILY = ("hulls", "convexity", "mass, g")
-"""Quantities that are told of each family, too."""
+"""Quantities that are printed for each family as well."""
 
 
 def stats_text(shapes: ShapeSet) -> str:

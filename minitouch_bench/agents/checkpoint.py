@@ -84,7 +84,7 @@ class CheckpointFiles:
             content.seek(0)
             state: dict[str, Any] = torch.load(content, map_location="cpu", weights_only=True)
             if (version := state.pop("version", None)) != CHECKPOINT_VERSION:
-                raise ValueError(f"it has version {version}, not {CHECKPOINT_VERSION}: train anew")
+                raise ValueError(f"it has version {version}, not {CHECKPOINT_VERSION}: train again")
             self._length = state.pop("images")
             replay.load(state.pop("replay"), self._read_images)
         self._rows = replay.rows

@@ -305,7 +305,7 @@ def read_recorded_config(path: Path) -> TrainingConfig:
     except UsageError as error:
         raise RunDirectoryError(str(error)) from error
     if missing := list(_missing_settings(asdict(config), table)):
-        raise RunDirectoryError(f"{path} lacks {', '.join(missing)}: restore it, or train anew")
+        raise RunDirectoryError(f"{path} lacks {', '.join(missing)}: restore it, or train again")
     return config
 
 

@@ -139,7 +139,7 @@ def pack(
         submissions: Directory of all submissions.
 
     Returns:
-        The problems for which it would be refused; with any of them there is no submission.
+        The problems for which it would be refused; where there is one, nothing is written.
 
     Raises:
         RunDirectoryError: one of this name is there, or a file cannot be read or written.

@@ -1,4 +1,4 @@
-"""Make shape number i: draw, size, decompose, prove; the same shape whoever asks, and when."""
+"""Make shape number i: draw, size, decompose, prove; the same shape in every process."""
 
 from collections import Counter
 from dataclasses import dataclass
