@@ -93,9 +93,8 @@ def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> E
             outcome = OUTCOMES[info["outcome"]]
     except (PolicyFaultError, PolicyLoadError) as error:
         outcome, fault = Outcome.POLICY_FAULT, str(error)
-        is_late = isinstance(
-            error.__cause__ or error, PolicyTimeoutError
-        )  # while loading, or later
+        # A timeout while loading is the cause of the error that is raised.
+        is_late = isinstance(error.__cause__ or error, PolicyTimeoutError)
     trace = _trace(environment.task.spec.action_size, touch, infos, rewards)
     return EpisodeRecord(spec, outcome, trace, fault, is_late)
 

@@ -121,11 +121,9 @@ def _lower_end(discordance: Discordance, quantile: float) -> float:
     return last_true(is_rejected, -1.0, discordance.difference)
 
 
-def last_true(
-    holds: Callable[[float], bool], low: float, high: float, halvings: int = HALVINGS
-) -> float:
-    """Return the point between two up to which something holds, ``low`` if nowhere above it."""
-    for _ in range(halvings):
+def last_true(holds: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the point between two up to which a condition is true, ``low`` if it is nowhere."""
+    for _ in range(HALVINGS):
         middle = (low + high) / 2.0
         low, high = (middle, high) if holds(middle) else (low, middle)
     return low

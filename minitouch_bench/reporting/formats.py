@@ -191,7 +191,7 @@ def escape_tex(text: str) -> str:
 def table_latex(table: Table, caption: str) -> str:
     """Write a table as a float, its blocks below each other so that it fits a page.
 
-    The blocks must have the same columns. Intervals and units stand in a line of small print.
+    The blocks must have the same columns. Intervals and units are printed on a line of small print.
     """
     blocks = [table.block(group) for group, _ in table.groups]
     columns = blocks[0].columns if blocks else ()

@@ -28,7 +28,7 @@ PAPER_METHODS = ("HaC", "RND+touch", "RND")
 caption and the text describe as RND+touch."""
 
 OTHER_UNIT = "other unit"
-"""Stands beside a value whose unit the paper does not say."""
+"""Marks a value whose unit the paper does not state."""
 
 MARK = "†"
 """Stands behind such a value in tables, where there is no room for more."""
@@ -37,7 +37,7 @@ PAPER_NOTE = (
     f"{', '.join(PAPER_METHODS)}: the paper's own values, {CAVEAT} ({CITATION}). "
     f"{MARK} {OTHER_UNIT}: the paper does not say what it counts, so it is compared with nothing."
 )
-"""Stands below every table with values of the paper."""
+"""Printed below every table with values of the paper."""
 
 _METRICS_OF_UNKNOWN_UNIT = ("touch_interaction",)
 """No unit we tried reproduces the paper's values: random actions reach 550 to 990 ticks in the

@@ -25,8 +25,8 @@ class Gauge:
 class Cell:
     """A value as text.
 
-    ``small`` stands below or behind it: its interval, or a mark. ``title`` says how both were
-    made. A sort goes by ``sort_key``.
+    ``small`` is printed below or behind the value: its interval, or a mark. ``title`` says how
+    both were made. A sort goes by ``sort_key``.
     """
 
     text: str = ABSENT
@@ -79,7 +79,7 @@ def make_row(heads: str | tuple[str, ...], *cells: Cell | str | None) -> Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table ready to draw: ``corner`` names the row heads, ``notes`` stand below it."""
+    """A table ready to draw: ``corner`` names the row heads, ``notes`` are printed below."""
 
     title: str
     corner: tuple[str, ...]
