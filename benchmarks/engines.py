@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
+from minitouch_bench.episode import EpisodeSpec
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.records import EpisodeSpec
 from minitouch_bench.runs.plan import Suite, make_plan
 
 WORKERS = 2

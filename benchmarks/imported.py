@@ -3,9 +3,9 @@
 import sys
 from collections import Counter
 
+from minitouch_bench.episode import EpisodeSpec, Role
 from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.tasks.environment import MiniTouchEnv
 

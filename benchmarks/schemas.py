@@ -28,7 +28,7 @@ def run_schema() -> dict[str, Any]:
     schema = with_task_names(schema_of(RunDocument, "A run of MiniTouch-bench"))
     parts = schema["$defs"]
     for metric in METRICS.values():
-        field = parts["EpisodeMetrics"]["properties"].get(metric.measured_field)
+        field = parts["Episode"]["properties"].get(metric.measured_field)
         if field is not None and (not metric.derive or metric.column == metric.measured_field):
             field["description"] = _described(metric)
     estimates = parts["TaskSummary"]["properties"]["estimates"]

@@ -13,13 +13,13 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from minitouch_bench.episode import EpisodeSpec
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import PolicySource, parse_source
-from minitouch_bench.records import EpisodeSpec
 from minitouch_bench.runs.plan import find_suite, make_plan
 
 LEVELS = (Isolation.PROCESS, Isolation.SANDBOX, Isolation.NONE)

@@ -13,8 +13,6 @@ from minitouch_bench.comparison.comparison import (
     comparison_json,
     comparison_markdown,
 )
-from minitouch_bench.conditions import parse_conditions
-from minitouch_bench.documents import StrPath, Words, words
 from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, engine_options, open_engine
@@ -29,6 +27,8 @@ from minitouch_bench.files import (
     make_folder,
     write_file,
 )
+from minitouch_bench.json_io import StrPath, Words, words
+from minitouch_bench.perturbation import parse_perturbation
 from minitouch_bench.policies.isolation.levels import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 from minitouch_bench.reporting import writers
@@ -110,7 +110,7 @@ def evaluate(
         episodes,
         seed,
         episodes_from or (),
-        conditions=parse_conditions(words(without), words(perturb)),
+        conditions=parse_perturbation(words(without), words(perturb)),
         limits=isolated.limits,
     )
     setup = prepare_policies(

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 import minitouch_bench
-from minitouch_bench.documents import write_json
 from minitouch_bench.files import ACTIONS_FILE
+from minitouch_bench.json_io import write_json
 
 PACKAGE = Path(minitouch_bench.__file__).parent
 ROOT = Path(__file__).parents[1]

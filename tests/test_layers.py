@@ -12,8 +12,8 @@ import minitouch_bench
 
 PACKAGE = Path(minitouch_bench.__file__).parent
 GROUND = {
-    "conditions", "documents", "errors", "files", "machine", "processes",
-    "protocol", "records",
+    "episode", "errors", "files", "json_io", "machine", "perturbation",
+    "processes", "protocol",
 }  # fmt: skip
 """Rooms that may import one another, as long as their files make no circle."""
 
@@ -120,7 +120,7 @@ def loaded_by(module):
     "module",
     [
         "minitouch_bench",
-        "minitouch_bench.records",
+        "minitouch_bench.episode",
         "minitouch_bench.reporting",
         "minitouch_bench.comparison",
     ],

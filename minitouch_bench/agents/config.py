@@ -8,9 +8,9 @@ from types import MappingProxyType
 from typing import Any
 
 from minitouch_bench.agents import METHODS
-from minitouch_bench.documents import read_toml, take_table
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.json_io import read_toml, take_table
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
 HAPTICS = ("forces", "contact")

@@ -13,7 +13,7 @@ import torch
 from minitouch_bench import files
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_recorded_config
 from minitouch_bench.agents.training import Evaluation, ProgressRow, Training, TrainingCallbacks
-from minitouch_bench.documents import write_toml
+from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import (
     InfrastructureError,
     InvalidActionError,
@@ -24,12 +24,12 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.actors import PolicyActor
 from minitouch_bench.evaluation.engine import Note, ignore
 from minitouch_bench.evaluation.rollout import run_episode
+from minitouch_bench.json_io import write_toml
 from minitouch_bench.machine import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import KEPT_FILE, TRAINED_FILE
 from minitouch_bench.processes import keep_freed_memory
-from minitouch_bench.records import Outcome
 from minitouch_bench.reporting.training_page import training_page
 from minitouch_bench.runs.plan import Suite
 from minitouch_bench.tasks.environment import MiniTouchEnv

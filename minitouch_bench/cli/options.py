@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.conditions import MAX_TIMEOUT_S
 from minitouch_bench.evaluation.engine import ENGINES
+from minitouch_bench.perturbation import MAX_TIMEOUT_S
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.loaders import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.protocol.minitouch import TASK_NAMES

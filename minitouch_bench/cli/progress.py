@@ -18,9 +18,9 @@ from rich.progress import (
 from rich.table import Column
 
 from minitouch_bench.cli.console import note, notes
+from minitouch_bench.episode import Outcome, PlayedEpisode, Role
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import EpisodeRecord, Outcome, Role
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training import ProgressRow
@@ -99,7 +99,7 @@ class EpisodeProgress:
         self._tally, self._faults = {}, 0
         self._bar = self._progress.add_task(name, total=episodes, text="")
 
-    def _add(self, record: EpisodeRecord) -> None:
+    def _add(self, record: PlayedEpisode) -> None:
         assert self._bar is not None
         self._faults += record.outcome is Outcome.POLICY_FAULT
         if record.spec.task in GOAL_TASKS and record.spec.role is Role.FINAL:

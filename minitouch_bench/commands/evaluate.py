@@ -9,10 +9,10 @@ from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, note
 from minitouch_bench.cli.options import episodes_option, output_option
 from minitouch_bench.cli.progress import EpisodeProgress
-from minitouch_bench.conditions import PERTURBATION_NAMES, SENSES
 from minitouch_bench.errors import PolicyFaultError
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.perturbation import PERTURBATION_NAMES, SENSES
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 

@@ -12,12 +12,12 @@ import typer
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import note
 from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.episode import Outcome, PlayedEpisode
 from minitouch_bench.errors import PolicyFaultError, RunDirectoryError, UsageError
 from minitouch_bench.files import os_errors_as
 from minitouch_bench.machine import require
 from minitouch_bench.policies.isolation.levels import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import EpisodeRecord, Outcome
 
 if TYPE_CHECKING:
     from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -111,7 +111,7 @@ def _new_directory(directory: Path) -> Iterator[Path]:
             unfinished.rename(directory)
 
 
-def _episode(environment: "MiniTouchEnv", played: EpisodeRecord) -> Any:
+def _episode(environment: "MiniTouchEnv", played: PlayedEpisode) -> Any:
     """Return an episode with its pictures: its actions done again give the same bits."""
     import numpy as np
 

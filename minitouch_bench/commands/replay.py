@@ -11,9 +11,9 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.episode import Episode, PlayedEpisode
 from minitouch_bench.errors import CHECK_FAILED
 from minitouch_bench.files import make_folder
-from minitouch_bench.records import EpisodeMetrics, EpisodeRecord
 
 if TYPE_CHECKING:
     from minitouch_bench.runs.run import Run
@@ -29,8 +29,8 @@ class ReplayedEpisode:
     """An episode as its recorded actions give it here, and its row in the run."""
 
     run: "Run"
-    record: EpisodeRecord
-    row: EpisodeMetrics
+    record: PlayedEpisode
+    row: Episode
 
     @property
     def is_same(self) -> bool:
@@ -123,7 +123,7 @@ def _suffix() -> str:
     return ".mp4" if find_spec("imageio_ffmpeg") and find_spec("imageio") else ".gif"
 
 
-def _print_steps(record: EpisodeRecord) -> None:
+def _print_steps(record: PlayedEpisode) -> None:
     """Print one row per step: the action, and what was measured after it."""
     import numpy as np
     from rich.table import Table

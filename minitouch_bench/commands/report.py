@@ -7,9 +7,9 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, note
-from minitouch_bench.documents import words
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import REPORTS, list_videos
+from minitouch_bench.json_io import words
 
 COMPARISON = REPORTS / "comparison"
 """Where the report of several runs is written without ``--output``."""

@@ -8,9 +8,9 @@ import typer
 
 from minitouch_bench.cli.console import note, print_problems
 from minitouch_bench.cli.options import output_option
-from minitouch_bench.documents import whole_numbers, words
 from minitouch_bench.errors import CHECK_FAILED, UsageError
 from minitouch_bench.files import SUBMISSIONS
+from minitouch_bench.json_io import whole_numbers, words
 
 about_option = partial(typer.Option, rich_help_panel="What the leaderboard shows")
 DEFAULT_MODALITIES = ("vision", "touch")

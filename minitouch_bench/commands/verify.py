@@ -21,7 +21,7 @@ from minitouch_bench.evaluation.engine import AUTO, engine_options
 from minitouch_bench.policies.isolation.levels import Isolation, isolation_options
 
 if TYPE_CHECKING:
-    from minitouch_bench.records import PolicyIdentity
+    from minitouch_bench.episode import PolicyIdentity
     from minitouch_bench.verification.problems import Findings
 
 SHOWN = 10

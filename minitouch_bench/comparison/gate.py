@@ -33,13 +33,13 @@ from minitouch_bench.comparison.pairing import (
 )
 from minitouch_bench.comparison.power import FEWEST_FOR_A_MEAN, episodes_needed
 from minitouch_bench.comparison.settings import GateSettings
+from minitouch_bench.episode import Outcome, Role
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_metric
 from minitouch_bench.metrics.intervals import Root
 from minitouch_bench.metrics.significance import holm
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import Outcome, Role
 from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
 from minitouch_bench.runs.run import Run, RunHeader, run_digest

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from minitouch_bench.comparison.pairing import PairedValues
+from minitouch_bench.episode import Estimate
 from minitouch_bench.metrics.definitions import DOWN, METRICS, UP
 from minitouch_bench.metrics.intervals import Root, stream
 from minitouch_bench.metrics.significance import ALPHA
 from minitouch_bench.metrics.statistics import Share
-from minitouch_bench.records import Estimate
 
 WORSE_SIGNS = {UP: -1.0, DOWN: 1.0}
 """Sign of a change for the worse, by a metric's better direction."""

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import Episode, EpisodeSpec, Outcome, Role
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import EpisodeMetrics, EpisodeSpec, Outcome, Role
 from minitouch_bench.reporting.labels import run_labels
 from minitouch_bench.runs.run import Run, RunHeader
 
@@ -34,8 +34,8 @@ class EpisodePair:
     """One episode as two policies played it."""
 
     role: Role
-    first: EpisodeMetrics
-    second: EpisodeMetrics
+    first: Episode
+    second: Episode
 
     @property
     def key(self) -> str:
@@ -84,7 +84,7 @@ class PairedValues:
         return self.second - self.first
 
 
-def episode_key(role: Role, episode: EpisodeMetrics) -> str:
+def episode_key(role: Role, episode: Episode) -> str:
     """Name an episode inside its run."""
     return EpisodeSpec(role, episode.task, episode.index, episode.seed).key
 
@@ -176,13 +176,13 @@ def count_pairs(pairs: Sequence[EpisodePair], tasks: Sequence[str], metric: str)
     return {task: present[task] for task in tasks}
 
 
-def _bits_of(episode: EpisodeMetrics) -> tuple[object, ...]:
+def _bits_of(episode: Episode) -> tuple[object, ...]:
     values = (METRICS[metric].value(episode) for metric in COMPARED_METRICS)
     return episode.digest, episode.outcome, *values
 
 
-def _by_key(run: Run, left_out: Sequence[str]) -> dict[str, tuple[Role, EpisodeMetrics]]:
-    by_key: dict[str, tuple[Role, EpisodeMetrics]] = {}
+def _by_key(run: Run, left_out: Sequence[str]) -> dict[str, tuple[Role, Episode]]:
+    by_key: dict[str, tuple[Role, Episode]] = {}
     for role, episodes in run.by_role():
         for episode in episodes:
             key = episode_key(role, episode)

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.conditions import STANDARD, Conditions
+from minitouch_bench.episode import EpisodeSpec, Role
 from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import Actor
+from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.policies.isolate import effective_level, isolate, try_policy
 from minitouch_bench.policies.isolation.levels import (
     SANDBOXED,
@@ -23,7 +24,6 @@ from minitouch_bench.policies.python_objects import keep_in_memory
 from minitouch_bench.policies.scripted import Controller, make_controller
 from minitouch_bench.policies.sources import PolicySource, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES, senses_generator
-from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.simulation.observation import FORCES
@@ -33,16 +33,16 @@ from minitouch_bench.tasks.environment import MiniTouchEnv
 class PolicyActor:
     """A policy that sees observations only."""
 
-    def __init__(self, policy: Policy, conditions: Conditions = STANDARD) -> None:
+    def __init__(self, policy: Policy, perturbation: Perturbation = UNPERTURBED) -> None:
         self._policy = policy
-        self._conditions = conditions
+        self._perturbation = perturbation
         self._senses: AlteredSenses | None = None
 
     def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
         """Load the policy again and reset it with its seed."""
         self._policy.reset(spec.policy_seed, spec.task)
-        if self._conditions.change_the_senses:
-            self._senses = AlteredSenses(self._conditions, spec.seed)
+        if self._perturbation.change_the_senses:
+            self._senses = AlteredSenses(self._perturbation, spec.seed)
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Ask the policy."""
@@ -58,8 +58,8 @@ class PolicyActor:
 class AlteredSenses:
     """What a policy senses in one episode, with senses frozen and noise added."""
 
-    def __init__(self, conditions: Conditions, seed: int) -> None:
-        self._conditions = conditions
+    def __init__(self, perturbation: Perturbation, seed: int) -> None:
+        self._perturbation = perturbation
         self._rng = senses_generator(seed)
         self._first: Observation | None = None
 
@@ -67,18 +67,18 @@ class AlteredSenses:
         """Return what the policy is given; the first call is the reset's observation."""
         self._first = self._first or observation
         image, touch = observation["image"], observation["touch"].copy()
-        if "vision" in self._conditions.without:
+        if "vision" in self._perturbation.without:
             image = self._first["image"]
         frozen = {"touch": slice(None), "forces": FORCES}
-        for sense in self._conditions.without:
+        for sense in self._perturbation.without:
             if sense in frozen:
                 touch[frozen[sense]] = self._first["touch"][frozen[sense]]
-        if self._conditions.noise:
-            noisy = image + self._rng.normal(0.0, self._conditions.noise, image.shape)
+        if self._perturbation.noise:
+            noisy = image + self._rng.normal(0.0, self._perturbation.noise, image.shape)
             image = noisy.round().clip(0, 255).astype(np.uint8)
-        if self._conditions.force_noise:
+        if self._perturbation.force_noise:
             forces = touch[FORCES]
-            touch[FORCES] += self._rng.normal(0.0, self._conditions.force_noise, forces.shape)
+            touch[FORCES] += self._rng.normal(0.0, self._perturbation.force_noise, forces.shape)
         return {"image": image, "touch": touch}
 
 
@@ -135,7 +135,7 @@ class Recording:
     """The actions of a run by the keys of its episodes, float32 (T, A) each, as applied."""
 
     actions: Mapping[str, Actions]
-    conditions: Conditions = STANDARD
+    perturbation: Perturbation = UNPERTURBED
 
     def make_actor(self, role: Role) -> RecordedActor:
         """Return an actor that repeats them."""
@@ -152,8 +152,8 @@ class PolicySetup:
     isolation: IsolationOptions = SANDBOXED
 
     @property
-    def conditions(self) -> Conditions:
-        """The conditions of the plan."""
+    def perturbation(self) -> Perturbation:
+        """The perturbation of the plan."""
         return self.plan.conditions
 
     def sources(self) -> tuple[PolicySource, ...]:
@@ -175,7 +175,7 @@ class PolicySetup:
         if source.kind == "scripted":
             return ScriptedActor()
         policy = isolate(source, self.isolation, deterministic=role is Role.FINAL)
-        return PolicyActor(policy, self.conditions)
+        return PolicyActor(policy, self.perturbation)
 
 
 def prepare_policies(

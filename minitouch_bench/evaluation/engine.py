@@ -7,8 +7,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Protocol
 
+from minitouch_bench.episode import EpisodeSpec, PlayedEpisode
 from minitouch_bench.errors import UsageError
-from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 if TYPE_CHECKING:
     from minitouch_bench.evaluation.rollout import ActorSource
@@ -21,7 +21,7 @@ class Engine(Protocol):
     def workers(self) -> int:
         """How many episodes it runs at a time."""
 
-    def run(self, source: "ActorSource", specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+    def run(self, source: "ActorSource", specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
         """Yield one record per episode, in the order in which they end.
 
         Raises:
@@ -56,7 +56,7 @@ class Callbacks:
 
     note: Callable[[str], None] = ignore
     phase: Callable[[str, int], None] = ignore
-    episode: Callable[[EpisodeRecord], None] = ignore
+    episode: Callable[[PlayedEpisode], None] = ignore
 
 
 SILENT = Callbacks()

@@ -8,6 +8,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from minitouch_bench.episode import Outcome, PlayedEpisode
 from minitouch_bench.errors import (
     HopelessRunError,
     InfrastructureError,
@@ -27,7 +28,6 @@ from minitouch_bench.files import (
 from minitouch_bench.machine import installed_versions, machine_facts
 from minitouch_bench.policies.loaders import computing_packages
 from minitouch_bench.policies.sources import identify
-from minitouch_bench.records import EpisodeRecord, Outcome
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal, check_same
 from minitouch_bench.runs.run import (
@@ -56,10 +56,10 @@ def header_of(setup: PolicySetup) -> RunHeader:
 
 
 def run_name(setup: PolicySetup) -> str:
-    """Name a run after its policy, suite and conditions, in characters that suit a file name."""
+    """Name a run after its policy, suite and perturbation, in characters that suit a file name."""
     policy = _file_name(setup.policy.name)[:80] or "policy"
-    conditions = [_file_name(words) for words in setup.conditions.in_words()]
-    return "-".join((policy, setup.plan.suite, *conditions))
+    perturbation = [_file_name(words) for words in setup.perturbation.in_words()]
+    return "-".join((policy, setup.plan.suite, *perturbation))
 
 
 def _file_name(text: str) -> str:
@@ -111,7 +111,7 @@ def play_missing(
     setup: PolicySetup,
     journal: Journal,
     engine: Engine,
-    on_record: Callable[[EpisodeRecord], None],
+    on_record: Callable[[PlayedEpisode], None],
 ) -> Run:
     """Play the episodes that are missing, and return the whole run.
 
@@ -150,7 +150,7 @@ def play_missing(
     return make_run(header, environment, in_order, directory.resolve().name, directory)
 
 
-def _refuse_hopeless(records: Sequence[EpisodeRecord]) -> None:
+def _refuse_hopeless(records: Sequence[PlayedEpisode]) -> None:
     faults = [record.fault for record in records if record.outcome is Outcome.POLICY_FAULT]
     if len(faults) == len(records):
         raise HopelessRunError(

@@ -4,11 +4,11 @@ import contextlib
 from collections.abc import Iterator, Sequence
 from functools import partial
 
+from minitouch_bench.episode import EpisodeSpec, PlayedEpisode
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.engine import Engine, EngineOptions
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
 from minitouch_bench.processes import core_count, run_in_workers
-from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 
 def open_engine(options: EngineOptions) -> contextlib.AbstractContextManager[Engine]:
@@ -22,7 +22,7 @@ class LocalEngine:
     def __init__(self, workers: int) -> None:
         self.workers = workers
 
-    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
         """Yield records as episodes end; a worker that dies is replaced, its episode retried.
 
         Raises:
@@ -39,7 +39,7 @@ class LocalEngine:
                 yield record
 
 
-def _run_episode(runner: EpisodeRunner, spec: EpisodeSpec) -> EpisodeRecord:
+def _run_episode(runner: EpisodeRunner, spec: EpisodeSpec) -> PlayedEpisode:
     """Run an episode in a worker. A policy's fault is a record: any error is the machine's."""
     try:
         return runner.run(spec)

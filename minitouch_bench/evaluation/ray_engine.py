@@ -18,6 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from minitouch_bench.episode import IN_MEMORY, EpisodeSpec, PlayedEpisode
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine, EngineOptions
@@ -29,7 +30,6 @@ from minitouch_bench.policies.sources import PolicySource, read_again
 from minitouch_bench.policies.wire import plain_line
 from minitouch_bench.processes import ARITHMETIC, MAX_ATTEMPTS, core_count, interrupts_held
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import IN_MEMORY, EpisodeRecord, EpisodeSpec
 
 ANSWER_S = 20.0
 """Time for Ray's own check of an address, in s; it must import Ray."""
@@ -125,7 +125,7 @@ class RayEngine:
         cpus = int(self._ray.cluster_resources().get("CPU", 0))
         return max(1, cpus if self._limit is None else min(cpus, self._limit))
 
-    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeRecord]:
+    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
         """Yield records as episodes end; Ray repeats what a lost worker was doing elsewhere.
 
         Raises:
@@ -152,9 +152,9 @@ class RayEngine:
             for reference in running:
                 self._ray.cancel(reference, force=True)
 
-    def _result(self, reference: Any, spec: EpisodeSpec) -> EpisodeRecord:
+    def _result(self, reference: Any, spec: EpisodeSpec) -> PlayedEpisode:
         try:
-            record: EpisodeRecord = self._ray.get(reference)
+            record: PlayedEpisode = self._ray.get(reference)
         except self._ray.exceptions.RayError as error:
             lost = f"its worker was lost three times ({type(error).__name__})"
             reason = plain_line(str(getattr(error, "cause", "") or lost).strip())
@@ -210,7 +210,7 @@ _runners: dict[Any, EpisodeRunner] = {}
 """What plays episodes in this process, by the reference of its source of actors; one at a time."""
 
 
-def play_episode(packed: list[Any], asked: Mapping[str, str], spec: EpisodeSpec) -> EpisodeRecord:
+def play_episode(packed: list[Any], asked: Mapping[str, str], spec: EpisodeSpec) -> PlayedEpisode:
     """Play an episode in this process.
 
     Args:

@@ -6,10 +6,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.conditions import Conditions
+from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, Role, Trace
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, PolicyTimeoutError
+from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.policies.policy import Observation
-from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
 from minitouch_bench.tasks.environment import OBJECT, OUTCOMES, MiniTouchEnv
 
 
@@ -38,8 +38,8 @@ class ActorSource(Protocol):
     """Where a worker gets its actors from: a run's policies, or its recorded actions."""
 
     @property
-    def conditions(self) -> Conditions:
-        """The conditions of the run's episodes."""
+    def perturbation(self) -> Perturbation:
+        """The perturbation of the run's episodes."""
 
     def make_actor(self, role: Role) -> Actor:
         """Return a new actor for the episodes of a role."""
@@ -53,11 +53,11 @@ class EpisodeRunner:
         self._environments: dict[str, MiniTouchEnv] = {}
         self._actors: dict[Role, Actor] = {}
 
-    def run(self, spec: EpisodeSpec) -> EpisodeRecord:
+    def run(self, spec: EpisodeSpec) -> PlayedEpisode:
         """Run one episode."""
         if spec.task not in self._environments:
             self._environments[spec.task] = MiniTouchEnv(
-                spec.task, conditions=self._source.conditions
+                spec.task, perturbation=self._source.perturbation
             )
         if spec.role not in self._actors:
             self._actors[spec.role] = self._source.make_actor(spec.role)
@@ -72,7 +72,7 @@ class EpisodeRunner:
             environment.close()
 
 
-def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> EpisodeRecord:
+def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> PlayedEpisode:
     """Run one episode from its seed to its end.
 
     A fault of the policy ends the episode, as a failed one. Any other exception is an
@@ -96,7 +96,7 @@ def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> E
         # A timeout while loading is the cause of the error that is raised.
         is_late = isinstance(error.__cause__ or error, PolicyTimeoutError)
     trace = _trace(environment.task.spec.action_size, touch, infos, rewards)
-    return EpisodeRecord(spec, outcome, trace, fault, is_late)
+    return PlayedEpisode(spec, outcome, trace, fault, is_late)
 
 
 def _trace(
@@ -104,14 +104,14 @@ def _trace(
     touch: Sequence[NDArray[np.float32]],
     infos: Sequence[Mapping[str, Any]],
     rewards: Sequence[float],
-) -> EpisodeTrace:
+) -> Trace:
     """Return what was measured; ``touch`` and ``infos`` begin with those of the reset."""
     steps = infos[1:]
 
     def column(name: str, dtype: type[np.generic]) -> NDArray[Any]:
         return np.array([step[name] for step in steps], dtype)
 
-    return EpisodeTrace(
+    return Trace(
         actions=column("action", np.float32).reshape(-1, action_size),
         clipped=column("clipped", np.bool_),
         rewards=np.array(rewards, np.float32),

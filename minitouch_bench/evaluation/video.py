@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from minitouch_bench.conditions import STANDARD, Conditions
+from minitouch_bench.episode import EpisodeSpec
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import os_errors_as, write_file
 from minitouch_bench.machine import require
-from minitouch_bench.records import EpisodeSpec
+from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
 
 FRAMES_PER_SECOND = 8
@@ -29,7 +29,7 @@ def write_video(
     spec: EpisodeSpec,
     actions: NDArray[np.float32],
     path: Path,
-    conditions: Conditions = STANDARD,
+    perturbation: Perturbation = UNPERTURBED,
 ) -> Path:
     """Replay one episode in front of the camera into an ``.mp4`` or a ``.gif``.
 
@@ -43,7 +43,7 @@ def write_video(
         raise UsageError(f"a video is an .mp4 or a .gif, not '{path.name}'")
     with os_errors_as(RunDirectoryError, path, "written"), TemporaryDirectory() as folder:
         unfinished = Path(folder) / f"video{path.suffix}"
-        writers[path.suffix](replay_frames(spec, actions, conditions), unfinished)
+        writers[path.suffix](replay_frames(spec, actions, perturbation), unfinished)
         write_file(path, unfinished.read_bytes())
     return path
 
@@ -79,7 +79,7 @@ def _write_gif(frames: Frames, path: Path) -> None:
 def replay_frames(
     spec: EpisodeSpec,
     actions: NDArray[np.float32],
-    conditions: Conditions = STANDARD,
+    perturbation: Perturbation = UNPERTURBED,
     size: tuple[int, int] = VIDEO_SIZE,
 ) -> Frames:
     """Replay one episode and yield an image of its start and of each control step.
@@ -88,7 +88,7 @@ def replay_frames(
     """
     width, height = size
     environment = MiniTouchEnv(
-        spec.task, render_mode="rgb_array", conditions=conditions, width=width, height=height
+        spec.task, render_mode="rgb_array", perturbation=perturbation, width=width, height=height
     )
     try:
         environment.reset(seed=spec.seed, options={OBJECT: spec.shape})

@@ -10,6 +10,7 @@ from enum import StrEnum
 from itertools import chain
 from typing import Annotated, Literal, Self
 
+from minitouch_bench.episode import Count, Episode, Estimate, Gap, Outcome, Sha256
 from minitouch_bench.errors import printable
 from minitouch_bench.leaderboard.columns import ColumnSpec, columns_of
 from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
@@ -27,7 +28,6 @@ from minitouch_bench.leaderboard.validation import SubmissionFindings, find_copi
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.policies.loaders import BUILT_IN
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
-from minitouch_bench.records import Count, EpisodeMetrics, Estimate, Gap, Outcome, Sha256
 from minitouch_bench.reporting.labels import PAPER_METHODS, paper_values
 
 CEILING = "scripted"
@@ -90,7 +90,7 @@ class Ending(StrEnum):
     FAULT = "policy fault", "fault", "the policy raised, timed out or gave no valid action"
 
 
-def ending_of(episode: EpisodeMetrics) -> Ending:
+def ending_of(episode: Episode) -> Ending:
     """Return how an episode ended."""
     if episode.outcome is Outcome.POLICY_FAULT:
         return Ending.FAULT
@@ -246,7 +246,7 @@ def _row(verdict: SubmissionFindings, repeated: Iterable[str]) -> BoardRow:
     )
 
 
-def _endings(episodes: Iterable[EpisodeMetrics]) -> dict[Ending, int]:
+def _endings(episodes: Iterable[Episode]) -> dict[Ending, int]:
     """Return how many episodes ended in each way that occurs."""
     counts = Counter(map(ending_of, episodes))
     return {ending: counts[ending] for ending in Ending if counts[ending]}

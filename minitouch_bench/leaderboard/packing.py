@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench import files
-from minitouch_bench.documents import write_toml
+from minitouch_bench.episode import PolicyIdentity, Role
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     SUBMITTED_SUITES,
@@ -29,7 +30,6 @@ from minitouch_bench.policies.sources import (
     parse_source,
 )
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
-from minitouch_bench.records import PolicyIdentity, Role
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.problems import Problem
 

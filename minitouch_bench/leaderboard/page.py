@@ -10,6 +10,7 @@ import numpy as np
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
+from minitouch_bench.episode import Episode, Role
 from minitouch_bench.errors import printable
 from minitouch_bench.files import VIDEOS
 from minitouch_bench.leaderboard.board import (
@@ -26,7 +27,6 @@ from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.leaderboard.views import EPISODE_VARIANCE, SEED_VARIANCE, with_learned
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
-from minitouch_bench.records import EpisodeMetrics, Role
 from minitouch_bench.reporting.charts import Figure, LegendItem, Plot
 from minitouch_bench.reporting.figures import steps_plot, touch_plot
 from minitouch_bench.reporting.labels import group_faults, task_title
@@ -182,7 +182,7 @@ def _groups(run: Run) -> Iterator[dict[str, Any]]:
             }
 
 
-def _seconds(episode: EpisodeMetrics) -> float | None:
+def _seconds(episode: Episode) -> float | None:
     """Return the time of the first touch in few digits, None where there is none."""
     tick = episode.first_touch_tick
     return None if tick is None else round(tick / PROTOCOL.physics.tick_rate, 3)

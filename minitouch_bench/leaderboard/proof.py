@@ -14,10 +14,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
-from minitouch_bench.documents import read_json, write_json
+from minitouch_bench.episode import Count
 from minitouch_bench.errors import RunDirectoryError, UnreadableFileError
 from minitouch_bench.files import VIDEOS, os_errors_as, read_file, write_file
-from minitouch_bench.records import Count
+from minitouch_bench.json_io import read_json, write_json
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.fresh import FreshResult
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from minitouch_bench.episode import EpisodeSpec, PlayedEpisode, PolicyIdentity, Role
 from minitouch_bench.errors import (
     IncompleteCheckError,
     InfrastructureError,
@@ -35,7 +36,6 @@ from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.loaders import BUILT_IN
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
-from minitouch_bench.records import EpisodeRecord, EpisodeSpec, PolicyIdentity, Role
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.fresh import (
     FreshResult,
@@ -90,7 +90,7 @@ def count_episodes(found: SubmissionFindings) -> int:
 def prove(
     found: SubmissionFindings,
     engine: Engine,
-    on_record: Callable[[EpisodeRecord], None] = lambda _: None,
+    on_record: Callable[[PlayedEpisode], None] = lambda _: None,
     *,
     rerun: int = RERUN_EPISODES,
     fresh: int = FRESH_EPISODES,
@@ -160,7 +160,7 @@ def fresh_specs(run: Run, count: int, seed: int) -> tuple[EpisodeSpec, ...]:
 
 
 def _values(
-    run: Run, specs: Sequence[EpisodeSpec], records: Sequence[EpisodeRecord]
+    run: Run, specs: Sequence[EpisodeSpec], records: Sequence[PlayedEpisode]
 ) -> Iterator[tuple[tuple[Role, str], Values]]:
     """Yield by role and task what ranks: officially, and in fresh episodes.
 
@@ -184,7 +184,7 @@ class Prover:
 
     found: SubmissionFindings
     engine: Engine
-    on_record: Callable[[EpisodeRecord], None] = lambda _: None
+    on_record: Callable[[PlayedEpisode], None] = lambda _: None
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
     time_limit_s: float = TIME_LIMIT_S
     problems: Problems = field(default_factory=Problems)
@@ -232,7 +232,7 @@ class Prover:
         late: OutOfTimeError | None = None
         failed: list[str] = []
         for seed, place, run in self._runs():
-            records: list[EpisodeRecord] = []
+            records: list[PlayedEpisode] = []
             seeds[place] = fresh_seed(run.header.policy.digest, draw)
             with self.problems.caught(place):
                 specs = fresh_specs(run, count, seeds[place])
@@ -287,7 +287,7 @@ class Prover:
             for place in seed.runs.values():
                 yield seed, place, self.found.runs[place]
 
-    def _take(self, record: EpisodeRecord) -> None:
+    def _take(self, record: PlayedEpisode) -> None:
         """Pass an episode on.
 
         Raises:

@@ -11,9 +11,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from minitouch_bench.documents import read_json, write_json
 from minitouch_bench.errors import RunDirectoryError, UsageError, printable
 from minitouch_bench.files import is_folder, make_folder, os_errors_as, read_file, write_file
+from minitouch_bench.json_io import read_json, write_json
 from minitouch_bench.leaderboard.board import COLUMN_SPECS, Board, BoardRow, make_board
 from minitouch_bench.leaderboard.board_files import board_csv, board_markdown, notes
 from minitouch_bench.leaderboard.columns import amount

@@ -14,12 +14,12 @@ from typing import Annotated, Final, Literal
 
 from msgspec import Meta
 
-from minitouch_bench.documents import parse_toml, read_table, whole, write_toml
+from minitouch_bench.episode import Role, Sha256
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import CHECKPOINTS, SUBMISSION_FILE
+from minitouch_bench.json_io import parse_toml, read_table, whole, write_toml
 from minitouch_bench.leaderboard.columns import ColumnSpec, amount
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL, TASK_NAMES
-from minitouch_bench.records import Role, Sha256
 from minitouch_bench.reporting.labels import TASKS
 from minitouch_bench.verification.problems import Problems
 

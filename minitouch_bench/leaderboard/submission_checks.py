@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from minitouch_bench import files
+from minitouch_bench.episode import PolicyIdentity, Role
 from minitouch_bench.errors import UnreadableFileError
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
@@ -19,7 +20,6 @@ from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.loaders import FORMATS
 from minitouch_bench.policies.sources import DIRECTORY, NOTES, directory_digest
 from minitouch_bench.protocol.minitouch import TASK_NAMES
-from minitouch_bench.records import PolicyIdentity, Role
 from minitouch_bench.runs.run import Run, RunHeader
 from minitouch_bench.verification.problems import Problems
 from minitouch_bench.verification.static_check import AS_WRITTEN, RUN_AGAIN, check_run

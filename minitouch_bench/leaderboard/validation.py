@@ -9,6 +9,7 @@ from itertools import combinations
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
+from minitouch_bench.episode import Episode
 from minitouch_bench.errors import MiniTouchError, UnreadableFileError
 from minitouch_bench.files import (
     LARGEST_CHECKPOINT,
@@ -37,7 +38,6 @@ from minitouch_bench.leaderboard.submission_checks import (
 from minitouch_bench.policies.loaders import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
-from minitouch_bench.records import EpisodeMetrics
 from minitouch_bench.runs.run import Run, RunHeader, parse_run
 from minitouch_bench.verification.problems import Findings, Problems
 from minitouch_bench.verification.static_check import AS_WRITTEN
@@ -96,7 +96,7 @@ class SubmissionFindings(Findings):
         places = [seed.runs.get(suite, "") for seed in self.submission.seeds]
         return tuple(self.runs[folder] for folder in places) if all(places) else ()
 
-    def episodes(self, task: str) -> list[list[EpisodeMetrics]]:
+    def episodes(self, task: str) -> list[list[Episode]]:
         """Return the final policy's episodes of a task of MAIN_SUITE, of each training seed."""
         runs = self.runs_on(MAIN_SUITE)
         return [[row for row in run.rows if row.task == task] for run in runs]

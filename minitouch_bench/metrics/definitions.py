@@ -5,7 +5,7 @@ of the diagnostics and of the leaderboard, and what a submission's episodes are 
 follow from METRICS. A new metric is an entry there with its statistic. If it is derived from what
 episodes already hold, it is ``added_later``: stored runs stay valid, their reports show a dash, and
 ``compare`` and ``regress`` compute it. If it is measured in each episode, it also needs a field of
-``records.EpisodeMetrics``, which makes a new version of ``run.json`` (``runs.run.RUN_VERSION``);
+``episode.Episode``, which makes a new version of ``run.json`` (``runs.run.RUN_VERSION``);
 older runs are not read.
 """
 
@@ -18,10 +18,10 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import Episode, Estimate, Outcome, PlayedEpisode, Role
 from minitouch_bench.metrics.intervals import Range
 from minitouch_bench.metrics.statistics import MEAN, SHARE, Statistic
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
-from minitouch_bench.records import EpisodeMetrics, EpisodeRecord, Estimate, Outcome, Role
 
 UP = "↑"
 DOWN = "↓"
@@ -65,7 +65,7 @@ class Metric:
     paper), R (the released package) or D (decided here). ``number_format``: Python format of a
     value.
 
-    ``measure`` reads a finished episode and fills ``field`` of EpisodeMetrics, by default the one
+    ``measure`` reads a finished episode and fills ``field`` of Episode, by default the one
     of the metric's name. ``derive`` gives the metric's value in a measured episode, by default
     what that field holds. A metric has one of the two, or both. ``possible`` gives what the field
     can hold beside what the others do: a submission with another value is refused. ``column`` of
@@ -83,11 +83,11 @@ class Metric:
     source: str
     number_format: str
     meaning: str
-    measure: Callable[[EpisodeRecord], Value] | None = None
-    possible: Callable[[EpisodeMetrics], Bounds] = lambda _: NON_NEGATIVE
+    measure: Callable[[PlayedEpisode], Value] | None = None
+    possible: Callable[[Episode], Bounds] = lambda _: NON_NEGATIVE
     field: str = ""
     column: str = ""
-    derive: Callable[[EpisodeMetrics], Value] | None = None
+    derive: Callable[[Episode], Value] | None = None
     direction: str = NO_DIRECTION
     statistic: Statistic = MEAN
     role: Role = Role.FINAL
@@ -103,14 +103,14 @@ class Metric:
         if self.added_later and self.measure is not None:
             raise ValueError(f"stored episodes do not hold what {self.name} measures")
 
-    def value(self, episode: EpisodeMetrics) -> Value:
+    def value(self, episode: Episode) -> Value:
         """Return the metric's value in one episode; a share's is true or false."""
         if self.derive is not None:
             return self.derive(episode)
         measured: Value = getattr(episode, self.measured_field)
         return measured
 
-    def cell(self, episode: EpisodeMetrics) -> Value:
+    def cell(self, episode: Episode) -> Value:
         """Return what the metric's column of ``episodes.csv`` contains."""
         if self.measure is None or self.column != self.measured_field:
             return self.value(episode)
@@ -119,10 +119,10 @@ class Metric:
 
     @property
     def measured_field(self) -> str:
-        """The field of EpisodeMetrics that ``measure`` fills."""
+        """The field of Episode that ``measure`` fills."""
         return self.field or self.name
 
-    def contradiction(self, episode: EpisodeMetrics) -> str:
+    def contradiction(self, episode: Episode) -> str:
         """Say in words what is measured and not possible; "" if nothing."""
         if self.measure is None:
             return ""
@@ -162,13 +162,11 @@ class Metric:
         """Return UP or DOWN where more or less is better in a task, else NO_DIRECTION."""
         return self.task_directions.get(task, self.direction)
 
-    def values(self, episodes: Iterable[EpisodeMetrics]) -> list[float]:
+    def values(self, episodes: Iterable[Episode]) -> list[float]:
         """Return the metric's values, one for each episode that has one."""
         return [float(value) for value in map(self.value, episodes) if value is not None]
 
-    def estimate(
-        self, episodes: Iterable[EpisodeMetrics], rng: np.random.Generator
-    ) -> Estimate | None:
+    def estimate(self, episodes: Iterable[Episode], rng: np.random.Generator) -> Estimate | None:
         """Estimate the metric, None where no episode has a value."""
         values = self.values(episodes)
         if not values:
@@ -194,29 +192,29 @@ PLAYING_UP = {task.name: UP for task in PROTOCOL.tasks if not task.has_goal}
 """Better direction of touch: where a task has a goal, touching more is not better."""
 
 
-def _touch_variance(record: EpisodeRecord) -> float:
+def _touch_variance(record: PlayedEpisode) -> float:
     return float(_axis_variances(record.trace.touch[:, FORCE_COMPONENTS]).mean())
 
 
-def _object_movement(record: EpisodeRecord) -> float:
+def _object_movement(record: PlayedEpisode) -> float:
     return float(_axis_variances(record.trace.object_state).sum())
 
 
-def _first_touch_tick(record: EpisodeRecord) -> int | None:
+def _first_touch_tick(record: PlayedEpisode) -> int | None:
     tick = record.trace.first_touch_tick
     return None if tick < 0 else tick
 
 
-def _time_to_first_touch(episode: EpisodeMetrics) -> float | None:
+def _time_to_first_touch(episode: Episode) -> float | None:
     tick = episode.first_touch_tick
     return None if tick is None else tick / PROTOCOL.physics.tick_rate
 
 
-def _touched(episode: EpisodeMetrics) -> bool:
+def _touched(episode: Episode) -> bool:
     return episode.touch_interaction > 0
 
 
-def _counted_steps(episode: EpisodeMetrics) -> int:
+def _counted_steps(episode: Episode) -> int:
     """Return an episode's length; one that ends by a policy fault counts as long as possible.
 
     Otherwise a fault would improve results: fewer steps, and in Playing an end while the touch
@@ -226,12 +224,12 @@ def _counted_steps(episode: EpisodeMetrics) -> int:
     return PROTOCOL.task(episode.task).max_steps if has_fault else episode.steps
 
 
-def _touch_share(episode: EpisodeMetrics) -> float:
+def _touch_share(episode: Episode) -> float:
     steps = _counted_steps(episode)
     return episode.touch_steps / steps if steps else 0.0
 
 
-def _possible_steps(episode: EpisodeMetrics) -> Bounds:
+def _possible_steps(episode: Episode) -> Bounds:
     least = 0 if episode.outcome is Outcome.POLICY_FAULT else 1
     return least, PROTOCOL.task(episode.task).max_steps
 

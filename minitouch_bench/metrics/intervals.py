@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from minitouch_bench.records import Estimate
+from minitouch_bench.episode import Estimate
 
 WILSON = "wilson"
 NEWCOMBE = "newcombe"

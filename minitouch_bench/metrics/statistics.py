@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import Estimate
 from minitouch_bench.metrics.intervals import (
     bootstrap,
     bootstrap_difference,
@@ -22,7 +23,6 @@ from minitouch_bench.metrics.intervals import (
     wilson,
 )
 from minitouch_bench.metrics.significance import count_discordance, sign_flip_p, tango
-from minitouch_bench.records import Estimate
 
 Floats = NDArray[np.float64]
 

@@ -6,6 +6,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import (
+    Episode,
+    Estimate,
+    FamilyResult,
+    Gap,
+    Generalization,
+    Outcome,
+    PlayedEpisode,
+    Role,
+    Summary,
+    TaskSummary,
+)
 from minitouch_bench.metrics.definitions import (
     METRICS,
     Metric,
@@ -14,18 +26,6 @@ from minitouch_bench.metrics.definitions import (
     ranking_metric,
 )
 from minitouch_bench.metrics.intervals import Root, stream
-from minitouch_bench.records import (
-    EpisodeMetrics,
-    EpisodeRecord,
-    Estimate,
-    FamilyResult,
-    Gap,
-    Generalization,
-    Outcome,
-    Role,
-    Summary,
-    TaskSummary,
-)
 
 HELD_OUT, TRAIN, DIFFERENCE = "held-out", "train", "held-out minus train"
 GAP_PARTS = {"held_out": HELD_OUT, "train": TRAIN, "difference": DIFFERENCE}
@@ -35,7 +35,7 @@ MIN_EPISODES = 10
 """Episodes of each split below which a gap would be noise alone."""
 
 
-def measure(record: EpisodeRecord) -> EpisodeMetrics:
+def measure(record: PlayedEpisode) -> Episode:
     """Measure one episode; a policy that failed before its first step gives zeros.
 
     Source: Table 4 and Figures 3 and 9 of the paper; see ``docs/reference/metrics.md``.
@@ -46,7 +46,7 @@ def measure(record: EpisodeRecord) -> EpisodeMetrics:
         for metric in METRICS.values()
         if metric.measure is not None
     }
-    return EpisodeMetrics(
+    return Episode(
         task=spec.task,
         index=spec.index,
         seed=spec.seed,
@@ -61,8 +61,8 @@ def measure(record: EpisodeRecord) -> EpisodeMetrics:
 
 def summarize(
     tasks: Sequence[str],
-    episodes: Sequence[EpisodeMetrics],
-    exploration: Sequence[EpisodeMetrics],
+    episodes: Sequence[Episode],
+    exploration: Sequence[Episode],
     seed: int,
 ) -> Summary:
     """Estimate every metric of every task from measured episodes: all but the touch curves.
@@ -77,7 +77,7 @@ def summarize(
     )
 
 
-def with_touch_curves(summary: Summary, records: Sequence[EpisodeRecord]) -> Summary:
+def with_touch_curves(summary: Summary, records: Sequence[PlayedEpisode]) -> Summary:
     """Add what only the trajectories tell."""
     final = [record for record in records if record.spec.role is Role.FINAL]
     curves = {task.task: touch_curve(final, task.task) for task in summary.tasks}
@@ -90,8 +90,8 @@ def with_touch_curves(summary: Summary, records: Sequence[EpisodeRecord]) -> Sum
 
 def _summarize_task(
     task: str,
-    episodes: Sequence[EpisodeMetrics],
-    exploration: Sequence[EpisodeMetrics],
+    episodes: Sequence[Episode],
+    exploration: Sequence[Episode],
     root: Root,
 ) -> TaskSummary:
     """Estimate the metrics of one task; a task without episodes has no estimates."""
@@ -113,7 +113,7 @@ def _summarize_task(
 
 
 def touch_curve(
-    records: Sequence[EpisodeRecord], task: str
+    records: Sequence[PlayedEpisode], task: str
 ) -> tuple[tuple[float, ...], tuple[int, ...]]:
     """Return the mean contact ticks at each control step, and the episodes that reached it."""
     records = [record for record in records if record.spec.task == task]
@@ -128,7 +128,7 @@ def touch_curve(
 
 
 def generalize(
-    episodes: Sequence[EpisodeMetrics], tasks: Sequence[str], root: Root
+    episodes: Sequence[Episode], tasks: Sequence[str], root: Root
 ) -> tuple[Generalization, ...]:
     """Compare the splits in each task that has MIN_EPISODES of both, in the order of ``tasks``.
 
@@ -140,14 +140,12 @@ def generalize(
     return tuple(result for result in results if result is not None)
 
 
-def has_both_splits(episodes: Sequence[EpisodeMetrics]) -> bool:
+def has_both_splits(episodes: Sequence[Episode]) -> bool:
     """Tell whether the episodes are of held-out and of train shapes."""
     return {HELD_OUT, TRAIN} <= {episode.split for episode in episodes}
 
 
-def _generalize_task(
-    task: str, episodes: Sequence[EpisodeMetrics], root: Root
-) -> Generalization | None:
+def _generalize_task(task: str, episodes: Sequence[Episode], root: Root) -> Generalization | None:
     """Compare the splits in one task, None where a split has too few episodes."""
     held_out = [episode for episode in episodes if episode.split == HELD_OUT]
     train = [episode for episode in episodes if episode.split == TRAIN]
@@ -175,8 +173,8 @@ def _generalize_task(
 def compare_episodes(
     task: str,
     metric: Metric,
-    held_out: Sequence[EpisodeMetrics],
-    train: Sequence[EpisodeMetrics],
+    held_out: Sequence[Episode],
+    train: Sequence[Episode],
     root: Root,
 ) -> Gap:
     """Estimate a metric in two sets of episodes, and the first less the second as independent.
@@ -194,7 +192,7 @@ def compare_episodes(
 
 
 def _of_family(
-    episodes: Sequence[EpisodeMetrics], family: str, metric: Metric, root: Root
+    episodes: Sequence[Episode], family: str, metric: Metric, root: Root
 ) -> Estimate | None:
     """Estimate a metric on the shapes of one family, None where there is no episode."""
     members = [episode for episode in episodes if episode.family == family]

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.errors import (
     InfrastructureError,
     MiniTouchError,
@@ -31,7 +32,6 @@ from minitouch_bench.policies.policy import (
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import PolicySource, read_again
 from minitouch_bench.policies.wire import describe
-from minitouch_bench.records import IN_MEMORY
 from minitouch_bench.tasks.action import fit_action
 
 MAX_TRIALS = 3

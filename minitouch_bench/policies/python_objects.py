@@ -18,12 +18,12 @@ import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.machine import look_up
 from minitouch_bench.policies.policy import Checkpoint, Observation, Policy, close_policy
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.policies.wire import describe
-from minitouch_bench.records import IN_MEMORY
 
 
 def make_policy(factory: Callable[..., Policy], deterministic: bool) -> Policy:

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from minitouch_bench.episode import PolicyIdentity, Role
 from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError
 from minitouch_bench.files import (
     CHECKPOINTS,
@@ -26,7 +27,6 @@ from minitouch_bench.machine import require
 from minitouch_bench.policies.loaders import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.wire import describe
 from minitouch_bench.protocol.minitouch import TASK_NAMES
-from minitouch_bench.records import PolicyIdentity, Role
 
 DIRECTORY = "directory"
 """Kinds that are no file, name or address."""

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.records import Estimate
+from minitouch_bench.episode import Estimate
 
 COLORS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {

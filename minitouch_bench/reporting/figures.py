@@ -5,10 +5,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import Estimate, Outcome
 from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
-from minitouch_bench.records import Estimate, Outcome
 from minitouch_bench.reporting import charts
 from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.labels import PAPER_METHODS, RunSection, paper_value, task_title

@@ -8,8 +8,8 @@ from dataclasses import astuple
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+from minitouch_bench.episode import Episode
 from minitouch_bench.errors import printable
-from minitouch_bench.records import EpisodeMetrics
 from minitouch_bench.reporting.labels import CAVEAT, PAPER_METHODS, paper_value
 from minitouch_bench.reporting.run_tables import find_estimate
 from minitouch_bench.runs.results import EPISODE_COLUMNS, episode_row
@@ -27,7 +27,7 @@ FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 CsvRow = tuple[Any, ...]
 
 
-def episodes_csv(episodes: Iterable[EpisodeMetrics]) -> str:
+def episodes_csv(episodes: Iterable[Episode]) -> str:
     """Write ``episodes.csv``."""
     return rows_csv(EPISODE_COLUMNS, map(episode_row, episodes))
 

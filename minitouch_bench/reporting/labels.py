@@ -10,9 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from minitouch_bench.episode import NOT_IN_SANDBOX
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
-from minitouch_bench.records import NOT_IN_SANDBOX
 from minitouch_bench.reporting.tables import Cell
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import Run, RunHeader

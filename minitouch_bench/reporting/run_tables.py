@@ -3,6 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from minitouch_bench.episode import (
+    Estimate,
+    FamilyResult,
+    Gap,
+    Generalization,
+    Outcome,
+    TaskSummary,
+)
 from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import (
     METRICS,
@@ -13,14 +21,6 @@ from minitouch_bench.metrics.definitions import (
     metrics_shown_in,
 )
 from minitouch_bench.metrics.summary import MIN_EPISODES, has_both_splits
-from minitouch_bench.records import (
-    Estimate,
-    FamilyResult,
-    Gap,
-    Generalization,
-    Outcome,
-    TaskSummary,
-)
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import (
     PAPER_METHODS,

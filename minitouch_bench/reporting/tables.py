@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from minitouch_bench.episode import Estimate
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.records import Estimate
 
 ABSENT = "—"
 """Written where a value does not exist; 0 would be a claim."""

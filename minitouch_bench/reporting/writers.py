@@ -8,9 +8,9 @@ from types import MappingProxyType
 from rich.console import Console
 
 from minitouch_bench import files
+from minitouch_bench.episode import Estimate
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import Estimate
 from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.figures import report_figures, split_figures
 from minitouch_bench.reporting.formats import (

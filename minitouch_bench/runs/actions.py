@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import EpisodeSpec, PlayedEpisode
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import ACTIONS_FILE, ENTRY_MARK, KIB, write_file
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import EpisodeRecord, EpisodeSpec
 
 MAX_NPY_HEADER = 256
 """Bytes before the numbers of an array; numpy writes 128."""
@@ -101,7 +101,7 @@ def check_actions(key: str, actions: NDArray[Any], task: str) -> None:
         raise ValueError(f"{key} holds actions beyond -1 to 1")
 
 
-def write_actions(records: Sequence[EpisodeRecord], directory: Path) -> None:
+def write_actions(records: Sequence[PlayedEpisode], directory: Path) -> None:
     """Write ``actions.npz``: per episode, by its key, float32 (T, A) as applied.
 
     Raises:

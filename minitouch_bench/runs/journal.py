@@ -11,8 +11,13 @@ from pathlib import Path
 
 import msgspec
 
-from minitouch_bench.conditions import Conditions
-from minitouch_bench.documents import read_json
+from minitouch_bench.episode import (
+    EpisodeSpec,
+    Outcome,
+    PlayedEpisode,
+    PolicyIdentity,
+    Trace,
+)
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import (
     GIB,
@@ -22,21 +27,16 @@ from minitouch_bench.files import (
     read_file,
     write_file,
 )
+from minitouch_bench.json_io import read_json
 from minitouch_bench.machine import compare_versions
-from minitouch_bench.records import (
-    EpisodeRecord,
-    EpisodeSpec,
-    EpisodeTrace,
-    Outcome,
-    PolicyIdentity,
-)
+from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.runs.actions import pack_arrays, unpack_arrays
 from minitouch_bench.runs.run import RunHeader
 
 LARGEST_JOURNAL = 3 * GIB // 2
 """Bytes; the largest run, 10,000 episodes per task in both roles, takes 1 GiB."""
 
-ARRAYS = tuple(field.name for field in fields(EpisodeTrace) if field.name != "first_touch_tick")
+ARRAYS = tuple(field.name for field in fields(Trace) if field.name != "first_touch_tick")
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Journal:
     def __init__(self, header: RunHeader, directory: Path | None = None) -> None:
         self.header = header
         self.directory = directory
-        self.records: dict[EpisodeSpec, EpisodeRecord] = {}
+        self.records: dict[EpisodeSpec, PlayedEpisode] = {}
 
     @classmethod
     def begin(cls, header: RunHeader, packages: Mapping[str, str], directory: Path) -> "Journal":
@@ -105,7 +105,7 @@ class Journal:
         journal.records = {spec: found[spec] for spec in header.specs() if spec in found}
         return journal
 
-    def keep(self, record: EpisodeRecord) -> None:
+    def keep(self, record: PlayedEpisode) -> None:
         """Add a finished episode; with a directory it survives whatever happens after this returns.
 
         Raises:
@@ -138,17 +138,17 @@ def _content(line: bytes) -> bytes | None:
     return text if line[:9] == b"%08x " % zlib.crc32(text) else None
 
 
-def _line_of(record: EpisodeRecord) -> _EpisodeLine:
+def _line_of(record: PlayedEpisode) -> _EpisodeLine:
     trace = record.trace
     arrays = pack_arrays({name: getattr(trace, name) for name in ARRAYS})
     return _EpisodeLine(record.spec, record.outcome, record.fault, trace.first_touch_tick, arrays)
 
 
-def _parse_record(line: bytes, name: str) -> EpisodeRecord:
+def _parse_record(line: bytes, name: str) -> PlayedEpisode:
     stored = read_json(line, _EpisodeLine, name)
     arrays = dict(unpack_arrays(stored.arrays, len(ARRAYS)))
-    trace = EpisodeTrace(**arrays, first_touch_tick=stored.first_touch_tick)
-    return EpisodeRecord(stored.spec, stored.outcome, trace, stored.fault)
+    trace = Trace(**arrays, first_touch_tick=stored.first_touch_tick)
+    return PlayedEpisode(stored.spec, stored.outcome, trace, stored.fault)
 
 
 def check_same(asked: RunHeader, there: RunHeader, directory: Path) -> None:
@@ -183,7 +183,7 @@ def _flat(header: RunHeader) -> dict[str, object]:
 def _in_words(value: object) -> str:
     if isinstance(value, PolicyIdentity):
         return f"{value.name} {value.digest[:12]}".rstrip()
-    if isinstance(value, Conditions):
+    if isinstance(value, Perturbation):
         return ", ".join(value.in_words()) or "none"
     if isinstance(value, tuple):
         return ", ".join(map(str, value)) or "none"

@@ -7,9 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from minitouch_bench.conditions import STANDARD, USUAL_LIMITS, Conditions, PolicyLimits
+from minitouch_bench.episode import Count, EpisodeSpec, Role, Seed
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.perturbation import UNPERTURBED, USUAL_LIMITS, Perturbation, PolicyLimits
 from minitouch_bench.protocol.minitouch import (
     GOAL_TASKS,
     PROTOCOL,
@@ -18,7 +19,6 @@ from minitouch_bench.protocol.minitouch import (
     suite_generator,
 )
 from minitouch_bench.protocol.spec import CUBE, SuiteSpec
-from minitouch_bench.records import Count, EpisodeSpec, Role, Seed
 from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
 
 NAMED = 6
@@ -114,7 +114,7 @@ class Plan:
     episodes: Count
     seed: Seed
     chosen: tuple[str, ...] = ()
-    conditions: Conditions = STANDARD
+    conditions: Perturbation = UNPERTURBED
     limits: PolicyLimits = USUAL_LIMITS
 
     def specs(self, *, exploration: bool = False) -> tuple[EpisodeSpec, ...]:
@@ -202,7 +202,7 @@ def make_plan(
     seed: int | None = None,
     episodes_from: Sequence[str] = (),
     *,
-    conditions: Conditions = STANDARD,
+    conditions: Perturbation = UNPERTURBED,
     limits: PolicyLimits = USUAL_LIMITS,
 ) -> Plan:
     """Return a plan of what a user asks for; None and () for what the suite has.

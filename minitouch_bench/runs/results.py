@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from minitouch_bench.episode import Episode, Estimate, Summary, TaskSummary
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
-from minitouch_bench.records import EpisodeMetrics, Estimate, Summary, TaskSummary
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -82,7 +82,7 @@ class TaskResult:
         return sorted({*super().__dir__(), *self.summary.estimates})
 
 
-def episode_row(episode: EpisodeMetrics) -> tuple[Any, ...]:
+def episode_row(episode: Episode) -> tuple[Any, ...]:
     """Return the cells of an episode: EPISODE_COLUMNS."""
     return (
         *(getattr(episode, name) for name in _IDENTITY),
@@ -90,7 +90,7 @@ def episode_row(episode: EpisodeMetrics) -> tuple[Any, ...]:
     )
 
 
-def episodes_frame(episodes: Iterable[EpisodeMetrics]) -> "pd.DataFrame":
+def episodes_frame(episodes: Iterable[Episode]) -> "pd.DataFrame":
     """Return a row per episode: EPISODE_COLUMNS, family, split, digest; NaN for no time."""
     import pandas as pd  # noqa: PLC0415
 

@@ -10,7 +10,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
-from minitouch_bench.documents import read_json, write_json
+from minitouch_bench.episode import (
+    IN_MEMORY,
+    Count,
+    Episode,
+    EpisodeSpec,
+    PlayedEpisode,
+    PolicyIdentity,
+    Role,
+    Sha256,
+    Summary,
+)
 from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError
 from minitouch_bench.files import (
     ACTIONS_FILE,
@@ -20,19 +30,9 @@ from minitouch_bench.files import (
     os_errors_as,
     read_file,
 )
+from minitouch_bench.json_io import read_json, write_json
 from minitouch_bench.metrics.summary import measure, summarize, with_touch_curves
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
-from minitouch_bench.records import (
-    IN_MEMORY,
-    Count,
-    EpisodeMetrics,
-    EpisodeRecord,
-    EpisodeSpec,
-    PolicyIdentity,
-    Role,
-    Sha256,
-    Summary,
-)
 from minitouch_bench.runs.actions import Actions, parse_actions
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.results import TaskResult, episodes_frame, table4_frame
@@ -145,8 +145,8 @@ class RunDocument:
     environment: RunEnvironment
     summary: Summary
     faults: Mapping[str, str]
-    episodes: tuple[EpisodeMetrics, ...]
-    exploration_episodes: tuple[EpisodeMetrics, ...]
+    episodes: tuple[Episode, ...]
+    exploration_episodes: tuple[Episode, ...]
 
 
 @dataclass(frozen=True, repr=False)
@@ -166,8 +166,8 @@ class Run:
     environment: RunEnvironment
     summary: Summary
     faults: Mapping[str, str]
-    rows: tuple[EpisodeMetrics, ...]
-    exploration_rows: tuple[EpisodeMetrics, ...]
+    rows: tuple[Episode, ...]
+    exploration_rows: tuple[Episode, ...]
     name: str
     directory: Path | None = None
     content: bytes = b""
@@ -216,7 +216,7 @@ class Run:
         policy, suite, tasks = self.header.policy.name, self.plan.suite, ", ".join(self.tasks)
         return f"<Run of {policy} on {suite}, {label}: {tasks}>"
 
-    def by_role(self) -> tuple[tuple[Role, tuple[EpisodeMetrics, ...]], ...]:
+    def by_role(self) -> tuple[tuple[Role, tuple[Episode, ...]], ...]:
         """Return the rows of each role, the final policy's first."""
         return (Role.FINAL, self.rows), (Role.EXPLORATION, self.exploration_rows)
 
@@ -262,11 +262,11 @@ class Run:
         contents = {RUN_FILE: self.content, ACTIONS_FILE: self.actions_content}
         return {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
 
-    def specs_and_rows(self) -> Iterator[tuple[EpisodeSpec, EpisodeMetrics]]:
+    def specs_and_rows(self) -> Iterator[tuple[EpisodeSpec, Episode]]:
         """Walk through the episodes of the plan with the row of each."""
         return zip(self.header.specs(), (*self.rows, *self.exploration_rows), strict=True)
 
-    def find(self, key: str) -> tuple[EpisodeSpec, EpisodeMetrics]:
+    def find(self, key: str) -> tuple[EpisodeSpec, Episode]:
         """Return the episode called ``key``, as ``pushing/17``.
 
         Raises:
@@ -290,7 +290,7 @@ class Run:
 def make_run(
     header: RunHeader,
     environment: RunEnvironment,
-    records: Iterable[EpisodeRecord],
+    records: Iterable[PlayedEpisode],
     name: str,
     directory: Path | None = None,
 ) -> Run:
@@ -317,8 +317,8 @@ def make_run(
 
 def run_digest(
     header: RunHeader,
-    episodes: Iterable[EpisodeMetrics],
-    exploration_episodes: Iterable[EpisodeMetrics] = (),
+    episodes: Iterable[Episode],
+    exploration_episodes: Iterable[Episode] = (),
 ) -> str:
     """Return the SHA-256 over the rules of each task and the episodes, in the run's order.
 

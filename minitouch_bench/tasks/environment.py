@@ -10,10 +10,10 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from minitouch_bench.conditions import STANDARD, Conditions
+from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import UsageError
+from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import Outcome
 from minitouch_bench.simulation.bodies import add_table, stock_panda
 from minitouch_bench.simulation.bullet import View
 from minitouch_bench.simulation.client import PhysicsClient
@@ -54,7 +54,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     ``shapegen.manifest.load_shape_set`` reads it; None takes the task's default.
     ``reset(options={"object": name})`` asks for one object; without it one is drawn.
     ``render_mode="rgb_array"`` draws for people, ``width`` x ``height`` pixels.
-    ``conditions`` may change the object's mass and friction and turn the camera.
+    ``perturbation`` may change the object's mass and friction and turn the camera.
 
     ``info`` has the same keys in ``reset`` and ``step``, with numpy values only:
     ``is_success`` and ``success``; ``outcome``, an index of ``OUTCOMES``; ``ticks``,
@@ -76,7 +76,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         width: int = 480,
         height: int = 480,
         max_steps: int | None = None,
-        conditions: Conditions = STANDARD,
+        perturbation: Perturbation = UNPERTURBED,
     ) -> None:
         EzPickle.__init__(
             self,
@@ -86,7 +86,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             width=width,
             height=height,
             max_steps=max_steps,
-            conditions=conditions,
+            perturbation=perturbation,
         )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode is 'rgb_array' or None, not '{render_mode}'")
@@ -98,7 +98,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._size = (width, height)
         spec = self.task.spec
         self._max_steps = max_steps or spec.max_steps
-        self._conditions = conditions
+        self._perturbation = perturbation
         self._factors = 1.0, 1.0  # on mass and friction
         self.action_space = spaces.Box(-1.0, 1.0, (spec.action_size,), np.float32)
         # Gymnasium has no type for a Dict space whose samples are plain dicts.
@@ -119,8 +119,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """
         super().reset(seed=seed)
         client, task = self.client, self.task
-        if self._conditions != STANDARD:
-            mass, friction, degrees = self._conditions.draw(self.np_random.spawn(1)[0])
+        if self._perturbation != UNPERTURBED:
+            mass, friction, degrees = self._perturbation.draw(self.np_random.spawn(1)[0])
             self._factors = mass, friction
             camera = task.spec.camera
             self._camera = GrayCamera(replace(camera, yaw=camera.yaw + degrees))

@@ -5,9 +5,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import Outcome
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.tasks import OPENING, OpeningSpec
-from minitouch_bench.records import Outcome
 from minitouch_bench.simulation.bodies import DOOR_JOINT, DOOR_LINK, HANDLE_LINK, cabinet_urdf
 from minitouch_bench.simulation.bullet import Part
 from minitouch_bench.simulation.client import PhysicsClient

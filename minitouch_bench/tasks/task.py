@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import Outcome
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CUBE, TaskSpec, Workspace
 from minitouch_bench.protocol.tasks import TabletopSpec
-from minitouch_bench.records import Outcome
 from minitouch_bench.simulation.bullet import Part
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.simulation.panda_arm import PandaArm

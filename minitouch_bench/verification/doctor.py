@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from minitouch_bench.episode import EpisodeSpec, Role
 from minitouch_bench.errors import InfrastructureError, MiniTouchError
 from minitouch_bench.evaluation.actors import RecordedActor, Recording
 from minitouch_bench.evaluation.local_engine import LocalEngine
@@ -25,7 +26,6 @@ from minitouch_bench.policies.isolation import landlock
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import SUITES, find_suite
 from minitouch_bench.shapegen.manifest import canonical_shape_set

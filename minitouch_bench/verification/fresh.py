@@ -15,9 +15,9 @@ from typing import Self
 import numpy as np
 import scipy
 
+from minitouch_bench.episode import Episode, Role
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import mean_difference
-from minitouch_bench.records import EpisodeMetrics, Role
 
 SIGNIFICANCE = 0.01
 """Chance at most that an honest submission is refused. Half of it is for single comparisons
@@ -70,9 +70,7 @@ class Values:
     fresh: tuple[float, ...]
 
     @classmethod
-    def of(
-        cls, task: str, official: Sequence[EpisodeMetrics], fresh: Sequence[EpisodeMetrics]
-    ) -> Self:
+    def of(cls, task: str, official: Sequence[Episode], fresh: Sequence[Episode]) -> Self:
         """Take the metric that ranks a task from its episodes."""
         metric = METRICS[ranking_metric(task)]
         return cls(tuple(metric.values(official)), tuple(metric.values(fresh)))

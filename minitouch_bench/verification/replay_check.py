@@ -5,28 +5,28 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from minitouch_bench.conditions import USUAL_LIMITS
+from minitouch_bench.episode import (
+    Episode,
+    EpisodeSpec,
+    Outcome,
+    PlayedEpisode,
+    PolicyIdentity,
+    Role,
+)
 from minitouch_bench.errors import IncompleteCheckError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup, Recording, prepare_policies
 from minitouch_bench.evaluation.engine import Engine, Note
 from minitouch_bench.metrics.summary import measure, touch_curve
+from minitouch_bench.perturbation import USUAL_LIMITS
 from minitouch_bench.policies.isolation.levels import SANDBOXED, IsolationOptions
 from minitouch_bench.policies.sources import PolicySource, identify
-from minitouch_bench.records import (
-    EpisodeMetrics,
-    EpisodeRecord,
-    EpisodeSpec,
-    Outcome,
-    PolicyIdentity,
-    Role,
-)
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.problems import Findings, Problem
 
 
 def replay_run(
-    run: Run, engine: Engine, on_record: Callable[[EpisodeRecord], None] = lambda _: None
+    run: Run, engine: Engine, on_record: Callable[[PlayedEpisode], None] = lambda _: None
 ) -> Findings:
     """Replay every episode of a run that ``check_run`` passes; ``on_record`` takes them.
 
@@ -39,14 +39,14 @@ def replay_run(
         RunDirectoryError: a file of it is missing or damaged.
         InfrastructureError: an episode could not be replayed.
     """
-    records: dict[EpisodeSpec, EpisodeRecord] = {}
+    records: dict[EpisodeSpec, PlayedEpisode] = {}
     for record in engine.run(Recording(run.actions, run.plan.conditions), run.header.specs()):
         records[record.spec] = record
         on_record(record)
     return Findings(tuple(_compare(run, records)), replayed=len(records))
 
 
-def _compare(run: Run, records: dict[EpisodeSpec, EpisodeRecord]) -> Iterator[Problem]:
+def _compare(run: Run, records: dict[EpisodeSpec, PlayedEpisode]) -> Iterator[Problem]:
     """Compare the rows of a run, and its touch curves, with its replayed episodes."""
     differs = False
     for spec, row in run.specs_and_rows():
@@ -65,7 +65,7 @@ def _compare(run: Run, records: dict[EpisodeSpec, EpisodeRecord]) -> Iterator[Pr
             yield Problem(f"touch curve of {task.task}", "it is not that of the episodes")
 
 
-def _with_claims(record: EpisodeRecord, row: EpisodeMetrics) -> EpisodeRecord:
+def _with_claims(record: PlayedEpisode, row: Episode) -> PlayedEpisode:
     """Add to a replayed episode what only the policy's own process knew.
 
     The recorded actions are clipped already. A clipped one has a component of exactly -1 or
@@ -133,7 +133,7 @@ def run_again(
     setup: PolicySetup,
     specs: Sequence[EpisodeSpec],
     engine: Engine,
-    on_record: Callable[[EpisodeRecord], None] = lambda _: None,
+    on_record: Callable[[PlayedEpisode], None] = lambda _: None,
 ) -> Findings:
     """Run these episodes with the checkpoint; ``on_record`` takes them.
 
@@ -171,19 +171,17 @@ def _play(
     setup: PolicySetup,
     specs: Sequence[EpisodeSpec],
     engine: Engine,
-    on_record: Callable[[EpisodeRecord], None],
-) -> dict[EpisodeSpec, EpisodeRecord]:
+    on_record: Callable[[PlayedEpisode], None],
+) -> dict[EpisodeSpec, PlayedEpisode]:
     """Play episodes and return their records in the order of ``specs``."""
-    records: dict[EpisodeSpec, EpisodeRecord] = {}
+    records: dict[EpisodeSpec, PlayedEpisode] = {}
     for record in engine.run(setup, specs) if specs else ():
         records[record.spec] = record
         on_record(record)
     return {spec: records[spec] for spec in specs}
 
 
-def _differences(
-    record: EpisodeRecord, row: EpisodeMetrics, recorded: Actions
-) -> Iterator[Problem]:
+def _differences(record: PlayedEpisode, row: Episode, recorded: Actions) -> Iterator[Problem]:
     key = record.spec.key
     if record.outcome is not row.outcome:
         fault = f" ({record.fault})" if record.fault else ""

@@ -10,21 +10,21 @@ from itertools import islice
 
 import numpy as np
 
-from minitouch_bench.documents import plain
-from minitouch_bench.errors import UsageError
-from minitouch_bench.files import ACTIONS_FILE, RUN_FILE
-from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.summary import summarize
-from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import (
+from minitouch_bench.episode import (
     IN_MEMORY,
-    EpisodeMetrics,
+    Episode,
     EpisodeSpec,
     Outcome,
     Role,
     TaskSummary,
 )
+from minitouch_bench.errors import UsageError
+from minitouch_bench.files import ACTIONS_FILE, RUN_FILE
+from minitouch_bench.json_io import plain
+from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import SUITES, first_of
 from minitouch_bench.runs.run import NAMED, Run, RunHeader, run_json, why_unofficial
@@ -136,7 +136,7 @@ def _episodes(run: Run) -> Iterator[Problem]:
             yield from _in_order(rows, tuple(planned.values()))
 
 
-def _in_order(rows: Sequence[EpisodeMetrics], planned: Sequence[EpisodeSpec]) -> Iterator[Problem]:
+def _in_order(rows: Sequence[Episode], planned: Sequence[EpisodeSpec]) -> Iterator[Problem]:
     """Compare the rows, each of which is there once, with their order and what each must be."""
     moved = [
         spec.key
@@ -176,7 +176,7 @@ def _rows(run: Run) -> Iterator[Problem]:
             yield Problem(str(role), f"{len(bad)} episodes contradict themselves", AS_WRITTEN)
 
 
-def contradictions(row: EpisodeMetrics) -> Iterator[str]:
+def contradictions(row: Episode) -> Iterator[str]:
     """Yield what cannot be true of one episode, in words."""
     task = PROTOCOL.task(row.task)
     if row.outcome is Outcome.SUCCESS and not task.has_goal:
@@ -225,7 +225,7 @@ def _estimates(run: Run) -> Iterator[Problem]:
             yield Problem(f"touch curve of {task.task}", what, AS_WRITTEN)
 
 
-def _curve_mistake(task: TaskSummary, episodes: list[EpisodeMetrics]) -> str:
+def _curve_mistake(task: TaskSummary, episodes: list[Episode]) -> str:
     """Return what is wrong with a touch curve, as far as rows can tell, "" if nothing."""
     steps = np.array([episode.steps for episode in episodes], np.int64)
     longest = int(steps.max(initial=0))
@@ -252,7 +252,7 @@ def _actions(run: Run) -> Iterator[Problem]:
             yield Problem(f"{ACTIONS_FILE}, {spec.key}", what, AS_WRITTEN)
 
 
-def _actions_mistake(actions: Actions, row: EpisodeMetrics) -> str:
+def _actions_mistake(actions: Actions, row: Episode) -> str:
     """Return what is wrong with an episode's actions, "" if nothing."""
     if len(actions) != row.steps:
         return f"{len(actions)} actions, the episode has {row.steps} steps"

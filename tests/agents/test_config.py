@@ -14,8 +14,8 @@ from minitouch_bench.agents.config import (
     make_config,
     read_config,
 )
-from minitouch_bench.documents import write_toml
 from minitouch_bench.errors import UsageError
+from minitouch_bench.json_io import write_toml
 
 ROOT = Path(__file__).parents[2]
 

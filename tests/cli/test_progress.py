@@ -11,7 +11,7 @@ from rich.console import Console
 from minitouch_bench.agents.training import COLUMNS, ProgressRow
 from minitouch_bench.cli import progress
 from minitouch_bench.cli.progress import EpisodeProgress
-from minitouch_bench.records import EpisodeSpec, Role
+from minitouch_bench.episode import EpisodeSpec, Role
 from tests.reporting.synthetic import make_record
 
 SPEC = EpisodeSpec(Role.FINAL, "pushing", 0, 1, 0, "cube")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.commands.replay import replay_episode
-from minitouch_bench.records import Outcome
+from minitouch_bench.episode import Outcome
 from tests.commands.command import run
 from tests.leaderboard.synthetic import official_run, write_official
 

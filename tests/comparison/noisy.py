@@ -12,10 +12,10 @@ import numpy as np
 from minitouch_bench.comparison.gate import GateResult, judge_runs
 from minitouch_bench.comparison.gate_report import difference_text, result_line
 from minitouch_bench.comparison.settings import GateSettings
-from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.run import Run, RunEnvironment, make_run
 from tests.evaluation.runs import request
@@ -54,7 +54,7 @@ class Variant:
     """Where a worker gets its actors from. ``noise`` None: half precision."""
 
     noise: float | None = None
-    conditions: Conditions = STANDARD
+    perturbation: Perturbation = UNPERTURBED
 
     def make_actor(self, role):
         return HalfActor() if self.noise is None else NoisyActor(self.noise)

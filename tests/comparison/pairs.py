@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
+from minitouch_bench.episode import Episode, Outcome
 from minitouch_bench.files import ACTIONS_FILE
-from minitouch_bench.records import EpisodeMetrics, Outcome
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run
 from tests.reporting.synthetic import make_run, save
@@ -76,7 +76,7 @@ def make_saved(tasks: Mapping[str, Values], name: str = "a-run", digest: str | N
     )
 
 
-def episode(task: str, index: int, own: Values) -> EpisodeMetrics:
+def episode(task: str, index: int, own: Values) -> Episode:
     won = bool(own.success[index])
     return replace(
         TEMPLATE.rows[0],

@@ -14,8 +14,8 @@ from minitouch_bench.comparison.gate_report import (
     show_result,
 )
 from minitouch_bench.comparison.settings import GateSettings, Tolerance
-from minitouch_bench.conditions import Conditions
 from minitouch_bench.errors import UsageError
+from minitouch_bench.perturbation import Perturbation
 from tests.comparison.pairs import (
     flags,
     make_saved,
@@ -250,7 +250,7 @@ def test_another_protocol_digest_is_refused():
 
 
 def test_other_conditions_are_refused():
-    blind = with_header(candidate(90), conditions=Conditions(without=("vision",)))
+    blind = with_header(candidate(90), conditions=Perturbation(without=("vision",)))
     with pytest.raises(UsageError, match=r"conditions .*vision.*standard"):
         judged(blind)
     assert judged(blind, baseline=with_header(BASELINE, conditions=blind.plan.conditions))

@@ -5,8 +5,8 @@ import pytest
 
 from minitouch_bench.comparison.comparison import differences_of_making
 from minitouch_bench.comparison.pairing import collect_values, pair_runs
+from minitouch_bench.episode import Role
 from minitouch_bench.errors import UsageError
-from minitouch_bench.records import Role
 from tests.comparison.pairs import flags, make_saved, values, with_header
 from tests.reporting.synthetic import make_run, save
 

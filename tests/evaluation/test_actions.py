@@ -7,9 +7,9 @@ import zipfile
 import numpy as np
 import pytest
 
+from minitouch_bench.episode import EpisodeSpec, Role
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import ACTIONS_FILE
-from minitouch_bench.records import EpisodeSpec, Role
 from minitouch_bench.runs.actions import ENTRY_MARK, parse_actions, write_actions
 from tests.reporting.synthetic import make_run
 

@@ -6,10 +6,10 @@ import pytest
 
 from minitouch_bench.api import evaluate
 from minitouch_bench.commands.verify import verify
-from minitouch_bench.conditions import STANDARD, Conditions
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actors import AlteredSenses
 from minitouch_bench.evaluation.engine import EngineOptions
+from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -27,7 +27,7 @@ def observation(level):
 
 
 def test_a_sense_stays_as_it_was_at_the_reset():
-    senses = AlteredSenses(Conditions(without=("forces", "vision")), seed=0)
+    senses = AlteredSenses(Perturbation(without=("forces", "vision")), seed=0)
     senses.alter(observation(1))
     altered = senses.alter(observation(2))
     assert (altered["image"] == 1).all()
@@ -36,8 +36,8 @@ def test_a_sense_stays_as_it_was_at_the_reset():
 
 
 def test_noise_comes_from_the_episodes_seed_and_leaves_the_observation_alone():
-    conditions, given = Conditions(noise=20.0, force_noise=3.0), observation(100)
-    first, again, other = (AlteredSenses(conditions, seed).alter(given) for seed in (0, 0, 1))
+    perturbation, given = Perturbation(noise=20.0, force_noise=3.0), observation(100)
+    first, again, other = (AlteredSenses(perturbation, seed).alter(given) for seed in (0, 0, 1))
     assert (given["image"] == 100).all()
     assert (given["touch"] == 100).all()
     assert np.array_equal(first["image"], again["image"])
@@ -48,12 +48,16 @@ def test_noise_comes_from_the_episodes_seed_and_leaves_the_observation_alone():
 
 
 @pytest.mark.parametrize(
-    "conditions",
-    [Conditions(mass=(0.01, 0.01)), Conditions(friction=(0.01, 0.01)), Conditions(camera=(9, 9))],
+    "perturbation",
+    [
+        Perturbation(mass=(0.01, 0.01)),
+        Perturbation(friction=(0.01, 0.01)),
+        Perturbation(camera=(9, 9)),
+    ],
 )
-def test_the_world_differs_and_is_the_same_again(conditions):
-    def play(conditions):
-        environment = MiniTouchEnv("playing", conditions=conditions)
+def test_the_world_differs_and_is_the_same_again(perturbation):
+    def play(perturbation):
+        environment = MiniTouchEnv("playing", perturbation=perturbation)
         seen, _ = environment.reset(seed=3)
         first, states = seen["image"], []
         for _ in range(12):
@@ -67,14 +71,14 @@ def test_the_world_differs_and_is_the_same_again(conditions):
         hand = environment.arm.position
         return np.array([10 * (x - hand[0]), 10 * (y - hand[1]), -1.0, 0.0], np.float32)
 
-    assert play(conditions) == play(conditions) != play(STANDARD)
+    assert play(perturbation) == play(perturbation) != play(UNPERTURBED)
 
 
 def test_what_changes_the_senses_alone_leaves_the_world_as_it_is():
     """Pick-up's shapes have moments of inertia from their files."""
 
-    def play(conditions):
-        environment = MiniTouchEnv("pick-up", conditions=conditions)
+    def play(perturbation):
+        environment = MiniTouchEnv("pick-up", perturbation=perturbation)
         environment.reset(seed=3)
         object_ = environment.task.target_body
         states = []
@@ -87,22 +91,22 @@ def test_what_changes_the_senses_alone_leaves_the_world_as_it_is():
         environment.close()
         return states
 
-    standard = play(STANDARD)
+    standard = play(UNPERTURBED)
     assert standard[0] != standard[-1]  # it was pushed
-    assert play(Conditions(without=("forces",), noise=10.0)) == standard
+    assert play(Perturbation(without=("forces",), noise=10.0)) == standard
 
 
 def test_twice_the_mass_has_twice_the_moments_of_inertia():
-    def dynamics(conditions):
-        environment = MiniTouchEnv("pick-up", conditions=conditions)
+    def dynamics(perturbation):
+        environment = MiniTouchEnv("pick-up", perturbation=perturbation)
         environment.reset(seed=3)
         object_, client = environment.task.target_body, environment.client
         mass, _, moments, *_ = pybullet.getDynamicsInfo(object_, -1, physicsClientId=client._id)
         environment.close()
         return mass, *moments
 
-    twice = dynamics(Conditions(mass=(2.0, 2.0)))
-    assert twice == pytest.approx([2 * one for one in dynamics(STANDARD)])
+    twice = dynamics(Perturbation(mass=(2.0, 2.0)))
+    assert twice == pytest.approx([2 * one for one in dynamics(UNPERTURBED)])
 
 
 def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
@@ -118,16 +122,16 @@ def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
 
 @pytest.mark.usefixtures("importable")
 @pytest.mark.parametrize(
-    "conditions",
+    "perturbation",
     [
-        Conditions(without=("touch",)),
-        Conditions(without=("vision",), force_noise=3.0, friction=(0.01, 0.01)),
-        Conditions(without=("forces",), noise=20.0, mass=(0.5, 2.0), camera=(9.0, 9.0)),
+        Perturbation(without=("touch",)),
+        Perturbation(without=("vision",), force_noise=3.0, friction=(0.01, 0.01)),
+        Perturbation(without=("forces",), noise=20.0, mass=(0.5, 2.0), camera=(9.0, 9.0)),
     ],
-    ids=lambda conditions: ", ".join(conditions.in_words()),
+    ids=lambda perturbation: ", ".join(perturbation.in_words()),
 )
-def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, conditions, capsys):
-    options = conditions.as_options()
+def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, perturbation, capsys):
+    options = perturbation.as_options()
     spelled = dict(zip(options[::2], options[1::2], strict=True))
     evaluate(
         "misbehaved:Sensitive",

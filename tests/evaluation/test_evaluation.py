@@ -1,6 +1,7 @@
 import pytest
 
 from minitouch_bench.api import evaluate
+from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import (
     HopelessRunError,
     InfrastructureError,
@@ -16,7 +17,6 @@ from minitouch_bench.machine import installed_versions
 from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.records import Outcome
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.simulation.bullet import BUILDS

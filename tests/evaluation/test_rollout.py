@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from minitouch_bench.episode import Outcome, Role
 from minitouch_bench.errors import InvalidActionError, PolicyLoadError, PolicyTimeoutError
 from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.records import Outcome, Role
 from minitouch_bench.runs.plan import find_suite
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registry import TASK_CLASSES

@@ -4,11 +4,11 @@ import pytest
 import typer
 
 from minitouch_bench.commands.app import app
-from minitouch_bench.conditions import Conditions, PolicyLimits
+from minitouch_bench.episode import IN_MEMORY, Role
 from minitouch_bench.errors import UsageError
+from minitouch_bench.perturbation import Perturbation, PolicyLimits
 from minitouch_bench.policies.sources import identify, parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
-from minitouch_bench.records import IN_MEMORY, Role
 from minitouch_bench.runs.plan import choose_episodes, choose_tasks, find_suite, make_plan
 from minitouch_bench.runs.run import why_unofficial
 from minitouch_bench.shapegen.manifest import canonical_shape_set
@@ -110,7 +110,7 @@ def test_what_makes_a_run_unofficial_is_said():
         make_plan("novel-shapes", episodes_from=["pushing/3,17", "pick-up/0"], seed=1),
         make_plan(
             "table4",
-            conditions=Conditions(("forces",), noise=2.5, mass=(0.5, 2.0)),
+            conditions=Perturbation(("forces",), noise=2.5, mass=(0.5, 2.0)),
             limits=PolicyLimits(act_timeout_s=2.0, episode_timeout_s=100.0),
         ),
     ],

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.documents import write_toml
+from minitouch_bench.episode import PolicyIdentity, Role
+from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.proof import (
     FreshProof,
     Proof,
@@ -23,7 +24,6 @@ from minitouch_bench.leaderboard.submission import (
     run_place,
 )
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.records import PolicyIdentity, Role
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.plan import SUITES, make_plan
 from minitouch_bench.runs.run import RunEnvironment, make_header, run_json

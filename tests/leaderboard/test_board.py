@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minitouch_bench.documents import plain
+from minitouch_bench.json_io import plain
 from minitouch_bench.leaderboard.board import (
     CALIBRATION_POLICIES,
     FLOORS,

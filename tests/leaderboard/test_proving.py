@@ -7,11 +7,12 @@ import shutil
 import numpy as np
 import pytest
 
-from minitouch_bench.documents import write_json
+from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.files import write_file
+from minitouch_bench.json_io import write_json
 from minitouch_bench.leaderboard import proving
 from minitouch_bench.leaderboard.proof import (
     FreshProof,
@@ -26,7 +27,6 @@ from minitouch_bench.leaderboard.proof import (
 from minitouch_bench.leaderboard.proving import UNCHECKED, Prover, prove
 from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
 from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
-from minitouch_bench.records import Outcome
 from minitouch_bench.runs.run import read_run, run_json
 from tests.altered import edit_actions, edit_document
 from tests.evaluation.runs import request, run

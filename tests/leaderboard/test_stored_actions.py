@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from minitouch_bench.episode import Role
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.proving import Prover, prove
@@ -19,7 +20,6 @@ from minitouch_bench.leaderboard.submission import (
 from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.policies.sources import identify, parse_source
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
-from minitouch_bench.records import Role
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.fresh import fresh_seed
 from tests.evaluation.runs import request as wanted_run

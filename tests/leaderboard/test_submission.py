@@ -11,8 +11,9 @@ import pytest
 import tomli_w
 
 from benchmarks.schemas import board_schema, submission_schema
-from minitouch_bench.documents import write_toml
+from minitouch_bench.episode import Role
 from minitouch_bench.errors import UsageError
+from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.submission import (
     CheckpointFile,
@@ -22,7 +23,6 @@ from minitouch_bench.leaderboard.submission import (
     checkpoint_place,
     read_submission,
 )
-from minitouch_bench.records import Role
 from minitouch_bench.verification.problems import Problems
 from tests.leaderboard.synthetic import ABOUT, make_submission
 

@@ -2,6 +2,7 @@ from dataclasses import fields
 
 import pytest
 
+from minitouch_bench.episode import Episode, EpisodeSpec
 from minitouch_bench.metrics.definitions import (
     DOWN,
     METRICS,
@@ -12,14 +13,13 @@ from minitouch_bench.metrics.definitions import (
     ranking_metric,
 )
 from minitouch_bench.protocol.minitouch import TASK_NAMES
-from minitouch_bench.records import EpisodeMetrics, EpisodeSpec
 
 MEASURED = [metric.field or metric.name for metric in METRICS.values() if metric.measure]
 
 
 def test_every_field_of_an_episode_is_its_identity_or_measured_once():
     identity = {"outcome", "digest"} | {f.name for f in fields(EpisodeSpec)} - {"role"}
-    assert sorted(MEASURED) == sorted({f.name for f in fields(EpisodeMetrics)} - identity)
+    assert sorted(MEASURED) == sorted({f.name for f in fields(Episode)} - identity)
 
 
 @pytest.mark.parametrize("metric", METRICS.values(), ids=list(METRICS))

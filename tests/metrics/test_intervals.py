@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from minitouch_bench.episode import Estimate
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import (
     bootstrap_difference,
@@ -16,7 +17,6 @@ from minitouch_bench.metrics.intervals import (
     student_mean,
     wilson,
 )
-from minitouch_bench.records import Estimate
 
 
 @pytest.mark.parametrize(

@@ -3,22 +3,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, Role, Trace
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import measure
-from minitouch_bench.records import EpisodeRecord, EpisodeSpec, EpisodeTrace, Outcome, Role
 from tests.reporting.synthetic import make_run, of_tasks, rows_of, summary_of, with_fault
 
 SPEC = EpisodeSpec(Role.FINAL, "pushing", 3, 42, 0, "mug-017")
 
 
-def make_trace() -> EpisodeTrace:
+def make_trace() -> Trace:
     touch = np.zeros((4, 11), np.float32)
     touch[:, 5] = [0, 2, 0, 2]  # variance 1 in one of six components
     touch[:, 0] = [9, 0, 9, 0]  # a position, not a force
     state = np.zeros((4, 3))
     state[:, 0] = [0, 1, 0, 1]  # variance 0.25
     state[:, 2] = [0, 2, 0, 2]  # variance 1
-    return EpisodeTrace(
+    return Trace(
         actions=np.zeros((3, 4), np.float32),
         clipped=np.array([True, False, True]),
         rewards=np.array([0, 0, 25], np.float32),
@@ -32,7 +32,7 @@ def make_trace() -> EpisodeTrace:
 
 
 def test_every_metric_follows_its_definition():
-    metrics = measure(EpisodeRecord(SPEC, Outcome.SUCCESS, make_trace()))
+    metrics = measure(PlayedEpisode(SPEC, Outcome.SUCCESS, make_trace()))
     assert (metrics.task, metrics.index, metrics.seed, metrics.shape) == (
         "pushing",
         3,
@@ -57,7 +57,7 @@ def test_every_metric_follows_its_definition():
 
 def test_a_door_moves_in_its_one_angle():
     trace = replace(make_trace(), object_state=np.array([[0.0], [0.4], [0.0], [0.4]]))
-    assert measure(EpisodeRecord(SPEC, Outcome.STEP_LIMIT, trace)).object_movement == pytest.approx(
+    assert measure(PlayedEpisode(SPEC, Outcome.STEP_LIMIT, trace)).object_movement == pytest.approx(
         0.04
     )
 
@@ -66,18 +66,18 @@ def test_a_door_moves_in_its_one_angle():
     "outcome", [Outcome.LEFT_WORKSPACE, Outcome.STEP_LIMIT, Outcome.POLICY_FAULT]
 )
 def test_only_success_is_success(outcome):
-    assert not measure(EpisodeRecord(SPEC, outcome, make_trace())).success
+    assert not measure(PlayedEpisode(SPEC, outcome, make_trace())).success
 
 
 def test_touch_at_the_very_first_tick_is_touch():
     trace = replace(make_trace(), first_touch_tick=0)
-    assert measure(EpisodeRecord(SPEC, Outcome.SUCCESS, trace)).first_touch_tick == 0
+    assert measure(PlayedEpisode(SPEC, Outcome.SUCCESS, trace)).first_touch_tick == 0
 
 
 @pytest.mark.parametrize("samples", [0, 1])
 def test_an_episode_without_steps_has_zeros(samples):
     nothing = np.zeros(0, np.int16)
-    trace = EpisodeTrace(
+    trace = Trace(
         actions=np.zeros((0, 4), np.float32),
         clipped=np.zeros(0, bool),
         rewards=np.zeros(0, np.float32),
@@ -87,7 +87,7 @@ def test_an_episode_without_steps_has_zeros(samples):
         touch=np.ones((samples, 11), np.float32),
         object_state=np.ones((samples, 3)),
     )
-    metrics = measure(EpisodeRecord(SPEC, Outcome.POLICY_FAULT, trace, "raised"))
+    metrics = measure(PlayedEpisode(SPEC, Outcome.POLICY_FAULT, trace, "raised"))
     assert metrics.first_touch_tick is None
     assert METRICS["time_to_first_touch"].value(metrics) is None
     assert (metrics.steps, metrics.episode_return, metrics.touch_interaction) == (0, 0, 0)
@@ -101,7 +101,7 @@ def test_long_contact_does_not_overflow_int16():
         contact_ticks=np.full(steps, 100, np.int16),
         ticks=np.full(steps, 100, np.int16),
     )
-    metrics = measure(EpisodeRecord(SPEC, Outcome.STEP_LIMIT, trace))
+    metrics = measure(PlayedEpisode(SPEC, Outcome.STEP_LIMIT, trace))
     assert metrics.touch_interaction == 200_000
     assert metrics.ticks == 200_000
 
@@ -223,7 +223,7 @@ def test_touch_share_counts_steps_and_is_zero_without_any():
 
 @pytest.mark.parametrize("task", ["playing", "pushing"])
 def test_a_fault_improves_nothing(task):
-    record = EpisodeRecord(replace(SPEC, task=task), Outcome.POLICY_FAULT, make_trace(), "NaN")
+    record = PlayedEpisode(replace(SPEC, task=task), Outcome.POLICY_FAULT, make_trace(), "NaN")
     for outcome, steps in ((Outcome.POLICY_FAULT, 200), (Outcome.STEP_LIMIT, 3)):
         row = measure(replace(record, outcome=outcome))
         assert METRICS["episode_steps"].value(row) == steps

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minitouch_bench.conditions import PolicyLimits
 from minitouch_bench.errors import (
     CheckpointChangedError,
     InfrastructureError,
@@ -23,6 +22,7 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
+from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies.connection import EpisodeChannel, HostConnection
 from minitouch_bench.policies.isolate import try_policy
 from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from minitouch_bench.episode import Outcome
 from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.policies.loaders import load_policy
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.policies.scripted import CONTROLLERS, make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.records import Outcome
 from minitouch_bench.runs.plan import find_suite
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registry import TASK_CLASSES

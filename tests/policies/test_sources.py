@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from minitouch_bench.episode import Role
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.sources import identify, parse_source
-from minitouch_bench.records import Role
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import json
 
-from minitouch_bench.conditions import PolicyLimits
+from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from tests.altered import copy_package, edit, python
 
@@ -15,7 +15,7 @@ MAKE_POLICY = """
 import sys
 from pathlib import Path
 import minitouch_bench as mt
-from minitouch_bench.conditions import PolicyLimits
+from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 environment = mt.make("playing")

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.files import RUN_FILE, write_file
-from minitouch_bench.metrics.summary import measure
-from minitouch_bench.records import (
-    EpisodeMetrics,
-    EpisodeRecord,
+from minitouch_bench.episode import (
+    Episode,
     EpisodeSpec,
-    EpisodeTrace,
     Outcome,
+    PlayedEpisode,
     PolicyIdentity,
     Role,
     Summary,
+    Trace,
 )
+from minitouch_bench.files import RUN_FILE, write_file
+from minitouch_bench.metrics.summary import measure
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run, RunEnvironment, RunHeader, parse_run, read_run, run_json
 from minitouch_bench.runs.run import make_run as measure_run
@@ -29,7 +29,7 @@ class Played:
 
     header: RunHeader
     environment: RunEnvironment
-    records: tuple[EpisodeRecord, ...]
+    records: tuple[PlayedEpisode, ...]
 
     @property
     def plan(self) -> Plan:
@@ -42,7 +42,7 @@ ALL_TASKS = ("playing", "pushing", "opening", "pick-up")
 LIMIT = 200
 
 
-def make_trace(rng: np.random.Generator, steps: int, task: str, contact: float) -> EpisodeTrace:
+def make_trace(rng: np.random.Generator, steps: int, task: str, contact: float) -> Trace:
     ticks = rng.integers(8, 40, steps).astype(np.int16)
     reach = int(rng.integers(4, 30))
     touching = (np.arange(steps) > reach) & (rng.random(steps) < contact)
@@ -50,7 +50,7 @@ def make_trace(rng: np.random.Generator, steps: int, task: str, contact: float) 
     began = np.diff(np.concatenate([[False], contact_ticks > 0]).astype(int)) > 0
     axes = 1 if task == "opening" else 3
     touched = np.flatnonzero(contact_ticks)
-    return EpisodeTrace(
+    return Trace(
         actions=rng.uniform(-1, 1, (steps, 5 if task == "opening" else 4)).astype(np.float32),
         clipped=rng.random(steps) < 0.03,
         rewards=np.zeros(steps, np.float32),
@@ -63,7 +63,7 @@ def make_trace(rng: np.random.Generator, steps: int, task: str, contact: float) 
     )
 
 
-def make_record(rng: np.random.Generator, spec: EpisodeSpec, skill: float) -> EpisodeRecord:
+def make_record(rng: np.random.Generator, spec: EpisodeSpec, skill: float) -> PlayedEpisode:
     draw = rng.random()
     if spec.task == "playing":
         outcome, steps = Outcome.STEP_LIMIT, LIMIT
@@ -76,13 +76,13 @@ def make_record(rng: np.random.Generator, spec: EpisodeSpec, skill: float) -> Ep
     trace = make_trace(rng, steps, spec.task, contact=0.25 + 0.6 * skill)
     if outcome is Outcome.SUCCESS:
         trace.rewards[-1] = 25
-    return EpisodeRecord(spec, outcome, trace)
+    return PlayedEpisode(spec, outcome, trace)
 
 
-def with_fault(record: EpisodeRecord, text: str, steps: int = 0) -> EpisodeRecord:
+def with_fault(record: PlayedEpisode, text: str, steps: int = 0) -> PlayedEpisode:
     rng = np.random.default_rng(record.spec.index)
     trace = make_trace(rng, steps, record.spec.task, contact=0.0)
-    return EpisodeRecord(record.spec, Outcome.POLICY_FAULT, trace, text)
+    return PlayedEpisode(record.spec, Outcome.POLICY_FAULT, trace, text)
 
 
 def make_run(  # noqa: PLR0917 - a fixture with defaults reads best as one call
@@ -181,7 +181,7 @@ def summary_of(run: Played, seed: int = 3) -> Summary:
     return measured(replace(run, header=replace(run.header, plan=plan))).summary
 
 
-def rows_of(run: Played, role: Role = Role.FINAL) -> tuple[EpisodeMetrics, ...]:
+def rows_of(run: Played, role: Role = Role.FINAL) -> tuple[Episode, ...]:
     return tuple(measure(record) for record in run.records if record.spec.role is role)
 
 

@@ -1,7 +1,7 @@
 import shlex
 from dataclasses import replace
 
-from minitouch_bench.conditions import PolicyLimits
+from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.reporting.labels import reproduce_command, run_labels, run_names
 
 

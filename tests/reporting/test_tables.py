@@ -1,6 +1,6 @@
 from dataclasses import replace
 
-from minitouch_bench.records import Estimate
+from minitouch_bench.episode import Estimate
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.tables import ABSENT, estimate_cell
 

@@ -14,9 +14,9 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as equal
 
+from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import InvalidActionError, UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import Outcome
 from minitouch_bench.simulation.observation import GrayCamera
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 from minitouch_bench.tasks.objects import choose_shapes

@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
+from minitouch_bench.episode import Outcome
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.tasks import PICK_UP
-from minitouch_bench.records import Outcome
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 from minitouch_bench.tasks.pick_up import PickUp
 from minitouch_bench.tasks.task import START_XY

@@ -28,6 +28,7 @@ import typer
 
 from minitouch_bench.commands.report import report
 from minitouch_bench.comparison.comparison import compare_runs
+from minitouch_bench.episode import PlayedEpisode
 from minitouch_bench.errors import MiniTouchError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.execution import header_of, open_run
@@ -44,7 +45,6 @@ from minitouch_bench.leaderboard.packing import copy_run
 from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.records import EpisodeRecord
 from minitouch_bench.reporting.writers import write_views
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal
@@ -67,7 +67,7 @@ class TooLongError(BaseException):
 class Replayed:
     """An engine that knows the episodes already: no simulator is needed to read the rest."""
 
-    def __init__(self, records: tuple[EpisodeRecord, ...]) -> None:
+    def __init__(self, records: tuple[PlayedEpisode, ...]) -> None:
         self._records = {record.spec: record for record in records}
 
     def run(self, source, specs):
@@ -77,7 +77,7 @@ class Replayed:
             yield self._records[spec]
 
 
-def sound_run(directory: Path) -> tuple[EpisodeRecord, ...]:
+def sound_run(directory: Path) -> tuple[PlayedEpisode, ...]:
     """Write a small run with all its files, also those of one that is not finished."""
     rng = np.random.default_rng(1)
     records = []

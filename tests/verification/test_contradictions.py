@@ -3,15 +3,15 @@ from dataclasses import replace
 
 import pytest
 
+from minitouch_bench.episode import Episode, Outcome
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.records import EpisodeMetrics, Outcome
 from minitouch_bench.verification.static_check import contradictions
 
 MAX_TICKS, RATE = PROTOCOL.control.max_ticks, PROTOCOL.physics.tick_rate
 LONGEST = PROTOCOL.task("pushing").max_steps
 
-FAILED = EpisodeMetrics(
+FAILED = Episode(
     task="pushing",
     index=0,
     seed=1,

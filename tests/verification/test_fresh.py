@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from minitouch_bench.records import Outcome, Role
+from minitouch_bench.episode import Outcome, Role
 from minitouch_bench.verification import fresh
 from minitouch_bench.verification.fresh import (
     Values,

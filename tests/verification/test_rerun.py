@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minitouch_bench.conditions import PolicyLimits
+from minitouch_bench.episode import Role
 from minitouch_bench.errors import UsageError
+from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.records import Role
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.verification.replay_check import (
     check_identity,

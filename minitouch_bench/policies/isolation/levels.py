@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from minitouch_bench.conditions import USUAL_LIMITS, PolicyLimits
 from minitouch_bench.errors import UsageError
+from minitouch_bench.perturbation import USUAL_LIMITS, PolicyLimits
 from minitouch_bench.protocol.minitouch import (
     ACT_TIMEOUT_S,
     EPISODE_TIMEOUT_S,

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minitouch_bench.conditions import PolicyLimits
 from minitouch_bench.errors import (
     InvalidActionError,
     PolicyExitError,
@@ -17,6 +16,7 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
+from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies.isolate import isolate
 from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions
 from minitouch_bench.policies.policy import zero_observation

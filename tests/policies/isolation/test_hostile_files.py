@@ -22,9 +22,9 @@ import pytest
 import safetensors.torch
 import torch
 
-from minitouch_bench.conditions import PolicyLimits
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.files import LARGEST_CHECKPOINT
+from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions
 from minitouch_bench.policies.policy import zero_observation

@@ -1,4 +1,4 @@
-"""Frozen records that every layer shares: episodes, their measurements and their estimates."""
+"""Episodes: as planned, as played and as measured; and the estimates that follow from them."""
 
 import hashlib
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta
 
-from minitouch_bench.documents import whole
+from minitouch_bench.json_io import whole
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,7 +39,7 @@ class Role(StrEnum):
 
 @dataclass(frozen=True, order=True)
 class EpisodeSpec:
-    """One episode to run; it fixes everything but the policy.
+    """An episode before it is played, and so without an outcome: all that fixes it but the policy.
 
     ``seed`` makes the scene; ``policy_seed`` is what the policy is given, and does not tell it.
     ``shape`` names the object ("" where the task has none), ``family`` and ``split`` say
@@ -63,8 +63,8 @@ class EpisodeSpec:
 
 
 @dataclass(frozen=True)
-class EpisodeTrace:
-    """What was measured at each of the T control steps of one episode.
+class Trace:
+    """What happened at each of the T control steps; ``run.json`` keeps its digest alone.
 
     ``actions`` float32 (T, A), as applied (clipped); ``clipped`` bool (T,); ``rewards``
     float32 (T,); ``ticks``, ``contact_ticks``, ``onsets`` int16 (T,); ``touch`` float32
@@ -102,22 +102,24 @@ class EpisodeTrace:
 
 
 @dataclass(frozen=True)
-class EpisodeRecord:
-    """One finished episode. ``fault`` says what the policy did wrong, "" if nothing.
+class PlayedEpisode:
+    """An episode with its trace, which ``measure`` turns into an ``Episode``.
+
+    ``fault`` says what the policy did wrong, "" if nothing.
 
     ``is_late``: the fault is that the policy gave no answer in time, as on a slower machine.
     """
 
     spec: EpisodeSpec
     outcome: Outcome
-    trace: EpisodeTrace
+    trace: Trace
     fault: str = ""
     is_late: bool = False
 
 
 @dataclass(frozen=True)
-class EpisodeMetrics:
-    """What was measured in one episode.
+class Episode:
+    """What was measured in one episode: a row of ``run.json``.
 
     ``shape``, ``family`` and ``split`` are those of the object, "" where there is none.
     ``digest`` is the SHA-256 of the trajectory: applied actions, rewards, ticks, contacts, touch

@@ -1,4 +1,4 @@
-"""Documents as typed records: one reader and one writer.
+"""JSON and TOML as typed records: one reader and one writer.
 
 msgspec rather than pydantic, by measurement: every worker imports the types, in 25 ms of CPU
 against 95 ms and 30 ms more to build the reader, and a ``run.json`` of 1,200 episodes is read in

@@ -1,16 +1,16 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.conditions import STANDARD, Conditions, parse_conditions
 from minitouch_bench.errors import UsageError
+from minitouch_bench.perturbation import UNPERTURBED, Perturbation, parse_perturbation
 
 
 def test_conditions_are_read_as_they_are_typed():
-    found = parse_conditions(["vision", "touch"], ["mass=2", "camera=-5:5", "force-noise=3"])
-    assert found == Conditions(
+    found = parse_perturbation(["vision", "touch"], ["mass=2", "camera=-5:5", "force-noise=3"])
+    assert found == Perturbation(
         without=("touch", "vision"), mass=(2.0, 2.0), camera=(-5.0, 5.0), force_noise=3.0
     )
-    assert parse_conditions([], []) == STANDARD
+    assert parse_perturbation([], []) == UNPERTURBED
 
 
 @pytest.mark.parametrize(
@@ -29,31 +29,31 @@ def test_conditions_are_read_as_they_are_typed():
 )
 def test_what_means_nothing_is_refused(without, changes, says):
     with pytest.raises(UsageError, match=says):
-        parse_conditions(without, changes)
+        parse_perturbation(without, changes)
 
 
 def test_they_are_said_in_words():
-    conditions = parse_conditions(["forces"], ["friction=0.5:2", "noise=10", "camera=3"])
-    assert conditions.in_words() == (
+    perturbation = parse_perturbation(["forces"], ["friction=0.5:2", "noise=10", "camera=3"])
+    assert perturbation.in_words() == (
         "without forces",
         "noise 10 gray levels",
         "friction 0.5 to 2 times",
         "camera 3 degrees",
     )
-    assert STANDARD.in_words() == ()
+    assert UNPERTURBED.in_words() == ()
 
 
 def test_they_are_written_as_they_are_read():
-    conditions = parse_conditions(["forces", "vision"], ["friction=0.1:2", "force-noise=1.5"])
-    without, senses, perturb, changes = conditions.as_options()
+    perturbation = parse_perturbation(["forces", "vision"], ["friction=0.1:2", "force-noise=1.5"])
+    without, senses, perturb, changes = perturbation.as_options()
     assert (without, perturb) == ("--without", "--perturb")
-    assert parse_conditions(senses.split(","), changes.split(",")) == conditions
-    assert STANDARD.as_options() == ()
+    assert parse_perturbation(senses.split(","), changes.split(",")) == perturbation
+    assert UNPERTURBED.as_options() == ()
 
 
 def test_an_episodes_world_is_drawn_from_the_ranges():
     rng = np.random.default_rng(0)
-    drawn = [Conditions(mass=(0.5, 2.0)).draw(rng) for _ in range(100)]
+    drawn = [Perturbation(mass=(0.5, 2.0)).draw(rng) for _ in range(100)]
     masses = [mass for mass, _, _ in drawn]
     assert 0.5 <= min(masses) < 0.7
     assert 1.8 < max(masses) <= 2.0

@@ -27,8 +27,10 @@ SENSES: Final[tuple[Sense, ...]] = get_args(Sense)
 
 
 @dataclass(frozen=True)
-class Conditions:
-    """Other conditions than the protocol's. A run under any is unofficial.
+class Perturbation:
+    """What differs from the protocol in the senses and the world. A run with any is unofficial.
+
+    ``Plan.conditions`` and ``run.json`` name it so.
 
     A sense in ``without`` stays as it is at the reset. ``noise`` (gray levels) and
     ``force_noise`` (N) are standard deviations of normal noise on each pixel and each force.
@@ -50,7 +52,7 @@ class Conditions:
     def __post_init__(self) -> None:
         if self.without != tuple(sense for sense in SENSES if sense in self.without):
             raise ValueError(f"senses are {', '.join(SENSES)}, each once and in this order")
-        for name, allowed in PERTURBATIONS.items():
+        for name, allowed in _ALLOWED.items():
             low, high = _as_range(getattr(self, name))
             if not allowed.low <= low <= high <= allowed.high:
                 raise ValueError(f"{name} is {allowed.low:g} to {allowed.high:g} {allowed.unit}")
@@ -70,28 +72,28 @@ class Conditions:
     def in_words(self) -> tuple[str, ...]:
         """Return what is different, for people."""
         changed = (
-            f"{name} {text.replace(':', ' to ')} {PERTURBATIONS[name.replace('-', '_')].unit}"
+            f"{name} {text.replace(':', ' to ')} {_ALLOWED[name.replace('-', '_')].unit}"
             for name, text in self._changed()
         )
         return (*(f"without {sense}" for sense in self.without), *changed)
 
     def as_options(self) -> tuple[str, ...]:
-        """Return the command line's options that ``parse_conditions`` reads back."""
+        """Return the command line's options that ``parse_perturbation`` reads back."""
         words = ["--without", ",".join(self.without)] if self.without else []
         changes = [f"{name}={text}" for name, text in self._changed()]
         return (*words, *(["--perturb", ",".join(changes)] if changes else []))
 
     def _changed(self) -> Iterator[tuple[str, str]]:
         """Yield what is not as usual, as it is spelled on the command line, with its value."""
-        for name in PERTURBATIONS:
+        for name in _ALLOWED:
             value = getattr(self, name)
-            if value != getattr(STANDARD, name):
+            if value != getattr(UNPERTURBED, name):
                 low, high = _as_range(value)
                 yield _spelled(name), f"{low:.15g}" if low == high else f"{low:.15g}:{high:.15g}"
 
 
 @dataclass(frozen=True)
-class Perturbation:
+class _Allowed:
     """The values that a condition may have, and their unit."""
 
     low: float
@@ -99,13 +101,13 @@ class Perturbation:
     unit: str
 
 
-PERTURBATIONS: Mapping[str, Perturbation] = MappingProxyType(
+_ALLOWED: Mapping[str, _Allowed] = MappingProxyType(
     {
-        "noise": Perturbation(0.0, 255.0, "gray levels"),
-        "force_noise": Perturbation(0.0, 1000.0, "N"),
-        "mass": Perturbation(0.01, 100.0, "times"),
-        "friction": Perturbation(0.01, 100.0, "times"),
-        "camera": Perturbation(-180.0, 180.0, "degrees"),
+        "noise": _Allowed(0.0, 255.0, "gray levels"),
+        "force_noise": _Allowed(0.0, 1000.0, "N"),
+        "mass": _Allowed(0.01, 100.0, "times"),
+        "friction": _Allowed(0.01, 100.0, "times"),
+        "camera": _Allowed(-180.0, 180.0, "degrees"),
     }
 )
 
@@ -118,14 +120,14 @@ def _spelled(name: str) -> str:
     return name.replace("_", "-")
 
 
-PERTURBATION_NAMES: Final = tuple(map(_spelled, PERTURBATIONS))
+PERTURBATION_NAMES: Final = tuple(map(_spelled, _ALLOWED))
 """What can be changed, as it is spelled on the command line."""
 
-STANDARD: Final = Conditions()
+UNPERTURBED: Final = Perturbation()
 """The protocol's own conditions."""
 
 
-def parse_conditions(without: Sequence[str], changes: Sequence[str]) -> Conditions:
+def parse_perturbation(without: Sequence[str], changes: Sequence[str]) -> Perturbation:
     """Read ``["touch"]`` and ``["mass=2", "camera=-5:5"]``, as on the command line.
 
     Raises:
@@ -143,14 +145,14 @@ def parse_conditions(without: Sequence[str], changes: Sequence[str]) -> Conditio
         name = spelled.replace("-", "_")
         low, colon, high = text.partition(":")
         try:
-            if isinstance(getattr(STANDARD, name), tuple):
+            if isinstance(getattr(UNPERTURBED, name), tuple):
                 values[name] = (float(low), float(high if colon else low))
             else:
                 values[name] = float(text)
         except ValueError:
             raise UsageError(f"'{change}' is no condition; write mass=2 or mass=0.5:2") from None
     try:
-        return Conditions(without=ordered, **values)  # type: ignore[arg-type]
+        return Perturbation(without=ordered, **values)  # type: ignore[arg-type]
     except ValueError as error:
         raise UsageError(str(error)) from error
 
