@@ -53,7 +53,7 @@ POLL_S = 0.002
 
 
 @dataclass(frozen=True)
-class Episode:
+class ChildTask:
     """What a child is forked for: which policy, which task, which seed, and what holds it."""
 
     order: wire.StartOrder
@@ -95,7 +95,7 @@ class Host:
             for descriptor in descriptors:
                 os.close(descriptor)
 
-    def _fork(self, episode: Episode, channel: int, output: int) -> int:
+    def _fork(self, episode: ChildTask, channel: int, output: int) -> int:
         host = os.getpid()
         child = os.fork()
         if child == 0:
@@ -144,7 +144,7 @@ def _find_end(child: int) -> tuple[int, int] | tuple[()] | None:
     return end if end[0] else None
 
 
-def _prepare(order: wire.StartOrder) -> Episode:
+def _prepare(order: wire.StartOrder) -> ChildTask:
     """Import what the kind needs, read its file and prepare its sandbox, each once."""
     check_permitted(order.kind, order.target, order.isolation, trust=order.trust)
     _import_format(order.kind)
@@ -153,7 +153,7 @@ def _prepare(order: wire.StartOrder) -> Episode:
     if order.isolation is Isolation.SANDBOX:
         factory = (order.target, order.private) if order.kind == "factory" else ()
         sandbox = _make_sandbox(order.limits, factory, order.trust)
-    return Episode(order, content, sandbox)
+    return ChildTask(order, content, sandbox)
 
 
 _read = cache(read_again)
@@ -183,7 +183,7 @@ def _import_format(kind: str) -> None:
     gc.freeze()  # children then share these pages for good
 
 
-def run_episode(episode: Episode, channel: int) -> NoReturn:
+def run_episode(episode: ChildTask, channel: int) -> NoReturn:
     """Confine this process, answer requests until they end, then exit."""
     code = 1
     try:
@@ -209,7 +209,7 @@ def seed_everything(seed: int) -> None:
         sys.modules["onnxruntime"].set_seed(seed % 2**63)
 
 
-def _confine(episode: Episode, channel: int) -> bool:
+def _confine(episode: ChildTask, channel: int) -> bool:
     """Enter the sandbox, if there is one: all before is ours, all after may be a stranger's."""
     try:
         if episode.sandbox is not None:
@@ -221,7 +221,7 @@ def _confine(episode: Episode, channel: int) -> bool:
     return True
 
 
-def _serve(episode: Episode, channel: int) -> None:
+def _serve(episode: ChildTask, channel: int) -> None:
     policy, order, size = None, episode.order, action_size(episode.order.task)
     while True:
         try:
