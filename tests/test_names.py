@@ -10,8 +10,8 @@ import minitouch_bench
 PACKAGE = Path(minitouch_bench.__file__).parent
 MODULES = {path.relative_to(PACKAGE): path for path in sorted(PACKAGE.rglob("*.py"))}
 
-NAMED_AFTER = ("commands", "policies/scripted")
-"""Folders whose modules are named after a command or a task, as the module that does the work."""
+NAMED_AFTER = ("commands",)
+"""Folders whose modules are named after a command, as the module that does the work."""
 
 REPLACED = {
     "workflow": "command",

@@ -16,7 +16,7 @@ PEG = Path(__file__).parent / "peg"
 
 
 def add_the_task(package: Path) -> None:
-    """Write the fifth task: three files, a controller and the controller's line."""
+    """Write the fifth task: its facts, its rules and its controller, each with its line."""
     table = "\nTASK_SPECS: tuple[TaskSpec, ...] = (PLAYING, PUSHING, OPENING, PICK_UP)\n"
     suite = '"table4", ("playing", "pushing", "opening", "pick-up"), 100, rankable=True'
     edit(
@@ -33,16 +33,10 @@ def add_the_task(package: Path) -> None:
         ),
         ("(Playing, Pushing, Opening, PickUp)", "(Playing, Pushing, Opening, PickUp, Peg)"),
     )
-    scripted = package / "policies" / "scripted"
-    shutil.copy(PEG / "controller.py", scripted / "peg.py")
+    table, controller = "CONTROLLERS: dict[str, type[Controller]] = {", PEG / "controller.py"
     edit(
-        scripted / "__init__.py",
-        (
-            "from minitouch_bench.policies.scripted.pick_up",
-            "from minitouch_bench.policies.scripted.peg import PegController\n"
-            "from minitouch_bench.policies.scripted.pick_up",
-        ),
-        ('"pick-up": PickUpController,', '"pick-up": PickUpController, "peg": PegController,'),
+        package / "policies" / "scripted.py",
+        (table, f'{controller.read_text()}\n\n{table}\n    "peg": PegController,'),
     )
 
 
