@@ -12,7 +12,6 @@ from typing import Annotated, Literal, Self
 
 from minitouch_bench.episode import Count, Episode, Estimate, Gap, Outcome, Sha256
 from minitouch_bench.errors import printable
-from minitouch_bench.leaderboard.columns import ColumnSpec, columns_of
 from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import (
     OVERALL,
@@ -23,7 +22,7 @@ from minitouch_bench.leaderboard.ranking import (
     score,
     score_gaps,
 )
-from minitouch_bench.leaderboard.submission import BOARD_TASKS, About
+from minitouch_bench.leaderboard.submission import BOARD_TASKS, About, ColumnSpec, columns_of
 from minitouch_bench.leaderboard.validation import SubmissionFindings, find_copies
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.policies.loaders import BUILT_IN
@@ -200,13 +199,13 @@ class Board:
         return (*self.ranked, *self.unranked, *self.calibration)
 
 
-def make_board(verdicts: Sequence[SubmissionFindings]) -> Board:
+def make_board(findings: Sequence[SubmissionFindings]) -> Board:
     """Rank the submissions of one protocol that passed, and list those that did not."""
-    passed = {verdict.submission.name: verdict for verdict in verdicts if verdict.passed}
+    passed = {found.submission.name: found for found in findings if found.passed}
     by_name = dict(sorted(passed.items()))
-    failed = [verdict for verdict in verdicts if not verdict.passed]
+    failed = [found for found in findings if not found.passed]
     repeated = _same_episodes(by_name)
-    rows = {name: _row(verdict, repeated.get(name, ())) for name, verdict in by_name.items()}
+    rows = {name: _row(found, repeated.get(name, ())) for name, found in by_name.items()}
     ranked = [name for name, row in rows.items() if row.is_ranked]
     for name, ranks in zip(ranked, rank([_values(by_name[n]) for n in ranked]), strict=True):
         rows[name] = replace(rows[name], ranks=ranks)
@@ -226,23 +225,23 @@ def make_board(verdicts: Sequence[SubmissionFindings]) -> Board:
     )
 
 
-def _row(verdict: SubmissionFindings, repeated: Iterable[str]) -> BoardRow:
-    about, proof = verdict.submission, verdict.proof
-    policies = [policy for run in verdict.runs.values() for policy in run.header.policies()]
+def _row(found: SubmissionFindings, repeated: Iterable[str]) -> BoardRow:
+    about, proof = found.submission, found.proof
+    policies = [policy for run in found.runs.values() for policy in run.header.policies()]
     return BoardRow(
         **{field.name: getattr(about, field.name) for field in fields(About)},
-        proof=verdict.level,
+        proof=found.level,
         labels=tuple(dict.fromkeys(note for policy in policies for note in policy.notes)),
         rerun_episodes=proof.rerun_episodes if proof else 0,
         fresh=proof.fresh if proof else None,
         same_episodes_as=tuple(sorted(repeated)),
         training_seeds=tuple(seed.seed for seed in about.seeds),
-        runs={folder: run.digest for folder, run in verdict.runs.items()},
+        runs={folder: run.digest for folder, run in found.runs.items()},
         ranks={},
-        figures=score(verdict.runs_on(MAIN_SUITE)),
-        novel_shapes=score_gaps(verdict.runs_on(NOVEL_SHAPES)),
-        learned=count_learned(verdict.runs_on(MAIN_SUITE)),
-        endings={task: _endings(chain(*verdict.episodes(task))) for task in BOARD_TASKS},
+        figures=score(found.runs_on(MAIN_SUITE)),
+        novel_shapes=score_gaps(found.runs_on(NOVEL_SHAPES)),
+        learned=count_learned(found.runs_on(MAIN_SUITE)),
+        endings={task: _endings(chain(*found.episodes(task))) for task in BOARD_TASKS},
     )
 
 
@@ -252,10 +251,10 @@ def _endings(episodes: Iterable[Episode]) -> dict[Ending, int]:
     return {ending: counts[ending] for ending in Ending if counts[ending]}
 
 
-def _values(verdict: SubmissionFindings) -> dict[str, list[list[float]]]:
+def _values(found: SubmissionFindings) -> dict[str, list[list[float]]]:
     """Return what ranks each task: of each training seed, the value of every episode."""
     return {
-        task: [METRICS[RANKED_BY[task]].values(episodes) for episodes in verdict.episodes(task)]
+        task: [METRICS[RANKED_BY[task]].values(episodes) for episodes in found.episodes(task)]
         for task in BOARD_TASKS
     }
 
@@ -269,18 +268,18 @@ def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
     return sorted(rows, key=lambda row: (-row.figures[key][RANKED_BY[key]].value, row.name))
 
 
-def _same_episodes(verdicts: Mapping[str, SubmissionFindings]) -> dict[str, set[str]]:
+def _same_episodes(findings: Mapping[str, SubmissionFindings]) -> dict[str, set[str]]:
     """Return by name the others with a main run of the same episodes.
 
     A proved row is not called a copy of one that is not.
     """
     runs = {
         (name, seed): run
-        for name, verdict in verdicts.items()
-        for seed, run in enumerate(verdict.runs_on(MAIN_SUITE))
+        for name, found in findings.items()
+        for seed, run in enumerate(found.runs_on(MAIN_SUITE))
     }
     others: dict[str, set[str]] = {}
-    proved = {name for name, verdict in verdicts.items() if verdict.proof is not None}
+    proved = {name for name, found in findings.items() if found.proof is not None}
     for (first, _), (second, _) in find_copies(runs):
         for name, other in ((first, second), (second, first)):
             if name != other and (other in proved or name not in proved):
@@ -296,5 +295,5 @@ def _published(method: str) -> PublishedMethod:
     return PublishedMethod(method, tuple(values))
 
 
-def _left_out(verdict: SubmissionFindings) -> LeftOut:
-    return LeftOut(printable(verdict.directory.name), tuple(map(str, verdict.problems)))
+def _left_out(found: SubmissionFindings) -> LeftOut:
+    return LeftOut(printable(found.directory.name), tuple(map(str, found.problems)))

@@ -6,27 +6,60 @@ The site is an index and a page per submission, each complete in itself.
 import math
 import os
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from jinja2.utils import htmlsafe_json_dumps
+from markupsafe import Markup
+
+from minitouch_bench import files
+from minitouch_bench.episode import Episode, Role
 from minitouch_bench.errors import RunDirectoryError, UsageError, printable
-from minitouch_bench.files import is_folder, make_folder, os_errors_as, read_file, write_file
+from minitouch_bench.files import os_errors_as, write_file
 from minitouch_bench.json_io import read_json, write_json
-from minitouch_bench.leaderboard.board import COLUMN_SPECS, Board, BoardRow, make_board
-from minitouch_bench.leaderboard.board_files import board_csv, board_markdown, notes
-from minitouch_bench.leaderboard.columns import amount
-from minitouch_bench.leaderboard.page import STYLES, TEMPLATES, submission_page, video_address
+from minitouch_bench.leaderboard import views
+from minitouch_bench.leaderboard.board import (
+    COLUMN_SPECS,
+    TOUCH_METRICS,
+    Board,
+    BoardRow,
+    Ending,
+    ending_of,
+    make_board,
+)
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel, proof_path, read_proof
-from minitouch_bench.leaderboard.ranking import MEAN_SUCCESS, OVERALL
-from minitouch_bench.leaderboard.submission import BOARD_TASKS, MODALITIES, NAME
+from minitouch_bench.leaderboard.ranking import MEAN_SUCCESS, OVERALL, RANKED_BY, Rank
+from minitouch_bench.leaderboard.submission import (
+    BOARD_GOALS,
+    BOARD_TASKS,
+    MODALITIES,
+    NAME,
+    amount,
+)
 from minitouch_bench.leaderboard.submission_checks import MAX_VIDEO
 from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
-from minitouch_bench.leaderboard.views import BoardView, views
+from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
-from minitouch_bench.reporting.charts import Axis, Chart, Dot, Line, Mark, Plot, Tick, share_axis
+from minitouch_bench.reporting import charts, tables
+from minitouch_bench.reporting.charts import Figure, Plot
+from minitouch_bench.reporting.figures import steps_plot, touch_plot
+from minitouch_bench.reporting.labels import group_faults, task_title
 from minitouch_bench.reporting.pages import PICTURES, render_page
+from minitouch_bench.reporting.report import Video
+from minitouch_bench.reporting.run_tables import gap_cells
+from minitouch_bench.reporting.svg import draw_share_bar
+from minitouch_bench.reporting.tables import Row, Table
+from minitouch_bench.reporting.writers import Card, make_card
+from minitouch_bench.runs.results import TABLE4_METRICS
+from minitouch_bench.runs.run import Run
+
+TEMPLATES = Path(__file__).parent / "templates"
+STYLES = ("board.css",)
 
 WIDE, NARROW = 1124, 340
 """Widths of the plot of all submissions, on a desk and on a phone."""
@@ -53,22 +86,33 @@ def build_board(
         UsageError: there is no such directory.
         RunDirectoryError: a file cannot be read or written.
     """
-    verdicts = []
+    findings = []
     for directory in find_submissions(submissions):
-        verdicts.append(validate(directory, trust_proofs=True))
+        findings.append(validate(directory, trust_proofs=True))
         try:
             read_proof(proof_path(directory))
         except RunDirectoryError as error:
             log(f"{printable(directory.name)} is listed without a proof: {error}")
-    board = make_board(verdicts)
-    tables = views(board)
-    for folder in (PAGES, SITE_PICTURES):
-        make_folder(output / folder)
-    _remove_pages(output, {row.name for row in board.rows})
-    write_file(output / "leaderboard.md", board_markdown(board, tables))
-    write_file(output / "leaderboard.csv", board_csv(board))
+    board = make_board(findings)
+    shown = views.views(board)
+    pages = output / PAGES
+    for folder in (pages, output / SITE_PICTURES):
+        files.make_folder(folder)
+    rows = {row.name: row for row in board.rows}
+    _remove_pages(output, rows)
+    write_file(output / "leaderboard.md", views.board_markdown(board, shown))
+    write_file(output / "leaderboard.csv", views.board_csv(board))
     write_file(output / BOARD_FILE, write_json(board))
-    _write_site(board, tables, [verdict for verdict in verdicts if verdict.passed], output)
+    write_file(output / "index.html", index_html(board, shown))
+    for found in findings:
+        if found.passed:
+            page = submission_page(found, rows[found.submission.name], len(board.ranked))
+            write_file(pages / f"{found.submission.name}.html", page, durable=False)
+            _copy_videos(found, pages)
+    for task in BOARD_TASKS:
+        picture = PICTURES / f"{task}.png"
+        if picture.exists():  # a new task may have none yet
+            write_file(output / SITE_PICTURES / picture.name, picture.read_bytes())
     return board
 
 
@@ -88,91 +132,22 @@ def find_submissions(directory: Path) -> list[Path]:
     raise UsageError(f"{directory} is no directory of submissions; name one with --submissions")
 
 
-def _write_site(
-    board: Board, tables: Sequence[BoardView], verdicts: Sequence[SubmissionFindings], output: Path
-) -> None:
-    """Write the index, the pages, and the pictures and videos they show."""
-    write_file(output / "index.html", index_html(board, tables))
-    pages = output / PAGES
-    rows = {row.name: row for row in board.rows}
-    for verdict in verdicts:
-        name = verdict.submission.name
-        page = submission_page(verdict, rows[name], len(board.ranked))
-        write_file(pages / f"{name}.html", page, durable=False)
-        _copy_videos(verdict, pages)
-    for task in BOARD_TASKS:
-        picture = PICTURES / f"{task}.png"
-        if picture.exists():  # a new task may have none yet
-            write_file(output / SITE_PICTURES / picture.name, picture.read_bytes())
-
-
-def index_html(board: Board, tables: Sequence[BoardView]) -> str:
-    """Write the index."""
-    suite = PROTOCOL.suite(MAIN_SUITE)
-    return render_page(
-        TEMPLATES / "board.html.j2",
-        STYLES,
-        ("theme.js", "board.js"),
-        board=board,
-        views=tables,
-        columns={name: column for name, column in COLUMN_SPECS.items() if column.place == "column"},
-        beside={name: column for name, column in COLUMN_SPECS.items() if column.place == "name"},
-        levels=list(ProofLevel),
-        meanings=MEANINGS,
-        modalities=MODALITIES,
-        notes=notes(),
-        tasks=len(suite.tasks),
-        episodes=len(suite.tasks) * suite.episodes_per_task,
-        efficiency=efficiency_plot(board),
-        widths=(("wide", WIDE), ("narrow", NARROW)),
-    )
-
-
-def efficiency_plot(board: Board) -> Plot | None:
-    """Draw mean success against training steps, logarithmic; None where no row was trained."""
-    trained = [row for row in board.ranked if row.training_steps > 0]
-    if not trained:
-        return None
-    powers = [math.log10(row.training_steps) for row in trained]
-    first = math.floor(min(powers))
-    last = max(math.ceil(max(powers)), first + 1)
-    ticks = tuple(Tick(power, amount(10**power)) for power in range(first, last + 1))
-    axis = Axis("Control steps of the whole training", first, last, ticks)
-    marks = [
-        mark
-        for power, row in zip(powers, trained, strict=True)
-        for mark in _efficiency_marks(power, row)
-    ]
-    chart = Chart(axis, share_axis("Mean success"), tuple(marks), 270)
-    return Plot("", "Mean success against training steps", (chart,))
-
-
-def _efficiency_marks(power: float, row: BoardRow) -> tuple[Mark, Mark]:
-    mean = row.figures[OVERALL][MEAN_SUCCESS]
-    learned = f", {row.learned_in(OVERALL)}" if row.learned_in(OVERALL) else ""
-    dot = Dot(
-        power,
-        mean.value,
-        "series-0",
-        size=10,
-        label=row.name,
-        link=f"{PAGES}/{row.name}.html",
-        title=f"{row.name}: {mean.value:.3f} after {amount(row.training_steps)} control steps"
-        f"{learned}",
-    )
-    return Line(((power, mean.low), (power, mean.high)), "series-0", 1.5, 0.45), dot
-
-
-def _copy_videos(verdict: SubmissionFindings, pages: Path) -> None:
+def _copy_videos(found: SubmissionFindings, pages: Path) -> None:
     """Copy a submission's videos beside its page, and remove those it no longer has."""
-    folder, kept = pages / verdict.submission.name, set()
-    for path in verdict.videos():
-        source, target = verdict.directory / path, pages / video_address(folder.name, path)
+    folder, kept = pages / found.submission.name, set()
+    for path in found.videos():
+        source, target = found.directory / path, pages / video_address(folder.name, path)
         kept.add(target.name)
-        make_folder(folder)
+        files.make_folder(folder)
         with os_errors_as(RunDirectoryError, source, "copied"):
-            write_file(target, read_file(source, MAX_VIDEO), durable=False)
+            write_file(target, files.read_file(source, MAX_VIDEO), durable=False)
     _remove_videos(folder, kept)
+
+
+def video_address(name: str, path: str) -> str:
+    """Return where a submission's video lies beside its page."""
+    # The parts were checked: seed, suite, "videos", and a plain name.
+    return f"{name}/{path.replace(f'/{files.VIDEOS}/', '-').replace('/', '-')}"
 
 
 @dataclass(frozen=True)
@@ -196,26 +171,246 @@ def _remove_pages(output: Path, kept: Collection[str]) -> None:
     anybody can have written the earlier leaderboard.
     """
     try:
-        board = read_json(read_file(output / BOARD_FILE), _EarlierBoard, BOARD_FILE)
+        board = read_json(files.read_file(output / BOARD_FILE), _EarlierBoard, BOARD_FILE)
     except (OSError, RunDirectoryError):  # there is none, or another file
         return
-    rows = (*board.ranked, *board.unranked, *board.calibration)
-    named = {row.name for row in rows if re.search(str(NAME.pattern), row.name)}
-    for name in named.difference(kept):
-        page = output / PAGES / f"{name}.html"
+    for row in (*board.ranked, *board.unranked, *board.calibration):
+        if row.name in kept or not re.search(str(NAME.pattern), row.name):
+            continue
+        page = output / PAGES / f"{row.name}.html"
         if page.is_file() and not page.is_symlink():
             with os_errors_as(RunDirectoryError, page, "removed"):
                 page.unlink()
-        _remove_videos(output / PAGES / name)
+        _remove_videos(output / PAGES / row.name)
 
 
 def _remove_videos(folder: Path, kept: Collection[str] = ()) -> None:
     """Remove copied videos from a directory of the site, and the directory if it is empty then."""
-    if not is_folder(folder):
+    if not files.is_folder(folder):
         return
     with os_errors_as(RunDirectoryError, folder, "cleared"):
         for name in filter(COPIED_VIDEO.fullmatch, os.listdir(folder)):
-            if name not in kept and not is_folder(folder / name):
+            if name not in kept and not files.is_folder(folder / name):
                 (folder / name).unlink()
         with suppress(OSError):  # something else is in it
             folder.rmdir()
+
+
+# The index
+
+
+def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
+    """Write the index."""
+    suite = PROTOCOL.suite(MAIN_SUITE)
+    return render_page(
+        TEMPLATES / "board.html.j2",
+        STYLES,
+        ("theme.js", "board.js"),
+        board=board,
+        views=shown,
+        columns={name: column for name, column in COLUMN_SPECS.items() if column.place == "column"},
+        beside={name: column for name, column in COLUMN_SPECS.items() if column.place == "name"},
+        levels=list(ProofLevel),
+        meanings=MEANINGS,
+        modalities=MODALITIES,
+        notes=views.notes(),
+        tasks=len(suite.tasks),
+        episodes=len(suite.tasks) * suite.episodes_per_task,
+        efficiency=efficiency_plot(board),
+        widths=(("wide", WIDE), ("narrow", NARROW)),
+    )
+
+
+def efficiency_plot(board: Board) -> Plot | None:
+    """Draw mean success against training steps, logarithmic; None where no row was trained."""
+    trained = [row for row in board.ranked if row.training_steps > 0]
+    if not trained:
+        return None
+    marks: list[charts.Mark] = []
+    powers = [math.log10(row.training_steps) for row in trained]
+    for power, row in zip(powers, trained, strict=True):
+        mean, learned = row.figures[OVERALL][MEAN_SUCCESS], row.learned_in(OVERALL)
+        said = f"{row.name}: {mean.value:.3f} after {amount(row.training_steps)} control steps"
+        marks += (
+            charts.Line(((power, mean.low), (power, mean.high)), "series-0", 1.5, 0.45),
+            charts.Dot(
+                power,
+                mean.value,
+                "series-0",
+                size=10,
+                label=row.name,
+                link=f"{PAGES}/{row.name}.html",
+                title=f"{said}, {learned}" if learned else said,
+            ),
+        )
+    first = math.floor(min(powers))
+    last = max(math.ceil(max(powers)), first + 1)
+    ticks = tuple(charts.Tick(power, amount(10**power)) for power in range(first, last + 1))
+    axis = charts.Axis("Control steps of the whole training", first, last, ticks)
+    chart = charts.Chart(axis, charts.share_axis("Mean success"), tuple(marks), 270)
+    return Plot("", "Mean success against training steps", (chart,))
+
+
+# The page of a submission
+
+
+def submission_page(found: SubmissionFindings, row: BoardRow, ranked: int) -> str:
+    """Write the page of a submission, whose row is among so many ``ranked`` ones."""
+    path = f"{found.directory.resolve().parent.name}/{row.name}"
+    ranks = {key: _rank_text(rank) for key, rank in row.ranks.items()}
+    occurring = set(chain(*row.endings.values()))
+    return render_page(
+        TEMPLATES / "submission.html.j2",
+        STYLES,
+        ("theme.js", "submission.js"),
+        protocol=PROTOCOL.name,
+        row=row,
+        facts=COLUMN_SPECS,
+        seeds=found.submission.seeds,
+        runs=found.runs,
+        path=path,
+        rank=f"{ranks[OVERALL]} of {ranked}" if ranks else "",
+        level=list(ProofLevel).index(row.proof),
+        meaning=MEANINGS[row.proof],
+        cards=tuple(_card(row, task, ranks.get(task, "")) for task in BOARD_TASKS),
+        legend=tuple(
+            charts.LegendItem(ending.value, ending.tone, title=ending.meaning)
+            for ending in Ending
+            if ending in occurring
+        ),
+        bars=tuple((task_title(task), _ending_bar(row, task)) for task in BOARD_TASKS),
+        values=_values(row),
+        gaps=_gaps(row) if row.novel_shapes else None,
+        figures=submission_figures(found),
+        data=_data(found.runs, path),
+        videos=[
+            Video(Path(video).stem.replace("-", " "), video_address(row.name, video))
+            for video in found.videos()
+        ],
+        faults=_faults(found.runs),
+    )
+
+
+def _rank_text(rank: Rank) -> str:
+    return f"rank {rank.best} to {rank.worst}" if rank.worst > rank.best else f"rank {rank.best}"
+
+
+def _card(row: BoardRow, task: str, rank: str) -> Card:
+    card = make_card(task, [(row.name, row.figures[task])], f"../pictures/{task}.png", rank)
+    (value,) = card.values
+    return replace(card, values=(replace(value, cell=views.with_learned(value.cell, row, task)),))
+
+
+def _ending_bar(row: BoardRow, task: str) -> Markup:
+    counts = row.endings[task]
+    text = ", ".join(f"{ending} {count}" for ending, count in counts.items())
+    parts = [(ending.tone, ending.value, counts.get(ending, 0)) for ending in Ending]
+    return draw_share_bar(parts, f"{task_title(task)}: {text}")
+
+
+def _values(row: BoardRow) -> Table:
+    rows = []
+    for metric in (*TABLE4_METRICS, *TOUCH_METRICS):
+        cells = (tables.estimate_cell(metric, row.estimate(task, metric)) for task in BOARD_TASKS)
+        rows.append(Row((tables.metric_head(metric), METRICS[metric].unit), tuple(cells)))
+    note = f"{views.EPISODE_VARIANCE[0].upper()}{views.EPISODE_VARIANCE[1:]}."
+    if len(row.training_seeds) > 1:
+        learned = (row.learned_in(task).removesuffix(" seeds learned") for task in BOARD_TASKS)
+        rows.append(tables.make_row(("Learned", "seeds"), *learned))
+        note = views.SEED_VARIANCE
+    return Table(
+        title="All values",
+        corner=("Metric", "Unit"),
+        columns=tables.make_columns(*map(task_title, BOARD_TASKS)),
+        rows=tuple(rows),
+        notes=(f"Brackets: 95 % interval. {note}",),
+    )
+
+
+def _gaps(row: BoardRow) -> Table:
+    rows = (
+        Row(
+            (task_title(task), METRICS[RANKED_BY[task]].label),
+            gap_cells(task, RANKED_BY[task], gap),
+        )
+        for task, gap in row.novel_shapes.items()
+    )
+    columns = tables.make_columns("Held-out", "Train", "Gap", "Verdict", words=("Verdict",))
+    return Table("Novel shapes", ("Task", "Metric"), columns, tuple(rows))
+
+
+def _data(runs: Mapping[str, Run], path: str) -> Markup:
+    """Write the episodes as JSON that no reader of HTML takes for markup."""
+    document = {
+        "endings": [ending.value for ending in Ending],
+        "tones": [ending.tone for ending in Ending],
+        "runs": [
+            {
+                "title": folder,
+                "command": f"minitouch-bench replay {path}/{folder} EPISODE --video VIDEO",
+                "groups": list(_groups(run)),
+            }
+            for folder, run in runs.items()
+        ],
+    }
+    return htmlsafe_json_dumps(document, separators=(",", ":"), allow_nan=False)
+
+
+def _groups(run: Run) -> Iterator[dict[str, Any]]:
+    """Yield the episodes of each role and task, a list per column."""
+    numbers = {ending: number for number, ending in enumerate(Ending)}
+    for role, rows in run.by_role():
+        for task in dict.fromkeys(row.task for row in rows):
+            episodes = [row for row in rows if row.task == task]
+            shapes = [printable(row.shape) for row in episodes]
+            yield {
+                "key": task if role is Role.FINAL else f"exploration/{task}",
+                "index": [row.index for row in episodes],
+                "ending": [numbers[ending_of(row)] for row in episodes],
+                "steps": [row.steps for row in episodes],
+                "touch": [row.touch_interaction for row in episodes],
+                "first": [_seconds(row) for row in episodes],
+                "shapes": shapes if len(set(shapes)) > 1 else None,
+            }
+
+
+def _seconds(episode: Episode) -> float | None:
+    """Return the time of the first touch in few digits, None where there is none."""
+    tick = episode.first_touch_tick
+    return None if tick is None else round(tick / PROTOCOL.physics.tick_rate, 3)
+
+
+def _faults(runs: Mapping[str, Run]) -> Mapping[str, Sequence[str]]:
+    """Return each fault's text with its episodes, which a run names where there are several."""
+    return group_faults(
+        (f"{folder} {key}" if len(runs) > 1 else key, text)
+        for folder, run in runs.items()
+        for key, text in run.faults.items()
+    )
+
+
+def submission_figures(found: SubmissionFindings) -> tuple[Figure, ...]:
+    """Return how long a submission's episodes last, and its touch over time."""
+    several = "; a line per training seed" if len(found.submission.seeds) > 1 else ""
+    return (
+        Figure(
+            "episode-steps",
+            "How long episodes last",
+            "Share of the episodes by number of control steps, and by how they ended.",
+            tuple(_steps_plot(found, task) for task in BOARD_GOALS),
+        ),
+        Figure(
+            "touch-over-time",
+            "Touch over time",
+            "Mean ticks in contact at each control step, over the episodes that reached it; "
+            f"faint where fewer than a tenth are left{several}.",
+            tuple(touch_plot(task, found.runs_on(MAIN_SUITE)) for task in BOARD_TASKS),
+        ),
+    )
+
+
+def _steps_plot(found: SubmissionFindings, task: str) -> Plot:
+    panel: dict[str, list[int]] = {ending.tone: [] for ending in Ending}
+    for episode in chain(*found.episodes(task)):
+        panel[ending_of(episode).tone].append(episode.steps)
+    return steps_plot(task, {"": {tone: np.array(steps) for tone, steps in panel.items()}})

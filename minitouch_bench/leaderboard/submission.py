@@ -1,16 +1,17 @@
-"""What a submission says of itself: the types of ``submission.toml`` and its reader.
+"""What a submission says of itself: the types of ``submission.toml``, and its reader.
 
-The types say what each value may be, and the published schema follows from them. A problem never
-stops the reading.
+The types say what each value may be, and the published schema follows from them. A field with a
+``ColumnSpec`` is also shown: the board's CSV and Markdown files, the site's tables and the
+submission's page go over these fields, so a new one needs no other code.
 """
 
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 from types import MappingProxyType
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal, get_type_hints
 
 from msgspec import Meta
 
@@ -18,7 +19,6 @@ from minitouch_bench.episode import Role, Sha256
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import CHECKPOINTS, SUBMISSION_FILE
 from minitouch_bench.json_io import parse_toml, read_table, whole, write_toml
-from minitouch_bench.leaderboard.columns import ColumnSpec, amount
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL, TASK_NAMES
 from minitouch_bench.reporting.labels import TASKS
 from minitouch_bench.verification.problems import Problems
@@ -86,6 +86,55 @@ LICENSE = _form(
 MODALITY = _form("|".join(MODALITIES), f"One of {', '.join(MODALITIES)}.")
 SUITE = _form("|".join(SUBMITTED_SUITES), f"One of {', '.join(SUBMITTED_SUITES)}.")
 TASK = _form("|".join((ALL_TASKS, *TASK_NAMES)), f"A task, or '{ALL_TASKS}'.")
+
+
+def in_words(value: object) -> str:
+    """Write a value for people; "" where there is none."""
+    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value or "")
+
+
+def amount(number: int) -> str:
+    """Write a large number short: 2 M, 1.5 k; one that is not exact with three digits."""
+    rounded = float(f"{number:.3g}")
+    for size, unit in ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if rounded >= size:
+            return f"{rounded / size:.3g}\u202f{unit}"
+    return str(number) if number else "none"
+
+
+@dataclass(frozen=True)
+class ColumnSpec:
+    """How a field of a row is shown, given in the field's ``Annotated`` type.
+
+    Args:
+        label: Heading of the column.
+        place: Where the field is shown beside the list on the submission's page, which has all
+            of them. "column": in the CSV and Markdown files, and in a column of the site's
+            overall table. "name": in these files, and below the row's name in that table.
+            "page": nowhere else.
+        unit: What a number counts.
+        write: Gives the text for people, "" where there is nothing to say. The CSV file has the
+            value itself: the words of a tuple with spaces between, or how many numbers it has.
+        is_text: Whether the column has words.
+        is_link: Whether the value is an address.
+    """
+
+    label: str
+    place: Literal["column", "name", "page"] = "page"
+    unit: str = ""
+    write: Callable[[Any], str] = in_words
+    is_text: bool = True
+    is_link: bool = False
+
+
+def columns_of(kind: type) -> Mapping[str, ColumnSpec]:
+    """Return the columns of a record by the names of their fields, in order."""
+    return {
+        name: note
+        for name, hint in get_type_hints(kind, include_extras=True).items()
+        for note in getattr(hint, "__metadata__", ())
+        if isinstance(note, ColumnSpec)
+    }
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,50 @@
-"""The tables of a board: one view per question, drawn alike by Markdown and the site."""
+"""The tables of a board: one view per question, and the Markdown and CSV files of all of them.
+
+The site draws the same views; ``leaderboard.json`` is the board itself.
+"""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
+from typing import Any
 
-from minitouch_bench.leaderboard.board import TOUCH_METRICS, Board, BoardRow, in_order
-from minitouch_bench.leaderboard.ranking import GAP_TASKS, MEAN_SUCCESS, OVERALL, RANKED_BY, Rank
+from minitouch_bench.leaderboard.board import (
+    CEILING,
+    COLUMN_SPECS,
+    FLOORS,
+    TOUCH_METRICS,
+    Board,
+    BoardRow,
+    LeftOut,
+    in_order,
+)
+from minitouch_bench.leaderboard.ranking import (
+    BOARD_METRICS,
+    FLOOR_SUCCESS,
+    GAP_TASKS,
+    MEAN_SUCCESS,
+    OVERALL,
+    RANKED_BY,
+    Rank,
+)
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
-from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
-from minitouch_bench.reporting import tables
-from minitouch_bench.reporting.labels import CAVEAT, PAPER_METHODS, listed, paper_cell, task_title
+from minitouch_bench.metrics.definitions import (
+    METRICS,
+    ShownIn,
+    intervals_in_words,
+    metrics_shown_in,
+)
+from minitouch_bench.metrics.summary import GAP_PARTS
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
+from minitouch_bench.reporting import labels, tables
+from minitouch_bench.reporting.formats import escape_md, table_lines
+from minitouch_bench.reporting.frames import CsvRow, rows_csv
+from minitouch_bench.reporting.labels import PAPER_METHODS, listed, task_title
 from minitouch_bench.reporting.run_tables import gap_cells
+from minitouch_bench.reporting.tables import Cell, Column, Table
 
 RANKED, UNRANKED, CALIBRATION, PAPER = "ranked", "unranked", "calibration", "paper"
 """Kinds of rows; only the first has ranks."""
 
-NOVEL, TOUCH = "novel-shapes", "touch"
 EPISODE_VARIANCE = "episode variance only (one training seed)"
 SEED_VARIANCE = (
     "Student's t over training seeds, no narrower than over all their episodes. It contains the "
@@ -32,7 +62,7 @@ class BoardLine:
     note: str
     rank: Rank | None
     row: BoardRow | None
-    cells: tuple[tables.Cell, ...] = ()
+    cells: tuple[Cell, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -42,13 +72,8 @@ class BoardView:
     key: str
     title: str
     lead: str
-    columns: tuple[tables.Column, ...]
+    columns: tuple[Column, ...]
     lines: tuple[BoardLine, ...]
-
-    @property
-    def groups(self) -> tuple[tuple[str, int], ...]:
-        """The blocks of columns in order, each with its number of columns."""
-        return tables.column_groups(self.columns)
 
     @property
     def edges(self) -> frozenset[int]:
@@ -56,12 +81,19 @@ class BoardView:
         names = ["", *(column.group for column in self.columns)]
         return frozenset(i for i, name in enumerate(names[1:]) if name and name != names[i])
 
-    def table(self) -> tables.Table:
+    def table(self) -> Table:
         """Return the view as a plain table, the kind of a row behind its name."""
-        rows = (
-            tables.Row((_rank_text(line.rank), _kind_text(line)), line.cells) for line in self.lines
-        )
-        return tables.Table(self.title, ("Rank", "Submission"), self.columns, tuple(rows))
+        rows = []
+        for line in self.lines:
+            name = line.name if line.kind == RANKED else f"{line.name} ({line.kind})"
+            rows.append(tables.Row((_rank_text(line.rank), name), line.cells))
+        return Table(self.title, ("Rank", "Submission"), self.columns, tuple(rows))
+
+
+def _rank_text(rank: Rank | None) -> str:
+    if rank is None:
+        return tables.ABSENT
+    return f"{rank.best}" + (f" ({rank.best} to {rank.worst})" if rank.worst > rank.best else "")
 
 
 def views(board: Board) -> tuple[BoardView, ...]:
@@ -77,43 +109,35 @@ def views(board: Board) -> tuple[BoardView, ...]:
 def _overall(board: Board) -> BoardView:
     goals = [task_title(task) for task in BOARD_GOALS]
     columns = (
-        tables.Column("Mean success", unit=f"{len(goals)} tasks ↑"),
-        *(tables.Column(task_title(task), unit=f"{_label(task)} ↑") for task in BOARD_TASKS),
+        Column("Mean success", unit=f"{len(goals)} tasks ↑"),
+        *(Column(task_title(task), unit=f"{_label(task)} ↑") for task in BOARD_TASKS),
     )
     lead = f"Ordered by the mean success over {listed(goals)}."
-    return BoardView(
-        OVERALL, "Overall", lead, columns, _lines(board, OVERALL, [*RANKED_BY.items()])
-    )
+    lines = _lines(board, OVERALL, [*RANKED_BY.items()])
+    return BoardView(OVERALL, "Overall", lead, columns, lines)
 
 
 def _task(board: Board, task: str) -> BoardView:
-    ranked_by = RANKED_BY[task]
-    metrics = dict.fromkeys((ranked_by, *metrics_shown_in(ShownIn.TABLE4, task)))
-    columns = tuple(
-        tables.Column(
-            METRICS[m].label, unit=f"{METRICS[m].unit} {METRICS[m].direction_in(task)}".strip()
-        )
-        for m in metrics
-    )
+    names = dict.fromkeys((RANKED_BY[task], *metrics_shown_in(ShownIn.TABLE4, task)))
+    metrics = [METRICS[name] for name in names]
+    columns = (Column(m.label, unit=f"{m.unit} {m.direction_in(task)}".strip()) for m in metrics)
     lead = f"Ordered by {_label(task)}. The columns of Table 4."
-    lines = _lines(board, task, [(task, metric) for metric in metrics])
-    return BoardView(task, task_title(task), lead, columns, lines)
+    lines = _lines(board, task, [(task, name) for name in names])
+    return BoardView(task, task_title(task), lead, tuple(columns), lines)
 
 
 def _touch(board: Board) -> BoardView:
-    wanted = [(task, metric) for task in BOARD_TASKS for metric in TOUCH_METRICS]
-    columns = tuple(
-        tables.Column(METRICS[metric].label, task_title(task), METRICS[metric].unit)
-        for task, metric in wanted
-    )
-    meanings = (f"{METRICS[name].label}: {METRICS[name].meaning}." for name in TOUCH_METRICS)
+    metrics = [METRICS[name] for name in TOUCH_METRICS]
+    columns = (Column(m.label, task_title(task), m.unit) for task in BOARD_TASKS for m in metrics)
+    meanings = (f"{metric.label}: {metric.meaning}." for metric in metrics)
     lead = " ".join(("What the fingers did, in the overall order.", *meanings))
-    return BoardView(TOUCH, "Touch", lead, columns, _lines(board, OVERALL, wanted))
+    wanted = [(task, name) for task in BOARD_TASKS for name in TOUCH_METRICS]
+    return BoardView("touch", "Touch", lead, tuple(columns), _lines(board, OVERALL, wanted))
 
 
 def _novel(board: Board) -> BoardView:
-    columns = tuple(
-        tables.Column(label, f"{task_title(task)}: {_label(task)}")
+    columns = (
+        Column(label, f"{task_title(task)}: {_label(task)}")
         for task in GAP_TASKS
         for label in ("Held-out", "Train", "Gap")
     )
@@ -121,11 +145,11 @@ def _novel(board: Board) -> BoardView:
         "Shapes that training never sees beside as many that it may see. Gap: held-out minus "
         "train. In the overall order."
     )
-    lines = tuple(replace(line, cells=tuple(_gap_cells(line.row))) for line in _heads(board))
-    return BoardView(NOVEL, "Novel shapes", lead, columns, lines)
+    lines = (replace(line, cells=tuple(_gap_cells(line.row))) for line in _heads(board, OVERALL))
+    return BoardView(NOVEL_SHAPES, "Novel shapes", lead, tuple(columns), tuple(lines))
 
 
-def _gap_cells(row: BoardRow | None) -> Iterator[tables.Cell]:
+def _gap_cells(row: BoardRow | None) -> Iterator[Cell]:
     for task in GAP_TASKS:
         gap = row.novel_shapes.get(task) if row else None
         held_out, train, difference, _ = gap_cells(task, RANKED_BY[task], gap)
@@ -139,26 +163,26 @@ def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[B
         for line in _heads(board, key)
     ]
     for method in PAPER_METHODS:
-        cells = tuple(paper_cell(*names, method) for names in wanted)
+        cells = tuple(labels.paper_cell(*names, method) for names in wanted)
         if any(cell.text != tables.ABSENT for cell in cells):
-            lines.append(BoardLine(PAPER, method, CAVEAT, None, None, cells))
+            lines.append(BoardLine(PAPER, method, labels.CAVEAT, None, None, cells))
     return tuple(lines)
 
 
-def _cell(row: BoardRow | None, task: str, metric: str) -> tables.Cell:
+def _cell(row: BoardRow | None, task: str, metric: str) -> Cell:
     estimate = row.estimate(task, metric) if row else None
     cell = tables.estimate_cell("success" if metric == MEAN_SUCCESS else metric, estimate)
     is_first = metric in (RANKED_BY[task], TOUCH_METRICS[0])  # of the row's cells of the task
     return with_learned(cell, row, task) if is_first else cell
 
 
-def with_learned(cell: tables.Cell, row: BoardRow | None, task: str) -> tables.Cell:
+def with_learned(cell: Cell, row: BoardRow | None, task: str) -> Cell:
     """Write beside a value how many of the row's training seeds learned the task."""
     learned = row.learned_in(task) if row and cell.text != tables.ABSENT else ""
     return replace(cell, small=f"{cell.small}, {learned}") if learned else cell
 
 
-def _heads(board: Board, key: str = OVERALL) -> Iterator[BoardLine]:
+def _heads(board: Board, key: str) -> Iterator[BoardLine]:
     """Walk through the rows' lines without their cells, in the order of a ranking."""
     groups = (
         (RANKED, in_order(board.ranked, key)),
@@ -176,11 +200,105 @@ def _label(task: str) -> str:
     return METRICS[RANKED_BY[task]].label.lower()
 
 
-def _rank_text(rank: Rank | None) -> str:
-    if rank is None:
-        return tables.ABSENT
-    return f"{rank.best}" + (f" ({rank.best} to {rank.worst})" if rank.worst > rank.best else "")
+# Markdown
+
+SHOWN_REASONS = 3
+
+TABLE_COLUMNS = {name: column for name, column in COLUMN_SPECS.items() if column.place != "page"}
 
 
-def _kind_text(line: BoardLine) -> str:
-    return line.name if line.kind == RANKED else f"{line.name} ({line.kind})"
+def board_markdown(board: Board, shown: Sequence[BoardView]) -> str:
+    """Write a board and its views as GitHub's Markdown."""
+    digest = board.protocol_digest
+    parts = ["# MiniTouch leaderboard", "", f"Protocol {escape_md(board.protocol)}, `{digest}`."]
+    for view in shown:
+        parts += ["", f"## {view.title}", "", escape_md(view.lead), "", *table_lines(view.table())]
+    parts += ["", "## Submissions", "", *table_lines(_about(board))]
+    parts += _left_out("Other protocols, not ranked", board.other_protocol)
+    parts += _left_out("Left out", board.refused)
+    parts += ["", *(f"- {escape_md(note)}" for note in notes())]
+    return "\n".join(parts) + "\n"
+
+
+def notes() -> tuple[str, ...]:
+    """Return what must be said below every table."""
+    floors = [f"{value:.2f} in {task_title(task)}" for task, value in FLOOR_SUCCESS.items()]
+    return (
+        "A rank is 1 + the number of rows that are significantly better; its range ends before "
+        "the rows that are significantly worse. All pairs of rows of a table are tested together "
+        "at 5 % (Holm). A row of several training seeds is compared as a method, a row of one as "
+        "a checkpoint. Where a method fails in some seeds, the tests err more often than 5 %.",
+        f"Brackets: 95 % interval. One training seed: {intervals_in_words(BOARD_METRICS)}; "
+        f"{EPISODE_VARIANCE}. Several: {SEED_VARIANCE}",
+        "Learned: the lower end of a training seed's interval of success is above "
+        f"{listed(floors)}, the best of {listed(FLOORS)}.",
+        f"Calibration rows are the built-in policies: {CEILING} reads the simulator's state "
+        f"and solves each task, {listed(FLOORS)} are floors. They are never ranked.",
+        f"{labels.PAPER_NOTE} They are never ranked.",
+    )
+
+
+def _about(board: Board) -> Table:
+    """Return what each submission says of itself."""
+    rows = []
+    for row in board.rows:
+        texts = (column.write(getattr(row, name)) for name, column in TABLE_COLUMNS.items())
+        rows.append(tables.make_row(row.name, *texts))
+    columns = (
+        Column(spec.label, unit=spec.unit, is_text=spec.is_text) for spec in TABLE_COLUMNS.values()
+    )
+    return Table("Submissions", ("Submission",), tuple(columns), tuple(rows))
+
+
+def _left_out(title: str, refusals: Sequence[LeftOut]) -> Iterator[str]:
+    if refusals:
+        yield from ("", f"## {title}", "")
+    for refusal in refusals:
+        yield f"- **{escape_md(refusal.name)}**"
+        yield from (f"  - {escape_md(reason)}" for reason in refusal.reasons[:SHOWN_REASONS])
+        if (more := len(refusal.reasons) - SHOWN_REASONS) > 0:
+            yield f"  - and {more} more"
+
+
+# CSV
+
+CSV_COLUMNS = (
+    "name", "kind", *TABLE_COLUMNS, "suite", "task", "metric",
+    "value", "low", "high", "count", "interval", "rank", "worst_rank", "learned_seeds",
+)  # fmt: skip
+
+
+def board_csv(board: Board) -> str:
+    """Write a row per figure of a board; those that do not exist have no row."""
+    rows: list[CsvRow] = []
+    for row in board.rows:
+        kind = CALIBRATION if row.is_calibration else RANKED if row.is_ranked else UNRANKED
+        head = (row.name, kind, *(_csv_value(getattr(row, name)) for name in TABLE_COLUMNS))
+        rows += [(*head, *rest) for rest in _figures(row)]
+    for method in PAPER_METHODS:
+        head = (method, PAPER, *[None] * len(TABLE_COLUMNS))
+        for (task, metric), printed in labels.paper_values(method).items():
+            value = (float(printed.text), None, None, None, printed.remark)
+            rows.append((*head, "", task, metric, *value, None, None, None))
+    return rows_csv(CSV_COLUMNS, rows)
+
+
+def _csv_value(value: Any) -> object:
+    """Return a value: of words all, of several numbers how many there are."""
+    if not isinstance(value, tuple):
+        return value
+    return len(value) if value and isinstance(value[0], int) else " ".join(value)
+
+
+def _figures(row: BoardRow) -> Iterator[CsvRow]:
+    """Walk through a row's estimates, from the suite's name on."""
+    for task, figures in row.figures.items():
+        for metric, estimate in figures.items():
+            rank = row.ranks.get(task) if metric == RANKED_BY[task] else None
+            ranks = (rank.best, rank.worst) if rank else (None, None)
+            yield MAIN_SUITE, task, metric, *astuple(estimate), *ranks, row.learned.get(task)
+    for task, gap in row.novel_shapes.items():
+        for part, title in GAP_PARTS.items():
+            metric = f"{RANKED_BY[task]}, {title}"
+            values = astuple(getattr(gap, part))
+            yield NOVEL_SHAPES, task, metric, *values, None, None, row.learned.get(task)

@@ -19,8 +19,6 @@ from minitouch_bench.leaderboard.board import (
     in_order,
     make_board,
 )
-from minitouch_bench.leaderboard.board_files import board_csv, board_markdown
-from minitouch_bench.leaderboard.columns import amount
 from minitouch_bench.leaderboard.proof import (
     MAX_PROOF,
     Proof,
@@ -39,8 +37,9 @@ from minitouch_bench.leaderboard.ranking import (
     score_gaps,
 )
 from minitouch_bench.leaderboard.site import build_board, find_submissions, index_html
+from minitouch_bench.leaderboard.submission import amount
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.leaderboard.views import views
+from minitouch_bench.leaderboard.views import board_csv, board_markdown, views
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds
 from minitouch_bench.metrics.summary import GAP_PARTS
