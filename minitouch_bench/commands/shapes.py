@@ -43,15 +43,17 @@ def check(
 ) -> None:
     """Check a set against its manifest; exit 1 with every difference."""
     from minitouch_bench.shapegen.check import check_set
+    from minitouch_bench.shapegen.manifest import load_shape_set
 
+    shapes = load_shape_set(folder)
     with count_progress("proofs") as progress:
-        report = check_set(folder, workers, quick, progress)
-    for problem in report.problems:
+        problems = check_set(shapes, workers, quick, progress)
+    for problem in problems:
         print(problem)
-    if report.problems:
-        note(f"{folder}: {len(report.problems)} problems")
+    if problems:
+        note(f"{folder}: {len(problems)} problems")
         raise typer.Exit(1)
-    print(f"{len(report.shapes.shapes)} shapes are as listed, digest {report.shapes.digest}")
+    print(f"{len(shapes.shapes)} shapes are as listed, digest {shapes.digest}")
 
 
 @app.command(cls=Command)

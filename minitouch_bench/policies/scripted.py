@@ -16,8 +16,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CUBE
 from minitouch_bench.protocol.tasks import OPENING, PUSHING
 from minitouch_bench.shapegen.grips import plan_deep_grasp
-from minitouch_bench.shapegen.mesh import surface_points
-from minitouch_bench.shapegen.poses import rotation_matrix
+from minitouch_bench.shapegen.mesh import rotation_matrix, surface_points
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.opening import Opening
 from minitouch_bench.tasks.pick_up import PickUp

@@ -7,7 +7,6 @@ uint16 vertices and faces, int16 (v, 3), uint8 (f, 3).
 
 import hashlib
 import struct
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,9 +96,9 @@ def decode(record: bytes) -> Body:
     return Body(visual, tuple(hulls), mass, (ixx, iyy, izz))
 
 
-def digest(record: bytes) -> str:
-    """Return the SHA-256 of a record, in hex."""
-    return hashlib.sha256(record).hexdigest()
+def digest(*parts: bytes) -> str:
+    """Return the SHA-256 of a record, or of a body's files one after another, in hex."""
+    return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
 def _steps(mesh: Mesh) -> bytes:
@@ -135,11 +134,6 @@ def body_files(body: Body, stem: str = "") -> dict[str, bytes]:
         visual: obj_text((body.visual,)).encode(),
         urdf: urdf_text(body, visual, collision).encode(),
     }
-
-
-def files_digest(contents: Iterable[bytes]) -> str:
-    """Return the SHA-256 over the bytes of a body's files in the order of ``file_names``."""
-    return digest(b"".join(contents))
 
 
 def obj_text(meshes: tuple[Mesh, ...]) -> str:

@@ -10,13 +10,12 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 from xml.etree import ElementTree
 
-import manifold3d
 import numpy as np
 import trimesh
 
@@ -25,11 +24,10 @@ from minitouch_bench.files import MIB, lock_directory, os_errors_as, read_file, 
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen.body_codec import Body, body_files, encode, obj_text, quantized
-from minitouch_bench.shapegen.build import BUILD, entry_of, weighed
-from minitouch_bench.shapegen.generate import Progress, write_set
+from minitouch_bench.shapegen.generate import BUILD, Progress, entry_of, weighed, write_set
 from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet
 from minitouch_bench.shapegen.mesh import Mesh, Points, in_body_frame, solid_moments
-from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
+from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid, union
 from minitouch_bench.shapegen.soundness import (
     LIMITS,
     Reason,
@@ -49,7 +47,7 @@ NOT_WATERTIGHT = (
     "or MeshLab, and import it again"
 )
 SUFFIXES = (".urdf", ".obj", ".stl", ".glb")
-"""Read in this order: a URDF claims the meshes it names, which then do not count again."""
+"""What an object is read from; the meshes that a URDF names do not count again."""
 MOST_FACES = 500_000
 MOST_BYTES = 64 * MIB
 """More than half a million faces of any of these formats."""
@@ -113,31 +111,36 @@ def import_objects(
         raise UsageError(f"{folder} holds a shape set already; choose another --output")
     answers: dict[int, Any] = {}
     with lock_directory(folder):
-        tasks = [(str(path), config) for path in paths]
-        for position, answer in run_in_workers(
-            import_one, tasks, workers, name=lambda task: task[0]
-        ):
-            answers[position] = answer
+        tasks = [(path, config) for path in paths]
+        for place, answer in run_in_workers(import_one, tasks, workers, name=lambda t: str(t[0])):
+            answers[place] = answer
             progress(len(answers), len(paths))
         names = [str(path.relative_to(source)) for path in paths]
-        refused = {names[i]: answers[i][0] for i in sorted(answers) if answers[i][0]}
-        kept = [
-            ({"name": name, "family": FAMILY, "source": names[i], **answers[i][1]}, answers[i][2])
-            for i, name in enumerate(_plain_names(names)) if not answers[i][0]
-        ]  # fmt: skip
-        digest = ""
+        refused, kept, digest = {}, [], ""
+        for number, (name, plain) in enumerate(zip(names, _plain_names(names), strict=True)):
+            reason, entry, record = answers[number]
+            if reason:
+                refused[name] = reason
+            else:
+                kept.append(({"name": plain, "family": FAMILY, "source": name, **entry}, record))
         if kept:
             header = {"name": folder.name, "imported": {"scale": config.scale, "fit": config.fit}}
             digest = content_digest(write_set(folder, {**header, "refused": refused}, kept))
     return ImportResult(folder, digest, len(kept), refused)
 
 
-def import_one(task: tuple[str, ImportConfig]) -> tuple[str, dict[str, Any], bytes]:
+def import_one(task: tuple[Path, ImportConfig]) -> tuple[str, dict[str, Any], bytes]:
     """Return (reason refused or "", entry, record) of one file; runs in a worker."""
     path, config = task
     try:
-        mesh = prepared(read_object(Path(path)), config)
-        return "", *_proven(mesh, config)
+        mesh = prepared(read_object(path), config)
+        check_mesh(mesh)
+        stable_poses(hull_of(mesh.vertices))
+        volume = solid_moments(mesh).volume
+        low, high = (mass / volume for mass in LIMITS.mass)
+        density = float(np.clip(config.density, low * 1.0001, high * 0.9999))
+        body = weighed(mesh, density)
+        return "", entry_of(body, examine(body), density), encode(body)
     except (UnreadableError, UnsoundError) as error:
         return str(error), {}, b""
 
@@ -149,15 +152,11 @@ def prepared(mesh: Mesh, config: ImportConfig) -> Mesh:
         UnreadableError: it is not watertight.
         UnsoundError: at no size can the Panda grip it.
     """
-    if not np.isfinite(mesh.vertices).all():
-        raise UnreadableError("a vertex, mass or moment is not a finite number")
     solid = _solid_of(mesh)
     if solid.volume() <= 0.0:
         raise UnreadableError(NOT_WATERTIGHT)
     moved = in_body_frame(_simplified_solid(solid, BUILD.faces))
-    factor = config.scale
-    if config.fit:
-        factor = grip_scale(moved, BUILD.width[1])
+    factor = grip_scale(moved, BUILD.width[1]) if config.fit else config.scale
     try:
         mesh = Mesh(quantized(moved.vertices * factor), moved.faces)
         # Slivers may have lost their area to the grid; the way through a solid drops them.
@@ -200,33 +199,13 @@ def _solid_of(mesh: Mesh) -> Solid:
     # A part of negative volume is a cavity, which a union would fill.
     if len(parts) == 1 or any(part.volume() < 0.0 for part in parts):
         return solid
-    return Solid.batch_boolean(_swollen(parts), manifold3d.OpType.Add)
-
-
-def _swollen(parts: list[Solid]) -> list[Solid]:
-    """Grow parts by a thousandth, so that hulls which only touch become one body."""
-    grown = []
-    for part in parts:
-        low, high = np.array(part.bounding_box()).reshape(2, 3)
-        middle = (low + high) / 2.0
-        part_at_zero = part.translate((-middle).tolist()).scale([1.002, 1.002, 1.002])
-        grown.append(part_at_zero.translate(middle.tolist()))
-    return grown
-
-
-def _proven(mesh: Mesh, config: ImportConfig) -> tuple[dict[str, Any], bytes]:
-    """Return entry and record of a mesh that passes every criterion.
-
-    Raises:
-        UnsoundError: it does not.
-    """
-    check_mesh(mesh)
-    stable_poses(hull_of(mesh.vertices))
-    volume = solid_moments(mesh).volume
-    low, high = (mass / volume for mass in LIMITS.mass)
-    density = float(np.clip(config.density, low * 1.0001, high * 0.9999))
-    body = weighed(mesh, density)
-    return entry_of(body, examine(body), density), encode(body)
+    # Grown by a thousandth on each side, hulls that only touch become one body.
+    middles = [np.array(part.bounding_box()).reshape(2, 3).mean(axis=0) for part in parts]
+    grown = [
+        part.translate((-middle).tolist()).scale([1.002] * 3).translate(middle.tolist())
+        for part, middle in zip(parts, middles, strict=True)
+    ]
+    return union(grown)
 
 
 def _plain_names(sources: Iterable[str]) -> list[str]:
@@ -255,7 +234,9 @@ def find_objects(folder: Path) -> list[Path]:
     claimed: set[Path] = set()
     for path in files:
         if path.suffix.lower() == ".urdf":
-            claimed.update(name.resolve() for name, _ in _urdf_meshes(path, strict=False))
+            with suppress(UnreadableError):
+                meshes = _urdf_root(path).iter("mesh")
+                claimed.update(_named_file(path, mesh).resolve() for mesh in meshes)
     objects = [path for path in files if path.resolve() not in claimed]
     if not objects:
         raise UsageError(f"{folder} contains no object: looked for {', '.join(SUFFIXES)}")
@@ -263,20 +244,22 @@ def find_objects(folder: Path) -> list[Path]:
 
 
 def read_object(path: Path) -> Mesh:
-    """Return the mesh of one file in the file's units; a URDF's is its first link's collision.
+    """Return the mesh of one file in the file's units; a URDF's is its link's collision.
 
     Raises:
         UnreadableError: it is no mesh, too large, empty, or has vertices that are not finite.
     """
-    if path.suffix.lower() == ".urdf":
-        meshes = [(read_object(name), placed) for name, placed in _urdf_meshes(path)]
-        if not meshes:
-            raise UnreadableError("the URDF names no mesh")
-        joined: Any = trimesh.util.append_faces(
-            [trimesh.transform_points(mesh.vertices, placed) for mesh, placed in meshes],
-            [mesh.faces for mesh, _ in meshes],
-        )
-        return Mesh(joined[0], joined[1].astype(np.int32))
+    meshes = _read_urdf(path) if path.suffix.lower() == ".urdf" else (_read_mesh(path),)
+    joined: Any = trimesh.util.append_faces(
+        [mesh.vertices for mesh in meshes], [mesh.faces for mesh in meshes]
+    )
+    if not np.isfinite(joined[0]).all():
+        raise UnreadableError(Reason.NOT_FINITE)
+    return Mesh(joined[0], joined[1].astype(np.int32))
+
+
+def _read_mesh(path: Path) -> Mesh:
+    """Return the mesh of an OBJ, STL or GLB file, each vertex once (STL repeats them)."""
     try:
         content = read_file(path, MOST_BYTES, follow=True)
     except OSError as error:
@@ -297,69 +280,50 @@ def read_object(path: Path) -> Mesh:
         raise UnreadableError("no faces in the file")
     if len(faces) > MOST_FACES:
         raise UnreadableError(f"more than {MOST_FACES} faces ({len(faces)})")
-    if not np.isfinite(vertices).all():
-        raise UnreadableError("a vertex, mass or moment is not a finite number")
-    return _welded(Mesh(vertices, faces))
+    points, inverse = np.unique(vertices, axis=0, return_inverse=True)
+    faces = inverse.reshape(-1)[faces].astype(np.int32)
+    return Mesh(points, faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)])
 
 
-def _welded(mesh: Mesh) -> Mesh:
-    """Join vertices at the same place (STL repeats each), and drop faces left with no area."""
-    points, inverse = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    faces = inverse.reshape(-1)[mesh.faces].astype(np.int32)
-    kept = (
-        (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    )
-    return Mesh(points, faces[kept])
-
-
-def _urdf_meshes(path: Path, strict: bool = True) -> list[tuple[Path, Points]]:
-    """Return the collision meshes of a one-link URDF, each with its transform into the link.
+def _read_urdf(path: Path) -> tuple[Mesh, ...]:
+    """Return the collision meshes of a URDF of one link, in the link's frame.
 
     Raises:
-        UnreadableError: ``strict`` and it is not a URDF of a single link made of meshes.
+        UnreadableError: it is not a URDF of a single link made of meshes.
     """
+    links = _urdf_root(path).findall("link")
+    if len(links) != 1:
+        raise UnreadableError(f"a URDF of {len(links)} links, not one")
+    kind = "visual" if links[0].find("collision/geometry/mesh") is None else "collision"
+    meshes = []
+    for element in links[0].findall(kind):
+        mesh, origin = element.find("geometry/mesh"), element.find("origin")
+        if mesh is None:
+            raise UnreadableError("a geometry of the URDF is not a mesh")
+        placed: Points = trimesh.transformations.compose_matrix(  # type: ignore[no-untyped-call]
+            scale=_three(mesh, "scale", "1 1 1"),
+            angles=_three(origin, "rpy", "0 0 0"),
+            translate=_three(origin, "xyz", "0 0 0"),
+        )
+        read = _read_mesh(_named_file(path, mesh))
+        meshes.append(Mesh(trimesh.transform_points(read.vertices, placed), read.faces))
+    if not meshes:
+        raise UnreadableError("the URDF names no mesh")
+    return tuple(meshes)
+
+
+def _urdf_root(path: Path) -> ElementTree.Element:
     try:
         text = read_file(path, MIB, follow=True).decode(errors="replace")
         if re.search(r"<!(DOCTYPE|ENTITY)", text):
             raise ElementTree.ParseError("entities are not read")
-        root = ElementTree.fromstring(text)
+        return ElementTree.fromstring(text)
     except (OSError, ElementTree.ParseError) as error:
-        if strict:
-            raise UnreadableError("no readable .urdf file") from error
-        return []
-    links = root.findall("link")
-    if strict and len(links) != 1:
-        raise UnreadableError(f"a URDF of {len(links)} links, not one")
-    meshes: list[tuple[Path, Points]] = []
-    for link in links:
-        kind = "visual" if link.find("collision/geometry/mesh") is None else "collision"
-        for element in link.findall(kind):
-            try:
-                meshes.append(_placed_mesh(path, element))
-            except UnreadableError:
-                if strict:
-                    raise
-    if strict and any(file.suffix.lower() == ".urdf" for file, _ in meshes):
-        raise UnreadableError("the URDF names a URDF as its mesh")
-    return meshes
+        raise UnreadableError("no readable .urdf file") from error
 
 
-def _placed_mesh(path: Path, element: ElementTree.Element) -> tuple[Path, Points]:
-    """Return the mesh of a collision or visual element, and its transform, float64 (4, 4).
-
-    Raises:
-        UnreadableError: it is another geometry, or its scale or origin is damaged.
-    """
-    mesh, origin = element.find("geometry/mesh"), element.find("origin")
-    if mesh is None:
-        raise UnreadableError("a geometry of the URDF is not a mesh")
-    name = mesh.get("filename", "").removeprefix("package://")
-    placed: Points = trimesh.transformations.compose_matrix(  # type: ignore[no-untyped-call]
-        scale=_three(mesh, "scale", "1 1 1"),
-        angles=_three(origin, "rpy", "0 0 0"),
-        translate=_three(origin, "xyz", "0 0 0"),
-    )
-    return path.parent / name, placed
+def _named_file(path: Path, mesh: ElementTree.Element) -> Path:
+    return path.parent / mesh.get("filename", "").removeprefix("package://")
 
 
 def _three(element: ElementTree.Element | None, key: str, default: str) -> tuple[float, ...]:
@@ -369,10 +333,6 @@ def _three(element: ElementTree.Element | None, key: str, default: str) -> tuple
     except ValueError as error:
         raise UnreadableError(f"the URDF's {key} is not three numbers") from error
     return x, y, z
-
-
-Writer = Callable[[Body, str], dict[str, bytes]]
-"""From a body and its name to file names and their bytes."""
 
 
 def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) -> int:
@@ -398,5 +358,5 @@ def _obj(body: Body, name: str) -> dict[str, bytes]:
     return {f"{name}.obj": obj_text((body.visual,)).encode()}
 
 
-WRITERS: Mapping[str, Writer] = MappingProxyType({"urdf": body_files, "obj": _obj})
-"""Every export format by name."""
+WRITERS: Mapping[str, Callable[[Body, str], dict[str, bytes]]] = {"urdf": body_files, "obj": _obj}
+"""Every export format by name: from a body and its name to file names and their bytes."""

@@ -6,18 +6,26 @@ import shutil
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import coacd
+import numpy as np
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.files import lock_directory, os_errors_as, replace_file
 from minitouch_bench.machine import installed_versions
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
-from minitouch_bench.shapegen.body_codec import digest
-from minitouch_bench.shapegen.build import BUILD, make_shape
-from minitouch_bench.shapegen.families import GENERATOR_VERSION
+from minitouch_bench.shapegen.body_codec import (
+    Body,
+    body_files,
+    decode,
+    digest,
+    encode,
+    quantized,
+)
+from minitouch_bench.shapegen.families import FAMILIES, GENERATOR_VERSION
 from minitouch_bench.shapegen.manifest import (
     MANIFEST,
     PACK,
@@ -25,10 +33,21 @@ from minitouch_bench.shapegen.manifest import (
     canonical_shape_set,
     splits_of,
 )
+from minitouch_bench.shapegen.mesh import Mesh, Points, in_body_frame, solid_moments
+from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
+from minitouch_bench.shapegen.soundness import (
+    LIMITS,
+    Measures,
+    Reason,
+    SoundnessConfig,
+    UnsoundError,
+    check_mesh,
+    examine,
+    grip_scale,
+)
 from minitouch_bench.simulation.bullet import BUILDS
 
 PARTIAL, PLAN = ".partial", "plan.json"
-HINT = "; the shapes made so far are kept: make room and run the same command again"
 Progress = Callable[[int, int], None]
 """Called with (done, total)."""
 
@@ -54,28 +73,23 @@ def generate(
         RunDirectoryError: another generator works in the folder, or it holds something else.
         InfrastructureError: the disk is full, or a worker failed.
     """
-    header = {
-        "name": f"minitouch-{count}" + (f"-seed-{root}" if root else ""),
-        "generator": GENERATOR_VERSION,
-        "seed": root,
-        "parameters": asdict(BUILD),
-    }
+    name = f"minitouch-{count}" + (f"-seed-{root}" if root else "")
+    header = {"name": name, "generator": GENERATOR_VERSION, "seed": root}
+    header["parameters"] = asdict(BUILD)
     with lock_directory(folder):
         parts = open_parts(folder, {**header, "versions": versions(), "count": count})
         missing = [index for index in range(count) if kept_shape(parts, index) is None]
         progress(count - len(missing), count)
         tasks = [(root, index) for index in missing]
-        for done, (position, (entry, record)) in enumerate(
-            run_in_workers(make_shape, tasks, workers, name=lambda task: f"shape {task[1]}"),
-            start=1,
-        ):
+        made = run_in_workers(make_shape, tasks, workers, name=lambda task: f"shape {task[1]}")
+        for done, (position, (entry, record)) in enumerate(made, count - len(missing) + 1):
             keep_shape(parts, missing[position], entry, record)
-            progress(count - len(missing) + done, count)
-        shapes = (kept_shape(parts, index) for index in range(count))
-        made = [shape for shape in shapes if shape is not None]
-        document = write_set(folder, header, made)
+            progress(done, count)
+        kept = [kept_shape(parts, index) for index in range(count)]
+        shapes = [shape for shape in kept if shape is not None]
+        document = write_set(folder, header, shapes)
         shutil.rmtree(parts)
-    refused = sum((Counter(entry["refused"]) for entry, _ in made), Counter[str]())
+    refused = sum((Counter(entry["refused"]) for entry, _ in shapes), Counter[str]())
     return GenerateResult(folder, content_digest(document), count, refused)
 
 
@@ -109,7 +123,8 @@ def keep_shape(parts: Path, index: int, entry: Mapping[str, Any], record: bytes)
         InfrastructureError: the disk is full; what was made before stays.
     """
     file = parts / f"{index}.shape"
-    with os_errors_as(InfrastructureError, file, "written", HINT):
+    hint = "; the shapes made so far are kept: make room and run the same command again"
+    with os_errors_as(InfrastructureError, file, "written", hint):
         replace_file(file, json.dumps(entry, allow_nan=False).encode() + b"\n" + record)
 
 
@@ -124,17 +139,16 @@ def kept_shape(parts: Path, index: int) -> tuple[dict[str, Any], bytes] | None:
 
 def versions() -> dict[str, str]:
     """Return the versions of everything a shape's bytes depend on."""
-    libraries = {name: version(name) for name in LIBRARIES}
-    return {"python": platform.python_version(), **libraries, **installed_versions(BUILDS)}
+    return {"python": platform.python_version(), **installed_versions((*LIBRARIES, *BUILDS))}
 
 
 def other_libraries() -> tuple[str, ...]:
     """Name the libraries whose installed versions did not make ``minitouch-1000``."""
     made_with = canonical_shape_set().document["versions"]
     return tuple(
-        f"{name} {version(name)} (not {made_with[name]})"
-        for name in LIBRARIES[1:]  # numpy draws the same numbers in every version
-        if version(name) != made_with[name]
+        f"{name} {installed} (not {made_with[name]})"
+        for name, installed in installed_versions(LIBRARIES).items()
+        if name != "numpy" and installed != made_with[name]  # numpy's numbers never change
     )
 
 
@@ -173,3 +187,185 @@ def manifest_text(document: Mapping[str, Any]) -> str:
     top = json.dumps(head, indent=1, allow_nan=False)[:-2]
     rows = ",\n".join(json.dumps(entry, allow_nan=False) for entry in document["shapes"])
     return f'{top},\n "shapes": [\n{rows}\n ]\n}}\n'
+
+
+@dataclass(frozen=True)
+class DecompositionConfig:
+    """Settings of CoACD; ``threshold`` is its concavity bound, relative to the shape's size.
+
+    ``longest_edge`` (m): longer edges are split first. On long thin triangles, such as those
+    round a hole in a flat face, the search took 25 s and found worse hulls.
+    """
+
+    threshold: float = 0.1
+    iterations: int = 20
+    depth: int = 2
+    max_hulls: int = 16
+    max_hull_vertices: int = 64
+    resolution: int = 1000
+    longest_edge: float = 0.02
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class BuildConfig:
+    """How shapes are drawn; lengths in m, density in kg/m³.
+
+    ``sides``: the sides of a shape's box along its axes, before it has its size. ``width``: how
+    wide it is then, in the pose in which the tasks lay it down, over all yaws. ``density`` runs
+    from aluminum to lead.
+    """
+
+    faces: int = 400
+    sides: tuple[float, float] = (0.9, 1.25)
+    width: tuple[float, float] = (0.070, 0.0755)
+    density: tuple[float, float] = (2700.0, 11340.0)
+    attempts: int = 400
+    decomposition: DecompositionConfig = DecompositionConfig()
+    soundness: SoundnessConfig = LIMITS
+
+
+BUILD = BuildConfig()
+"""How every shape is made; a set's manifest holds it."""
+
+
+NEAR_COPIES = frozenset({(0, 244), (0, 743), (0, 772), (0, 919), (0, 991)})
+"""Seed of the set and number of the shapes whose first sound draw is nearly another shape.
+
+``shapes check`` finds them once a set is whole; they take their next sound draw.
+"""
+
+
+def family_of(index: int) -> str:
+    """Return the family of shape number ``index``: they take turns."""
+    return tuple(FAMILIES)[index % len(FAMILIES)]
+
+
+def make_shape(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
+    """Return the manifest's entry and the record of a shape, of (seed of the set, index).
+
+    Every attempt has its own random stream, so nothing depends on other shapes. ``refused`` in
+    the entry counts the draws before it by reason. Runs in a worker.
+
+    Raises:
+        InfrastructureError: no attempt gave a sound shape.
+    """
+    root, index = task
+    family = family_of(index)
+    refused: Counter[str] = Counter()
+    for attempt in range(BUILD.attempts):
+        rng = np.random.default_rng(np.random.SeedSequence([root, index, attempt]))
+        try:
+            mesh = sized(FAMILIES[family](rng), rng)
+            density = drawn_density(mesh, rng)
+            body = weighed(mesh, density)
+            measures = examine(body)
+            if task in NEAR_COPIES and not refused[Reason.COPY.name]:
+                raise UnsoundError(Reason.COPY)
+        except UnsoundError as error:
+            refused[error.reason.name] += 1
+            continue
+        entry = {
+            "name": f"shape-{index:04d}",
+            "family": family,
+            "attempt": attempt,
+            "refused": dict(sorted(refused.items())),
+            **entry_of(body, measures, density),
+        }
+        return entry, encode(body)
+    raise InfrastructureError(f"shape {index} ({family}): no sound shape in {BUILD.attempts} draws")
+
+
+def entry_of(body: Body, measures: Measures, density: float) -> dict[str, Any]:
+    """Return the manifest's entry of a body, SI units; mass and poses are not rounded."""
+    return {
+        "mass_kg": body.mass,
+        "density": round(density, 3),
+        "extents_m": [round(side, 6) for side in body.visual.extents.tolist()],
+        "volume_m3": round(measures.volume, 12),
+        "convexity": round(measures.convexity, 5),
+        "genus": measures.genus,
+        "wall_m": round(measures.wall, 5),
+        "faces": len(body.visual.faces),
+        "hulls": len(body.hulls),
+        "hull_vertices": sum(len(hull.vertices) for hull in body.hulls),
+        "misfit": round(measures.misfit, 5),
+        "outside_m": round(measures.outside, 5),
+        "lifted": round(measures.lifted, 4),
+        "poses": [
+            {
+                "quaternion": list(pose.quaternion),
+                "height_m": pose.height,
+                "probability": round(pose.probability, 5),
+            }
+            for pose in measures.poses
+        ],
+        "sha256": digest(encode(body)),
+        "files_sha256": digest(*body_files(body).values()),
+    }
+
+
+def sized(solid: Solid, rng: np.random.Generator) -> Mesh:
+    """Simplify a drawn solid, bring it into its body frame and give it a random size.
+
+    Raises:
+        UnsoundError: it is not a single closed body, or no size fits both hand and bounds.
+    """
+    mesh = simplified(to_mesh(solid), BUILD.faces)
+    check = to_solid(mesh)
+    if check.is_empty() or check.volume() <= 0.0:
+        raise UnsoundError(Reason.NOT_CLOSED)
+    mesh = in_body_frame(mesh)
+    # Solid parts as long as wide: what is flat or thin is hardly felt by a hand above it.
+    sides = np.sort(rng.uniform(*BUILD.sides, size=3))[::-1]
+    mesh = in_body_frame(Mesh(mesh.vertices * (sides / mesh.extents), mesh.faces))
+    factor = grip_scale(mesh, rng.uniform(*BUILD.width))
+    mesh = Mesh(quantized(mesh.vertices * factor), mesh.faces)
+    check_mesh(mesh)
+    return mesh
+
+
+def drawn_density(mesh: Mesh, rng: np.random.Generator) -> float:
+    """Draw a density (kg/m³), its logarithm uniform over what keeps the mass within bounds.
+
+    Raises:
+        UnsoundError: nothing does.
+    """
+    volume = solid_moments(mesh).volume
+    low = max(BUILD.density[0], LIMITS.mass[0] * 1.0001 / volume)
+    high = min(BUILD.density[1], LIMITS.mass[1] * 0.9999 / volume)
+    if low > high:
+        raise UnsoundError(Reason.MASS)
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def weighed(mesh: Mesh, density: float) -> Body:
+    """Return the body of a mesh on the grid and in its frame, at a density in kg/m³."""
+    moments = solid_moments(mesh)
+    hulls = tuple(hull_of(quantized(points)) for points in convex_parts(mesh))
+    ixx, iyy, izz = (np.diag(moments.inertia()) * density).tolist()
+    body = Body(mesh, hulls, moments.volume * density, (ixx, iyy, izz))
+    return decode(encode(body))  # what is proven is what is stored
+
+
+def convex_parts(mesh: Mesh) -> list[Points]:
+    """Cover a closed mesh with convex hulls, (N, 3) points each.
+
+    CoACD can end the process: use a worker.
+    """
+    config = BUILD.decomposition
+    coacd.set_log_level("error")
+    fine = to_mesh(to_solid(mesh).refine_to_length(config.longest_edge))
+    parts = coacd.run_coacd(
+        coacd.Mesh(fine.vertices, fine.faces),
+        threshold=config.threshold,
+        mcts_iterations=config.iterations,
+        mcts_max_depth=config.depth,
+        max_convex_hull=config.max_hulls,
+        decimate=True,
+        max_ch_vertex=config.max_hull_vertices,
+        resolution=config.resolution,
+        preprocess_mode="off",
+        seed=config.seed,
+    )
+    return [np.asarray(vertices, dtype=np.float64) for vertices, _ in parts]

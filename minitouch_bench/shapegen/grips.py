@@ -11,8 +11,14 @@ import numpy as np
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.tasks import PICK_UP
 from minitouch_bench.shapegen.body_codec import Body, body_files
-from minitouch_bench.shapegen.mesh import Points
-from minitouch_bench.shapegen.poses import Quaternion, RestPose, product, rotation_matrix, yaw
+from minitouch_bench.shapegen.mesh import (
+    Points,
+    Quaternion,
+    RestPose,
+    product,
+    rotation_matrix,
+    yaw,
+)
 from minitouch_bench.simulation.bodies import stock_panda
 from minitouch_bench.simulation.bullet import INVISIBLE
 from minitouch_bench.simulation.client import PhysicsClient
@@ -93,8 +99,8 @@ def plan_grasp(points: Points) -> Grasp:
     table. Prefers a narrow place near the center of mass with contacts opposite each other.
     Shapes are proven with it: another choice would make another set of the same seed.
     """
-    middle = max((float(points[:, 2].min()) + float(points[:, 2].max())) / 2.0, LOWEST_TARGET)
-    return _best(points, middle, LOWEST_TARGET, depth=-np.inf)
+    middle = max(_middle(points), LOWEST_TARGET)
+    return _best(points, middle, LOWEST_TARGET, -np.inf, ())
 
 
 def plan_deep_grasp(points: Points, lowest_target: float, tried: Sequence[float]) -> Grasp:
@@ -103,17 +109,15 @@ def plan_deep_grasp(points: Points, lowest_target: float, tried: Sequence[float]
     ``lowest_target``: the least height of the grasp target over the table, m; ``tried``: x of
     earlier grasps, m.
     """
-    middle = (float(points[:, 2].min()) + float(points[:, 2].max())) / 2.0
-    return _best(points, middle, lowest_target, depth=DEEP, tried=tried)
+    return _best(points, _middle(points), lowest_target, DEEP, tried)
+
+
+def _middle(points: Points) -> float:
+    return (float(points[:, 2].min()) + float(points[:, 2].max())) / 2.0
 
 
 def _best(
-    points: Points,
-    middle: float,
-    lowest_target: float,
-    *,
-    depth: float,
-    tried: Sequence[float] = (),
+    points: Points, middle: float, lowest_target: float, depth: float, tried: Sequence[float]
 ) -> Grasp:
     """Return the best grasp about a middle height, above the lowest one and clear of the palm."""
     lowest = max(lowest_target, float(points[:, 2].max()) + 0.003 - PALM_ABOVE_TARGET)

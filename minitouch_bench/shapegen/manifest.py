@@ -24,10 +24,9 @@ from minitouch_bench.shapegen.body_codec import (
     decode,
     digest,
     file_names,
-    files_digest,
     files_stem,
 )
-from minitouch_bench.shapegen.poses import RestPose
+from minitouch_bench.shapegen.mesh import RestPose
 
 MANIFEST = "manifest.json"
 PACK = "shapes.bin"
@@ -84,7 +83,7 @@ class Shape:
         folder = cache_directory() / "shapes" / self.digest[:2]
         if _digest_of(folder, names) != self.files_sha256:
             files = body_files(self.body())
-            if files_digest(files.values()) != self.files_sha256:
+            if digest(*files.values()) != self.files_sha256:
                 raise UsageError(
                     f"shape {self.digest[:20]}: its files differ from the manifest's; "
                     "the set was made by another version of minitouch-bench"
@@ -235,7 +234,7 @@ def read_pose(pose: Mapping[str, Any]) -> RestPose:
 def _digest_of(folder: Path, names: tuple[str, ...]) -> str:
     """Return the digest over files, "" if one is missing."""
     try:
-        return files_digest(read_file(folder / name, MIB) for name in names)
+        return digest(*(read_file(folder / name, MIB) for name in names))
     except OSError:
         return ""
 

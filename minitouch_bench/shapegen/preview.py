@@ -14,7 +14,7 @@ from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.files import os_errors_as, replace_file
 from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.shapegen.manifest import HELD_OUT, Shape, ShapeSet
-from minitouch_bench.shapegen.poses import product, yaw
+from minitouch_bench.shapegen.mesh import product, yaw
 from minitouch_bench.simulation.bullet import View
 from minitouch_bench.simulation.client import PhysicsClient
 

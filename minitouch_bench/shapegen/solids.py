@@ -1,5 +1,6 @@
 """The bridge between our meshes and manifold3d's solids, and what families build from."""
 
+from itertools import product
 from typing import TypeAlias
 
 import fast_simplification
@@ -34,9 +35,9 @@ def hull_of(points: Points) -> Mesh:
     return to_mesh(Solid.hull_points(np.ascontiguousarray(points, dtype=np.float64)))
 
 
-def union_of(meshes: tuple[Mesh, ...]) -> Solid:
-    """Return the union of closed meshes."""
-    return Solid.batch_boolean([to_solid(mesh) for mesh in meshes], manifold3d.OpType.Add)
+def union(solids: list[Solid]) -> Solid:
+    """Return the union of solids."""
+    return Solid.batch_boolean(solids, manifold3d.OpType.Add)
 
 
 def symmetric_difference(first: Solid, second: Solid) -> float:
@@ -87,13 +88,8 @@ def rounded_box(sides: Points, radius: float) -> Solid:
     """Return a box with rounded edges, centered: the hull of eight balls."""
     inner = np.maximum(sides / 2.0 - radius, 1e-3)
     ball = Solid.sphere(radius, 12)
-    corners = [
-        ball.translate([x * inner[0], y * inner[1], z * inner[2]])
-        for x in (-1, 1)
-        for y in (-1, 1)
-        for z in (-1, 1)
-    ]
-    return Solid.batch_hull(corners)
+    corners = inner * list(product((-1, 1), repeat=3))
+    return Solid.batch_hull([ball.translate(corner) for corner in corners.tolist()])
 
 
 def capsule(start: Points, end: Points, radius: float) -> Solid:
@@ -104,8 +100,7 @@ def capsule(start: Points, end: Points, radius: float) -> Solid:
 
 def tube_along(path: Points, radius: float) -> Solid:
     """Return capsules joined along a path of (N, 3) points."""
-    pieces = [capsule(path[i], path[i + 1], radius) for i in range(len(path) - 1)]
-    return Solid.batch_boolean(pieces, manifold3d.OpType.Add)
+    return union([capsule(path[i], path[i + 1], radius) for i in range(len(path) - 1)])
 
 
 def outline(points: Points) -> manifold3d.CrossSection:
@@ -118,3 +113,82 @@ def rounded(region: manifold3d.CrossSection, radius: float) -> manifold3d.CrossS
     join = manifold3d.JoinType.Round
     opened = region.offset(-radius, join, 2.0, 16).offset(2.0 * radius, join, 2.0, 16)
     return opened.offset(-radius, join, 2.0, 16).simplify(radius * 0.02)
+
+
+def random_outline(rng: np.random.Generator) -> manifold3d.CrossSection:
+    """Return a polygon, a star, a gear, a wavy disc, a letter or an arrow, about 2 across."""
+    makers = (_polygon, _star, _gear, _wave, _letter, _letter, _arrow, _crescent)
+    region = makers[int(rng.integers(len(makers)))](rng)
+    if rng.random() < 0.6:
+        region = rounded(region, float(rng.uniform(0.04, 0.12)))
+    return region.scale([1.0, float(rng.uniform(0.6, 1.0))])
+
+
+def _ring(radii: np.ndarray, turn: float = 0.0) -> manifold3d.CrossSection:
+    angles = np.arange(len(radii)) * 2.0 * np.pi / len(radii) + turn
+    return outline(np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1))
+
+
+def _polygon(rng: np.random.Generator) -> manifold3d.CrossSection:
+    count = int(rng.integers(3, 9))
+    return _ring(rng.uniform(0.7, 1.0, size=count), float(rng.uniform(0.0, 1.0)))
+
+
+def _star(rng: np.random.Generator) -> manifold3d.CrossSection:
+    points = int(rng.integers(3, 7))
+    return _ring(np.tile([1.0, float(rng.uniform(0.5, 0.75))], points))
+
+
+def _gear(rng: np.random.Generator) -> manifold3d.CrossSection:
+    teeth = int(rng.integers(3, 7))
+    low = float(rng.uniform(0.68, 0.85))
+    return _ring(np.tile([1.0, 1.0, low, low], teeth))
+
+
+def _wave(rng: np.random.Generator) -> manifold3d.CrossSection:
+    angles = np.arange(64) * 2.0 * np.pi / 64
+    radii = np.full(64, 1.0)
+    for order in range(2, 6):
+        weight = rng.normal() * 0.45 / order
+        radii += weight * np.cos(order * angles + rng.uniform(0.0, 2.0 * np.pi))
+    return _ring(np.maximum(radii, 0.45))
+
+
+def _letter(rng: np.random.Generator) -> manifold3d.CrossSection:
+    """Bars on a square: L, T, U, H, X, Z, E, F or plus."""
+    bar = float(rng.uniform(0.42, 0.62))
+    edge = 1.0 - bar / 2.0
+    bars = {
+        "left": (-edge, 0.0, bar, 2.0),
+        "right": (edge, 0.0, bar, 2.0),
+        "middle": (0.0, 0.0, bar, 2.0),
+        "top": (0.0, edge, 2.0, bar),
+        "bottom": (0.0, -edge, 2.0, bar),
+        "center": (0.0, 0.0, 2.0, bar),
+        "stub": (-0.5, -edge, 1.0, bar),
+        "nub": (0.5, edge, 1.0, bar),
+    }
+    words = (
+        ("left", "bottom"), ("middle", "top"), ("left", "right", "bottom"),
+        ("left", "right", "center"), ("middle", "center"), ("middle", "stub", "nub"),
+        ("left", "top", "center"), ("middle", "top", "bottom"),
+    )  # fmt: skip
+    region = manifold3d.CrossSection()
+    for name in words[int(rng.integers(len(words)))]:
+        x, y, width, height = bars[name]
+        region += manifold3d.CrossSection.square([width, height], True).translate([x, y])
+    return region
+
+
+def _arrow(rng: np.random.Generator) -> manifold3d.CrossSection:
+    neck, head = float(rng.uniform(0.28, 0.5)), float(rng.uniform(-0.2, 0.4))
+    upper = [[1.0, 0.0], [head, 0.9], [head, neck], [-1.0, neck * float(rng.uniform(0.8, 1.6))]]
+    lower = [[x, -y] for x, y in upper[:0:-1]]
+    return outline(np.array(upper + lower))
+
+
+def _crescent(rng: np.random.Generator) -> manifold3d.CrossSection:
+    bite = manifold3d.CrossSection.circle(float(rng.uniform(0.45, 0.85)), 40)
+    return manifold3d.CrossSection.circle(1.0, 48) - bite.translate(
+        [float(rng.uniform(0.7, 1.0)), 0.0]
+    )

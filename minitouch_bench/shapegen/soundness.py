@@ -14,19 +14,14 @@ from minitouch_bench.shapegen.grips import GripRig, open_rig
 from minitouch_bench.shapegen.mesh import (
     Mesh,
     Points,
+    RestPose,
     distances_to_surface,
+    rest_poses,
     surface_points,
     thinnest_wall,
     widest_across,
 )
-from minitouch_bench.shapegen.poses import RestPose, rest_poses
-from minitouch_bench.shapegen.solids import (
-    hull_of,
-    symmetric_difference,
-    to_mesh,
-    to_solid,
-    union_of,
-)
+from minitouch_bench.shapegen.solids import hull_of, symmetric_difference, to_mesh, to_solid, union
 
 
 class Reason(StrEnum):
@@ -115,6 +110,10 @@ class Measures:
     poses: tuple[RestPose, ...]
 
 
+def _mm(length: float, digits: int = 1) -> str:
+    return f"{length * 1000:.{digits}f} mm"
+
+
 def check_mesh(mesh: Mesh) -> tuple[int, float]:
     """Check a visual mesh on its own; return its genus and its thinnest wall in m.
 
@@ -133,14 +132,13 @@ def check_mesh(mesh: Mesh) -> tuple[int, float]:
     low, high = LIMITS.longest_side
     longest = float(mesh.extents.max())
     if not low <= longest <= high:
-        bounds = f"{low * 1000:.0f} to {high * 1000:.0f} mm"
-        raise UnsoundError(Reason.SIZE, f"{longest * 1000:.1f} mm, not {bounds}")
+        raise UnsoundError(Reason.SIZE, f"{_mm(longest)}, not {low * 1000:.0f} to {_mm(high, 0)}")
     genus = int(solid.genus())
     if genus > LIMITS.max_genus:
         raise UnsoundError(Reason.GENUS, str(genus))
     wall = thinnest_wall(mesh)
     if wall < LIMITS.least_wall:
-        raise UnsoundError(Reason.THIN_WALL, f"{wall * 1000:.1f} mm")
+        raise UnsoundError(Reason.THIN_WALL, _mm(wall))
     return genus, wall
 
 
@@ -153,13 +151,14 @@ def check_hulls(body: Body) -> tuple[float, float]:
     sizes = [len(hull.vertices) for hull in body.hulls]
     if not 1 <= len(sizes) <= LIMITS.max_hulls or max(sizes) > LIMITS.max_hull_vertices:
         raise UnsoundError(Reason.HULLS, f"{len(sizes)} hulls, up to {max(sizes, default=0)}")
-    solid, union = to_solid(body.visual), union_of(body.hulls)
-    if any(to_solid(hull).is_empty() for hull in body.hulls):
+    solid, parts = to_solid(body.visual), [to_solid(hull) for hull in body.hulls]
+    if any(part.is_empty() for part in parts):
         raise UnsoundError(Reason.NOT_CLOSED, "a hull")
-    misfit = symmetric_difference(union, solid) / float(solid.volume())
+    cover = union(parts)
+    misfit = symmetric_difference(cover, solid) / float(solid.volume())
     if misfit > LIMITS.misfit:
         raise UnsoundError(Reason.MISFIT, f"{misfit:.3f}")
-    excess = to_mesh(union - solid)
+    excess = to_mesh(cover - solid)
     outside = 0.0
     if len(excess.faces):
         # One point in each 1.5 mm cell: booleans leave many slivers, and many points on them.
@@ -168,7 +167,7 @@ def check_hulls(body: Body) -> tuple[float, float]:
         cloud = cloud[kept]
         outside = float(distances_to_surface(cloud, body.visual).max())
     if outside > LIMITS.outside:
-        raise UnsoundError(Reason.OUTSIDE, f"{outside * 1000:.1f} mm")
+        raise UnsoundError(Reason.OUTSIDE, _mm(outside))
     return misfit, outside
 
 
@@ -231,15 +230,13 @@ def laid_pose(hull: Mesh, poses: Sequence[RestPose]) -> int:
     boxes = [height_and_width(hull, pose) for pose in poses]
     high = [index for index, (height, _) in enumerate(boxes) if height >= LIMITS.least_height]
     if not high:
-        highest = max(height for height, _ in boxes)
-        limit = f"{LIMITS.least_height * 1000:.0f} mm"
-        raise UnsoundError(Reason.TOO_FLAT, f"{highest * 1000:.1f} mm, not {limit}")
+        highest = _mm(max(height for height, _ in boxes))
+        raise UnsoundError(Reason.TOO_FLAT, f"{highest}, not {_mm(LIMITS.least_height, 0)}")
     for index in high:
         if boxes[index][1] + 2.0 * LIMITS.margin <= LIMITS.widest:
             return index
-    narrowest = min(boxes[index][1] for index in high) + 2.0 * LIMITS.margin
-    limit = f"{LIMITS.widest * 1000:.0f} mm"
-    raise UnsoundError(Reason.TOO_WIDE, f"{narrowest * 1000:.1f} mm, not {limit}")
+    narrowest = _mm(min(boxes[index][1] for index in high) + 2.0 * LIMITS.margin)
+    raise UnsoundError(Reason.TOO_WIDE, f"{narrowest}, not {_mm(LIMITS.widest, 0)}")
 
 
 def height_and_width(mesh: Mesh, pose: RestPose) -> tuple[float, float]:
@@ -277,7 +274,7 @@ def settled_poses(rig: GripRig, poses: tuple[RestPose, ...]) -> tuple[RestPose, 
     for pose in poses:
         rest = rig.settle(pose)
         if not LIMITS.gap[0] <= rest.gap <= LIMITS.gap[1]:
-            raise UnsoundError(Reason.SINKS, f"{rest.gap * 1000:.2f} mm")
+            raise UnsoundError(Reason.SINKS, _mm(rest.gap, 2))
         if rest.tilt > LIMITS.tilt:
             continue
         if rest.speed > LIMITS.speed or rest.spin > LIMITS.spin:

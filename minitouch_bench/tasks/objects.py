@@ -20,8 +20,7 @@ from minitouch_bench.shapegen.manifest import (
     ShapeSet,
     canonical_shape_set,
 )
-from minitouch_bench.shapegen.mesh import Mesh
-from minitouch_bench.shapegen.poses import Quaternion, product, rotation_matrix
+from minitouch_bench.shapegen.mesh import Mesh, Quaternion, product, rotation_matrix
 from minitouch_bench.simulation.bodies import cube_urdf
 from minitouch_bench.simulation.client import PhysicsClient
 

@@ -20,7 +20,7 @@ from tests.shapegen.bodies import BLOCK
 
 
 def refusal(path: Path, config: ImportConfig | None = None) -> str:
-    return import_one((str(path), config or ImportConfig()))[0]
+    return import_one((path, config or ImportConfig()))[0]
 
 
 def block(*sides: float) -> trimesh.Trimesh:
@@ -31,7 +31,7 @@ def block(*sides: float) -> trimesh.Trimesh:
 def test_a_block_of_each_format_is_accepted(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"block.{suffix}"
     block().export(str(path))
-    reason, entry, _ = import_one((str(path), ImportConfig(density=9000.0)))
+    reason, entry, _ = import_one((path, ImportConfig(density=9000.0)))
     assert reason == ""
     assert entry["volume_m3"] == pytest.approx(1.6192e-4, rel=1e-3)
     assert entry["mass_kg"] == pytest.approx(1.4573, rel=1e-3)
@@ -106,7 +106,7 @@ def test_every_file_s_name_becomes_a_plain_name_of_its_own(
     (tmp_path / "a").mkdir()
     for file in files:
         block().export(str(tmp_path / file))
-    once = import_one((str(tmp_path / files[0]), ImportConfig()))  # all hold the same block
+    once = import_one((tmp_path / files[0], ImportConfig()))  # all hold the same block
     answers = enumerate([once] * len(files))
     monkeypatch.setattr(exchange, "run_in_workers", lambda *_, **__: answers)
     folder = tmp_path.parent / "named"
@@ -131,10 +131,10 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     (tmp_path / "bomb.urdf").write_text('<!DOCTYPE a [<!ENTITY b "c">]><robot>&b;</robot>')
     urdf = '<robot><link><collision><geometry><mesh filename="%s" scale="%s"/></geometry>'
     urdf += "</collision></link></robot>"
-    (tmp_path / "scale.urdf").write_text(urdf % ("good.stl", "1,1,1"))
-    (tmp_path / "single.urdf").write_text(urdf % ("good.stl", "0.001"))
-    beside = "</collision><collision><geometry><box size='1 1 1'/></geometry></collision>"
-    boxed = (urdf % ("gone.stl", "1 1 1")).replace("</collision>", beside)
+    (tmp_path / "scale.urdf").write_text(urdf % ("gone.stl", "1,1,1"))
+    (tmp_path / "single.urdf").write_text(urdf % ("gone.stl", "0.001"))
+    beside = "<collision><geometry><box size='1 1 1'/></geometry></collision><collision>"
+    boxed = (urdf % ("gone.stl", "1 1 1")).replace("<collision>", beside)
     (tmp_path / "boxed.urdf").write_text(boxed)
     (tmp_path / "loop.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))  # a mesh, if of itself
     (tmp_path / "outer.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))

@@ -10,7 +10,7 @@ import pytest
 
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.shapegen.body_codec import encode, file_names, files_stem
-from minitouch_bench.shapegen.build import family_of
+from minitouch_bench.shapegen.generate import family_of
 from minitouch_bench.shapegen.manifest import (
     HELD_OUT,
     TRAIN,
@@ -19,8 +19,7 @@ from minitouch_bench.shapegen.manifest import (
     split_by_hash,
     splits_of,
 )
-from minitouch_bench.shapegen.mesh import widest_across
-from minitouch_bench.shapegen.poses import rotation_matrix
+from minitouch_bench.shapegen.mesh import rotation_matrix, widest_across
 from minitouch_bench.shapegen.soundness import LIMITS
 from tests.altered import edit_document
 

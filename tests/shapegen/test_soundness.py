@@ -5,8 +5,7 @@ import pytest
 
 from minitouch_bench.shapegen import soundness
 from minitouch_bench.shapegen.body_codec import Body
-from minitouch_bench.shapegen.mesh import Mesh
-from minitouch_bench.shapegen.poses import rest_poses
+from minitouch_bench.shapegen.mesh import Mesh, rest_poses
 from minitouch_bench.shapegen.solids import Solid, hull_of, to_mesh
 from minitouch_bench.shapegen.soundness import (
     LIMITS,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from minitouch_bench.processes import run_in_workers
-from minitouch_bench.shapegen.build import family_of, make_shape
 from minitouch_bench.shapegen.families import FAMILIES
+from minitouch_bench.shapegen.generate import family_of, make_shape
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.shapegen.solids import to_mesh
 
