@@ -15,7 +15,8 @@ from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.runs.plan import Suite, make_plan
+from minitouch_bench.protocol.spec import SuiteSpec
+from minitouch_bench.runs.plan import make_plan, suite_episodes
 
 WORKERS = 2
 ROUNDS = 5
@@ -26,9 +27,8 @@ POLICY = "random"
 
 def main() -> None:
     """Print the times and rates of both, and the ratio of their rates round by round."""
-    specs = Suite("benchmark", TASKS, EPISODES // len(TASKS), rankable=False).episodes(
-        exploration=False
-    )
+    suite = SuiteSpec("benchmark", TASKS, EPISODES // len(TASKS), rankable=False)
+    specs = suite_episodes(suite)
     begun = time.perf_counter()
     with open_engine(EngineOptions("ray", WORKERS)) as ray:
         started = time.perf_counter() - begun

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
+from minitouch_bench.protocol.spec import Split
 from minitouch_bench.shapegen.body_codec import Body
-from minitouch_bench.shapegen.manifest import HELD_OUT, TRAIN, Shape, ShapeSet, load_shape_set
+from minitouch_bench.shapegen.manifest import Shape, ShapeSet, load_shape_set
 from minitouch_bench.shapegen.mesh import Points, face_normals
 from minitouch_bench.shapegen.solids import Solid, symmetric_difference, to_mesh, to_solid
 
@@ -127,7 +128,7 @@ def _iou(first: Solid, turn: Points, second: Solid) -> float:
 
 def held_out_of(shapes: Sequence[Shape]) -> NDArray[np.bool_] | None:
     """Return which shapes are held out, bool (N,); None where a split has too few to compare."""
-    held = np.array([shape.split == HELD_OUT for shape in shapes])
+    held = np.array([shape.split == Split.HELD_OUT for shape in shapes])
     return held if min(held.sum(), (~held).sum()) >= 2 else None
 
 
@@ -218,9 +219,9 @@ def stats_text(shapes: ShapeSet) -> str:
     lines += [_quantity_line(name, "all", listed) for name in QUANTITIES]
     for family, members in by_family.items():
         lines += [_quantity_line(name, family, members) for name in BY_FAMILY]
-    lines += ["", f"{'family':20} {TRAIN:>9} {HELD_OUT:>9}"]
+    lines += ["", f"{'family':20} {Split.TRAIN:>9} {Split.HELD_OUT:>9}"]
     for family, members in by_family.items():
-        held = sum(shape.split == HELD_OUT for shape in members)
+        held = sum(shape.split == Split.HELD_OUT for shape in members)
         lines.append(f"{family:20} {len(members) - held:9d} {held:9d}")
     descriptors = np.array([descriptor(shape.body()) for shape in listed])
     lines += ["", f"{'nearest shape, mm':20} {'median':>9} {'least':>9}"]

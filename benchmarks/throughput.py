@@ -20,7 +20,8 @@ from minitouch_bench.policies.isolation.levels import Isolation, IsolationOption
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import PolicySource, parse_source
-from minitouch_bench.runs.plan import find_suite, make_plan
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.runs.plan import make_plan, suite_episodes
 
 LEVELS = (Isolation.PROCESS, Isolation.SANDBOX, Isolation.NONE)
 ROUNDS = 7
@@ -30,7 +31,7 @@ WORKERS = 2
 
 def main() -> None:
     """Print the rate at each level and the ratios to a plain process, round by round."""
-    smoke = find_suite("smoke").episodes(exploration=False)
+    smoke = suite_episodes(PROTOCOL.suite("smoke"))
     specs = [spec for spec in smoke if spec.index < EPISODES]
     rates: dict[Isolation, list[float]] = {level: [] for level in LEVELS}
     with tempfile.TemporaryDirectory() as folder:

@@ -132,7 +132,7 @@ class UnreadableFileError(RunDirectoryError):
 
 # What they quote
 
-INVISIBLE = frozenset(
+UNSEEN_CHARACTERS = frozenset(
     "\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0"
     + "".join(map(chr, (*range(0x180B, 0x1810), *range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))))
 )
@@ -149,6 +149,6 @@ def printable(text: str) -> str:
 def _character(character: str) -> str:
     if character.isspace():
         return " "
-    if character in INVISIBLE or unicodedata.category(character).startswith("C"):
+    if character in UNSEEN_CHARACTERS or unicodedata.category(character).startswith("C"):
         return ""
     return character

@@ -18,16 +18,19 @@ import torch
 
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import GIB, open_plain, os_errors_as, read_file, write_file
+from minitouch_bench.files import (
+    LARGEST_CHECKPOINT,
+    open_plain,
+    os_errors_as,
+    read_file,
+    write_file,
+)
 
 CHECKPOINT_FILE = "checkpoint.pt"
 IMAGES_FILE = "replay.bin"
 
 CHECKPOINT_VERSION = 1
 """Changes with the meaning of what a checkpoint contains; only this version is resumed."""
-
-LARGEST_CHECKPOINT = GIB
-"""The most bytes of ``checkpoint.pt``: a million steps take a tenth of it."""
 
 DAMAGE = (
     OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, EOFError,

@@ -30,8 +30,9 @@ from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import KEPT_FILE, TRAINED_FILE
 from minitouch_bench.processes import keep_freed_memory
+from minitouch_bench.protocol.spec import SuiteSpec
 from minitouch_bench.reporting.training_page import training_page
-from minitouch_bench.runs.plan import Suite
+from minitouch_bench.runs.plan import suite_episodes
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
@@ -239,14 +240,14 @@ class TrainingEvaluator:
     """Evaluate policies on the same few episodes each time, in a world of their own."""
 
     def __init__(self, config: TrainingConfig) -> None:
-        suite = Suite(
+        suite = SuiteSpec(
             EVALUATION_SUITE,
             (config.task,),
             config.evaluate_episodes,
             rankable=False,
             seed=config.seed,
         )
-        self._specs = suite.episodes(exploration=False)
+        self._specs = suite_episodes(suite)
         self._environment = MiniTouchEnv(config.task, None)
 
     def evaluate(self, actor: TouchActor, deterministic: bool) -> Evaluation:

@@ -14,15 +14,20 @@ from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.perturbation import PERTURBATION_NAMES, SENSES
 from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
-
-SUITES = ", ".join(suite.name for suite in PROTOCOL.suites)
+from minitouch_bench.protocol.minitouch import (
+    ACT_TIMEOUT_S,
+    EPISODE_TIMEOUT_S,
+    PROTOCOL,
+    SUITE_NAMES,
+)
 
 
 def evaluate(
     policy: options.Policy,
     *,
-    suite: Annotated[str, episodes_option(help=f"{SUITES}.")] = PROTOCOL.suites[0].name,
+    suite: Annotated[str, episodes_option(help=f"{', '.join(SUITE_NAMES)}.")] = PROTOCOL.suites[
+        0
+    ].name,
     name: Annotated[str | None, episodes_option(help="Name of the policy in reports.")] = None,
     tasks: Annotated[
         str | None,

@@ -47,14 +47,15 @@ def record(
     from minitouch_bench.evaluation.actors import prepare_policies
     from minitouch_bench.evaluation.rollout import EpisodeRunner
     from minitouch_bench.protocol.minitouch import PUBLIC_SEED_BITS
-    from minitouch_bench.runs.plan import Plan, Suite
+    from minitouch_bench.protocol.spec import SuiteSpec
+    from minitouch_bench.runs.plan import Plan, suite_episodes
     from minitouch_bench.tasks.environment import MiniTouchEnv
 
     if seed.bit_length() > PUBLIC_SEED_BITS:  # the episodes' seeds then have 128
         raise UsageError(f"--seed is below 2^{PUBLIC_SEED_BITS} in a dataset, not {seed}")
     isolated = isolation_options(isolation, trust)
     tasks = (PROTOCOL.task(task).name,)
-    suite = Suite(RECORDING_SUITE, tasks, episodes, rankable=False, seed=seed)
+    suite = SuiteSpec(RECORDING_SUITE, tasks, episodes, rankable=False, seed=seed)
     plan = Plan(suite.name, tasks, episodes, seed, limits=isolated.limits)
     minari = require("minari", "data")
     storages = require("minari.dataset.minari_storage", "data")
@@ -74,7 +75,7 @@ def record(
             jpeg_encoding=False,  # pictures as they are
         )
         callbacks.phase("recording", episodes)
-        for spec in suite.episodes(exploration=False):
+        for spec in suite_episodes(suite):
             played = runner.run(spec)
             if len(played.trace.actions):  # none where the policy failed at the reset
                 storage.update_episodes([_episode(environment, played)])

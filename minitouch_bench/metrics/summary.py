@@ -26,9 +26,13 @@ from minitouch_bench.metrics.definitions import (
     ranking_metric,
 )
 from minitouch_bench.metrics.intervals import Root, stream
+from minitouch_bench.protocol.spec import Split
 
-HELD_OUT, TRAIN, DIFFERENCE = "held-out", "train", "held-out minus train"
-GAP_PARTS = {"held_out": HELD_OUT, "train": TRAIN, "difference": DIFFERENCE}
+GAP_PARTS = {
+    "held_out": Split.HELD_OUT.value,
+    "train": Split.TRAIN.value,
+    "difference": "held-out minus train",
+}
 """The fields of a gap, and what each is called behind its metric's name."""
 
 MIN_EPISODES = 10
@@ -142,13 +146,13 @@ def generalize(
 
 def has_both_splits(episodes: Sequence[Episode]) -> bool:
     """Tell whether the episodes are of held-out and of train shapes."""
-    return {HELD_OUT, TRAIN} <= {episode.split for episode in episodes}
+    return {*Split} <= {episode.split for episode in episodes}
 
 
 def _generalize_task(task: str, episodes: Sequence[Episode], root: Root) -> Generalization | None:
     """Compare the splits in one task, None where a split has too few episodes."""
-    held_out = [episode for episode in episodes if episode.split == HELD_OUT]
-    train = [episode for episode in episodes if episode.split == TRAIN]
+    held_out = [episode for episode in episodes if episode.split == Split.HELD_OUT]
+    train = [episode for episode in episodes if episode.split == Split.TRAIN]
     if min(len(held_out), len(train)) < MIN_EPISODES:
         return None
     family_metric = METRICS[ranking_metric(task)]
@@ -182,8 +186,8 @@ def compare_episodes(
     The metric has a value in every episode. The names are those of a shape set's splits, for
     which it is made; the episodes can also be of two conditions.
     """
-    first = metric.estimate(held_out, stream(root, task, metric.name, HELD_OUT))
-    second = metric.estimate(train, stream(root, task, metric.name, TRAIN))
+    first = metric.estimate(held_out, stream(root, task, metric.name, Split.HELD_OUT))
+    second = metric.estimate(train, stream(root, task, metric.name, Split.TRAIN))
     assert first is not None  # such a metric has a value in every episode
     assert second is not None
     values = metric.values(held_out), metric.values(train)

@@ -81,6 +81,9 @@ PROTOCOL = ProtocolSpec(
 TASK_NAMES = tuple(task.name for task in PROTOCOL.tasks)
 """Names of the tasks as the command line writes them, in the order of every table."""
 
+SUITE_NAMES = tuple(suite.name for suite in PROTOCOL.suites)
+"""Names of the suites; the first is the default."""
+
 GOAL_TASKS = tuple(task.name for task in PROTOCOL.tasks if task.has_goal)
 """The tasks with a goal; Playing has touch only."""
 

@@ -13,6 +13,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from functools import cache
 from typing import Any, TypeVar
 
@@ -22,6 +23,14 @@ Rgba = tuple[float, float, float, float]
 
 CUBE = "cube"
 """What ``default_objects`` calls a task's own cube."""
+
+
+class Split(StrEnum):
+    """The two parts of a shape set: the shapes that may be trained on, and the others."""
+
+    TRAIN = "train"
+    HELD_OUT = "held-out"
+
 
 UNDIGESTED: Mapping[str, Any] = {"undigested": True}
 

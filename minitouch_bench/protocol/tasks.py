@@ -7,7 +7,7 @@
 import math
 from dataclasses import dataclass, field
 
-from minitouch_bench.protocol.spec import ArmSpec, CameraSpec, SuiteSpec, TaskSpec, Workspace
+from minitouch_bench.protocol.spec import ArmSpec, CameraSpec, Split, SuiteSpec, TaskSpec, Workspace
 
 POINTING_DOWN = ArmSpec(
     start_joints=(-0.028, 0.853, -0.016, -1.547, 0.017, 2.4, 2.305, 0.0, 0.0),  # R
@@ -179,7 +179,7 @@ PICK_UP = PickUpSpec(
         discrete_gripper=True,
     ),
     force_limit=200.0,  # R
-    default_objects="train",
+    default_objects=Split.TRAIN.value,
     object_can_leave=True,  # T
     clearance=0.09,  # D: the shapes are wide, and the fingers open at the first step
     cube=CubeSpec(side=0.045, mass=0.2),  # D

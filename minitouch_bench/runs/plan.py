@@ -14,11 +14,12 @@ from minitouch_bench.perturbation import UNPERTURBED, USUAL_LIMITS, Perturbation
 from minitouch_bench.protocol.minitouch import (
     GOAL_TASKS,
     PROTOCOL,
+    SUITE_NAMES,
     episode_seed,
     policy_seed,
     suite_generator,
 )
-from minitouch_bench.protocol.spec import CUBE, SuiteSpec
+from minitouch_bench.protocol.spec import CUBE, Split, SuiteSpec
 from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
 
 NAMED = 6
@@ -32,72 +33,10 @@ LIMITS_IN_WORDS = {
 }
 
 
-class Suite(SuiteSpec):
-    """A suite that can name its episodes."""
-
-    def episodes(self, *, exploration: bool, chosen: Sequence[str] = ()) -> tuple[EpisodeSpec, ...]:
-        """Return the episodes, task by task; with ``exploration`` those of that role too.
-
-        Both roles face the same episodes. Playing has no exploration metric. ``chosen`` names
-        those to return, as in "pushing/17"; without it all.
-        """
-        wanted = frozenset(chosen)
-        final = tuple(
-            self._spec(task, index)
-            for task in self.tasks
-            for index in range(self.episodes_per_task)
-            if not wanted or f"{task}/{index}" in wanted
-        )
-        if not exploration:
-            return final
-        return final + tuple(
-            replace(spec, role=Role.EXPLORATION) for spec in final if spec.task in GOAL_TASKS
-        )
-
-    def _spec(self, task: str, index: int) -> EpisodeSpec:
-        """Return an episode with its object: the task's own, or a shape of the set."""
-        words = (self.name, task, index, self.seed)
-        seed = episode_seed(*words)
-        spec = EpisodeSpec(Role.FINAL, task, index, seed, policy_seed(*words))
-        objects = PROTOCOL.task(task).default_objects
-        if objects in ("", CUBE) and not self.novel_shapes:
-            return replace(spec, shape=objects)
-        shape = self._novel_shape(index) if self.novel_shapes else _draw_shape(objects, seed)
-        return replace(spec, shape=shape.name, family=shape.family, split=shape.split)
-
-    def _novel_shape(self, index: int) -> Shape:
-        """Take each held-out shape once (even indices), and as many drawn train shapes."""
-        shapes = canonical_shape_set()
-        held_out, train = shapes.split("held-out"), shapes.split("train")
-        turn = (index // 2) % len(held_out)
-        if index % 2 == 0:
-            return held_out[turn]
-        return train[int(suite_generator(self.name).permutation(len(train))[turn])]
-
-
-def _draw_shape(split: str, seed: int) -> Shape:
-    shapes = canonical_shape_set().split(split)
-    return shapes[int(np.random.default_rng(seed).integers(len(shapes)))]
-
-
 def first_of(names: Sequence[str], most: int) -> str:
     """Return the first names, at most so many, and the number of the others, in words."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
-
-
-SUITES = {spec.name: Suite(**vars(spec)) for spec in PROTOCOL.suites}
-
-
-def find_suite(name: str) -> Suite:
-    """Return the suite called ``name``.
-
-    Raises:
-        UsageError: there is none.
-    """
-    if name not in SUITES:
-        raise UsageError(f"no suite '{name}'; the suites are {', '.join(SUITES)}")
-    return SUITES[name]
 
 
 @dataclass(frozen=True)
@@ -117,13 +56,20 @@ class Plan:
     conditions: Perturbation = UNPERTURBED
     limits: PolicyLimits = USUAL_LIMITS
 
+    @lru_cache(maxsize=8)  # noqa: B019  a plan is a value, and of few runs
     def specs(self, *, exploration: bool = False) -> tuple[EpisodeSpec, ...]:
         """Return the episodes, in the suite's order; with ``exploration`` those of that role too.
 
         Raises:
             UsageError: there is no such suite.
         """
-        return _specs(self, exploration)
+        suite = replace(
+            PROTOCOL.suite(self.suite),
+            tasks=self.tasks,
+            episodes_per_task=self.episodes,
+            seed=self.seed,
+        )
+        return suite_episodes(suite, exploration=exploration, chosen=self.chosen)
 
     def rules(self) -> dict[str, str]:
         """Return this installation's digest of the protocol for each task."""
@@ -131,7 +77,7 @@ class Plan:
 
     def why_unofficial(self) -> tuple[str, ...]:
         """Return what differs from an official run of the suite, in words."""
-        suite = find_suite(self.suite)
+        suite = PROTOCOL.suite(self.suite)
         reasons = [] if suite.rankable else [f"suite {suite.name}"]
         if self.chosen:
             reasons.append(f"episodes {first_of(self.chosen, NAMED)} only")
@@ -148,7 +94,7 @@ class Plan:
 
     def as_options(self) -> tuple[str, ...]:
         """Return the options of ``evaluate`` that make this plan."""
-        suite = find_suite(self.suite)
+        suite = PROTOCOL.suite(self.suite)
         words = ["--suite", self.suite]
         if self.chosen:
             words += [word for key in self.chosen for word in ("--episodes-from", key)]
@@ -163,9 +109,9 @@ class Plan:
 
     def mistake(self) -> tuple[str, str]:
         """Return the first field that no plan of this protocol can have, and why; or two ""."""
-        if self.suite not in SUITES:
+        if self.suite not in SUITE_NAMES:
             return "suite", f"there is no suite '{self.suite}'"
-        suite = SUITES[self.suite]
+        suite = PROTOCOL.suite(self.suite)
         if not self.tasks or tuple(t for t in suite.tasks if t in self.tasks) != self.tasks:
             return "tasks", f"they are not tasks of {suite.name} in its order"
         if not 0 < self.episodes <= MAX_EPISODES:
@@ -174,7 +120,7 @@ class Plan:
             return "chosen", f"they are not episodes of {suite.name} in its order"
         return "", ""
 
-    def _chooses(self, suite: Suite) -> bool:
+    def _chooses(self, suite: SuiteSpec) -> bool:
         """Tell whether the chosen are episodes of every task of the plan, each once, in order."""
         try:
             return choose_episodes(self.chosen, suite) == self.chosen and (
@@ -184,15 +130,51 @@ class Plan:
             return False
 
 
-@lru_cache(maxsize=8)
-def _specs(plan: Plan, exploration: bool) -> tuple[EpisodeSpec, ...]:
-    suite = replace(
-        find_suite(plan.suite),
-        tasks=plan.tasks,
-        episodes_per_task=plan.episodes,
-        seed=plan.seed,
+def suite_episodes(
+    suite: SuiteSpec, *, exploration: bool = False, chosen: Sequence[str] = ()
+) -> tuple[EpisodeSpec, ...]:
+    """Return the episodes of a suite, task by task; with ``exploration`` those of that role too.
+
+    Both roles face the same episodes. Playing has no exploration metric. ``chosen`` names
+    those to return, as in "pushing/17"; without it all.
+    """
+    wanted = frozenset(chosen)
+    final = tuple(
+        _episode(suite, task, index)
+        for task in suite.tasks
+        for index in range(suite.episodes_per_task)
+        if not wanted or f"{task}/{index}" in wanted
     )
-    return suite.episodes(exploration=exploration, chosen=plan.chosen)
+    if not exploration:
+        return final
+    return final + tuple(
+        replace(spec, role=Role.EXPLORATION) for spec in final if spec.task in GOAL_TASKS
+    )
+
+
+def _episode(suite: SuiteSpec, task: str, index: int) -> EpisodeSpec:
+    """Return an episode with its object: the task's own, or a shape of the set."""
+    words = (suite.name, task, index, suite.seed)
+    spec = EpisodeSpec(Role.FINAL, task, index, episode_seed(*words), policy_seed(*words))
+    objects = PROTOCOL.task(task).default_objects
+    if suite.novel_shapes:
+        shape = _novel_shape(suite.name, index)
+    elif objects in ("", CUBE):
+        return replace(spec, shape=objects)
+    else:
+        shapes = canonical_shape_set().split(objects)
+        shape = shapes[int(np.random.default_rng(spec.seed).integers(len(shapes)))]
+    return replace(spec, shape=shape.name, family=shape.family, split=shape.split)
+
+
+def _novel_shape(suite: str, index: int) -> Shape:
+    """Take each held-out shape once (even indices), and as many drawn train shapes."""
+    shapes = canonical_shape_set()
+    held_out, train = shapes.split(Split.HELD_OUT), shapes.split(Split.TRAIN)
+    turn = (index // 2) % len(held_out)
+    if index % 2 == 0:
+        return held_out[turn]
+    return train[int(suite_generator(suite).permutation(len(train))[turn])]
 
 
 def make_plan(
@@ -213,7 +195,7 @@ def make_plan(
     Raises:
         UsageError: there is no such suite, task or episode.
     """
-    known = find_suite(suite)
+    known = PROTOCOL.suite(suite)
     chosen = choose_episodes(episodes_from, known)
     if chosen and (tasks is not None or episodes is not None):
         raise UsageError("--episodes-from names tasks and episodes: leave out --tasks, --episodes")
@@ -235,7 +217,7 @@ def _tasks_of(chosen: Sequence[str]) -> list[str]:
     return [key.partition("/")[0] for key in chosen]
 
 
-def choose_tasks(asked: Sequence[str] | None, suite: Suite) -> tuple[str, ...]:
+def choose_tasks(asked: Sequence[str] | None, suite: SuiteSpec) -> tuple[str, ...]:
     """Return the tasks of a suite that are asked for, in the suite's order; None for all.
 
     Raises:
@@ -252,7 +234,7 @@ def choose_tasks(asked: Sequence[str] | None, suite: Suite) -> tuple[str, ...]:
     return tuple(name for name in suite.tasks if name in asked)
 
 
-def choose_episodes(asked: Sequence[str], suite: Suite) -> tuple[str, ...]:
+def choose_episodes(asked: Sequence[str], suite: SuiteSpec) -> tuple[str, ...]:
     """Return the names of the episodes asked for, as in "pushing/3,17", in the suite's order.
 
     Raises:
@@ -263,7 +245,7 @@ def choose_episodes(asked: Sequence[str], suite: Suite) -> tuple[str, ...]:
     )
 
 
-def _positions(asked: Sequence[str], suite: Suite) -> Iterator[tuple[int, int]]:
+def _positions(asked: Sequence[str], suite: SuiteSpec) -> Iterator[tuple[int, int]]:
     for text in asked:
         task, _, indices = text.partition("/")
         choose_tasks([task], suite)

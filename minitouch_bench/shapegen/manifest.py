@@ -17,7 +17,7 @@ from typing import Any
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, MIB, cache_directory, cache_errors, read_file, replace_file
-from minitouch_bench.protocol.spec import content_digest
+from minitouch_bench.protocol.spec import Split, content_digest
 from minitouch_bench.shapegen.body_codec import (
     Body,
     body_files,
@@ -34,7 +34,6 @@ SCHEMA = "minitouch-shapes-1"
 CANONICAL = "minitouch-1000"
 CANONICAL_SEED, CANONICAL_COUNT = 0, 1000
 
-TRAIN, HELD_OUT = "train", "held-out"
 HELD_OUT_SHARE = 0.2
 PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,199}")
 """A shape's name and its family are names of files too."""
@@ -195,7 +194,7 @@ def _shape(entry: Mapping[str, Any], pack: Path) -> Shape:
     for key in ("name", "family"):
         if not PLAIN_NAME.fullmatch(str(entry[key])):
             raise ValueError(f"{str(entry[key])[:80]!a} is no plain {key}")
-    if entry["split"] not in (TRAIN, HELD_OUT):
+    if entry["split"] not in [*Split]:
         raise ValueError(f"{str(entry['split'])[:80]!a} is no split")
     for key in ("offset", "length", *COUNTED):
         if type(entry[key]) is not int or not 0 <= entry[key] <= GIB:
@@ -261,7 +260,7 @@ def split_by_hash(families: Sequence[str], digests: Sequence[str]) -> tuple[str,
         members = [i for i, family in enumerate(families) if family == name]
         members.sort(key=lambda i: _hash(digests[i]))
         held.update(members[: round(len(members) * HELD_OUT_SHARE)])
-    return tuple(HELD_OUT if i in held else TRAIN for i in range(len(families)))
+    return tuple(Split.HELD_OUT if i in held else Split.TRAIN for i in range(len(families)))
 
 
 def _canonical_splits(families: Sequence[str], digests: Sequence[str]) -> tuple[str, ...]:
@@ -277,7 +276,7 @@ def _numbered_splits(seed: int, families: Sequence[str]) -> Iterator[str]:
     for family in families:
         group, turn = divmod(seen[family], GROUP)
         chosen = int(_hash(f"{seed}/{family}/{group}"), 16) % GROUP
-        yield HELD_OUT if turn == chosen else TRAIN
+        yield Split.HELD_OUT if turn == chosen else Split.TRAIN
         seen[family] += 1
 
 

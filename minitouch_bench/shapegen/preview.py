@@ -12,8 +12,8 @@ from PIL import Image, ImageDraw
 
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.files import os_errors_as, replace_file
-from minitouch_bench.protocol.spec import CameraSpec
-from minitouch_bench.shapegen.manifest import HELD_OUT, Shape, ShapeSet
+from minitouch_bench.protocol.spec import CameraSpec, Split
+from minitouch_bench.shapegen.manifest import Shape, ShapeSet
 from minitouch_bench.shapegen.mesh import product, yaw
 from minitouch_bench.simulation.bullet import View
 from minitouch_bench.simulation.client import PhysicsClient
@@ -63,7 +63,7 @@ def _picture(client: PhysicsClient, shape: Shape) -> Image.Image:
     client.reset_world()
     turned = product(yaw(0.5), shape.poses[0].quaternion)
     body = client.load_urdf(shape.urdf, orientation=turned)
-    client.paint({(body, -1): HELD_OUT_COLOR if shape.split == HELD_OUT else TRAIN_COLOR})
+    client.paint({(body, -1): HELD_OUT_COLOR if shape.split == Split.HELD_OUT else TRAIN_COLOR})
     image = client.render(View.of(CAMERA), 2 * TILE, 2 * TILE, bodies=True)
     assert image.bodies is not None
     on_white = np.where(image.bodies[..., None] >= 0, image.rgb, np.uint8(255))

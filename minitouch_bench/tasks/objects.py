@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.protocol.spec import CUBE
+from minitouch_bench.protocol.spec import CUBE, Split
 from minitouch_bench.protocol.tasks import CubeSpec
 from minitouch_bench.shapegen.manifest import (
-    HELD_OUT,
-    TRAIN,
     Shape,
     ShapeSet,
     canonical_shape_set,
@@ -108,8 +106,8 @@ def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:
         return chosen.shapes
     canonical = canonical_shape_set()
     if isinstance(chosen, str):
-        if chosen not in (ALL, TRAIN, HELD_OUT):
-            known = ", ".join((CUBE, TRAIN, HELD_OUT, ALL))
+        if chosen not in (ALL, *Split):
+            known = ", ".join((CUBE, *Split, ALL))
             raise UsageError(f"no objects '{chosen}'; there are {known}, and lists of shapes")
         return canonical.shapes if chosen == ALL else canonical.split(chosen)
     if not isinstance(chosen, Sequence) or not chosen:

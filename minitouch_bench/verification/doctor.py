@@ -25,9 +25,9 @@ from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.isolation import landlock
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.runs.actions import Actions
-from minitouch_bench.runs.plan import SUITES, find_suite
+from minitouch_bench.runs.plan import suite_episodes
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.simulation.bullet import BUILDS
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -82,9 +82,7 @@ def examine(workers: int) -> Iterator[Check]:
 def trial_episodes() -> tuple[tuple[EpisodeSpec, ...], Recording]:
     """Return some episodes of every task, and random actions for them."""
     specs = tuple(
-        spec
-        for spec in find_suite("smoke").episodes(exploration=False)
-        if spec.index < EPISODES_PER_TASK
+        spec for spec in suite_episodes(PROTOCOL.suite("smoke")) if spec.index < EPISODES_PER_TASK
     )
     actions: dict[str, Actions] = {}
     for spec in specs:
@@ -232,7 +230,7 @@ def _reference() -> Check:
 
 
 def _speed(steps_per_s: float, workers: int) -> Check:
-    suite = SUITES["table4"]
+    suite = PROTOCOL.suite(MAIN_SUITE)
     steps = suite.episodes_per_task * sum(PROTOCOL.task(t).max_steps for t in suite.tasks)
     minutes = steps / steps_per_s / workers / 60
     by = f"{workers} worker{'s' if workers > 1 else ''}"

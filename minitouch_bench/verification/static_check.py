@@ -24,9 +24,9 @@ from minitouch_bench.json_io import plain
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.minitouch import PROTOCOL, SUITE_NAMES
 from minitouch_bench.runs.actions import Actions
-from minitouch_bench.runs.plan import SUITES, first_of
+from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import NAMED, Run, RunHeader, run_json, why_unofficial
 from minitouch_bench.verification.problems import Problem, compare_values
 
@@ -68,7 +68,7 @@ def check_plan(run: Run) -> tuple[Problem, ...]:
 def _protocol(header: RunHeader) -> Iterator[Problem]:
     """Compare the digest of each task with this installation's."""
     plan = header.plan
-    if plan.suite not in SUITES:
+    if plan.suite not in SUITE_NAMES:
         return  # which _settings says
     rules = plan.rules()
     other = [task for task, digest in rules.items() if header.task_digests.get(task) != digest]

@@ -14,7 +14,8 @@ from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.local_engine import LocalEngine
 from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.runs.plan import find_suite
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.runs.plan import suite_episodes
 from tests.evaluation.runs import digests, request, run
 
 ROOT = Path(__file__).parents[2]
@@ -89,7 +90,7 @@ def test_no_episodes_need_no_workers():
 
 def test_breaking_off_ends_the_workers():
     wanted = request("zero")
-    specs = find_suite("table4").episodes(exploration=False)
+    specs = suite_episodes(PROTOCOL.suite("table4"))
     records = LocalEngine(2).run(wanted, specs[:10])
     next(records)
     records.close()

@@ -7,12 +7,13 @@ from minitouch_bench.episode import Outcome, Role
 from minitouch_bench.errors import InvalidActionError, PolicyLoadError, PolicyTimeoutError
 from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.runs.plan import find_suite
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.runs.plan import suite_episodes
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registry import TASK_CLASSES
 from tests.evaluation.runs import request
 
-SPECS = {spec.task: spec for spec in find_suite("smoke").episodes(exploration=False)}
+SPECS = {spec.task: spec for spec in suite_episodes(PROTOCOL.suite("smoke"))}
 
 
 @pytest.fixture(scope="module", params=list(TASK_CLASSES))

@@ -8,31 +8,33 @@ from minitouch_bench.episode import IN_MEMORY, Role
 from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import Perturbation, PolicyLimits
 from minitouch_bench.policies.sources import identify, parse_source
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
-from minitouch_bench.runs.plan import choose_episodes, choose_tasks, find_suite, make_plan
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
+from minitouch_bench.runs.plan import choose_episodes, choose_tasks, make_plan, suite_episodes
 from minitouch_bench.runs.run import why_unofficial
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 
-TABLE4 = find_suite("table4")
+TABLE4 = PROTOCOL.suite("table4")
 
 
 def test_the_official_suite():
-    specs = TABLE4.episodes(exploration=False)
+    specs = suite_episodes(TABLE4)
     assert TABLE4.rankable
     assert len(specs) == len(set(specs)) == 400
     assert [spec.task for spec in specs[::100]] == list(TASK_NAMES)
     assert [spec.index for spec in specs[:100]] == list(range(100))
-    assert not find_suite("smoke").rankable
-    assert len(find_suite("smoke").episodes(exploration=False)) == 20
+    assert not PROTOCOL.suite("smoke").rankable
+    assert len(suite_episodes(PROTOCOL.suite("smoke"))) == 20
 
 
 def test_an_episode_does_not_depend_on_how_many_there_are_nor_on_the_tasks_beside_it():
     few = replace(TABLE4, tasks=("opening", "pick-up"), episodes_per_task=3)
-    assert set(few.episodes(exploration=True)) < set(TABLE4.episodes(exploration=True))
+    assert set(suite_episodes(few, exploration=True)) < set(
+        suite_episodes(TABLE4, exploration=True)
+    )
 
 
 def test_exploration_faces_the_same_episodes_of_the_goals():
-    specs = TABLE4.episodes(exploration=True)
+    specs = suite_episodes(TABLE4, exploration=True)
     exploration = [spec for spec in specs if spec.role is Role.EXPLORATION]
     assert {spec.task for spec in exploration} == set(GOAL_TASKS)
     assert [replace(spec, role=Role.FINAL) for spec in exploration] == [
@@ -41,26 +43,26 @@ def test_exploration_faces_the_same_episodes_of_the_goals():
 
 
 def test_pick_up_draws_train_shapes_by_seed():
-    specs = [spec for spec in TABLE4.episodes(exploration=False) if spec.task == "pick-up"]
+    specs = [spec for spec in suite_episodes(TABLE4) if spec.task == "pick-up"]
     train = {shape.name for shape in canonical_shape_set().split("train")}
     shapes = [spec.shape for spec in specs]
     assert len(set(shapes)) > 10
     assert set(shapes) <= train
     assert {spec.split for spec in specs} == {"train"}
-    other = replace(TABLE4, seed=5).episodes(exploration=False)
+    other = suite_episodes(replace(TABLE4, seed=5))
     assert shapes != [spec.shape for spec in other if spec.task == "pick-up"]
 
 
 def test_the_other_tasks_have_their_own_objects():
-    shapes = {spec.task: spec.shape for spec in find_suite("smoke").episodes(exploration=False)}
+    shapes = {spec.task: spec.shape for spec in suite_episodes(PROTOCOL.suite("smoke"))}
     assert shapes.pop("pick-up")
     assert shapes == {"playing": "cube", "pushing": "cube", "opening": ""}
 
 
 def test_novel_shapes_faces_each_held_out_shape_once_and_as_many_others():
-    suite, canonical = find_suite("novel-shapes"), canonical_shape_set()
+    suite, canonical = PROTOCOL.suite("novel-shapes"), canonical_shape_set()
     for task in ("playing", "pushing", "pick-up"):
-        specs = [spec for spec in suite.episodes(exploration=False) if spec.task == task]
+        specs = [spec for spec in suite_episodes(suite) if spec.task == task]
         by_split = {
             split: [spec.shape for spec in specs if spec.split == split]
             for split in ("held-out", "train")
@@ -68,8 +70,8 @@ def test_novel_shapes_faces_each_held_out_shape_once_and_as_many_others():
         held_out = [shape.name for shape in canonical.split("held-out")]
         assert sorted(by_split["held-out"]) == sorted(held_out)
         assert len(set(by_split["train"])) == len(by_split["train"]) == len(held_out)
-    few = replace(suite, episodes_per_task=4).episodes(exploration=False)
-    assert set(few) < set(suite.episodes(exploration=False))
+    few = suite_episodes(replace(suite, episodes_per_task=4))
+    assert set(few) < set(suite_episodes(suite))
 
 
 def test_what_makes_a_run_unofficial_is_said():
@@ -144,9 +146,9 @@ def test_unknown_tasks_are_usage_errors(names):
 def test_chosen_episodes_are_those_of_the_whole_suite():
     chosen = choose_episodes(["pushing/17, 3", "opening/0", "pushing/3"], TABLE4)
     assert chosen == ("pushing/3", "pushing/17", "opening/0")
-    whole = {spec.key: spec for spec in TABLE4.episodes(exploration=True)}
+    whole = {spec.key: spec for spec in suite_episodes(TABLE4, exploration=True)}
     keys = ("pushing/3", "pushing/17", "opening/0")
-    specs = TABLE4.episodes(exploration=True, chosen=chosen)
+    specs = suite_episodes(TABLE4, exploration=True, chosen=chosen)
     assert [spec.key for spec in specs] == [*keys, *(f"exploration/{key}" for key in keys)]
     assert all(whole[spec.key] == spec for spec in specs)
 
@@ -168,4 +170,4 @@ def test_a_label_names_a_few_chosen_episodes():
 
 def test_an_unknown_suite_is_a_usage_error():
     with pytest.raises(UsageError, match=r"table4, .*smoke"):
-        find_suite("table5")
+        PROTOCOL.suite("table5")

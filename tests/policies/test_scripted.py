@@ -9,8 +9,8 @@ from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.policies.loaders import load_policy
 from minitouch_bench.policies.policy import Checkpoint
 from minitouch_bench.policies.scripted import CONTROLLERS, make_controller
-from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.runs.plan import find_suite
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
+from minitouch_bench.runs.plan import suite_episodes
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.registry import TASK_CLASSES
 
@@ -35,7 +35,7 @@ class InThisProcess:
 
 def episodes(actor, task, count):
     environment = MiniTouchEnv(task)
-    specs = [spec for spec in find_suite("table4").episodes(exploration=False) if spec.task == task]
+    specs = [spec for spec in suite_episodes(PROTOCOL.suite("table4")) if spec.task == task]
     records = [run_episode(environment, actor, spec) for spec in specs[:count]]
     environment.close()
     return records

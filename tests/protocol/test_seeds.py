@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 from gymnasium.utils.seeding import np_random
 
-from minitouch_bench.protocol.minitouch import episode_seed, policy_seed, senses_generator
-from minitouch_bench.runs.plan import find_suite
+from minitouch_bench.protocol.minitouch import PROTOCOL, episode_seed, policy_seed, senses_generator
+from minitouch_bench.runs.plan import suite_episodes
 
 KNOWN = {
     ("table4", "pushing", 0, 0): 3634405880,
@@ -23,9 +23,7 @@ def test_known_seeds():
 
 def test_no_two_episodes_of_the_suites_share_a_seed():
     seeds = [
-        spec.seed
-        for name in ("table4", "smoke")
-        for spec in find_suite(name).episodes(exploration=False)
+        spec.seed for name in ("table4", "smoke") for spec in suite_episodes(PROTOCOL.suite(name))
     ]
     assert len(set(seeds)) == len(seeds)
     assert min(seeds) >= 0
@@ -41,8 +39,8 @@ def test_known_policy_seed():
 
 
 def test_policy_seeds_have_64_bits_and_differ_wherever_a_word_differs():
-    suite = find_suite("table4")
-    seeds = [spec.policy_seed for spec in suite.episodes(exploration=False)]
+    suite = PROTOCOL.suite("table4")
+    seeds = [spec.policy_seed for spec in suite_episodes(suite)]
     seeds += [policy_seed(*key) for key in KNOWN if key not in {("table4", "pushing", 0, 0)}][3:]
     assert len(set(seeds)) == len(seeds)
     assert max(seeds) >= 2**63
@@ -54,14 +52,12 @@ def test_the_search_that_found_the_scene_of_a_secret_run_finds_nothing():
 
     Whatever seed of 32 bits is tried, an episode's own seed and the policy's are not among them.
     """
-    secret = replace(find_suite("table4"), seed=SECRET)
-    specs = secret.episodes(exploration=False)
+    secret = replace(PROTOCOL.suite("table4"), seed=SECRET)
+    specs = suite_episodes(secret)
     assert min(spec.seed for spec in specs).bit_length() > 64
-    public = {spec.policy_seed for spec in find_suite("table4").episodes(exploration=False)}
+    public = {spec.policy_seed for spec in suite_episodes(PROTOCOL.suite("table4"))}
     assert not public & {spec.policy_seed for spec in specs}
-    again = [
-        spec.policy_seed for spec in replace(secret, seed=SECRET + 1).episodes(exploration=False)
-    ]
+    again = [spec.policy_seed for spec in suite_episodes(replace(secret, seed=SECRET + 1))]
     assert not set(again) & {spec.policy_seed for spec in specs}
 
 

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import InfrastructureError, UsageError
+from minitouch_bench.protocol.spec import Split
 from minitouch_bench.shapegen.body_codec import encode, file_names, files_stem
 from minitouch_bench.shapegen.generate import family_of
 from minitouch_bench.shapegen.manifest import (
-    HELD_OUT,
-    TRAIN,
     canonical_shape_set,
     load_shape_set,
     split_by_hash,
@@ -174,8 +173,8 @@ def test_the_digest_is_of_the_content_not_of_the_spacing(small_set: Path) -> Non
 def test_a_thousand_shapes_split_exactly_and_evenly() -> None:
     families = [f"family{i % 8}" for i in range(1000)]
     splits = split_by_hash(families, [sha256(str(i).encode()).hexdigest() for i in range(1000)])
-    assert splits.count(HELD_OUT) == 200
-    held = [f for f, s in zip(families, splits, strict=True) if s == HELD_OUT]
+    assert splits.count(Split.HELD_OUT) == 200
+    held = [f for f, s in zip(families, splits, strict=True) if s == Split.HELD_OUT]
     assert {held.count(name) for name in set(families)} == {25}
 
 
@@ -209,11 +208,11 @@ def test_other_seeds_hold_out_one_in_five_of_each_family_at_other_places() -> No
     assert found[1] != found[2]
     for splits in found.values():
         for family in range(8):
-            assert splits[family::8].count(HELD_OUT) == 10
+            assert splits[family::8].count(Split.HELD_OUT) == 10
         # The place within five is not always the same one.
-        assert len({splits[start : start + 40 : 8].index(HELD_OUT) for start in range(8)}) > 1
+        assert len({splits[start : start + 40 : 8].index(Split.HELD_OUT) for start in range(8)}) > 1
 
 
 def test_an_imported_set_is_split_as_a_whole() -> None:
     splits = splits_of(None, ["imported"] * 50, [str(i) for i in range(50)])
-    assert (splits.count(HELD_OUT), splits.count(TRAIN)) == (10, 40)
+    assert (splits.count(Split.HELD_OUT), splits.count(Split.TRAIN)) == (10, 40)
