@@ -31,7 +31,7 @@ from minitouch_bench.json_io import StrPath, Words, words
 from minitouch_bench.perturbation import parse_perturbation
 from minitouch_bench.policies.isolation.levels import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
-from minitouch_bench.reporting import writers
+from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.results import TaskResult
@@ -135,7 +135,7 @@ def _write_views(run: Run, directory: Path, video: int = 0) -> None:
         if spec.index < video:
             file = make_folder(directory / VIDEOS) / video_name(spec.key)
             write_video(spec, run.actions_of(spec.key), file, run.plan.conditions)
-    writers.write_views(run, directory, list_videos(directory))
+    write_views(run, directory, list_videos(directory))
 
 
 def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:

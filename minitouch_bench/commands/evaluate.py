@@ -94,8 +94,7 @@ def evaluate(
 ) -> None:
     """Run a policy through a suite and write its Table-4 report."""
     from minitouch_bench import api
-    from minitouch_bench.reporting.report import build_report
-    from minitouch_bench.reporting.writers import show_report
+    from minitouch_bench.reporting.report import build_report, show_report
     from minitouch_bench.runs.run import run_json
 
     with EpisodeProgress() as callbacks:

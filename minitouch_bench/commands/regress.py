@@ -107,7 +107,7 @@ def regress(
     from minitouch_bench.comparison.settings import GateSettings, Tolerance
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.evaluation.execution import open_run, play, run_name
-    from minitouch_bench.reporting.writers import write_views
+    from minitouch_bench.reporting.report import write_views
     from minitouch_bench.runs.run import Run
 
     allowed = None if tolerance is None else Tolerance.parse(tolerance)

@@ -42,8 +42,14 @@ def report(
     ] = None,
 ) -> None:
     """Show finished runs beside each other in Table 4, and write report.html."""
-    from minitouch_bench.reporting.report import Shown, build_report, view_directory
-    from minitouch_bench.reporting.writers import TABLE_FORMATS, show_report, write_page
+    from minitouch_bench.reporting.report import (
+        TABLE_FORMATS,
+        Shown,
+        build_report,
+        show_report,
+        view_directory,
+        write_page,
+    )
     from minitouch_bench.runs.run import read_run
 
     if table_format is not None and table_format not in TABLE_FORMATS:

@@ -34,7 +34,8 @@ from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
 from minitouch_bench.metrics.significance import ALPHA, holm
 from minitouch_bench.reporting import tables
-from minitouch_bench.reporting.formats import (
+from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
+from minitouch_bench.reporting.tables import (
     Block,
     Heading,
     NoteBlock,
@@ -42,7 +43,6 @@ from minitouch_bench.reporting.formats import (
     as_text,
     on_screen,
 )
-from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
 from minitouch_bench.runs.run import Run
 
 if TYPE_CHECKING:

@@ -16,7 +16,9 @@ from minitouch_bench.errors import printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.reporting import tables
-from minitouch_bench.reporting.formats import (
+from minitouch_bench.reporting.labels import difference_cell, format_value, listed, task_title
+from minitouch_bench.reporting.run_tables import OUTCOME_TITLES
+from minitouch_bench.reporting.tables import (
     Block,
     NoteBlock,
     as_markdown,
@@ -24,8 +26,6 @@ from minitouch_bench.reporting.formats import (
     escape_md,
     on_screen,
 )
-from minitouch_bench.reporting.labels import listed, task_title
-from minitouch_bench.reporting.run_tables import OUTCOME_TITLES
 
 SMALLEST_P = 0.0001
 """A p-value below is written as such: the bootstrap draws no finer ones."""
@@ -38,7 +38,7 @@ SHOWN_CHANGES = 20
 
 def effect_row(effect: Effect, *cells: str | None) -> tables.Row:
     """Lay out a task's values in both runs, their difference, and what follows."""
-    values = (tables.format_value(effect.metric, value) for value in (effect.first, effect.second))
+    values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
     return tables.make_row(task_title(effect.task), *values, difference_text(effect), *cells)
 
 
@@ -79,7 +79,7 @@ def changes_blocks(
 
 def difference_text(effect: Effect) -> str:
     """Write a difference with its sign and its 95 % interval."""
-    return str(tables.difference_cell(effect.metric, effect.difference))
+    return str(difference_cell(effect.metric, effect.difference))
 
 
 def p_text(p_value: float) -> str:
@@ -230,7 +230,7 @@ def endpoint_table(result: GateResult) -> tables.Table:
     """Lay out what decides."""
     endpoint, effect = result.endpoint, result.endpoint.effect
     tolerance = result.settings.tolerance_of(effect.metric)
-    allowed = tables.format_value(effect.metric, endpoint.tolerance)
+    allowed = format_value(effect.metric, endpoint.tolerance)
     allowed = f"{allowed} ({tolerance})" if tolerance.relative else allowed
     row = effect_row(effect, allowed, p_text(endpoint.p_value), endpoint.decision.value)
     columns = tables.make_columns(*GATE_LABELS, "Tolerance", "p", "Decision", words=["Decision"])
@@ -260,7 +260,7 @@ def _reason(result: GateResult) -> str:
     endpoint, effect = result.endpoint, result.endpoint.effect
     if result.identical:
         return "the run digests are equal, every episode is the same to the last bit"
-    values = (tables.format_value(effect.metric, value) for value in (effect.first, effect.second))
+    values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
     change = f"{effect.task} {effect.metric} {' → '.join(values)}"
     where = "beyond" if endpoint.is_beyond else "within"
     seen = f"{change} in {effect.count} episodes, {where} the tolerance"

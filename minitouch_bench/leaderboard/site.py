@@ -45,16 +45,15 @@ from minitouch_bench.leaderboard.submission_checks import MAX_VIDEO
 from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
-from minitouch_bench.reporting import charts, tables
+from minitouch_bench.reporting import charts, labels, tables
 from minitouch_bench.reporting.charts import Figure, Plot
 from minitouch_bench.reporting.figures import steps_plot, touch_plot
 from minitouch_bench.reporting.labels import group_faults, task_title
-from minitouch_bench.reporting.pages import PICTURES, render_page
+from minitouch_bench.reporting.pages import PICTURES, Card, make_card, render_page
 from minitouch_bench.reporting.report import Video
 from minitouch_bench.reporting.run_tables import gap_cells
 from minitouch_bench.reporting.svg import draw_share_bar
 from minitouch_bench.reporting.tables import Row, Table
-from minitouch_bench.reporting.writers import Card, make_card
 from minitouch_bench.runs.results import TABLE4_METRICS
 from minitouch_bench.runs.run import Run
 
@@ -311,8 +310,8 @@ def _ending_bar(row: BoardRow, task: str) -> Markup:
 def _values(row: BoardRow) -> Table:
     rows = []
     for metric in (*TABLE4_METRICS, *TOUCH_METRICS):
-        cells = (tables.estimate_cell(metric, row.estimate(task, metric)) for task in BOARD_TASKS)
-        rows.append(Row((tables.metric_head(metric), METRICS[metric].unit), tuple(cells)))
+        cells = (labels.estimate_cell(metric, row.estimate(task, metric)) for task in BOARD_TASKS)
+        rows.append(Row((labels.metric_head(metric), METRICS[metric].unit), tuple(cells)))
     note = f"{views.EPISODE_VARIANCE[0].upper()}{views.EPISODE_VARIANCE[1:]}."
     if len(row.training_seeds) > 1:
         learned = (row.learned_in(task).removesuffix(" seeds learned") for task in BOARD_TASKS)

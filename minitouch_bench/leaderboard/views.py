@@ -36,11 +36,17 @@ from minitouch_bench.metrics.definitions import (
 from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
 from minitouch_bench.reporting import labels, tables
-from minitouch_bench.reporting.formats import escape_md, table_lines
-from minitouch_bench.reporting.frames import CsvRow, rows_csv
 from minitouch_bench.reporting.labels import PAPER_METHODS, listed, task_title
 from minitouch_bench.reporting.run_tables import gap_cells
-from minitouch_bench.reporting.tables import Cell, Column, Table
+from minitouch_bench.reporting.tables import (
+    Cell,
+    Column,
+    CsvRow,
+    Table,
+    escape_md,
+    rows_csv,
+    table_lines,
+)
 
 RANKED, UNRANKED, CALIBRATION, PAPER = "ranked", "unranked", "calibration", "paper"
 """Kinds of rows; only the first has ranks."""
@@ -171,7 +177,7 @@ def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[B
 
 def _cell(row: BoardRow | None, task: str, metric: str) -> Cell:
     estimate = row.estimate(task, metric) if row else None
-    cell = tables.estimate_cell("success" if metric == MEAN_SUCCESS else metric, estimate)
+    cell = labels.estimate_cell("success" if metric == MEAN_SUCCESS else metric, estimate)
     is_first = metric in (RANKED_BY[task], TOUCH_METRICS[0])  # of the row's cells of the task
     return with_learned(cell, row, task) if is_first else cell
 

@@ -1,41 +1,35 @@
-"""Charts as data, in the units of their axes; ``svg`` draws them."""
+"""A chart as data, in the units of its axes; ``svg`` draws it."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Any, Literal
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Literal
 
 from minitouch_bench.episode import Estimate
 
-COLORS: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {
-        "page": ("#fbfbf9", "#14161a"),
-        "panel": ("#ffffff", "#1b1e23"),
-        "tint": ("#f3f4f0", "#1f2329"),
-        "ink": ("#1b1d20", "#e7e8ea"),
-        "muted": ("#5c636c", "#a0a7b1"),
-        "rule": ("#e2e3df", "#30343b"),
-        "official": ("#00704f", "#4ad1a8"),
-        "warn": ("#a34700", "#f5a56b"),
-        "series-0": ("#0072b2", "#56b4e9"),
-        "series-1": ("#d55e00", "#f0803c"),
-        "series-2": ("#009e73", "#2fc59a"),
-        "series-3": ("#aa4488", "#dd94bd"),
-        "series-4": ("#b87a00", "#e6b13a"),
-        "series-5": ("#5d2f0c", "#f2dfc8"),
-        "series-6": ("#878d96", "#99a0a9"),
-        "success": ("#009e73", "#2fb68d"),
-        "touched": ("#3b8fc4", "#8ecdf2"),
-        "failed": ("#e69f00", "#e6b13a"),
-        "left": ("#aa4488", "#dd94bd"),
-        "limit": ("#9aa1a9", "#7d858f"),
-        "fault": ("#d55e00", "#f0803c"),
-    }
-)
+COLORS = {
+    "page": ("#fbfbf9", "#14161a"),
+    "panel": ("#ffffff", "#1b1e23"),
+    "tint": ("#f3f4f0", "#1f2329"),
+    "ink": ("#1b1d20", "#e7e8ea"),
+    "muted": ("#5c636c", "#a0a7b1"),
+    "rule": ("#e2e3df", "#30343b"),
+    "official": ("#00704f", "#4ad1a8"),
+    "warn": ("#a34700", "#f5a56b"),
+    "series-0": ("#0072b2", "#56b4e9"),
+    "series-1": ("#d55e00", "#f0803c"),
+    "series-2": ("#009e73", "#2fc59a"),
+    "series-3": ("#aa4488", "#dd94bd"),
+    "series-4": ("#b87a00", "#e6b13a"),
+    "series-5": ("#5d2f0c", "#f2dfc8"),
+    "series-6": ("#878d96", "#99a0a9"),
+    "success": ("#009e73", "#2fb68d"),
+    "touched": ("#3b8fc4", "#8ecdf2"),
+    "failed": ("#e69f00", "#e6b13a"),
+    "left": ("#aa4488", "#dd94bd"),
+    "limit": ("#9aa1a9", "#7d858f"),
+    "fault": ("#d55e00", "#f0803c"),
+}
 """Light and dark shade by name. A mark of a chart names its color as ``tone``."""
 
 SERIES = tuple(name for name in COLORS if name.startswith("series-"))
@@ -50,12 +44,6 @@ def series_tone(index: int) -> str:
 MarkShape = Literal["circle", "square", "up", "down", "plus", "cross", "diamond"]
 MARK_SHAPES: tuple[MarkShape, ...] = ("circle", "square", "up", "down", "plus", "cross")
 """The marks of runs, in the order they are given out."""
-
-BIN = 10
-"""Control steps in one bar of a histogram of episode steps."""
-
-FEW = 0.1
-"""Share of the episodes below which a touch curve is drawn faintly."""
 
 THOUSANDS_FROM = 10_000
 """Highest value from which an axis counts in thousands, as "2.5k"."""
@@ -239,68 +227,6 @@ def upright_line(x: float, axis: Axis) -> Line:
 def run_legend(names: Sequence[str]) -> tuple[LegendItem, ...]:
     """Name the runs by their colors."""
     return tuple(LegendItem(name, series_tone(index)) for index, name in enumerate(names))
-
-
-# Charts that reports and the board share
-
-Integers = NDArray[np.integer[Any]]
-
-
-def step_histograms(panels: Mapping[str, Mapping[str, Integers]], limit: int) -> tuple[Chart, ...]:
-    """Draw the share of episodes by control steps; ``panels``: by title, steps by stacked tone.
-
-    What is beyond the limit is drawn at it: a stranger's file can say any number.
-    """
-    # One bar more than the limit: an episode of 200 steps gets its own, not that of 190-199.
-    edges = np.arange(0, limit + 2 * BIN, BIN)
-    shares = {title: _stacked_shares(panel, edges) for title, panel in panels.items()}
-    highest = max((float(stack.sum(axis=0).max()) for stack in shares.values()), default=0.0)
-    x, y = step_axis(int(edges[-1])), value_axis("Episodes, %", highest, intervals=3)
-    return tuple(
-        Chart(x, y, tuple(_bars(panels[title], stack, edges)), 76, title)
-        for title, stack in shares.items()
-    )
-
-
-def _stacked_shares(panel: Mapping[str, Integers], edges: Integers) -> NDArray[np.float64]:
-    """Return the percentage of all episodes by tone and bin."""
-    drawn = (np.minimum(steps, edges[-1]) for steps in panel.values())
-    counts = np.array([np.histogram(steps, edges)[0] for steps in drawn], np.float64)
-    shares: NDArray[np.float64] = 100 * counts / max(1.0, counts.sum())
-    return shares
-
-
-def _bars(
-    panel: Mapping[str, Integers], stack: NDArray[np.float64], edges: Integers
-) -> Iterator[Bar]:
-    floor = np.zeros(len(edges) - 1)
-    for tone, shares in zip(panel, stack, strict=True):
-        for slot in np.flatnonzero(shares):
-            left, bottom = float(edges[slot]), float(floor[slot])
-            yield Bar(left + 0.6, left + BIN - 0.6, bottom, bottom + float(shares[slot]), tone)
-        floor += shares
-
-
-def touch_chart(curves: Sequence[tuple[Sequence[float], Sequence[int]]], limit: int) -> Chart:
-    """Draw the mean contact ticks at each control step, one line per run.
-
-    ``curves``: the means, and how many episodes reached each step; the line is faint where
-    less than FEW of them did.
-    """
-    highest = max((value for curve, _ in curves for value in curve), default=0.0)
-    longest = max([limit, *(len(curve) for curve, _ in curves)])
-    marks = tuple(line for i, (curve, n) in enumerate(curves) for line in _curve(i, curve, n))
-    return Chart(step_axis(longest), value_axis("Ticks per step", highest), marks, 112)
-
-
-def _curve(index: int, curve: Sequence[float], reached: Sequence[int]) -> Iterator[Line]:
-    points, tone = tuple(enumerate(curve)), series_tone(index)
-    least = FEW * reached[0] if reached else 0.0
-    certain = next((step for step, number in enumerate(reached) if number < least), len(points))
-    if points[:certain]:
-        yield Line(points[:certain], tone, 1.4)
-    if points[certain:]:
-        yield Line(points[max(0, certain - 1) :], tone, 1.1, 0.35)
 
 
 # Names

@@ -1,4 +1,4 @@
-"""The figures of a report as data; a page and files draw the same ones."""
+"""The figures of a report as data, and the plots that the leaderboard's pages show too."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -9,10 +9,27 @@ from minitouch_bench.episode import Estimate, Outcome
 from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
-from minitouch_bench.reporting import charts
-from minitouch_bench.reporting.charts import series_tone
+from minitouch_bench.reporting.charts import (
+    ROW,
+    Axis,
+    Bar,
+    Chart,
+    Dot,
+    Figure,
+    LegendItem,
+    Line,
+    Mark,
+    Plot,
+    estimate_marks,
+    name_axis,
+    run_dot,
+    series_tone,
+    share_axis,
+    short_names,
+    step_axis,
+    value_axis,
+)
 from minitouch_bench.reporting.labels import PAPER_METHODS, RunSection, paper_value, task_title
-from minitouch_bench.reporting.report import Report
 from minitouch_bench.reporting.run_tables import (
     OUTCOME_TITLES,
     find_estimate,
@@ -20,6 +37,12 @@ from minitouch_bench.reporting.run_tables import (
     task_summary,
 )
 from minitouch_bench.runs.run import Run
+
+BIN = 10
+"""Control steps in one bar of a histogram of episode steps."""
+
+FEW = 0.1
+"""Share of the episodes below which a touch curve is drawn faintly."""
 
 SPLIT_OFFSET = 0.17
 """Half the distance between the held-out and the train mark of a row, rows."""
@@ -35,64 +58,66 @@ OUTCOME_TONES = {
 }
 
 
-def report_figures(report: Report) -> tuple[charts.Figure, ...]:
+def report_figures(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[Figure, ...]:
     """Return the figures that every report has, of the tasks that have them."""
-    sections, runs = report.sections, _run_legend(report.sections)
-    goals = [task for task in report.tasks if task in GOAL_TASKS]
     figures = (
-        charts.Figure(
+        Figure(
             "against-the-paper",
             "Against the paper",
             "Filled: this report, with its 95 % interval. Hollow: the paper's own values, from "
             "other episodes and object sets.",
-            tuple(_estimate_plot(task, sections) for task in report.tasks),
+            tuple(_estimate_plot(task, sections) for task in tasks),
         ),
-        charts.Figure(
+        Figure(
             "episode-steps",
             "How long episodes last",
             "Share of a run's episodes by number of control steps, and by how they ended.",
             # Playing always lasts until the step limit.
-            tuple(_steps_plot(task, sections) for task in goals),
-            tuple(
-                charts.LegendItem(OUTCOME_TITLES[outcome], tone)
-                for outcome, tone in OUTCOME_TONES.items()
-            ),
+            tuple(_outcome_plot(task, sections) for task in tasks if task in GOAL_TASKS),
+            tuple(LegendItem(OUTCOME_TITLES[ended], tone) for ended, tone in OUTCOME_TONES.items()),
         ),
-        charts.Figure(
+        Figure(
             "touch-over-time",
             "Touch over time",
             "Mean ticks in contact at each control step, over the episodes that reached it; "
             "faint where fewer than a tenth of the episodes are left.",
-            tuple(touch_plot(task, [s.run for s in sections]) for task in report.tasks),
-            runs,
+            tuple(touch_plot(task, [section.run for section in sections]) for task in tasks),
+            _run_legend(sections),
         ),
     )
     return tuple(figure for figure in figures if figure.plots)
 
 
-def split_figures(report: Report) -> tuple[charts.Figure, ...]:
+def split_figures(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[Figure, ...]:
     """Return held-out beside train shapes, as in the paper's Figure 11, and the families."""
-    sections = report.sections
     compared = {
         result.task for section in sections for result in section.run.summary.generalization
     }
-    tasks = [task for task in report.tasks if task in compared]
+    tasks = [task for task in tasks if task in compared]
     if not tasks:
         return ()
     legend = (
-        charts.LegendItem("held-out shapes", "muted", "circle"),
-        charts.LegendItem("train shapes", "muted", "circle", is_hollow=True),
+        LegendItem("held-out shapes", "muted", "circle"),
+        LegendItem("train shapes", "muted", "circle", is_hollow=True),
         *_run_legend(sections),
     )
+    pairs = [
+        (task, metric)
+        for task in tasks
+        for metric in (
+            ranking_metric(task),
+            "episode_steps" if task in GOAL_TASKS else "object_movement",
+        )
+    ]
     return (
-        charts.Figure(
+        Figure(
             "held-out-beside-train",
             "Held-out beside train shapes",
             "Each with its 95 % interval, in the manner of the paper's Figure 11.",
-            tuple(_split_plot(task, metric, sections) for task in tasks for metric in _pair(task)),
+            tuple(_split_plot(task, metric, sections) for task, metric in pairs),
             legend,
         ),
-        charts.Figure(
+        Figure(
             "families",
             "Families of shapes",
             "Success, in Playing touch share, by family. A ring around a dot: no difference.",
@@ -102,37 +127,44 @@ def split_figures(report: Report) -> tuple[charts.Figure, ...]:
     )
 
 
-def _pair(task: str) -> tuple[str, str]:
-    """Return the two metrics that the paper's Figure 11 and its text compare."""
-    return (ranking_metric(task), "episode_steps" if task in GOAL_TASKS else "object_movement")
+def _run_legend(sections: Sequence[RunSection]) -> tuple[LegendItem, ...]:
+    """Name the runs by their colors; none is needed for a single run."""
+    items = (LegendItem(section.name, series_tone(i)) for i, section in enumerate(sections))
+    return tuple(items) if len(sections) > 1 else ()
 
 
-def _run_legend(sections: Sequence[RunSection]) -> tuple[charts.LegendItem, ...]:
-    return charts.run_legend([section.name for section in sections]) if len(sections) > 1 else ()
+def _names(sections: Sequence[RunSection]) -> tuple[str, ...]:
+    return short_names([section.name for section in sections])
 
 
-def _estimate_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
+def _metric_axis(task: str, metric: str, values: Sequence[float]) -> Axis:
+    """Name the axis of a metric and start it at 0; a share runs to 1."""
+    label = f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
+    return share_axis(label) if METRICS[metric].is_share else value_axis(label, max(values))
+
+
+def _estimate_plot(task: str, sections: Sequence[RunSection]) -> Plot:
     """Draw an estimate of each run with its interval, and the paper's values below."""
-    metric = ranking_metric(task)
+    metric, title = ranking_metric(task), task_title(task)
     printed = [(method, paper_value(task, metric, method)) for method in PAPER_METHODS]
     paper = [(method, v.number) for method, v in printed if v and v.number is not None]
-    estimates = [find_estimate(section.run, task, metric) for section in sections]
-    marks: list[charts.Mark] = []
-    for row, estimate in enumerate(estimates):
-        if estimate is not None:
-            marks += charts.estimate_marks(row, row, estimate)
+    marks: list[Mark] = []
+    highest = [0.0]
+    for row, section in enumerate(sections):
+        if estimate := find_estimate(section.run, task, metric):
+            marks += estimate_marks(row, row, estimate)
+            highest.append(estimate.high)
     for row, (_, value) in enumerate(paper, start=len(sections)):
-        marks.append(charts.Dot(value, row, "muted", "diamond", 7, is_hollow=True))
-    highest = [e.high for e in estimates if e] + [value for _, value in paper]
-    rows = charts.name_axis(_names(sections), [method for method, _ in paper])
-    chart = charts.Chart(
-        _metric_axis(task, metric, highest), rows, tuple(marks), charts.ROW * len(rows.ticks)
-    )
-    what = f"{task_title(task)}: {METRICS[metric].label} with 95 % intervals"
-    return charts.Plot(task_title(task), what, (chart,))
+        marks.append(Dot(value, row, "muted", "diamond", 7, is_hollow=True))
+        highest.append(value)
+    rows = name_axis(_names(sections), [method for method, _ in paper])
+    x = _metric_axis(task, metric, highest)
+    chart = Chart(x, rows, tuple(marks), ROW * len(rows.ticks))
+    return Plot(title, f"{title}: {METRICS[metric].label} with 95 % intervals", (chart,))
 
 
-def _steps_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
+def _outcome_plot(task: str, sections: Sequence[RunSection]) -> Plot:
+    """Draw how long a task's episodes last, a panel per run, colored by how they ended."""
     panels = {}
     for name, section in zip(_names(sections), sections, strict=True):
         episodes = [episode for episode in section.run.rows if episode.task == task]
@@ -143,95 +175,109 @@ def _steps_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
     return steps_plot(task, panels)
 
 
-def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]]) -> charts.Plot:
-    """Draw the control steps of a task's episodes, a panel by title, with an array per tone."""
+def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]]) -> Plot:
+    """Draw the share of a task's episodes by control steps.
+
+    ``panels``: by title, the steps of the episodes by tone, which are stacked. What is beyond the
+    task's limit is drawn at it: a stranger's file can say any number.
+    """
+    # One bar more than the limit: an episode of 200 steps gets its own, not that of 190-199.
+    edges = np.arange(0, PROTOCOL.task(task).max_steps + 2 * BIN, BIN)
+    tops = {}
+    for title, panel in panels.items():
+        drawn = (np.minimum(steps, edges[-1]) for steps in panel.values())
+        counts = np.array([np.histogram(steps, edges)[0] for steps in drawn], np.float64)
+        tops[title] = np.cumsum(100 * counts / max(1.0, counts.sum()), axis=0)
+    highest = max(float(stack[-1].max()) for stack in tops.values())
+    x, y = step_axis(int(edges[-1])), value_axis("Episodes, %", highest, intervals=3)
+    charts = tuple(
+        Chart(x, y, tuple(_bars(list(panels[title]), stack, edges)), 76, title)
+        for title, stack in tops.items()
+    )
     what = f"{task_title(task)}: distribution of episode steps by ending"
-    return charts.Plot(
-        task_title(task), what, charts.step_histograms(panels, PROTOCOL.task(task).max_steps)
-    )
+    return Plot(task_title(task), what, charts)
 
 
-def touch_plot(task: str, runs: Sequence[Run]) -> charts.Plot:
-    """Draw a task's touch curve of each run, faint where few episodes reached the step."""
+def _bars(
+    tones: Sequence[str], tops: NDArray[np.float64], edges: NDArray[np.int64]
+) -> Iterator[Bar]:
+    """Yield the bars that are not empty; ``tops``: where each tone's bars end."""
+    bottoms = np.vstack([np.zeros(len(edges) - 1), tops[:-1]])
+    for row, slot in np.argwhere(tops > bottoms):
+        left, bottom, top = float(edges[slot]), float(bottoms[row, slot]), float(tops[row, slot])
+        yield Bar(left + 0.6, left + BIN - 0.6, bottom, top, tones[row])
+
+
+def touch_plot(task: str, runs: Sequence[Run]) -> Plot:
+    """Draw the mean contact ticks at each control step, a line per run.
+
+    A line is faint where less than FEW of the episodes reached the step.
+    """
     summaries = [task_summary(run, task) for run in runs]
-    curves = [
-        (summary.touch_curve, summary.touch_curve_episodes) if summary else ((), ())
-        for summary in summaries
-    ]
+    curves = [(one.touch_curve, one.touch_curve_episodes) if one else ((), ()) for one in summaries]
+    highest = max((value for curve, _ in curves for value in curve), default=0.0)
+    longest = max([PROTOCOL.task(task).max_steps, *(len(curve) for curve, _ in curves)])
+    marks = tuple(line for i, (curve, n) in enumerate(curves) for line in _curve(i, curve, n))
+    chart = Chart(step_axis(longest), value_axis("Ticks per step", highest), marks, 112)
     what = f"{task_title(task)}: mean contact ticks at each control step"
-    return charts.Plot(
-        task_title(task), what, (charts.touch_chart(curves, PROTOCOL.task(task).max_steps),)
-    )
+    return Plot(task_title(task), what, (chart,))
 
 
-def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> charts.Plot:
+def _curve(index: int, curve: Sequence[float], reached: Sequence[int]) -> Iterator[Line]:
+    points, tone = tuple(enumerate(curve)), series_tone(index)
+    least = FEW * reached[0] if reached else 0.0
+    certain = next((step for step, number in enumerate(reached) if number < least), len(points))
+    if points[:certain]:
+        yield Line(points[:certain], tone, 1.4)
+    if points[certain:]:
+        yield Line(points[max(0, certain - 1) :], tone, 1.1, 0.35)
+
+
+def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> Plot:
     """Draw a metric on held-out shapes (filled) above train shapes (hollow), a row per run."""
-    marks: list[charts.Mark] = []
+    marks: list[Mark] = []
     highest = [0.0]
     for row, section in enumerate(sections):
         result = find_generalization(section.run, task)
-        gap = result.gaps.get(metric) if result else None
-        if gap is not None:
-            for estimate, offset in ((gap.held_out, -SPLIT_OFFSET), (gap.train, SPLIT_OFFSET)):
-                hollow = offset > 0
-                marks += charts.estimate_marks(
-                    row, row + offset, estimate, size=7, is_hollow=hollow
-                )
-                highest.append(estimate.high)
-    rows, x = charts.name_axis(_names(sections)), _metric_axis(task, metric, highest)
-    label = METRICS[metric].label
-    return charts.Plot(
-        f"{task_title(task)}: {label.lower()}",
-        f"{task_title(task)}: {label} on each split",
-        (charts.Chart(x, rows, tuple(marks), 1.4 * charts.ROW * len(sections)),),
-    )
+        if gap := result.gaps.get(metric) if result else None:
+            marks += estimate_marks(row, row - SPLIT_OFFSET, gap.held_out, size=7)
+            marks += estimate_marks(row, row + SPLIT_OFFSET, gap.train, size=7, is_hollow=True)
+            highest += [gap.held_out.high, gap.train.high]
+    label, title = METRICS[metric].label, task_title(task)
+    rows, x = name_axis(_names(sections)), _metric_axis(task, metric, highest)
+    chart = Chart(x, rows, tuple(marks), 1.4 * ROW * len(sections))
+    return Plot(f"{title}: {label.lower()}", f"{title}: {label} on each split", (chart,))
 
 
-def _family_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
+def _family_plot(task: str, sections: Sequence[RunSection]) -> Plot:
     """Draw each family's value on held-out (filled) and train shapes (hollow)."""
     results = [find_generalization(section.run, task) for section in sections]
     compared = [result for result in results if result is not None]
     families = sorted({family for result in compared for family in result.families})
     # The runs of a family stand close together, so that the families stay apart.
     offsets = (np.arange(len(sections)) - (len(sections) - 1) / 2) * FAMILY_HEIGHT / len(sections)
-    marks: list[charts.Mark] = []
+    marks: list[Mark] = []
     highest = [0.0]
     for index, result in enumerate(results):
         for line, family in enumerate(families):
-            both = result.families.get(family) if result else None
-            if both is not None:
+            if both := result.families.get(family) if result else None:
                 row = line + float(offsets[index])
                 marks += _family_marks(index, row, both.held_out, both.train)
                 highest += [estimate.value for estimate in (both.held_out, both.train) if estimate]
-    rows = charts.name_axis(charts.short_names([printable(family) for family in families]))
+    rows = name_axis(short_names([printable(family) for family in families]))
     x = _metric_axis(task, compared[0].family_metric, highest)
-    height = (8 + 12 * len(sections)) * len(families)
-    what = f"{task_title(task)}: each family on each split"
-    return charts.Plot(task_title(task), what, (charts.Chart(x, rows, tuple(marks), height),))
+    chart = Chart(x, rows, tuple(marks), (8 + 12 * len(sections)) * len(families))
+    return Plot(task_title(task), f"{task_title(task)}: each family on each split", (chart,))
 
 
 def _family_marks(
     index: int, row: float, held_out: Estimate | None, train: Estimate | None
-) -> Iterator[charts.Mark]:
+) -> Iterator[Mark]:
     """Mark a family's two values, joined by a line; a ring around a dot means equal."""
     if held_out is not None and train is not None:
         points = ((held_out.value, row), (train.value, row))
-        yield charts.Line(points, series_tone(index), 1.2, 0.4)
+        yield Line(points, series_tone(index), 1.2, 0.4)
     if train is not None:
-        yield charts.run_dot(index, train.value, row, size=9, is_hollow=True)
+        yield run_dot(index, train.value, row, size=9, is_hollow=True)
     if held_out is not None:
-        yield charts.run_dot(index, held_out.value, row, size=5)
-
-
-def _names(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    return charts.short_names([section.name for section in sections])
-
-
-def _metric_axis(task: str, metric: str, values: Sequence[float]) -> charts.Axis:
-    """Name the axis of a metric and start it at 0; a share runs to 1."""
-    label = f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
-    return (
-        charts.share_axis(label)
-        if METRICS[metric].is_share
-        else charts.value_axis(label, max(values, default=0.0))
-    )
+        yield run_dot(index, held_out.value, row, size=5)

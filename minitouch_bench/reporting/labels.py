@@ -1,4 +1,4 @@
-"""What a run is called in tables and plots, what must be said beside its figures, and the paper's.
+"""How runs, tasks and values are written: names, what must be said beside them, and the paper's.
 
 Source of the paper's values: "Haptics-based Curiosity for Sparse-reward Tasks", CoRL 2021,
 supplement, Table 4.
@@ -8,12 +8,12 @@ import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
-from minitouch_bench.episode import NOT_IN_SANDBOX
+from minitouch_bench.episode import NOT_IN_SANDBOX, Estimate
 from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
-from minitouch_bench.reporting.tables import Cell
+from minitouch_bench.reporting.tables import Cell, Gauge
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import Run, RunHeader
 
@@ -43,23 +43,21 @@ _METRICS_OF_UNKNOWN_UNIT = ("touch_interaction",)
 """No unit we tried reproduces the paper's values: random actions reach 550 to 990 ticks in the
 released package, above the paper's best method in Playing."""
 
-_PRINTED: Mapping[tuple[str, str], tuple[str, str, str]] = MappingProxyType(
-    {
-        ("pushing", "exploration"): ("0.403", "0.181", "0.077"),
-        ("opening", "exploration"): ("0.669", "0.564", "0.380"),
-        ("pick-up", "exploration"): ("0.063", "0.013", "0.005"),
-        ("pushing", "success"): ("0.733", "0.710", "0.582"),
-        ("opening", "success"): ("0.983", "0.921", "0.875"),
-        ("pick-up", "success"): ("0.891", "0.593", "0.450"),
-        ("pushing", "episode_steps"): ("57.84", "55.20", "97.51"),
-        ("opening", "episode_steps"): ("23.34", "23.54", "37.92"),
-        ("pick-up", "episode_steps"): ("30.54", "52.29", "89.88"),
-        ("pushing", "touch_interaction"): ("247.79", "227.75", "206.02"),
-        ("opening", "touch_interaction"): ("600.1", "411.43", "194.22"),
-        ("pick-up", "touch_interaction"): ("980.7", "894.5", "725.1"),
-        ("playing", "touch_interaction"): ("388.15", "312.0", "124.5"),
-    }
-)
+_PRINTED = {
+    ("pushing", "exploration"): ("0.403", "0.181", "0.077"),
+    ("opening", "exploration"): ("0.669", "0.564", "0.380"),
+    ("pick-up", "exploration"): ("0.063", "0.013", "0.005"),
+    ("pushing", "success"): ("0.733", "0.710", "0.582"),
+    ("opening", "success"): ("0.983", "0.921", "0.875"),
+    ("pick-up", "success"): ("0.891", "0.593", "0.450"),
+    ("pushing", "episode_steps"): ("57.84", "55.20", "97.51"),
+    ("opening", "episode_steps"): ("23.34", "23.54", "37.92"),
+    ("pick-up", "episode_steps"): ("30.54", "52.29", "89.88"),
+    ("pushing", "touch_interaction"): ("247.79", "227.75", "206.02"),
+    ("opening", "touch_interaction"): ("600.1", "411.43", "194.22"),
+    ("pick-up", "touch_interaction"): ("980.7", "894.5", "725.1"),
+    ("playing", "touch_interaction"): ("388.15", "312.0", "124.5"),
+}
 
 
 @dataclass(frozen=True)
@@ -108,6 +106,61 @@ def paper_cell(task: str, metric: str, method: str) -> Cell:
     title = ", ".join(filter(None, ("as printed in the paper", value.remark)))
     return Cell(text, title=title, sort_key=value.number)
 
+
+# Values of metrics
+
+
+def format_value(metric: str, value: float) -> str:
+    """Write a value of a metric with the digits it deserves."""
+    return format(value, METRICS[metric].number_format)
+
+
+def metric_head(metric: str, task: str | None = None) -> str:
+    """Name a metric with the arrow of its better direction, in one task or in all of them."""
+    known = METRICS[metric]
+    if task is None and known.task_directions:
+        arrows = (f"{arrow} in {name}" for name, arrow in known.task_directions.items())
+        return f"{known.label} ({', '.join(arrows)})"
+    return f"{known.label} {known.direction_in(task or '')}".rstrip()
+
+
+def estimate_cell(metric: str, estimate: Estimate | None, mark: float | None = None) -> Cell:
+    """Write an estimate with its interval, a share with a gauge and ``mark``; a dash for none."""
+    if estimate is None:
+        return Cell()
+    value, low, high = (
+        format_value(metric, end) for end in (estimate.value, estimate.low, estimate.high)
+    )
+    gauge = None
+    if METRICS[metric].is_share:
+        gauge = Gauge(
+            _percent(estimate.value),
+            _percent(estimate.low),
+            _percent(estimate.high),
+            None if mark is None else _percent(mark),
+        )
+    return Cell(value, f"[{low}, {high}]", _method(estimate), estimate.value, gauge)
+
+
+def difference_cell(metric: str, difference: Estimate) -> Cell:
+    """Write a difference with its sign and interval; what rounds to 0 has a plus."""
+    value, low, high = (
+        format(number, f"+z{METRICS[metric].number_format}")
+        for number in (difference.value, difference.low, difference.high)
+    )
+    return Cell(value, f"[{low}, {high}]", _method(difference), difference.value)
+
+
+def _method(estimate: Estimate) -> str:
+    counted = "training seeds" if "training seeds" in estimate.method else "episodes"
+    return f"{estimate.count} {counted}, 95 % interval: {estimate.method}"
+
+
+def _percent(share: float) -> float:
+    return round(100 * min(max(share, 0.0), 1.0), 2)
+
+
+# Runs
 
 SHOWN_EPISODES = 12
 """Episodes named for one fault; a policy that always fails would fill the page."""

@@ -1,24 +1,57 @@
-"""A report of one or several runs as data, and the views of a run; the writers add only form."""
+"""A report of one or several runs as data, and in its forms.
 
+The forms are the page ``report.html``, the tables of a terminal, and Table 4 as Markdown, LaTeX,
+CSV and JSON.
+"""
+
+import json
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import combinations
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
+from itertools import combinations, product
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
+
+from rich.console import Console
 
 from minitouch_bench import files
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.reporting.labels import RunSection, describe_runs, tasks_in_order
+from minitouch_bench.reporting.charts import series_tone
+from minitouch_bench.reporting.figures import report_figures, split_figures
+from minitouch_bench.reporting.labels import (
+    CAVEAT,
+    PAPER_METHODS,
+    RunSection,
+    describe_runs,
+    fault_lines,
+    paper_value,
+    tasks_in_order,
+)
+from minitouch_bench.reporting.pages import TEMPLATES, Card, image_uri, make_card, render_page
 from minitouch_bench.reporting.run_tables import (
     diagnostics,
     episode_table,
+    find_estimate,
     novel_shapes,
     table4,
+    task_summary,
 )
-from minitouch_bench.reporting.tables import Table
-from minitouch_bench.runs.results import TABLE4_METRICS
+from minitouch_bench.reporting.tables import (
+    Block,
+    Cell,
+    Column,
+    Heading,
+    NoteBlock,
+    Row,
+    Table,
+    on_screen,
+    rows_csv,
+    table_latex,
+    table_section,
+)
+from minitouch_bench.runs.results import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.runs.run import Run
 
 
@@ -47,13 +80,12 @@ USUAL = Shown()
 
 @dataclass(frozen=True)
 class Report:
-    """What every writer of a report shows.
+    """What every form of a report shows.
 
     ``metrics``: the rows of Table 4. ``novel_shapes``: the gaps and the families, empty where no
     run has both splits. ``episodes``: a table per run.
     """
 
-    title: str
     tasks: tuple[str, ...]
     metrics: tuple[str, ...]
     sections: tuple[RunSection, ...]
@@ -73,12 +105,16 @@ def build_report(runs: Sequence[Run], videos: Sequence[Video] = (), shown: Shown
     """
     if not runs:
         raise UsageError("a report needs at least one run")
-    _check_protocols(runs)
+    for first, other in combinations(runs, 2):
+        if differing := first.header.rules_differ(other.header):
+            raise UsageError(
+                f"{_protocol_of(first)} and {_protocol_of(other)} cannot be in one table: "
+                f"the rules of {', '.join(differing)} differ"
+            )
     sections = describe_runs(runs, shown.names)
     tasks = _chosen("task", shown.tasks, tasks_in_order(runs))
     metrics = _chosen("metric", shown.metrics, tuple(METRICS)) if shown.metrics else TABLE4_METRICS
     return Report(
-        title=" · ".join(section.name for section in sections),
         tasks=tasks,
         metrics=metrics,
         sections=sections,
@@ -90,11 +126,43 @@ def build_report(runs: Sequence[Run], videos: Sequence[Video] = (), shown: Shown
     )
 
 
+def _protocol_of(run: Run) -> str:
+    return f"'{run.name}' ({run.header.protocol}, {run.header.protocol_digest[:12]})"
+
+
 def _chosen(what: str, asked: Sequence[str], known: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names asked for, in the order of the known ones; all where none is asked for."""
     if unknown := [name for name in asked if name not in known]:
         raise UsageError(f"no {what} '{unknown[0]}' in these runs; there are {', '.join(known)}")
     return tuple(name for name in known if name in asked) if asked else known
+
+
+# Pages
+
+
+def write_views(run: Run, directory: Path, videos: Sequence[Path] = ()) -> None:
+    """Write ``episodes.csv`` and ``report.html`` of a run.
+
+    Raises:
+        RunDirectoryError: one cannot be written.
+    """
+    rows = rows_csv(EPISODE_COLUMNS, map(episode_row, run.rows))
+    files.write_file(directory / files.EPISODES_FILE, rows)
+    write_page([run], directory, videos)
+
+
+def write_page(
+    runs: Sequence[Run], directory: Path, videos: Sequence[Path] = (), shown: Shown = USUAL
+) -> Report:
+    """Write ``report.html`` of one or several runs; return what it shows.
+
+    Raises:
+        UsageError: see ``build_report``.
+        RunDirectoryError: the file cannot be written.
+    """
+    report = build_report(runs, find_videos(videos, directory), shown)
+    files.write_file(directory / files.REPORT_PAGE, to_html(report))
+    return report
 
 
 def find_videos(videos: Sequence[Path], directory: Path) -> tuple[Video, ...]:
@@ -108,18 +176,23 @@ def find_videos(videos: Sequence[Path], directory: Path) -> tuple[Video, ...]:
     )
 
 
-def _check_protocols(runs: Sequence[Run]) -> None:
-    for first, other in combinations(runs, 2):
-        if tasks := first.header.rules_differ(other.header):
-            raise UsageError(
-                f"{_protocol_of(first)} and {_protocol_of(other)} cannot be in one table: "
-                f"the rules of {', '.join(tasks)} differ"
-            )
+def to_html(report: Report) -> str:
+    """Write a report as one self-contained page that opens offline."""
+    return render_page(
+        TEMPLATES / "report.html.j2",
+        report=report,
+        cards=tuple(report_card(report, task) for task in report.tasks),
+        figures=report_figures(report.sections, report.tasks),
+        split_figures=split_figures(report.sections, report.tasks),
+        tones=tuple(series_tone(index) for index in range(len(report.sections))),
+    )
 
 
-def _protocol_of(run: Run) -> str:
-    header = run.header
-    return f"'{run.name}' ({header.protocol}, {header.protocol_digest[:12]})"
+def report_card(report: Report, task: str) -> Card:
+    """Compose the card of a task."""
+    named = ((section.name, task_summary(section.run, task)) for section in report.sections)
+    runs = [(name, summary.estimates if summary else {}) for name, summary in named]
+    return make_card(task, runs, image_uri(task))
 
 
 def view_directory(run: Path) -> Path:
@@ -136,3 +209,105 @@ def view_directory(run: Path) -> Path:
     if place.is_relative_to(submission) or (is_collection and place == beside):
         reports = (beside.parent if is_collection else beside) / files.REPORTS
     return reports / run.resolve().relative_to(beside)
+
+
+# The terminal
+
+
+def show_report(report: Report, console: Console) -> None:
+    """Print the tables."""
+    console.print(on_screen(report_blocks(report)))
+
+
+def report_blocks(report: Report) -> Iterator[Block]:
+    """Yield the tables with their notes; a table's blocks of columns come one after the other."""
+    yield from (report.table4.block(group) for group, _ in report.table4.groups)
+    yield from _notes(report.table4)
+    for table in report.novel_shapes:
+        for group, _ in table.groups:
+            yield replace(table.block(group), title=f"{table.title}: {group}")
+        yield from _notes(table)
+    yield from _by_policy(report.diagnostics)
+    yield from _notes(report.diagnostics)
+    if any(section.faults for section in report.sections):
+        yield Heading("Policy faults")
+    yield from (line for section in report.sections for line in fault_lines(section))
+
+
+def _notes(table: Table) -> Iterator[Block]:
+    yield from map(NoteBlock, table.notes)
+    yield ""
+
+
+def _by_policy(table: Table) -> Iterator[Table]:
+    """Turn the diagnostics on their side, a table per policy: metrics down, tasks across."""
+    for policy in dict.fromkeys(row.heads[-1] for row in table.rows):
+        rows = [row for row in table.rows if row.heads[-1] == policy]
+        yield Table(
+            title=f"{table.title}: {policy}",
+            corner=("",),
+            columns=tuple(Column(row.heads[0], is_text=True) for row in rows),
+            rows=tuple(
+                Row(
+                    (f"{column.label} ({column.unit})" if column.unit else column.label,),
+                    tuple(Cell(row.cells[index].text) for row in rows),
+                )
+                for index, column in enumerate(table.columns)
+            ),
+        )
+
+
+# Table 4 as text
+
+TABLE4_COLUMNS = (
+    "policy", "task", "metric", "value", "low", "high", "count", "method", "source"
+)  # fmt: skip
+
+
+def table4_markdown(report: Report) -> str:
+    """Write Table 4 as Markdown."""
+    return "\n".join(table_section(report.table4)[1:]) + "\n"
+
+
+def table4_latex(report: Report) -> str:
+    """Write Table 4 as LaTeX, ready for a paper."""
+    header = report.sections[0].run.header
+    caption = f"MiniTouch, protocol {header.protocol}, suite {header.plan.suite}, beside the paper."
+    return table_latex(report.table4, caption)
+
+
+def table4_csv(report: Report) -> str:
+    """Write Table 4 in long form."""
+    return rows_csv(TABLE4_COLUMNS, _table4_rows(report))
+
+
+def table4_json(report: Report) -> str:
+    """Write Table 4 in long form, a list of objects."""
+    rows = [dict(zip(TABLE4_COLUMNS, row, strict=True)) for row in _table4_rows(report)]
+    return json.dumps(rows, indent=1, ensure_ascii=False) + "\n"
+
+
+TABLE_FORMATS: Mapping[str, Callable[[Report], str]] = {
+    "md": table4_markdown,
+    "latex": table4_latex,
+    "csv": table4_csv,
+    "json": table4_json,
+}
+"""How Table 4 is written as text, by the name of the format."""
+
+
+def _table4_rows(report: Report) -> Iterator[tuple[Any, ...]]:
+    """Yield the values of Table 4, as ``TABLE4_COLUMNS``; those that do not exist have no row.
+
+    ``source`` carries a run's labels, and what must be known of the paper's values.
+    """
+    for task, metric in product(report.tasks, report.metrics):
+        for section in report.sections:
+            labels = "; ".join(section.labels)
+            if estimate := find_estimate(section.run, task, metric):
+                source = f"run ({labels})" if labels else "run"
+                yield (section.name, task, metric, *astuple(estimate), source)
+        for method in PAPER_METHODS:
+            if printed := paper_value(task, metric, method):
+                source = f"paper ({', '.join(filter(None, (printed.remark, CAVEAT)))})"
+                yield (method, task, metric, float(printed.text), None, None, None, "", source)

@@ -1,16 +1,9 @@
 """The tables of a report as data, with their notes: Table 4, the diagnostics, novel shapes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from minitouch_bench.episode import (
-    Estimate,
-    FamilyResult,
-    Gap,
-    Generalization,
-    Outcome,
-    TaskSummary,
-)
+from minitouch_bench.episode import Estimate, Gap, Generalization, Outcome, TaskSummary
 from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import (
     METRICS,
@@ -21,14 +14,18 @@ from minitouch_bench.metrics.definitions import (
     metrics_shown_in,
 )
 from minitouch_bench.metrics.summary import MIN_EPISODES, has_both_splits
-from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import (
     PAPER_METHODS,
     PAPER_NOTE,
     RunSection,
+    difference_cell,
+    estimate_cell,
+    format_value,
+    metric_head,
     paper_cell,
     task_title,
 )
+from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table, make_row
 from minitouch_bench.runs.results import TABLE4_METRICS
 from minitouch_bench.runs.run import Run
 
@@ -54,25 +51,25 @@ def find_estimate(run: Run, task: str, metric: str) -> Estimate | None:
     return None if summary is None else summary.estimates.get(metric)
 
 
-def table4(
-    sections: Sequence[RunSection],
-    tasks: Sequence[str],
-    metrics: Sequence[str] = TABLE4_METRICS,
-) -> tables.Table:
+def find_generalization(run: Run, task: str) -> Generalization | None:
+    """Return a run's comparison of the splits in a task, None if it has none."""
+    return next((result for result in run.summary.generalization if result.task == task), None)
+
+
+def table4(sections: Sequence[RunSection], tasks: Sequence[str], metrics: Sequence[str]) -> Table:
     """Lay the runs out as Table 4: metrics down, tasks across, a column per policy."""
-    names = [section.marked_name for section in sections]
-    columns: list[tables.Column] = []
+    columns: list[Column] = []
     for task in tasks:
-        columns += (tables.Column(name, task_title(task)) for name in names)
-        columns += (tables.Column(m, task_title(task), is_paper=True) for m in PAPER_METHODS)
+        columns += (Column(section.marked_name, task_title(task)) for section in sections)
+        columns += (Column(method, task_title(task), is_paper=True) for method in PAPER_METHODS)
     rows = []
     for metric in metrics:
-        cells: list[tables.Cell] = []
+        cells: list[Cell] = []
         for task in tasks:
             found = (find_estimate(section.run, task, metric) for section in sections)
-            cells += (tables.estimate_cell(metric, estimate) for estimate in found)
+            cells += (estimate_cell(metric, estimate) for estimate in found)
             cells += (paper_cell(task, metric, method) for method in PAPER_METHODS)
-        rows.append(tables.Row((tables.metric_head(metric),), tuple(cells), METRICS[metric].unit))
+        rows.append(Row((metric_head(metric),), tuple(cells), METRICS[metric].unit))
     notes = (
         *_label_notes(sections),
         *_split_notes(sections),
@@ -80,7 +77,7 @@ def table4(
         "episode variance only (one training seed).",
         PAPER_NOTE,
     )
-    return tables.Table("Table 4", ("Metric",), tuple(columns), tuple(rows), notes)
+    return Table("Table 4", ("Metric",), tuple(columns), tuple(rows), notes)
 
 
 def _label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
@@ -100,28 +97,23 @@ def _split_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
     return (f"{over}; a gap between the two needs {MIN_EPISODES} episodes of each.",)
 
 
-def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> tables.Table:
+def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
     """Lay out what explains the values of Table 4: contact, time, and how episodes ended."""
-    columns = tuple(
-        tables.Column(
-            METRICS[metric].label, unit="" if METRICS[metric].task_units else METRICS[metric].unit
-        )
-        for metric in DIAGNOSTIC_METRICS
-    )
+    metrics = [METRICS[name] for name in DIAGNOSTIC_METRICS]
     rows = []
     for task in tasks:
         for section in sections:
             summary = task_summary(section.run, task)
             if summary is not None and summary.estimates:
                 heads = (task_title(task), section.marked_name)
-                rows.append(tables.Row(heads, _diagnostic_cells(summary)))
-    return tables.Table(
+                rows.append(Row(heads, tuple(_diagnostic_cells(summary))))
+    return Table(
         title="Diagnostics",
         corner=("Task", "Policy"),
         columns=(
-            *columns,
-            tables.Column("Outcomes", unit="episodes", is_text=True),
-            tables.Column("Policy faults"),
+            *(Column(one.label, unit="" if one.task_units else one.unit) for one in metrics),
+            Column("Outcomes", unit="episodes", is_text=True),
+            Column("Policy faults"),
         ),
         rows=tuple(rows),
         notes=(
@@ -132,74 +124,72 @@ def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> tables.
     )
 
 
-def _diagnostic_cells(summary: TaskSummary) -> tuple[tables.Cell, ...]:
-    cells = []
+def _diagnostic_cells(summary: TaskSummary) -> Iterator[Cell]:
     for metric in DIAGNOSTIC_METRICS:
-        cell = tables.estimate_cell(metric, summary.estimates.get(metric))
-        if METRICS[metric].task_units and cell.text != tables.ABSENT:
+        cell = estimate_cell(metric, summary.estimates.get(metric))
+        if METRICS[metric].task_units and cell.text != ABSENT:
             cell = replace(cell, text=f"{cell.text} {METRICS[metric].unit_in(summary.task)}")
-        cells.append(cell)
-    ended = ", ".join(
+        yield cell
+    ended = (
         f"{title} {summary.outcomes[outcome]}"
         for outcome, title in OUTCOME_TITLES.items()
         if summary.outcomes.get(outcome)
     )
-    faults = str(summary.outcomes.get(Outcome.POLICY_FAULT, 0))
-    return (*cells, tables.Cell(ended or tables.ABSENT), tables.Cell(faults))
+    yield Cell(", ".join(ended) or ABSENT)
+    yield Cell(str(summary.outcomes.get(Outcome.POLICY_FAULT, 0)))
 
 
-def episode_table(section: RunSection, tasks: Sequence[str]) -> tables.Table:
+def episode_table(section: RunSection, tasks: Sequence[str]) -> Table:
     """List a run's episodes, as ``replay`` calls them."""
     metrics = [METRICS[name] for name in EPISODE_METRICS]
     rows = []
     for episode in section.run.rows:
         if episode.task in tasks:
-            values = ((metric, metric.value(episode)) for metric in metrics)
-            texts = [_value_text(metric.name, value) for metric, value in values]
-            name = printable(f"{episode.task}/{episode.index}")
-            ended = OUTCOME_TITLES[episode.outcome]
-            rows.append(tables.make_row(name, printable(episode.shape), ended, *texts))
+            texts = [_value_text(metric.name, metric.value(episode)) for metric in metrics]
+            name, ended = f"{episode.task}/{episode.index}", OUTCOME_TITLES[episode.outcome]
+            rows.append(make_row(printable(name), printable(episode.shape), ended, *texts))
     columns = (
-        *tables.make_columns("Shape", "Outcome", words=("Shape", "Outcome")),
-        *(tables.Column(metric.label, unit=metric.unit) for metric in metrics),
+        Column("Shape", is_text=True),
+        Column("Outcome", is_text=True),
+        *(Column(metric.label, unit=metric.unit) for metric in metrics),
     )
-    return tables.Table(f"Episodes of {section.name}", ("Episode",), columns, tuple(rows))
+    return Table(f"Episodes of {section.name}", ("Episode",), columns, tuple(rows))
 
 
 def _value_text(metric: str, value: float | None) -> str | None:
     """Write the value of one episode: a count without decimals."""
     if value is None:
         return None
-    return tables.format_value(metric, value) if isinstance(value, float) else str(value)
+    return format_value(metric, value) if isinstance(value, float) else str(value)
 
 
-def novel_shapes(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[tables.Table, ...]:
+def novel_shapes(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[Table, ...]:
     """Lay out the gaps and the families of the runs that have both splits; none without one."""
     compared = [section for section in sections if section.run.summary.generalization]
-    runs = [section.run for section in compared]
-    tasks = [task for task in tasks if any(find_generalization(run, task) for run in runs)]
+    results = [result for section in compared for result in section.run.summary.generalization]
+    found = {result.task: result for result in results}
+    tasks = [task for task in tasks if task in found]
     if not tasks:
         return ()
-    return gap_table(compared, tasks), family_table(compared, tasks)
+    return _gap_table(compared, tasks), _family_table(compared, [found[task] for task in tasks])
 
 
-def gap_table(sections: Sequence[RunSection], tasks: Sequence[str]) -> tables.Table:
+def _gap_table(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
     """Lay out each metric on both splits, the gap and a verdict; a block per policy."""
-    runs = [section.run for section in sections]
-    columns: list[tables.Column] = []
+    columns: list[Column] = []
     for section in sections:
         name = section.marked_name
-        columns += [tables.Column(label, name) for label in ("Held-out", "Train", "Gap")]
-        columns.append(tables.Column("Verdict", name, is_text=True))
+        columns += (Column(label, name) for label in ("Held-out", "Train", "Gap"))
+        columns.append(Column("Verdict", name, is_text=True))
     rows = []
     for task in tasks:
-        results = [find_generalization(run, task) for run in runs]
-        for metric in dict.fromkeys(name for result in results if result for name in result.gaps):
-            gaps = [result.gaps.get(metric) if result else None for result in results]
-            cells = tuple(cell for gap in gaps for cell in gap_cells(task, metric, gap))
-            heads = (task_title(task), tables.metric_head(metric, task))
-            rows.append(tables.Row(heads, cells, METRICS[metric].unit_in(task)))
-    return tables.Table(
+        found = [find_generalization(section.run, task) for section in sections]
+        gaps = [result.gaps if result else {} for result in found]
+        for metric in dict.fromkeys(name for one in gaps for name in one):
+            cells = tuple(cell for one in gaps for cell in gap_cells(task, metric, one.get(metric)))
+            heads = (task_title(task), metric_head(metric, task))
+            rows.append(Row(heads, cells, METRICS[metric].unit_in(task)))
+    return Table(
         title="Novel shapes",
         corner=("Task", "Metric"),
         columns=tuple(columns),
@@ -215,37 +205,16 @@ def gap_table(sections: Sequence[RunSection], tasks: Sequence[str]) -> tables.Ta
     )
 
 
-def family_table(sections: Sequence[RunSection], tasks: Sequence[str]) -> tables.Table:
-    """Lay out the families' values: families down, tasks across, a row per policy."""
-    runs = [section.run for section in sections]
-    columns: list[tables.Column] = []
-    for task in tasks:
-        group = _family_group(runs, task)
-        for split in ("Held-out", "Train"):
-            columns += [tables.Column(split, group), tables.Column("n", group)]
-    single = len(runs) == 1
-    rows = []
-    results = [result for run in runs for result in run.summary.generalization]
-    for family in sorted({name for result in results for name in result.families}):
-        for section in sections:
-            heads = (printable(family),) if single else (printable(family), section.marked_name)
-            cells = (cell for task in tasks for cell in _family_cells(section.run, task, family))
-            rows.append(tables.Row(heads, tuple(cells)))
-    return tables.Table(
-        title="Novel shapes by family",
-        corner=("Family",) if single else ("Family", "Policy"),
-        columns=tuple(columns),
-        rows=tuple(rows),
-        notes=(
-            *_label_notes(sections),
-            f"n: episodes. {tables.ABSENT}: the run has no such shape in that split.",
-        ),
+def gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[Cell, ...]:
+    """Write one metric's held-out and train values, the gap and the verdict."""
+    if gap is None:
+        return (Cell(),) * 4
+    return (
+        estimate_cell(metric, gap.held_out),
+        estimate_cell(metric, gap.train),
+        difference_cell(metric, gap.difference),
+        Cell(verdict(task, metric, gap.difference)),
     )
-
-
-def find_generalization(run: Run, task: str) -> Generalization | None:
-    """Return a run's comparison of the splits in a task, None if it has none."""
-    return next((result for result in run.summary.generalization if result.task == task), None)
 
 
 def verdict(task: str, metric: str, difference: Estimate) -> str:
@@ -258,33 +227,44 @@ def verdict(task: str, metric: str, difference: Estimate) -> str:
     return f"{'better' if higher == (direction == UP) else 'worse'} on held-out"
 
 
-def gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[tables.Cell, ...]:
-    """Write one metric's held-out and train values, the gap and the verdict."""
-    if gap is None:
-        return (tables.Cell(),) * 4
-    return (
-        tables.estimate_cell(metric, gap.held_out),
-        tables.estimate_cell(metric, gap.train),
-        tables.difference_cell(metric, gap.difference),
-        tables.Cell(verdict(task, metric, gap.difference)),
+def _family_table(sections: Sequence[RunSection], examples: Sequence[Generalization]) -> Table:
+    """Lay out the families' values: families down, tasks across, a row per policy.
+
+    ``examples``: for each task one run's result, which names the task and the metric.
+    """
+    columns: list[Column] = []
+    for example in examples:
+        metric = METRICS[example.family_metric]
+        unit = "" if metric.is_share else f" ({metric.unit})"
+        group = f"{task_title(example.task)}: {metric.label.lower()}{unit}"
+        columns += (Column(label, group) for label in ("Held-out", "n", "Train", "n"))
+    results = [result for section in sections for result in section.run.summary.generalization]
+    single = len(sections) == 1
+    rows = []
+    for family in sorted({name for result in results for name in result.families}):
+        for section in sections:
+            heads = (printable(family),) if single else (printable(family), section.marked_name)
+            found = (find_generalization(section.run, example.task) for example in examples)
+            cells = (cell for result in found for cell in _family_cells(result, family))
+            rows.append(Row(heads, tuple(cells)))
+    return Table(
+        title="Novel shapes by family",
+        corner=("Family",) if single else ("Family", "Policy"),
+        columns=tuple(columns),
+        rows=tuple(rows),
+        notes=(
+            *_label_notes(sections),
+            f"n: episodes. {ABSENT}: the run has no such shape in that split.",
+        ),
     )
 
 
-def _family_cells(run: Run, task: str, family: str) -> tuple[tables.Cell, ...]:
-    result = find_generalization(run, task)
+def _family_cells(result: Generalization | None, family: str) -> Iterator[Cell]:
+    """Yield a family's value and number of episodes on held-out and on train shapes."""
     if result is None:
-        return (tables.Cell(),) * 4
-    both = result.families.get(family, FamilyResult(None, None))
-    cells = []
-    for estimate in (both.held_out, both.train):
-        cells.append(tables.estimate_cell(result.family_metric, estimate))
-        cells.append(tables.Cell(str(estimate.count if estimate else 0)))
-    return tuple(cells)
-
-
-def _family_group(runs: Sequence[Run], task: str) -> str:
-    """Name a task's block by the task and the metric of its figures."""
-    results = (find_generalization(run, task) for run in runs)
-    metric = METRICS[next(result.family_metric for result in results if result)]
-    unit = "" if metric.is_share else f" ({metric.unit})"
-    return f"{task_title(task)}: {metric.label.lower()}{unit}"
+        yield from (Cell(),) * 4
+        return
+    both = result.families.get(family)
+    for estimate in (both.held_out, both.train) if both else (None, None):
+        yield estimate_cell(result.family_metric, estimate)
+        yield Cell(str(estimate.count if estimate else 0))

@@ -1,11 +1,22 @@
-"""Tables as data; Markdown, LaTeX, the terminal and pages draw the same ones."""
+"""A table as data, and how a terminal, Markdown, LaTeX and CSV show it; a page has a macro.
 
+A text for a terminal or for Markdown is a list of blocks: headings, lines, tables and notes.
+"""
+
+import csv
+import io
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
+from typing import Any
 
-from minitouch_bench.episode import Estimate
-from minitouch_bench.metrics.definitions import METRICS
+from rich.console import Console, Group, JustifyMethod, RenderableType
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from minitouch_bench.errors import printable
 
 ABSENT = "—"
 """Written where a value does not exist; 0 would be a claim."""
@@ -64,19 +75,6 @@ class Row:
     unit: str = ""
 
 
-def make_columns(*labels: str, words: Sequence[str] = ()) -> tuple[Column, ...]:
-    """Return columns of these labels; those that are in ``words`` are of text."""
-    return tuple(Column(label, is_text=label in words) for label in labels)
-
-
-def make_row(heads: str | tuple[str, ...], *cells: Cell | str | None) -> Row:
-    """Return a row of cells and of texts; None is a value that does not exist."""
-    heads = (heads,) if isinstance(heads, str) else heads
-    return Row(
-        heads, tuple(cell if isinstance(cell, Cell) else Cell(cell or ABSENT) for cell in cells)
-    )
-
-
 @dataclass(frozen=True)
 class Table:
     """A table ready to draw: ``corner`` names the row heads, ``notes`` are printed below."""
@@ -94,30 +92,18 @@ class Table:
 
     def block(self, group: str) -> "Table":
         """Return one block of columns, without the rows that have no value in it."""
-        block = self._select(
-            [index for index, column in enumerate(self.columns) if column.group == group]
-        )
-        return replace(block.filled_rows(), title=group)
-
-    def filled_rows(self) -> "Table":
-        """Return the table without the rows that have no value."""
-        rows = (row for row in self.rows if any(cell.text != ABSENT for cell in row.cells))
-        return replace(self, rows=tuple(rows))
+        block = self._select([column.group == group for column in self.columns])
+        rows = (row for row in block.rows if any(cell.text != ABSENT for cell in row.cells))
+        return replace(block, title=group, rows=tuple(rows))
 
     def filled_columns(self) -> "Table":
         """Return the table without the columns that have no value."""
-        return self._select(
-            [
-                index
-                for index in range(len(self.columns))
-                if any(row.cells[index].text != ABSENT for row in self.rows)
-            ]
-        )
+        columns = zip(*(row.cells for row in self.rows), strict=True)
+        return self._select([any(cell.text != ABSENT for cell in cells) for cells in columns])
 
-    def _select(self, kept: Sequence[int]) -> "Table":
-        rows = (replace(row, cells=tuple(row.cells[index] for index in kept)) for row in self.rows)
-        columns = tuple(self.columns[index] for index in kept)
-        return replace(self, columns=columns, rows=tuple(rows))
+    def _select(self, kept: Sequence[bool]) -> "Table":
+        rows = (replace(row, cells=tuple(compress(row.cells, kept))) for row in self.rows)
+        return replace(self, columns=tuple(compress(self.columns, kept)), rows=tuple(rows))
 
 
 def column_groups(columns: tuple[Column, ...]) -> tuple[tuple[str, int], ...]:
@@ -125,56 +111,265 @@ def column_groups(columns: tuple[Column, ...]) -> tuple[tuple[str, int], ...]:
     return tuple(Counter(column.group for column in columns).items())
 
 
-def format_value(metric: str, value: float) -> str:
-    """Write a value of a metric with the digits it deserves."""
-    return format(value, METRICS[metric].number_format)
+def make_columns(*labels: str, words: Sequence[str] = ()) -> tuple[Column, ...]:
+    """Return columns of these labels; those that are in ``words`` are of text."""
+    return tuple(Column(label, is_text=label in words) for label in labels)
 
 
-def metric_head(metric: str, task: str | None = None) -> str:
-    """Name a metric with the arrow of its better direction, in one task or in all of them."""
-    known = METRICS[metric]
-    if task is None and known.task_directions:
-        arrows = (f"{arrow} in {name}" for name, arrow in known.task_directions.items())
-        return f"{known.label} ({', '.join(arrows)})"
-    return f"{known.label} {known.direction_in(task or '')}".rstrip()
-
-
-def estimate_cell(metric: str, estimate: Estimate | None, mark: float | None = None) -> Cell:
-    """Write an estimate with its interval, a share with a gauge and ``mark``; a dash for none."""
-    if estimate is None:
-        return Cell()
-    low, high = format_value(metric, estimate.low), format_value(metric, estimate.high)
-    return Cell(
-        text=format_value(metric, estimate.value),
-        small=f"[{low}, {high}]",
-        title=_method(estimate),
-        sort_key=estimate.value,
-        gauge=_gauge(estimate, mark) if METRICS[metric].is_share else None,
+def make_row(heads: str | tuple[str, ...], *cells: Cell | str | None) -> Row:
+    """Return a row of cells and of texts; None is a value that does not exist."""
+    heads = (heads,) if isinstance(heads, str) else heads
+    return Row(
+        heads, tuple(cell if isinstance(cell, Cell) else Cell(cell or ABSENT) for cell in cells)
     )
 
 
-def difference_cell(metric: str, difference: Estimate) -> Cell:
-    """Write a difference with its sign and interval; what rounds to 0 has a plus."""
-    value, low, high = (
-        format(number, f"+z{METRICS[metric].number_format}")
-        for number in (difference.value, difference.low, difference.high)
-    )
-    return Cell(value, f"[{low}, {high}]", _method(difference), difference.value)
+# Blocks, and the terminal
 
 
-def _method(estimate: Estimate) -> str:
-    counted = "training seeds" if "training seeds" in estimate.method else "episodes"
-    return f"{estimate.count} {counted}, 95 % interval: {estimate.method}"
+@dataclass(frozen=True)
+class Heading:
+    """The title of what follows."""
+
+    text: str
 
 
-def _gauge(estimate: Estimate, mark: float | None) -> Gauge:
-    return Gauge(
-        value=_percent(estimate.value),
-        low=_percent(estimate.low),
-        high=_percent(estimate.high),
-        mark=None if mark is None else _percent(mark),
-    )
+@dataclass(frozen=True)
+class NoteBlock:
+    """A remark on how the values were made."""
+
+    text: str
 
 
-def _percent(share: float) -> float:
-    return round(100 * min(max(share, 0.0), 1.0), 2)
+Block = Heading | NoteBlock | Table | str
+"""A string is a line; on a page it is an item of a list. An empty one parts what is around it."""
+
+PAPER_WIDTH = 9
+"""Characters of a terminal in a column of the paper's values."""
+
+PAGE_WIDTH = 120
+"""Characters in a line of a text that no terminal shows."""
+
+
+def on_screen(blocks: Iterable[Block]) -> Group:
+    """Return the blocks for a terminal; text is never read as markup."""
+    parts: list[RenderableType] = []
+    for block in blocks:
+        match block:
+            case Heading():
+                parts += [Text(), Text(block.text, style="bold underline")]
+            case NoteBlock():
+                parts.append(Text(block.text, style="dim"))
+            case Table():
+                parts.append(_screen_table(block))
+            case _:
+                parts.append(Text(block))
+    return Group(*parts)
+
+
+def as_text(blocks: Iterable[Block]) -> str:
+    """Return what a terminal of PAGE_WIDTH shows, without its styles."""
+    # A notebook would show by itself what is printed here, in addition to the returned text.
+    console = Console(width=PAGE_WIDTH, file=io.StringIO(), record=True, force_jupyter=False)
+    console.print(on_screen(blocks))
+    return "\n".join(line.rstrip() for line in console.export_text().splitlines())
+
+
+def _screen_table(table: Table) -> RichTable:
+    drawn = RichTable(title=Text(table.title, style="bold"), title_justify="left", box=None)
+    for head in table.corner:
+        drawn.add_column(Text(head), no_wrap=True)
+    for column in table.columns:
+        style = "dim" if column.is_paper else ""
+        head = f"{column.label} (paper)" if column.is_paper else column.label
+        justify: JustifyMethod = "left" if column.is_text else "right"
+        # On a narrow screen "(paper)" goes below the name, and leaves room for our intervals.
+        width = PAPER_WIDTH if column.is_paper else None
+        drawn.add_column(Text(head), justify=justify, style=style, overflow="fold", max_width=width)
+    for row in table.rows:
+        drawn.add_row(*map(Text, row.heads), *(Text(str(cell)) for cell in row.cells))
+    return drawn
+
+
+# Markdown, as GitHub reads it
+
+WIDEST = 20
+"""Columns that fit beside each other."""
+
+_MARKDOWN = str.maketrans({mark: f"\\{mark}" for mark in "\\`*_{}[]<>#|~&$"})
+_LIST_START = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")
+
+
+def escape_md(text: str) -> str:
+    """Return the text so that Markdown shows it and does not read it as marks or HTML."""
+    return _LIST_START.sub(r"\1\\\2", printable(text).translate(_MARKDOWN))
+
+
+def code_span(text: str) -> str:
+    """Return the text as a code span that no backtick inside can close."""
+    plain = printable(text)
+    longest = max((len(run) for run in re.findall("`+", plain)), default=0)
+    fence, pad = "`" * (longest + 1), " " if longest else ""
+    return f"{fence}{pad}{plain}{pad}{fence}"
+
+
+def as_markdown(blocks: Iterable[Block]) -> list[str]:
+    """Return the lines of a page."""
+    lines: list[str] = []
+    for block in blocks:
+        match block:
+            case Heading():
+                lines += ["", f"## {escape_md(block.text)}", ""]
+            case NoteBlock():
+                lines.append(f"- {escape_md(block.text)}")
+            case Table():
+                lines += ["", f"### {escape_md(block.title)}", "", *table_lines(block)]
+            case _:
+                lines.append(f"- {escape_md(block)}" if block else "")
+    return lines
+
+
+def table_section(table: Table) -> list[str]:
+    """Write a table below its title, and its notes below it; of a wide one a table per block."""
+    notes = [f"- {escape_md(note)}" for note in table.notes]
+    blocks = [table]
+    if len(table.columns) > WIDEST:
+        blocks = [table.block(group).filled_columns() for group, _ in table.groups]
+    lines = [line for block in blocks for line in ["", *table_lines(block)]]
+    return ["", f"## {escape_md(table.title)}", *lines, *(["", *notes] if notes else [])]
+
+
+def table_lines(table: Table) -> list[str]:
+    """Write a table; a block's name stands above each of its columns' names."""
+    heads = [
+        "<br>".join(escape_md(part) for part in (column.group, column.label, column.unit) if part)
+        + (" (paper)" if column.is_paper else "")
+        for column in table.columns
+    ]
+    ruler = ["---" if column.is_text else "---:" for column in table.columns]
+    lines = [
+        _markdown_row([*map(escape_md, table.corner), *heads]),
+        _markdown_row([*["---"] * len(table.corner), *ruler]),
+    ]
+    for row in table.rows:
+        first = [escape_md(head) for head in row.heads]
+        if row.unit:
+            first[-1] += f"<br>{escape_md(row.unit)}"
+        cells = (
+            code_span(str(cell)).replace("|", "\\|") if column.is_code else escape_md(str(cell))
+            for cell, column in zip(row.cells, table.columns, strict=True)
+        )
+        lines.append(_markdown_row([*first, *cells]))
+    return lines
+
+
+def _markdown_row(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+# LaTeX, in the style of the package booktabs
+
+LATEX_HEAD = r"""% \usepackage{booktabs,graphicx}
+\begin{table}
+  \centering\small\setlength{\tabcolsep}{4pt}"""
+SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
+"""Makes what follows as narrow as the page, where it is wider."""
+
+_LATEX = str.maketrans(
+    {
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        **{character: f"\\{character}" for character in "&%$#_{}"},
+        "\u2014": "---",
+        "\u2191": r"$\uparrow$",
+        "\u2193": r"$\downarrow$",
+        "\u2020": r"\textdagger{}",
+        "\u00b2": r"\textsuperscript{2}",
+        "\u2264": r"$\leq$",
+        "\u2265": r"$\geq$",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+    }
+)
+
+
+def escape_tex(text: str) -> str:
+    """Return the text so that LaTeX prints it and runs none of it."""
+    return printable(text).translate(_LATEX)
+
+
+def table_latex(table: Table, caption: str) -> str:
+    """Write a table as a float, its blocks below each other so that it fits a page.
+
+    The blocks must have the same columns. Intervals and units are printed on a line of small print.
+    """
+    blocks = [table.block(group) for group, _ in table.groups]
+    columns = blocks[0].columns if blocks else ()
+    width = len(table.corner) + len(columns)
+    names = [(r"\textit{%s}" if c.is_paper else "%s") % escape_tex(c.label) for c in columns]
+    units = ["paper" if column.is_paper else column.unit for column in columns]
+    lines = [
+        LATEX_HEAD,
+        rf"  \caption{{{escape_tex(caption)}}}",
+        f"  {SHRINK}",
+        rf"  \begin{{tabular}}{{{'l' * len(table.corner)}{'r' * len(columns)}}}",
+        r"    \toprule",
+        _latex_row([*map(escape_tex, table.corner), *names]),
+        _latex_small([*[""] * len(table.corner), *units]),
+    ]
+    for block in blocks:
+        lines.append(r"    \midrule")
+        if block.title:
+            name = rf"\textbf{{{escape_tex(block.title)}}}"
+            lines.append(rf"    \multicolumn{{{width}}}{{l}}{{{name}}} \\")
+        for row in block.rows:
+            lines.append(_latex_row(map(escape_tex, (*row.heads, *(c.text for c in row.cells)))))
+            small = [*[""] * (len(row.heads) - 1), row.unit, *(cell.small for cell in row.cells)]
+            if any(small):
+                lines.append(_latex_small(small))
+    lines += [r"    \bottomrule", r"  \end{tabular}}"]
+    lines += [rf"  \par\parbox{{\linewidth}}{{\footnotesize {escape_tex(n)}}}" for n in table.notes]
+    return "\n".join([*lines, r"\end{table}", ""])
+
+
+def _latex_small(texts: Sequence[str]) -> str:
+    return _latex_row(rf"\scriptsize {escape_tex(text)}" if text else "" for text in texts)
+
+
+def _latex_row(cells: Iterable[str]) -> str:
+    line = " & ".join(cells)
+    # A bracket at the start of a line would be read as an option of the \\ before it.
+    return f"    {'{}' if line.startswith('[') else ''}{line} \\\\"
+
+
+# CSV
+
+CsvRow = tuple[Any, ...]
+
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+"""First characters that make a spreadsheet run a cell."""
+
+
+def rows_csv(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    """Write rows as CSV, the same on every machine.
+
+    Numbers in the shortest form that reads back the same, "true" and "false", an empty cell for
+    what does not exist. A text that a spreadsheet would run as a formula gets an apostrophe.
+    """
+    written = io.StringIO()
+    writer = csv.writer(written, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(map(_csv_cell, row) for row in rows)
+    return written.getvalue()
+
+
+def _csv_cell(value: Any) -> Any:
+    """Return what the writer of CSV takes for a value; it writes nothing for None."""
+    if not isinstance(value, str):
+        return str(value).lower() if isinstance(value, bool) else value
+    # The guard looks at the raw text too: a leading tab is gone once it is printable.
+    plain = printable(value)
+    is_formula = any(text.startswith(FORMULA_STARTS) for text in (value, plain))
+    return f"'{plain}" if is_formula else plain

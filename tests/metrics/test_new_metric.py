@@ -35,9 +35,9 @@ from minitouch_bench.comparison.comparison import (
 from minitouch_bench.comparison.gate import judge_runs
 from minitouch_bench.comparison.settings import GateSettings
 from minitouch_bench.comparison.gate_report import gate_markdown
-from minitouch_bench.reporting.formats import as_markdown
+from minitouch_bench.reporting.tables import as_markdown
 from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.writers import report_blocks, table4_latex, to_html
+from minitouch_bench.reporting.report import report_blocks, table4_latex, to_html
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.verification.static_check import check_run
 from tests.leaderboard.synthetic import make_submission, official_run, write_official

@@ -1,14 +1,9 @@
-import numpy as np
 import pytest
 
 from minitouch_bench.reporting.charts import (
-    Bar,
-    Line,
     name_axis,
     share_axis,
     short_names,
-    step_histograms,
-    touch_chart,
     value_axis,
 )
 
@@ -68,41 +63,3 @@ def test_shares_run_from_0_to_1_and_rows_from_the_top():
         ("b", "ink"),
         ("paper", "muted"),
     ]
-
-
-def test_histograms_stack_to_100_percent_on_one_axis():
-    panels = {
-        "a": {"success": np.array([3, 3, 12]), "limit": np.array([200])},
-        "b": {"success": np.array([], int), "limit": np.array([200, 200])},
-    }
-    first, second = step_histograms(panels, 200)
-    assert first.y == second.y
-    assert first.y.high == 120 or first.y.high >= 100
-    bars = [mark for mark in first.marks if isinstance(mark, Bar)]
-    assert sum(bar.top - bar.bottom for bar in bars) == pytest.approx(100)
-    assert [bar.tone for bar in bars] == ["success", "success", "limit"]
-    # An episode at the limit has a bar of its own behind 190-199.
-    assert bars[-1].left > 200
-
-
-def test_what_a_file_says_beyond_the_limit_takes_no_memory():
-    (chart,) = step_histograms({"": {"success": np.array([3, 2**62])}}, 200)
-    assert [bar.left > 200 for bar in chart.marks] == [False, True]
-
-
-def test_no_episodes_give_no_bars():
-    (chart,) = step_histograms({"": {"success": np.array([], int)}}, 200)
-    assert chart.marks == ()
-
-
-def test_a_touch_curve_is_faint_where_few_episodes_are_left():
-    certain, faint = touch_chart([((1.0, 2.0, 3.0, 4.0), (100, 50, 9, 1))], 200).marks
-    assert isinstance(certain, Line)
-    assert certain.points == ((0, 1.0), (1, 2.0))
-    assert faint.points[0] == certain.points[-1]
-    assert faint.opacity < certain.opacity
-
-
-def test_a_curve_without_counts_is_drawn_whole():
-    (line,) = touch_chart([((1.0, 2.0), ())], 200).marks
-    assert line.points == ((0, 1.0), (1, 2.0))

@@ -8,10 +8,17 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.errors import printable
-from minitouch_bench.reporting.formats import WIDEST, escape_md, escape_tex, table_section
-from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.tables import ABSENT, Column, Table, make_row
-from minitouch_bench.reporting.writers import table4_latex
+from minitouch_bench.reporting.report import build_report, table4_latex
+from minitouch_bench.reporting.tables import (
+    ABSENT,
+    WIDEST,
+    Column,
+    Table,
+    escape_md,
+    escape_tex,
+    make_row,
+    table_section,
+)
 
 PDFLATEX = shutil.which("pdflatex")
 PAGE = r"\documentclass{article}\usepackage{booktabs,graphicx}\begin{document}%s\end{document}"

@@ -6,9 +6,13 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from minitouch_bench.reporting.frames import episodes_csv, table4_csv, table4_json
-from minitouch_bench.reporting.report import build_report
-from minitouch_bench.runs.results import EPISODE_COLUMNS, episodes_frame
+from minitouch_bench.reporting.report import build_report, table4_csv, table4_json
+from minitouch_bench.reporting.tables import rows_csv
+from minitouch_bench.runs.results import EPISODE_COLUMNS, episode_row, episodes_frame
+
+
+def episodes_csv(episodes):
+    return rows_csv(EPISODE_COLUMNS, map(episode_row, episodes))
 
 
 def test_episodes_have_exactly_the_published_columns(hac):

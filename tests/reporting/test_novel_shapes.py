@@ -13,10 +13,9 @@ from minitouch_bench.episode import Estimate
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.reporting.charts import Dot
 from minitouch_bench.reporting.figures import split_figures
-from minitouch_bench.reporting.report import build_report
+from minitouch_bench.reporting.report import build_report, show_report, to_html, write_views
 from minitouch_bench.reporting.run_tables import verdict
 from minitouch_bench.reporting.tables import ABSENT
-from minitouch_bench.reporting.writers import show_report, to_html, write_views
 from minitouch_bench.runs.run import parse_run, run_json
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.synthetic import (
@@ -30,6 +29,11 @@ from tests.reporting.synthetic import (
 )
 
 VALIDATOR = jsonschema.Draft202012Validator(run_schema())
+
+
+def parts(runs):
+    report = build_report(runs)
+    return report.sections, report.tasks
 
 
 def novel_run(name: str = "hac-seed1", **options):
@@ -181,7 +185,7 @@ def test_the_page_has_the_figures(novel):
 
 
 def test_both_figures_have_a_plot_per_task_and_name_their_units(novel, hac):
-    pairs, families = split_figures(build_report([novel, hac]))
+    pairs, families = split_figures(*parts([novel, hac]))
     assert [plot.caption for plot in families.plots] == ["Pushing", "Pick-up", "Playing"]
     assert [plot.caption for plot in pairs.plots][::2] == [
         "Pushing: success",
@@ -198,7 +202,7 @@ def test_both_figures_have_a_plot_per_task_and_name_their_units(novel, hac):
 
 
 def test_a_mark_stands_where_its_estimate_is(novel):
-    pushing = split_figures(build_report([novel]))[0].plots[0]
+    pushing = split_figures(*parts([novel]))[0].plots[0]
     gap = next(r for r in novel.summary.generalization if r.task == "pushing").gaps["success"]
     dots = [mark for mark in pushing.charts[0].marks if isinstance(mark, Dot)]
     assert [(dot.x, dot.is_hollow) for dot in dots] == [

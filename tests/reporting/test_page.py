@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from minitouch_bench.reporting.report import Video, build_report
-from minitouch_bench.reporting.writers import to_html, write_page
+from minitouch_bench.reporting.report import Video, build_report, to_html, write_page
 from tests.reporting.html_page import Page
 from tests.reporting.synthetic import make_run, save
 

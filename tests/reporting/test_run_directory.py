@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.reporting.writers import write_views
+from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.run import read_run, run_json
 from tests.reporting.synthetic import make_run, write
 

@@ -1,8 +1,9 @@
 from dataclasses import replace
 
 from minitouch_bench.episode import Estimate
+from minitouch_bench.reporting.labels import estimate_cell
 from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.tables import ABSENT, estimate_cell
+from minitouch_bench.reporting.tables import ABSENT
 
 
 def row(table, label):

@@ -8,8 +8,12 @@ from rich.console import Console
 from minitouch_bench.reporting.charts import Bar
 from minitouch_bench.reporting.figures import report_figures
 from minitouch_bench.reporting.pages import image_uri
-from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.writers import TABLE_FORMATS, report_card, show_report
+from minitouch_bench.reporting.report import TABLE_FORMATS, build_report, report_card, show_report
+
+
+def parts(runs):
+    report = build_report(runs)
+    return report.sections, report.tasks
 
 
 def test_markdown_is_the_table_and_its_notes(hac, scripted):
@@ -50,7 +54,7 @@ def test_terminal_reads_no_markup_and_prints_no_escapes(hostile):
 def test_axes_name_their_units(hac):
     labels = [
         (figure.plots[0].charts[0].x.label, figure.plots[0].charts[0].y.label)
-        for figure in report_figures(build_report([hac]))
+        for figure in report_figures(*parts([hac]))
     ]
     assert labels == [
         ("Success, share of episodes", ""),
@@ -60,21 +64,21 @@ def test_axes_name_their_units(hac):
 
 
 def test_the_paper_stands_beside_success_and_never_on_an_axis_of_touch(hac):
-    compared = report_figures(build_report([hac]))[0]
+    compared = report_figures(*parts([hac]))[0]
     rows = {plot.caption: [t.text for t in plot.charts[0].y.ticks] for plot in compared.plots}
     assert rows["Pushing"] == ["hac-seed1", "HaC", "RND+touch", "RND"]
     assert rows["Playing"] == ["hac-seed1"]
 
 
 def test_every_run_has_a_panel_of_its_own(hac, scripted):
-    steps = report_figures(build_report([hac, scripted]))[1].plots[0]
+    steps = report_figures(*parts([hac, scripted]))[1].plots[0]
     assert [chart.title for chart in steps.charts] == ["hac-seed1", "scripted"]
     total = [sum(m.top - m.bottom for m in c.marks if isinstance(m, Bar)) for c in steps.charts]
     assert total == pytest.approx([100, 100])
 
 
 def test_the_report_on_one_run_has_no_legend_of_runs(hac):
-    assert report_figures(build_report([hac]))[2].legend == ()
+    assert report_figures(*parts([hac]))[2].legend == ()
 
 
 def test_cards_show_the_verdict_and_the_paper(hac):

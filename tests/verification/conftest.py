@@ -6,7 +6,7 @@ import pytest
 from minitouch_bench.evaluation.engine import ignore
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import RUN_FILE, write_file
-from minitouch_bench.reporting.writers import write_views
+from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.run import run_json
 from minitouch_bench.verification.problems import Findings
 from minitouch_bench.verification.replay_check import replay_run

@@ -45,7 +45,7 @@ from minitouch_bench.leaderboard.packing import copy_run
 from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.reporting.writers import write_views
+from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import Plan
