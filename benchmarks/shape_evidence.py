@@ -189,16 +189,16 @@ def biased_split(
 
 QUANTITIES: Mapping[str, Callable[[Shape], float]] = {
     "mass, g": lambda shape: shape.mass * 1000.0,
-    "density, kg/m3": lambda shape: shape.entry["density"],
-    "volume, cm3": lambda shape: shape.entry["volume_m3"] * 1e6,
+    "density, kg/m3": lambda shape: shape.density,
+    "volume, cm3": lambda shape: shape.volume_m3 * 1e6,
     "longest side, mm": lambda shape: max(shape.extents) * 1000.0,
     "shortest side, mm": lambda shape: min(shape.extents) * 1000.0,
-    "convexity": lambda shape: shape.entry["convexity"],
-    "hulls": lambda shape: shape.entry["hulls"],
-    "hull misfit": lambda shape: shape.entry["misfit"],
-    "hull outside, mm": lambda shape: shape.entry["outside_m"] * 1000.0,
+    "convexity": lambda shape: shape.convexity,
+    "hulls": lambda shape: shape.hulls,
+    "hull misfit": lambda shape: shape.misfit,
+    "hull outside, mm": lambda shape: shape.outside_m * 1000.0,
     "stable poses": lambda shape: len(shape.poses),
-    "grip trials lifted": lambda shape: shape.entry["lifted"],
+    "grip trials lifted": lambda shape: shape.lifted,
 }
 """Each quantity of the table, from a shape."""
 
@@ -252,7 +252,7 @@ def _split_lines(shapes: Sequence[Shape], descriptors: Points) -> Iterator[str]:
     if (held := held_out_of(shapes)) is None:
         return
     families = [shape.family for shape in shapes]
-    convexity = np.array([float(shape.entry["convexity"]) for shape in shapes])
+    convexity = np.array([shape.convexity for shape in shapes])
     mass = np.array([shape.mass for shape in shapes])
     splits = {"the set's split": held}
     for label, values in (("heavier", mass), ("more convex", convexity)):

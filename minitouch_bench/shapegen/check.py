@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from msgspec import convert
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, read_file
@@ -13,15 +14,15 @@ from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.body_codec import Body, body_files, decode, digest
 from minitouch_bench.shapegen.generate import Progress, entry_of
 from minitouch_bench.shapegen.manifest import (
-    COUNTED,
-    MEASURED,
     Shape,
     ShapeSet,
-    read_pose,
     splits_of,
 )
+from minitouch_bench.shapegen.mesh import RestPose
 from minitouch_bench.shapegen.soundness import LIMITS, UnsoundError, examine
 
+MEASURED = ("genus", "misfit", "outside_m", "wall_m", "convexity", "volume_m3", "density", "lifted")
+"""What the manifest tells of a shape beyond what its record holds."""
 ROUNDING = MappingProxyType({"lifted": 1.0 / LIMITS.yaws, "volume_m3": 0.0})
 """By how much another processor may measure otherwise beside 0.1 %: one grip trial; others 2e-5."""
 POSE_ROUNDING = (1e-4, *[0.01] * 10)
@@ -85,11 +86,14 @@ def _number_problems(shape: Shape, body: Body) -> Iterator[str]:
         yield f"{shape.name}: the manifest says {shape.mass} kg, the record {body.mass} kg"
     if not np.allclose(shape.extents, body.visual.extents, rtol=0.0, atol=2e-6):
         yield f"{shape.name}: the manifest's extents are not the record's"
-    vertices = sum(len(hull.vertices) for hull in body.hulls)
-    counts = (len(body.hulls), len(body.visual.faces), vertices)
-    for key, count in zip(COUNTED, counts, strict=True):
-        if shape.entry[key] != count:
-            yield f"{shape.name}: {key} are {count}, not {shape.entry[key]}"
+    counts = {
+        "hulls": len(body.hulls),
+        "faces": len(body.visual.faces),
+        "hull_vertices": sum(len(hull.vertices) for hull in body.hulls),
+    }
+    for key, count in counts.items():
+        if getattr(shape, key) != count:
+            yield f"{shape.name}: {key} are {count}, not {getattr(shape, key)}"
     if digest(*body_files(body).values()) != shape.files_sha256:
         yield f"{shape.name}: its OBJ and URDF texts are not those of the manifest"
 
@@ -109,21 +113,22 @@ def _unsound(
         if reason:
             yield f"{shape.name}: {reason}"
         for key in (*MEASURED, "poses") if measured else ():
-            if not _close(key, measured[key], shape.entry[key]):
-                yield f"{shape.name}: {key} measures {measured[key]}, not {shape.entry[key]}"
+            listed = getattr(shape, key)
+            if not _close(key, measured[key], listed):
+                yield f"{shape.name}: {key} measures {measured[key]}, not {listed}"
 
 
 def _close(key: str, measured: Any, listed: Any) -> bool:
     """Say whether two measurements agree but for the rounding of another processor."""
     if key == "poses":
+        measured = convert(measured, tuple[RestPose, ...])
         ours, theirs = ([_numbers(pose) for pose in poses] for poses in (measured, listed))
         return len(ours) == len(theirs) and np.allclose(ours, theirs, rtol=0.0, atol=POSE_ROUNDING)
     return bool(np.isclose(measured, listed, rtol=1e-3, atol=ROUNDING.get(key, 2e-5)))
 
 
-def _numbers(entry: dict[str, Any]) -> list[float]:
+def _numbers(pose: RestPose) -> list[float]:
     """Return the numbers of a pose: its rotation as a matrix, in which q and -q are equal."""
-    pose = read_pose(entry)
     return [pose.height, pose.probability, *pose.rotation.ravel().tolist()]
 
 

@@ -6,17 +6,19 @@ split holds out one fifth, evenly over families, chosen by hash and by nobody.
 
 import hashlib
 import json
-import math
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta, Struct, ValidationError, convert
+from msgspec.structs import replace
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, MIB, cache_directory, cache_errors, read_file, replace_file
+from minitouch_bench.json_io import fault_in_words, whole
 from minitouch_bench.protocol.spec import Split, content_digest
 from minitouch_bench.shapegen.body_codec import (
     Body,
@@ -35,37 +37,49 @@ CANONICAL = "minitouch-1000"
 CANONICAL_SEED, CANONICAL_COUNT = 0, 1000
 
 HELD_OUT_SHARE = 0.2
-PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,199}")
-"""A shape's name and its family are names of files too."""
-MEASURED = ("genus", "misfit", "outside_m", "wall_m", "convexity", "volume_m3", "density", "lifted")
-"""What the manifest tells of a shape beyond what its record holds."""
-COUNTED = ("hulls", "faces", "hull_vertices")
 SALT = "minitouch split 1"
 GROUP = 5
 """Of so many shapes of a family in a row one is held out, outside the canonical set."""
 
 
-@dataclass(frozen=True)
-class Shape:
-    """One object of a set. ``mass`` in kg, ``extents`` (its sides along its own axes) in m.
+PlainName = Annotated[str, Meta(pattern=whole(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,199}"))]
+"""A shape's name and its family are names of files too."""
+Count = Annotated[int, Meta(ge=0, le=GIB)]
+KEYS = {"mass": "mass_kg", "extents": "extents_m", "digest": "sha256"}
 
-    ``poses``: the ways it lies on a table: the one in which the tasks lay it down, then the
-    others, likeliest first; the height is that of the center
-    of mass, which is the origin of its frame. ``digest`` is the SHA-256 of its record,
-    ``files_sha256`` that of its meshes and URDF.
-    ``entry`` is everything the manifest says about it.
+
+class Shape(Struct, frozen=True, rename=KEYS):
+    """One object of a set, as the manifest lists it.
+
+    ``mass`` in kg, ``extents`` (its sides along its own axes) in m. ``poses``: the ways it lies
+    on a table: the one in which the tasks lay it down, then the others, likeliest first; the
+    height is that of the center of mass, which is the origin of its frame. ``digest`` is the
+    SHA-256 of its record, ``files_sha256`` that of its meshes and URDF. The record is at
+    ``offset`` in the file ``pack``. The others are what ``soundness.Measures`` says.
     """
 
-    name: str
-    family: str
-    split: str
+    name: PlainName
+    family: PlainName
+    split: Split
     mass: float
+    density: float
     extents: tuple[float, float, float]
-    poses: tuple[RestPose, ...]
+    volume_m3: float
+    convexity: float
+    genus: int
+    wall_m: float
+    faces: Count
+    hulls: Count
+    hull_vertices: Count
+    misfit: float
+    outside_m: float
+    lifted: float
+    poses: Annotated[tuple[RestPose, ...], Meta(min_length=1)]
     digest: str
     files_sha256: str
-    entry: Mapping[str, Any]
-    pack: Path
+    offset: Count
+    length: Count
+    pack: Path = Path()
 
     @property
     def urdf(self) -> Path:
@@ -101,8 +115,8 @@ class Shape:
         """
         try:
             with self.pack.open("rb") as file:
-                file.seek(int(self.entry["offset"]))
-                record = file.read(int(self.entry["length"]))
+                file.seek(self.offset)
+                record = file.read(self.length)
         except OSError as error:
             raise UsageError(f"{self.pack} cannot be read: {error.strerror}") from error
         if digest(record) != self.digest:
@@ -148,6 +162,13 @@ class ShapeSet:
         raise UsageError(f"shape set '{self.name}' has no shape '{name}'")
 
 
+class _Manifest(Struct):
+    name: str
+    count: int
+    pack_sha256: str
+    shapes: Annotated[tuple[Shape, ...], Meta(min_length=1)]
+
+
 def load_shape_set(path: Path | str) -> ShapeSet:
     """Read a shape set; its records are verified when they are first used.
 
@@ -155,24 +176,21 @@ def load_shape_set(path: Path | str) -> ShapeSet:
         UsageError: the folder contains no shape set, or one that is damaged or too new.
     """
     folder = Path(path).absolute()
+    manifest = folder / MANIFEST
     try:
-        document = json.loads(read_file(folder / MANIFEST, GIB, follow=True))
+        document = json.loads(read_file(manifest, GIB, follow=True))
     except FileNotFoundError as error:
         raise UsageError(f"{folder} contains no shape set: {MANIFEST} is missing") from error
     except (OSError, ValueError, RecursionError) as error:
-        raise UsageError(f"{folder / MANIFEST} cannot be read: {error}") from error
+        raise UsageError(f"{manifest} cannot be read: {error}") from error
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        raise UsageError(f"{folder / MANIFEST} is not of schema {SCHEMA}")
+        raise UsageError(f"{manifest} is not of schema {SCHEMA}")
     try:
-        shapes = tuple(_shape(entry, folder / PACK) for entry in document["shapes"])
-        if not shapes:
-            raise ValueError("it lists no shapes")
-        for key, kind in (("name", str), ("count", int), ("pack_sha256", str)):
-            if type(document[key]) is not kind:
-                raise ValueError(f"its {key} is no {kind.__name__}")
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise UsageError(f"{folder / MANIFEST} is damaged: {error!r}") from error
-    return ShapeSet(document["name"], content_digest(document), shapes, document, folder)
+        read = convert(document, _Manifest)
+    except ValidationError as error:
+        raise UsageError(f"{fault_in_words(error, str(manifest))}: it is damaged") from error
+    shapes = tuple(replace(shape, pack=folder / PACK) for shape in read.shapes)
+    return ShapeSet(read.name, content_digest(document), shapes, document, folder)
 
 
 @lru_cache(maxsize=1)
@@ -188,46 +206,6 @@ def canonical_shape_set() -> ShapeSet:
         if (folder / MANIFEST).is_file():
             return load_shape_set(folder)
     raise UsageError(f"the shape set {CANONICAL} is not installed; reinstall minitouch-bench")
-
-
-def _shape(entry: Mapping[str, Any], pack: Path) -> Shape:
-    for key in ("name", "family"):
-        if not PLAIN_NAME.fullmatch(str(entry[key])):
-            raise ValueError(f"{str(entry[key])[:80]!a} is no plain {key}")
-    if entry["split"] not in [*Split]:
-        raise ValueError(f"{str(entry['split'])[:80]!a} is no split")
-    for key in ("offset", "length", *COUNTED):
-        if type(entry[key]) is not int or not 0 <= entry[key] <= GIB:
-            raise ValueError(f"its {key} is no number of them")
-    for key in MEASURED:
-        if type(entry[key]) not in (int, float) or not math.isfinite(entry[key]):
-            raise ValueError(f"its {key} is no number")
-    x, y, z = (float(side) for side in entry["extents_m"])
-    poses = tuple(read_pose(pose) for pose in entry["poses"])
-    if not poses:
-        raise ValueError(f"{entry['name']} has no poses")
-    return Shape(
-        name=str(entry["name"]),
-        family=str(entry["family"]),
-        split=str(entry["split"]),
-        mass=float(entry["mass_kg"]),
-        extents=(x, y, z),
-        poses=poses,
-        digest=str(entry["sha256"]),
-        files_sha256=str(entry["files_sha256"]),
-        entry=entry,
-        pack=pack,
-    )
-
-
-def read_pose(pose: Mapping[str, Any]) -> RestPose:
-    """Return a pose of a manifest's entry.
-
-    Raises:
-        KeyError, TypeError, ValueError, OverflowError: it is damaged.
-    """
-    x, y, z, w = (float(number) for number in pose["quaternion"])
-    return RestPose((x, y, z, w), float(pose["height_m"]), float(pose["probability"]))
 
 
 def _digest_of(folder: Path, names: tuple[str, ...]) -> str:
@@ -246,7 +224,11 @@ def splits_of(seed: int | None, families: Sequence[str], digests: Sequence[str])
     """
     if seed is None:
         return split_by_hash(families, digests)
-    first = _canonical_splits(families, digests) if seed == CANONICAL_SEED else ()
+    first: tuple[str, ...] = ()
+    if seed == CANONICAL_SEED and len(digests) >= CANONICAL_COUNT:
+        first = split_by_hash(families[:CANONICAL_COUNT], digests[:CANONICAL_COUNT])
+    elif seed == CANONICAL_SEED:
+        first = tuple(shape.split for shape in canonical_shape_set().shapes[: len(digests)])
     return first + tuple(_numbered_splits(seed, families))[len(first) :]
 
 
@@ -256,18 +238,11 @@ def split_by_hash(families: Sequence[str], digests: Sequence[str]) -> tuple[str,
     In each family the fifth whose salted hash is lowest is held out.
     """
     held: set[int] = set()
+    order = sorted(range(len(families)), key=lambda i: _hash(digests[i]))
     for name in set(families):
-        members = [i for i, family in enumerate(families) if family == name]
-        members.sort(key=lambda i: _hash(digests[i]))
+        members = [i for i in order if families[i] == name]
         held.update(members[: round(len(members) * HELD_OUT_SHARE)])
     return tuple(Split.HELD_OUT if i in held else Split.TRAIN for i in range(len(families)))
-
-
-def _canonical_splits(families: Sequence[str], digests: Sequence[str]) -> tuple[str, ...]:
-    """Return the splits of the first thousand shapes, or of as many as there are."""
-    if len(digests) >= CANONICAL_COUNT:
-        return split_by_hash(families[:CANONICAL_COUNT], digests[:CANONICAL_COUNT])
-    return tuple(shape.split for shape in canonical_shape_set().shapes[: len(digests)])
 
 
 def _numbered_splits(seed: int, families: Sequence[str]) -> Iterator[str]:

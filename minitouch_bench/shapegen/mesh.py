@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 Points = NDArray[np.float64]
@@ -199,8 +200,7 @@ Quaternion = tuple[float, float, float, float]
 """A rotation as PyBullet writes it: x, y, z, w."""
 
 
-@dataclass(frozen=True)
-class RestPose:
+class RestPose(Struct, frozen=True, rename={"height": "height_m"}):
     """A way to lie on a table: rotation, height of the center of mass (m), and share of drops."""
 
     quaternion: Quaternion

@@ -1,6 +1,7 @@
 """A cache for every test alone, and a small set."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,13 +14,15 @@ def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MINITOUCH_CACHE", str(tmp_path / "cache"))
 
 
+def entry_of(index: int) -> dict[str, Any]:
+    """Return what the canonical manifest says of a shape, without what its set gives it."""
+    entry = canonical_shape_set().document["shapes"][index]
+    return {k: v for k, v in entry.items() if k not in ("split", "offset", "length")}
+
+
 def subset(folder: Path, count: int) -> Path:
     """Write a set of the first canonical shapes."""
-    made = []
-    for shape in canonical_shape_set().shapes[:count]:
-        place = ("split", "offset", "length")
-        entry = {key: value for key, value in shape.entry.items() if key not in place}
-        made.append((entry, shape.record()))
+    made = [(entry_of(i), canonical_shape_set().shapes[i].record()) for i in range(count)]
     folder.mkdir()
     write_set(folder, {"name": "small", "generator": 1, "seed": 0}, made)
     return folder

@@ -112,7 +112,7 @@ def test_every_file_s_name_becomes_a_plain_name_of_its_own(
     folder = tmp_path.parent / "named"
     result = import_objects(tmp_path, folder, ImportConfig())
     assert result.accepted == len(files)
-    names = {shape.entry["source"]: shape.name for shape in load_shape_set(folder).shapes}
+    names = {entry["source"]: entry["name"] for entry in load_shape_set(folder).document["shapes"]}
     assert names.keys() == set(files)
     assert len(set(names.values())) == len(files)
     assert names["mug (1).obj"] == "mug_1_"
@@ -178,7 +178,7 @@ def test_an_export_can_be_imported_again(
     name = shapes.shapes[3].name
     ending = "-visual.obj" if form == "urdf" else f".{form}"
     mesh = trimesh.load(str(tmp_path / "out" / f"{name}{ending}"), force="mesh")
-    assert mesh.volume == pytest.approx(shapes.shapes[3].entry["volume_m3"], rel=1e-4)
+    assert mesh.volume == pytest.approx(shapes.shapes[3].volume_m3, rel=1e-4)
 
 
 def test_another_format_is_refused(small_set: Path, tmp_path: Path) -> None:

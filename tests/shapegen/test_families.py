@@ -6,10 +6,8 @@ import pytest
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.families import FAMILIES
 from minitouch_bench.shapegen.generate import family_of, make_shape
-from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.shapegen.solids import to_mesh
-
-OF_THE_SET = ("split", "offset", "length")
+from tests.shapegen.conftest import entry_of
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -42,19 +40,12 @@ def made_again(indices: list[int]) -> list[dict[str, Any]]:
     return [made[place][0] for place in range(len(indices))]
 
 
-def committed(indices: list[int]) -> list[dict[str, Any]]:
-    """Return what the canonical manifest says of shapes, without what their set gives them."""
-    entries = [canonical_shape_set().shapes[index].entry for index in indices]
-    return [{k: v for k, v in e.items() if k not in OF_THE_SET} for e in entries]
-
-
 def test_a_shape_made_again_is_the_committed_one_with_all_its_measures() -> None:
-    shapes = canonical_shape_set().shapes
-    quick = min(range(64), key=lambda i: (shapes[i].entry["attempt"], shapes[i].entry["hulls"]))
-    assert made_again([quick]) == committed([quick])
+    quick = min(range(64), key=lambda i: (entry_of(i)["attempt"], entry_of(i)["hulls"]))
+    assert made_again([quick]) == [entry_of(quick)]
 
 
 @pytest.mark.slow
 def test_fifty_shapes_made_again_are_the_committed_ones() -> None:
     chosen = np.random.default_rng(1).choice(1000, size=50, replace=False).tolist()
-    assert made_again(chosen) == committed(chosen)
+    assert made_again(chosen) == [entry_of(index) for index in chosen]

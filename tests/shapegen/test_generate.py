@@ -12,13 +12,12 @@ from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.shapegen import generate as generating
 from minitouch_bench.shapegen.generate import generate, open_parts
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
+from tests.shapegen.conftest import entry_of
 
 
 def stand_in(task: tuple[int, int]) -> tuple[dict[str, object], bytes]:
     """Answer as a generator would, from the canonical set."""
-    shape = canonical_shape_set().shapes[task[1]]
-    place = ("split", "offset", "length")
-    return {k: v for k, v in shape.entry.items() if k not in place}, shape.record()
+    return entry_of(task[1]), canonical_shape_set().shapes[task[1]].record()
 
 
 @pytest.fixture

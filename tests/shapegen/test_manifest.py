@@ -126,30 +126,30 @@ def test_a_set_that_writes_elsewhere_or_more_is_refused(
     small_set: Path, key: str, value: object
 ) -> None:
     edit_document(small_set / "manifest.json", lambda d: d["shapes"][0].update({key: value}))
-    with pytest.raises(UsageError, match=f"damaged.*(no plain {key}|no split|its {key}|too large)"):
+    with pytest.raises(UsageError, match=rf"shapes\[0\]\.{key}.*damaged"):
         load_shape_set(small_set)
 
 
 @pytest.mark.parametrize("key", ["mass_kg", "files_sha256", "lifted", "density", "faces"])
 def test_a_shape_without_what_others_read_of_it_is_refused(small_set: Path, key: str) -> None:
     edit_document(small_set / "manifest.json", lambda d: d["shapes"][1].pop(key))
-    with pytest.raises(UsageError, match=f"damaged: KeyError\\('{key}'\\)"):
+    with pytest.raises(UsageError, match=rf"shapes\[1\].*{key}.*damaged"):
         load_shape_set(small_set)
 
 
 def test_a_set_without_shapes_and_a_shape_without_poses_are_refused(small_set: Path) -> None:
     edit_document(small_set / "manifest.json", lambda d: d["shapes"][1].update(poses=[]))
-    with pytest.raises(UsageError, match=r"damaged.*shape-0001 has no poses"):
+    with pytest.raises(UsageError, match=r"shapes\[1\]\.poses.*damaged"):
         load_shape_set(small_set)
     edit_document(small_set / "manifest.json", lambda d: d.update(shapes=[], count=0))
-    with pytest.raises(UsageError, match=r"damaged.*it lists no shapes"):
+    with pytest.raises(UsageError, match=r"shapes: .*damaged"):
         load_shape_set(small_set)
 
 
 @pytest.mark.parametrize("key", ["count", "pack_sha256", "name"])
 def test_a_set_without_its_own_numbers_is_refused(small_set: Path, key: str) -> None:
     edit_document(small_set / "manifest.json", lambda d: d.pop(key))
-    with pytest.raises(UsageError, match=f"damaged: KeyError\\('{key}'\\)"):
+    with pytest.raises(UsageError, match=f"{key}.*damaged"):
         load_shape_set(small_set)
 
 
