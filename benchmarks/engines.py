@@ -12,8 +12,8 @@ from rich.table import Table
 
 from minitouch_bench.episode import EpisodeSpec
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
-from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.engine import Engine, open_engine
+from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.spec import SuiteSpec
 from minitouch_bench.runs.plan import make_plan, suite_episodes
@@ -30,7 +30,7 @@ def main() -> None:
     suite = SuiteSpec("benchmark", TASKS, EPISODES // len(TASKS), rankable=False)
     specs = suite_episodes(suite)
     begun = time.perf_counter()
-    with open_engine(EngineOptions("ray", WORKERS)) as ray:
+    with open_engine("ray", WORKERS) as ray:
         started = time.perf_counter() - begun
         engines: dict[str, Engine] = {"local": LocalEngine(WORKERS), "ray": ray}
         firsts: dict[str, list[float]] = {name: [] for name in engines}

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.policies.builtin import OPEN_LOOP_FILE
+from minitouch_bench.policies.python_objects import OPEN_LOOP_FILE
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.tasks.environment import MiniTouchEnv

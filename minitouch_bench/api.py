@@ -15,7 +15,7 @@ from minitouch_bench.comparison.comparison import (
 )
 from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.actors import prepare_policies
-from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, engine_options, open_engine
+from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine
 from minitouch_bench.evaluation.execution import header_of, open_run, play, run_name
 from minitouch_bench.evaluation.video import require_video, video_name, write_video
 from minitouch_bench.files import (
@@ -29,7 +29,7 @@ from minitouch_bench.files import (
 )
 from minitouch_bench.json_io import StrPath, Words, words
 from minitouch_bench.perturbation import parse_perturbation
-from minitouch_bench.policies.isolation.levels import Isolation, isolation_options
+from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.journal import Journal
@@ -102,7 +102,7 @@ def evaluate(
         raise UsageError("resume, fresh and video need a directory: give an output")
     if video:
         require_video()
-    opening = open_engine(engine_options(engine, workers, address))
+    opening = open_engine(engine, workers, address)
     isolated = isolation_options(isolation, trust, act_timeout, episode_timeout)
     plan = make_plan(
         suite,

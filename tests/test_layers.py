@@ -134,7 +134,7 @@ def test_the_shape_set_is_read_without_the_means_to_make_it():
 
 
 def test_a_worker_has_the_simulator_and_no_torch():
-    loaded = loaded_by("minitouch_bench.evaluation.local_engine")
+    loaded = loaded_by("minitouch_bench.evaluation.rollout")
     assert "pybullet" in loaded
     assert not loaded & {"torch", "stable_baselines3", "onnx", "matplotlib"}
 

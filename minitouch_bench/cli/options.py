@@ -8,8 +8,7 @@ import typer
 
 from minitouch_bench.evaluation.engine import ENGINES
 from minitouch_bench.perturbation import MAX_TIMEOUT_S
-from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.policies.loaders import BUILT_IN, KIND_BY_SUFFIX
+from minitouch_bench.policies.policy import BUILT_IN, KIND_BY_SUFFIX, Isolation
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 
 episodes_option = partial(typer.Option, rich_help_panel="Episodes")
@@ -38,14 +37,14 @@ EngineName = Annotated[
     str,
     engine_option(
         metavar="|".join(ENGINES),
-        help="; ".join(f"{name}: {engine.about}" for name, engine in ENGINES.items()) + ".",
+        help="; ".join(f"{name}: {where}" for name, where in ENGINES.items()) + ".",
     ),
 ]
 Address = Annotated[
     str | None,
     engine_option(
         metavar="HOST:PORT",
-        help="; ".join(f"{name}: {e.address}" for name, e in ENGINES.items() if e.address) + ".",
+        help="ray: the cluster; without it Ray starts here.",
     ),
 ]
 IsolationLevel = Annotated[

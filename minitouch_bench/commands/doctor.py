@@ -9,7 +9,7 @@ import typer
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, notes
 from minitouch_bench.errors import CHECK_FAILED
-from minitouch_bench.evaluation.engine import AUTO, engine_options
+from minitouch_bench.evaluation.engine import AUTO, worker_count
 
 if TYPE_CHECKING:
     from minitouch_bench.verification.doctor import Check
@@ -23,7 +23,7 @@ def doctor(workers: options.Workers = AUTO, as_json: options.AsJson = False) -> 
     from minitouch_bench.processes import core_count
     from minitouch_bench.verification.doctor import CheckResult, examine
 
-    count = engine_options("local", workers, None).workers or core_count()
+    count = worker_count(workers) or core_count()
     checks: list[Check] = []
     with notes.status("examining") as status:
         for check in examine(count):

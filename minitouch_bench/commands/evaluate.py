@@ -13,7 +13,7 @@ from minitouch_bench.errors import PolicyFaultError
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.perturbation import PERTURBATION_NAMES, SENSES
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.protocol.minitouch import (
     ACT_TIMEOUT_S,
     EPISODE_TIMEOUT_S,

@@ -18,7 +18,7 @@ from minitouch_bench.errors import (
     UsageError,
     printable,
 )
-from minitouch_bench.evaluation.engine import AUTO, engine_options
+from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import REPORTS, SUBMISSIONS, os_errors_as
 
 app = make_group(help="Check submissions and build the leaderboard.")
@@ -54,12 +54,12 @@ def validate(
         with os_errors_as(UsageError, place, "read"):
             if not stat.S_ISDIR(os.stat(place).st_mode):
                 raise UsageError(f"{place} is not a directory; give a submission's directory")
-    opening = engine_options("local", workers, None)
+    opening = open_engine("local", workers)
     results = []
     for place in directories:
         found = validation.validate(place)
         if prove and found.passed:
-            with EpisodeProgress() as callbacks, open_engine(opening) as engine:
+            with EpisodeProgress() as callbacks, opening as engine:
                 callbacks.phase("proof", proving.count_episodes(found))
                 found = proving.prove(found, engine, callbacks.episode)
         results.append(found)

@@ -16,7 +16,7 @@ from minitouch_bench.episode import Outcome, PlayedEpisode
 from minitouch_bench.errors import PolicyFaultError, RunDirectoryError, UsageError
 from minitouch_bench.files import os_errors_as
 from minitouch_bench.machine import require
-from minitouch_bench.policies.isolation.levels import Isolation, isolation_options
+from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
 if TYPE_CHECKING:

@@ -11,15 +11,15 @@ from minitouch_bench.cli.console import data_console, note
 from minitouch_bench.cli.options import output_option
 from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.evaluation.engine import AUTO, engine_options
+from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import ACTIONS_FILE, REPORTS, append_bytes, lock_directory, write_file
-from minitouch_bench.policies.isolation.levels import Isolation, isolation_options
+from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
 
 if TYPE_CHECKING:
     from minitouch_bench.comparison.settings import GateSettings
     from minitouch_bench.evaluation.actors import PolicySetup
-    from minitouch_bench.policies.isolation.levels import IsolationOptions
+    from minitouch_bench.policies.policy import IsolationOptions
     from minitouch_bench.runs.run import Run
 
 GITHUB_SUMMARY = "GITHUB_STEP_SUMMARY"
@@ -118,7 +118,7 @@ def regress(
         after = read_checked(directory)
     else:
         isolated = isolation_options(isolation, trust, act_timeout, episode_timeout)
-        opening = open_engine(engine_options(engine, workers, address))
+        opening = open_engine(engine, workers, address)
         if before.exploration_rows:
             note("the baseline's exploration episodes are left out: POLICY has none")
             before = without_exploration(before)

@@ -17,8 +17,8 @@ from minitouch_bench.errors import (
     InterruptedRunError,
     printable,
 )
-from minitouch_bench.evaluation.engine import AUTO, engine_options
-from minitouch_bench.policies.isolation.levels import Isolation, isolation_options
+from minitouch_bench.evaluation.engine import AUTO
+from minitouch_bench.policies.policy import Isolation, isolation_options
 
 if TYPE_CHECKING:
     from minitouch_bench.episode import PolicyIdentity
@@ -63,7 +63,7 @@ def verify(
     from minitouch_bench.verification.problems import Findings
     from minitouch_bench.verification.static_check import check_run
 
-    opening = open_engine(engine_options(engine, workers, address))
+    opening = open_engine(engine, workers, address)
     opened = read_run(run)
     if problems := check_run(opened):
         _show(Findings(problems), run, as_json)

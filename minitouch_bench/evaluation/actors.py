@@ -13,13 +13,15 @@ from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import Actor
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.policies.isolate import effective_level, isolate, try_policy
-from minitouch_bench.policies.isolation.levels import (
+from minitouch_bench.policies.policy import (
     SANDBOXED,
     Isolation,
     IsolationOptions,
+    Observation,
+    Policy,
+    close_policy,
     weakest,
 )
-from minitouch_bench.policies.policy import Observation, Policy, close_policy
 from minitouch_bench.policies.python_objects import keep_in_memory
 from minitouch_bench.policies.scripted import Controller, make_controller
 from minitouch_bench.policies.sources import PolicySource, parse_source

@@ -1,14 +1,13 @@
 """Engines: what runs episodes, and the one table of them."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Protocol
 
 from minitouch_bench.episode import EpisodeSpec, PlayedEpisode
 from minitouch_bench.errors import UsageError
+from minitouch_bench.processes import core_count
 
 if TYPE_CHECKING:
     from minitouch_bench.evaluation.rollout import ActorSource
@@ -32,14 +31,11 @@ class Engine(Protocol):
 MAX_WORKERS = 1024
 AUTO = "auto"
 
-
-@dataclass(frozen=True)
-class EngineOptions:
-    """Which engine to open. ``workers`` None: one per core; ``address``: of a cluster."""
-
-    name: str = "local"
-    workers: int | None = None
-    address: str | None = None
+ENGINES: Mapping[str, str] = {
+    "local": "on this machine",
+    "ray": "on a Ray cluster, see docs/how-to/ray.md",
+}
+"""Where episodes can run, by the engine's name."""
 
 
 def ignore(*_: object) -> None:
@@ -65,57 +61,41 @@ Note = Callable[[str], None]
 """Takes one line for the user."""
 
 
-@dataclass(frozen=True)
-class EngineEntry:
-    """What users read of an engine; ``address``: what ``--address`` is to it, "" for nothing."""
+def open_engine(
+    name: str = "local", workers: int | str | None = AUTO, address: str | None = None
+) -> AbstractContextManager[Engine]:
+    """Return the context manager of an engine; entering it starts the engine.
 
-    about: str
-    address: str = ""
-
-
-ENGINES: Mapping[str, EngineEntry] = {
-    "local": EngineEntry("on this machine"),
-    "ray": EngineEntry(
-        "on a Ray cluster, see docs/how-to/ray.md",
-        address="the cluster; without it Ray starts here",
-    ),
-}
-"""Each is a module ``evaluation/NAME_engine.py`` with ``open_engine``."""
-
-
-def open_engine(options: EngineOptions) -> AbstractContextManager[Engine]:
-    """Return the context manager of the engine asked for; entering it starts the engine.
-
-    Entering it raises ``MissingExtraError`` where a package is not installed, and
-    ``InfrastructureError`` where the engine cannot start.
+    ``workers``: see ``worker_count``. ``address`` is that of a Ray cluster, by default one that is
+    started here. Entering the context raises ``MissingExtraError`` where a package is not
+    installed, and ``InfrastructureError`` where the engine cannot start.
 
     Raises:
         UsageError: no such engine, or an option has no meaning for it.
     """
-    return _find_module(options).open_engine(options)  # type: ignore[no-any-return]
+    if name not in ENGINES:
+        raise UsageError(f"no engine '{name}'; there are {', '.join(ENGINES)}")
+    count = worker_count(workers)
+    if name == "ray":
+        from minitouch_bench.evaluation.ray_engine import open_ray  # noqa: PLC0415
+
+        return open_ray(count, address)
+    if address is not None:
+        raise UsageError("--address is for another engine: add --engine ray")
+    from minitouch_bench.evaluation.rollout import LocalEngine  # noqa: PLC0415  the simulator
+
+    return nullcontext(LocalEngine(count or core_count()))
 
 
-def _find_module(options: EngineOptions) -> ModuleType:
-    if options.name not in ENGINES:
-        raise UsageError(f"no engine '{options.name}'; there are {', '.join(ENGINES)}")
-    workers = options.workers
-    if workers is not None and not (isinstance(workers, int) and workers >= 1):
-        raise UsageError(f"workers are {workers!r}; there can be 1 or more")
-    if options.address is not None and not ENGINES[options.name].address:
-        having = " or ".join(name for name, entry in ENGINES.items() if entry.address)
-        raise UsageError(f"--address is for another engine: add --engine {having}")
-    return import_module(f"{__package__}.{options.name}_engine")
-
-
-def engine_options(engine: str, workers: int | str | None, address: str | None) -> EngineOptions:
-    """Return the engine asked for; None and "auto" stand for one worker per core.
+def worker_count(workers: int | str | None) -> int | None:
+    """Return how many workers are asked for; None, as for "auto", stands for one per core.
 
     Raises:
         UsageError: it is not such a number of workers.
     """
     if workers in (None, AUTO):
-        return EngineOptions(engine, None, address)
+        return None
     text = str(workers)
     if not text.isdecimal() or not 1 <= int(text) <= MAX_WORKERS:
         raise UsageError(f"--workers is a number from 1 to {MAX_WORKERS}, or auto, not '{text}'")
-    return EngineOptions(engine, int(text), address)
+    return int(text)

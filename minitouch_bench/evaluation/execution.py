@@ -26,7 +26,7 @@ from minitouch_bench.files import (
     write_file,
 )
 from minitouch_bench.machine import installed_versions, machine_facts
-from minitouch_bench.policies.loaders import computing_packages
+from minitouch_bench.policies.policy import computing_packages
 from minitouch_bench.policies.sources import identify
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal, check_same

@@ -21,7 +21,7 @@ from typing import Any
 from minitouch_bench.episode import IN_MEMORY, EpisodeSpec, PlayedEpisode
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.engine import Engine, EngineOptions
+from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.execution import package_versions
 from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
 from minitouch_bench.files import cache_file
@@ -42,7 +42,7 @@ SETTINGS = {
 """Environment of Ray, which reads it when it is imported; what the user has set goes first."""
 
 
-def open_engine(options: EngineOptions) -> contextlib.AbstractContextManager[Engine]:
+def open_ray(workers: int | None, address: str | None) -> contextlib.AbstractContextManager[Engine]:
     """Open an engine on a Ray cluster, by default one of ``workers`` CPUs that is started here.
 
     Raises:
@@ -53,34 +53,33 @@ def open_engine(options: EngineOptions) -> contextlib.AbstractContextManager[Eng
             f"Ray cannot start '{sys.executable}': its path contains a space.\n"
             "Use --engine local, or an environment in another directory"
         )
-    if options.address is not None and not re.fullmatch(r"[^/]+:\d{1,5}", options.address):
+    if address is not None and not re.fullmatch(r"[^/]+:\d{1,5}", address):
         raise UsageError(
-            "--address is HOST:PORT of the cluster's head, as in 10.0.0.1:6379, "
-            f"not '{options.address}'"
+            f"--address is HOST:PORT of the cluster's head, as in 10.0.0.1:6379, not '{address}'"
         )
-    return _connected(options)
+    return _connected(workers, address)
 
 
 @contextlib.contextmanager
-def _connected(options: EngineOptions) -> Iterator[Engine]:
+def _connected(workers: int | None, address: str | None) -> Iterator[Engine]:
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
-    if not options.address and "ray" not in sys.modules and "RAY_AUTH_MODE" not in os.environ:
+    if not address and "ray" not in sys.modules and "RAY_AUTH_MODE" not in os.environ:
         # A Ray started here takes orders from nobody else.
         os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
     ray = require("ray", "ray")
     with tempfile.TemporaryDirectory(prefix="ray-", ignore_cleanup_errors=True) as folder:
-        if options.address is not None:
-            _check_cluster(options.address)
-            settings: dict[str, Any] = {"address": options.address}
+        if address is not None:
+            _check_cluster(address)
+            settings: dict[str, Any] = {"address": address}
         else:
-            cpus = options.workers or core_count()
+            cpus = workers or core_count()
             settings = {"address": "local", "num_cpus": cpus, "num_gpus": 0, "_temp_dir": folder}
             settings["include_dashboard"] = False
         try:
             with interrupts_held():  # a Ray that is broken off while it starts or ends may crash
                 _init(ray, settings)
-            yield RayEngine(ray, options.workers)
+            yield RayEngine(ray, workers)
         finally:
             with interrupts_held():
                 ray.shutdown(wait_for_processes=True)

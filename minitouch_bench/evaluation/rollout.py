@@ -1,15 +1,23 @@
 """One episode: the only place where a policy and a simulated world meet."""
 
-from collections.abc import Mapping, Sequence
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, Role, Trace
-from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, PolicyTimeoutError
+from minitouch_bench.errors import (
+    InfrastructureError,
+    PolicyFaultError,
+    PolicyLoadError,
+    PolicyTimeoutError,
+)
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.policies.policy import Observation
+from minitouch_bench.processes import run_in_workers
 from minitouch_bench.tasks.environment import OBJECT, OUTCOMES, MiniTouchEnv
 
 
@@ -122,3 +130,36 @@ def _trace(
         object_state=np.array([info["object_state"] for info in infos], np.float64),
         first_touch_tick=int(steps[-1]["first_touch_tick"]) if steps else -1,
     )
+
+
+class LocalEngine:
+    """Runs each episode in one of ``workers`` processes."""
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+
+    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
+        """Yield records as episodes end; a worker that dies is replaced, its episode retried.
+
+        Raises:
+            InfrastructureError: an episode failed three times for no fault of the policy.
+        """
+        records = run_in_workers(
+            partial(_run_episode, EpisodeRunner(source)),
+            specs,
+            self.workers,
+            name=lambda spec: f"episode {spec.key}",
+        )
+        with contextlib.closing(records):
+            for _, record in records:
+                yield record
+
+
+def _run_episode(runner: EpisodeRunner, spec: EpisodeSpec) -> PlayedEpisode:
+    """Run an episode in a worker. A policy's fault is a record: any error is the machine's."""
+    try:
+        return runner.run(spec)
+    except InfrastructureError:
+        raise
+    except Exception as error:
+        raise InfrastructureError(f"{type(error).__name__}: {error}") from error

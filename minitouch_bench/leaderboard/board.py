@@ -25,7 +25,7 @@ from minitouch_bench.leaderboard.ranking import (
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, About, ColumnSpec, columns_of
 from minitouch_bench.leaderboard.validation import SubmissionFindings, find_copies
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
-from minitouch_bench.policies.loaders import BUILT_IN
+from minitouch_bench.policies.policy import BUILT_IN
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.reporting.labels import PAPER_METHODS, paper_values
 

@@ -34,7 +34,7 @@ from minitouch_bench.leaderboard.proof import (
 from minitouch_bench.leaderboard.submission import TrainingSeed
 from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.metrics.summary import measure
-from minitouch_bench.policies.loaders import BUILT_IN
+from minitouch_bench.policies.policy import BUILT_IN
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.fresh import (

@@ -16,8 +16,7 @@ from minitouch_bench.leaderboard.submission import (
     Submission,
     TrainingSeed,
 )
-from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.policies.loaders import FORMATS
+from minitouch_bench.policies.policy import FORMATS, Isolation
 from minitouch_bench.policies.sources import DIRECTORY, NOTES, directory_digest
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.runs.run import Run, RunHeader

@@ -35,7 +35,7 @@ from minitouch_bench.leaderboard.submission_checks import (
     list_files,
     read_plain,
 )
-from minitouch_bench.policies.loaders import BUILT_IN, FORMATS, KIND_BY_SUFFIX
+from minitouch_bench.policies.policy import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.run import Run, RunHeader, parse_run

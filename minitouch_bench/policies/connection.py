@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 
 from minitouch_bench.policies import wire
-from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.policies.isolation.sandbox import HOST_SETTINGS, HOST_VARIABLES
+from minitouch_bench.policies.policy import Isolation
+from minitouch_bench.policies.sandbox import HOST_SETTINGS, HOST_VARIABLES
 from minitouch_bench.processes import watch
 
 KEPT_OUTPUT = 4096

@@ -37,11 +37,19 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
 )
 from minitouch_bench.policies import wire
-from minitouch_bench.policies.isolation.kernel import ProcessLimits
-from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.policies.isolation.sandbox import NOTHING, Sandbox, factory_paths, prepare
-from minitouch_bench.policies.loaders import FORMATS, check_permitted, find_loader, load_policy
-from minitouch_bench.policies.policy import Checkpoint, action_size, close_policy, warning_of
+from minitouch_bench.policies.kernel import ProcessLimits
+from minitouch_bench.policies.policy import (
+    FORMATS,
+    Checkpoint,
+    Isolation,
+    action_size,
+    check_permitted,
+    close_policy,
+    find_loader,
+    load_policy,
+    warning_of,
+)
+from minitouch_bench.policies.sandbox import NOTHING, Sandbox, factory_paths, prepare
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.processes import die_with
 from minitouch_bench.tasks.action import fit_action

@@ -18,14 +18,18 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
 )
 from minitouch_bench.policies.forkserver import seed_everything
-from minitouch_bench.policies.isolation.levels import SANDBOXED, Isolation, IsolationOptions
-from minitouch_bench.policies.loaders import FORMATS, check_permitted, load_policy
 from minitouch_bench.policies.policy import (
+    FORMATS,
+    SANDBOXED,
     Checkpoint,
+    Isolation,
+    IsolationOptions,
     Observation,
     Policy,
     action_size,
+    check_permitted,
     close_policy,
+    load_policy,
     warning_of,
     zero_observation,
 )

@@ -1,15 +1,24 @@
-"""What a policy is: what it sees, and what it gives."""
+"""What a policy is, how it is isolated, and the one table of the formats that it comes in."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+from minitouch_bench.errors import MiniTouchError, PolicyLoadError, UsageError
+from minitouch_bench.machine import look_up, require
+from minitouch_bench.perturbation import USUAL_LIMITS, PolicyLimits
+from minitouch_bench.protocol.minitouch import (
+    ACT_TIMEOUT_S,
+    EPISODE_TIMEOUT_S,
+    PROTOCOL,
+)
 
-from minitouch_bench.protocol.minitouch import PROTOCOL
+if TYPE_CHECKING:  # numpy takes longer to import than all of --help
+    import numpy as np
+    from numpy.typing import NDArray
 
-Observation = Mapping[str, NDArray[Any]]
+Observation = Mapping[str, "NDArray[Any]"]
 """``image`` uint8 ``IMAGE_SHAPE`` and ``touch`` float32 ``TOUCH_SHAPE``."""
 
 IMAGE_SHAPE, TOUCH_SHAPE = PROTOCOL.observation.image_shape, PROTOCOL.observation.touch_shape
@@ -24,7 +33,7 @@ class Policy(Protocol):
     def reset(self, seed: int, task: str) -> None:
         """Begin an episode of a task; the seed is the episode's only source of chance."""
 
-    def act(self, observation: Observation) -> NDArray[np.float32]:
+    def act(self, observation: Observation) -> "NDArray[np.float32]":
         """Return the action, float32 (4,) or (5,), each number in [-1, 1]: see ``fit_action``."""
 
 
@@ -58,9 +67,182 @@ def action_size(task: str) -> int:
     return PROTOCOL.task(task).action_size
 
 
-def zero_observation() -> dict[str, NDArray[Any]]:
+def zero_observation() -> "dict[str, NDArray[Any]]":
     """Return a black image and an all-zero touch vector."""
+    import numpy as np  # noqa: PLC0415
+
     return {
         "image": np.zeros(IMAGE_SHAPE, np.uint8),
         "touch": np.zeros(TOUCH_SHAPE, np.float32),
     }
+
+
+class Isolation(StrEnum):
+    """The levels of isolation, strictest first."""
+
+    SANDBOX = "sandbox"
+    """A process of its own that can reach neither files, network nor other processes."""
+
+    PROCESS = "process"
+    """A process of its own, with all the rights of the user who runs the evaluation."""
+
+    NONE = "none"
+    """The process of the simulator, for debugging."""
+
+
+def weakest(levels: Iterable[Isolation]) -> Isolation:
+    """Return the weakest of some levels."""
+    return max(levels, key=list(Isolation).index)
+
+
+@dataclass(frozen=True)
+class IsolationOptions:
+    """How to isolate a policy. ``trust`` permits Python code that comes with it.
+
+    ``private`` is the run's directory, which a policy must not read: "" where there is none.
+    """
+
+    level: Isolation = Isolation.SANDBOX
+    trust: bool = False
+    limits: PolicyLimits = USUAL_LIMITS
+    private: str = ""
+
+
+SANDBOXED = IsolationOptions()
+"""The default."""
+
+
+def isolation_options(
+    isolation: str,
+    trust: bool,
+    act_timeout: float = ACT_TIMEOUT_S,
+    episode_timeout: float = EPISODE_TIMEOUT_S,
+) -> IsolationOptions:
+    """Return how to isolate a policy.
+
+    Raises:
+        UsageError: there is no such level, or a time cannot be waited for.
+    """
+    if isolation not in tuple(Isolation):
+        raise UsageError(f"no isolation '{isolation}'; it is one of {', '.join(Isolation)}")
+    limits = PolicyLimits(act_timeout_s=act_timeout, episode_timeout_s=episode_timeout)
+    return IsolationOptions(Isolation(isolation), trust, limits)
+
+
+Loader = Callable[[Checkpoint], Policy]
+
+
+@dataclass(frozen=True)
+class Format:
+    """One way to hand in a policy.
+
+    ``loader`` names a function or a class as ``module:name``, so that no process imports torch but
+    the policy's own. ``packages`` are (module, extra) pairs to import beforehand;
+    ``computes_with`` is the package whose version the actions depend on, as pip names it.
+    ``runs_code`` marks a file that can do whatever its process can, as opposed to data that is
+    computed with; ``is_zip`` one whose list of contents is looked at before it is unpacked.
+    """
+
+    loader: str
+    suffixes: tuple[str, ...] = ()
+    packages: tuple[tuple[str, str], ...] = ()
+    computes_with: str = ""
+    runs_code: bool = False
+    is_zip: bool = False
+
+
+FORMATS: Mapping[str, Format] = {
+    "random": Format("minitouch_bench.policies.python_objects:RandomPolicy"),
+    "zero": Format("minitouch_bench.policies.python_objects:ZeroPolicy"),
+    "open-loop": Format("minitouch_bench.policies.python_objects:OpenLoopPolicy"),
+    "native": Format(
+        "minitouch_bench.policies.native:load_native", (".safetensors",), computes_with="torch"
+    ),
+    "torchscript": Format(
+        "minitouch_bench.policies.torchscript:load_torchscript",
+        (".pt", ".ts"),
+        computes_with="torch",
+        runs_code=True,
+        is_zip=True,
+    ),
+    "onnx": Format(
+        "minitouch_bench.policies.onnx_policy:load_onnx",
+        (".onnx",),
+        (("onnx", "onnx"), ("onnxruntime", "onnx")),
+        computes_with="onnxruntime",
+    ),
+    "sb3": Format(
+        "minitouch_bench.policies.sb3:load_sb3",
+        (".zip",),
+        (("stable_baselines3", "sb3"),),
+        computes_with="stable-baselines3",
+        runs_code=True,
+        is_zip=True,
+    ),
+    "factory": Format(
+        "minitouch_bench.policies.python_objects:load_factory", packages=(("torch", "all"),)
+    ),
+    "remote": Format("minitouch_bench.policies.server:load_remote"),
+    "in memory": Format("minitouch_bench.policies.python_objects:load_object"),
+}
+
+BUILT_IN = ("random", "zero", "open-loop", "scripted")
+"""Policies known by name; ``scripted`` has no loader, it runs beside the simulator."""
+
+KIND_BY_SUFFIX: Mapping[str, str] = {
+    suffix: kind for kind, form in FORMATS.items() for suffix in form.suffixes
+}
+
+
+def computing_packages() -> tuple[str, ...]:
+    """Return the packages whose versions a policy's actions can depend on, as pip names them."""
+    names = (form.computes_with for form in FORMATS.values())
+    return tuple(dict.fromkeys(filter(None, names)))
+
+
+def check_permitted(kind: str, target: str, isolation: Isolation, *, trust: bool) -> None:
+    """Refuse a policy that would run code of its own where nothing holds it.
+
+    Raises:
+        PolicyLoadError: it is neither in the sandbox nor trusted.
+    """
+    if kind == "factory" and not trust:
+        raise PolicyLoadError(f"'{target}' runs Python code: it needs --trust")
+    if FORMATS[kind].runs_code and isolation is not Isolation.SANDBOX and not trust:
+        raise PolicyLoadError(
+            f"{target} is {kind}, which can run code of its own on this machine.\n"
+            "Leave it to --isolation sandbox, or if you trust it, add --trust"
+        )
+
+
+def find_loader(kind: str) -> Loader:
+    """Import what a kind needs and return its loader.
+
+    Raises:
+        MissingExtraError: an optional package of the format is not installed.
+    """
+    form = FORMATS[kind]
+    for module, extra in form.packages:
+        require(module, extra)
+    loader: Loader = look_up(form.loader)
+    return loader
+
+
+def load_policy(kind: str, checkpoint: Checkpoint) -> Policy:
+    """Build the policy of a checkpoint.
+
+    Raises:
+        PolicyLoadError: the checkpoint is unreadable, unsafe or of the wrong form.
+        MissingExtraError: an optional package of the format is not installed.
+    """
+    loader = find_loader(kind)
+    try:
+        return loader(checkpoint)
+    except MiniTouchError:
+        raise
+    except Exception as error:  # whatever a foreign reader raises means: not loadable
+        from minitouch_bench.policies.wire import describe  # noqa: PLC0415  it imports numpy
+
+        raise PolicyLoadError(
+            f"{checkpoint.target} is not a readable {kind} policy: {describe(error)}"
+        ) from error

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from minitouch_bench import errors
 from minitouch_bench.policies import wire
 from minitouch_bench.policies.connection import EpisodeChannel, HostConnection, HostGoneError
-from minitouch_bench.policies.isolation.kernel import ProcessLimits
-from minitouch_bench.policies.isolation.levels import SANDBOXED, IsolationOptions
-from minitouch_bench.policies.policy import Observation, action_size
+from minitouch_bench.policies.kernel import ProcessLimits
+from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions, Observation, action_size
 from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.processes import core_count
 from minitouch_bench.tasks.action import fit_action

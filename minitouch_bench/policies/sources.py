@@ -24,7 +24,7 @@ from minitouch_bench.files import (
     read_file,
 )
 from minitouch_bench.machine import require
-from minitouch_bench.policies.loaders import BUILT_IN, FORMATS, KIND_BY_SUFFIX
+from minitouch_bench.policies.policy import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.wire import describe
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 

@@ -14,9 +14,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.policies.isolation.kernel import ProcessLimits
-from minitouch_bench.policies.isolation.levels import Isolation
-from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Observation
+from minitouch_bench.policies.kernel import ProcessLimits
+from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Isolation, Observation
 
 MAX_PAYLOAD = 64 * 1024
 """Longest payload either side accepts, in bytes."""

@@ -17,12 +17,11 @@ import numpy as np
 from minitouch_bench.episode import EpisodeSpec, Role
 from minitouch_bench.errors import InfrastructureError, MiniTouchError
 from minitouch_bench.evaluation.actors import RecordedActor, Recording
-from minitouch_bench.evaluation.local_engine import LocalEngine
-from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
+from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner, LocalEngine
 from minitouch_bench.files import cache_directory, cache_file
 from minitouch_bench.machine import extras, installed_versions
 from minitouch_bench.policies.isolate import isolate, try_policy
-from minitouch_bench.policies.isolation import landlock
+from minitouch_bench.policies.kernel import supported_abi
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
@@ -155,7 +154,7 @@ def _protocol() -> str:
 
 def _isolation() -> str:
     try_policy(parse_source("zero"), ("pushing",))
-    return f"a sandbox was tried and works: seccomp, Landlock {landlock.supported_abi()}"
+    return f"a sandbox was tried and works: seccomp, Landlock {supported_abi()}"
 
 
 def _policy_repeats() -> str:

@@ -18,7 +18,7 @@ from minitouch_bench.evaluation.actors import PolicySetup, Recording, prepare_po
 from minitouch_bench.evaluation.engine import Engine, Note
 from minitouch_bench.metrics.summary import measure, touch_curve
 from minitouch_bench.perturbation import USUAL_LIMITS
-from minitouch_bench.policies.isolation.levels import SANDBOXED, IsolationOptions
+from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions
 from minitouch_bench.policies.sources import PolicySource, identify
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run

@@ -23,7 +23,7 @@ from minitouch_bench.files import ACTIONS_FILE, RUN_FILE
 from minitouch_bench.json_io import plain
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import summarize
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.protocol.minitouch import PROTOCOL, SUITE_NAMES
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import first_of

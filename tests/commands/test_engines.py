@@ -15,7 +15,7 @@ from tests.commands.command import finish, run, start
 from tests.commands.conftest import SCRIPTED
 from tests.commands.test_evaluate import ONE, same_numbers, wait_for_records
 from tests.evaluation.ray_nodes import command_line, descendants, free_port, head, joined
-from tests.evaluation.test_local_engine import wait_until
+from tests.evaluation.test_engine import wait_until
 
 pytestmark = pytest.mark.skipif(" " in sys.executable, reason="Ray needs a path without a space")
 

@@ -14,7 +14,7 @@ from minitouch_bench.comparison.gate_report import difference_text, result_line
 from minitouch_bench.comparison.settings import GateSettings
 from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.execution import header_of
-from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.run import Run, RunEnvironment, make_run

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from minitouch_bench.errors import InfrastructureError
-from minitouch_bench.evaluation.engine import Engine, EngineOptions, open_engine
+from minitouch_bench.evaluation.engine import Engine, open_engine
 from minitouch_bench.evaluation.ray_engine import SETTINGS
 
 START = (sys.executable, "-m", "ray.scripts.scripts", "start", "--block")
@@ -93,7 +93,7 @@ def wait_for_nodes(address: str, count: int, seconds: float = 60.0) -> None:
 
 
 def engine_at(address: str) -> contextlib.AbstractContextManager[Engine]:
-    return open_engine(EngineOptions("ray", address=address))
+    return open_engine("ray", address=address)
 
 
 def descendants(pid: int) -> set[int]:

@@ -4,10 +4,10 @@ from pathlib import Path
 
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.execution import open_run, play_missing
-from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import lock_directory
 from minitouch_bench.perturbation import PolicyLimits
-from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions
+from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run

@@ -8,13 +8,11 @@ from minitouch_bench.api import evaluate
 from minitouch_bench.commands.verify import verify
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.actors import AlteredSenses
-from minitouch_bench.evaluation.engine import EngineOptions
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
-from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions
+from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
-ONE_WORKER = EngineOptions(workers=1)
 TRUSTED = IsolationOptions(Isolation.PROCESS, trust=True)
 ACTION = np.array([0.6, 0.1, -1.0, 0.0], np.float32)
 

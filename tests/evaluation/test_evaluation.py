@@ -11,12 +11,12 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.execution import header_of, open_run, package_versions
-from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.machine import installed_versions
-from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.simulation.bullet import BUILDS

@@ -20,20 +20,20 @@ from minitouch_bench.errors import (
     UsageError,
 )
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.engine import EngineOptions, open_engine
+from minitouch_bench.evaluation.engine import open_engine
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.ray_engine import map_checkpoints, pack, unpack
 from minitouch_bench.files import ACTIONS_FILE, VARIABLE
-from minitouch_bench.policies.isolation.levels import Isolation
 from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.runs.plan import make_plan
 from tests.evaluation import ray_nodes
 from tests.evaluation.ray_nodes import command_line, holds_a_policy
 from tests.evaluation.runs import digests, request, run
+from tests.evaluation.test_engine import wait_until
 from tests.evaluation.test_evaluation import begin
-from tests.evaluation.test_local_engine import wait_until
 
 HERE = Path(__file__).parent
 
@@ -67,7 +67,7 @@ def cluster(tmp_path_factory):
 
 
 def engine_on(address, workers=None):
-    return open_engine(EngineOptions("ray", workers, address))
+    return open_engine("ray", workers, address)
 
 
 # The same bits
@@ -305,4 +305,4 @@ def test_without_ray_the_extra_is_named(monkeypatch):
 def test_a_python_whose_path_has_a_space_is_refused(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/home/some one/.venv/bin/python")
     with pytest.raises(UsageError, match="contains a space"):
-        open_engine(EngineOptions("ray"))
+        open_engine("ray")

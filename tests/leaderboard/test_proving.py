@@ -10,7 +10,7 @@ import pytest
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.evaluation.actors import PolicySetup
-from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import write_file
 from minitouch_bench.json_io import write_json
 from minitouch_bench.leaderboard import proving

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from minitouch_bench.episode import Role
-from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.proving import Prover, prove
 from minitouch_bench.leaderboard.submission import (

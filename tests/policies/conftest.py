@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from minitouch_bench.policies.loaders import load_policy
-from minitouch_bench.policies.policy import Checkpoint, Policy
+from minitouch_bench.policies.policy import Checkpoint, Policy, load_policy
 from tests.policies.recipes import run_recipes
 
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # policy processes have it set for them

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.policies.loaders import load_policy
-from minitouch_bench.policies.policy import Checkpoint, action_size
+from minitouch_bench.policies.policy import Checkpoint, action_size, load_policy
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.tasks.action import fit_action
 

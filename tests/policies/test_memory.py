@@ -10,8 +10,7 @@ from torch import Tensor, nn
 
 from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.policies.isolate import isolate
-from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions
-from minitouch_bench.policies.policy import zero_observation
+from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.plan import make_plan
 

@@ -25,8 +25,7 @@ from minitouch_bench.errors import (
 from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies.connection import EpisodeChannel, HostConnection
 from minitouch_bench.policies.isolate import try_policy
-from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions
-from minitouch_bench.policies.policy import zero_observation
+from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import PolicySource, parse_source
 from minitouch_bench.policies.wire import MAX_PAYLOAD, Frame, WireError
@@ -372,7 +371,7 @@ def test_the_scripted_policy_has_no_process():
 
 WORKER = """
 import sys, time
-from minitouch_bench.policies.isolation.levels import IsolationOptions
+from minitouch_bench.policies.policy import IsolationOptions
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.sources import parse_source

@@ -10,8 +10,7 @@ import pytest
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.policies import server as server_module
 from minitouch_bench.policies.isolate import isolate
-from minitouch_bench.policies.loaders import load_policy
-from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.policies.policy import Checkpoint, load_policy
 from minitouch_bench.policies.server import PolicyServer, RemotePolicy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.policies.wire import OBSERVATION_BYTES

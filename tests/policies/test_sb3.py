@@ -11,8 +11,7 @@ import torch
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies import sb3
-from minitouch_bench.policies.loaders import load_policy
-from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.policies.policy import Checkpoint, load_policy
 from minitouch_bench.policies.python_objects import keep_in_memory, load_object
 from tests.policies.recipes import StillEnvironment, run_recipes
 

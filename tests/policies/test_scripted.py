@@ -6,8 +6,7 @@ import pytest
 from minitouch_bench.episode import Outcome
 from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.policies.loaders import load_policy
-from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.policies.policy import Checkpoint, load_policy
 from minitouch_bench.policies.scripted import CONTROLLERS, make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.runs.plan import suite_episodes

@@ -9,12 +9,12 @@ import pytest
 
 from minitouch_bench.errors import IsolationError
 from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.policies import kernel, sandbox
 from minitouch_bench.policies.isolate import InProcessPolicy, effective_level, isolate, try_policy
-from minitouch_bench.policies.isolation import landlock, sandbox
-from minitouch_bench.policies.isolation.kernel import ProcessLimits
-from minitouch_bench.policies.isolation.levels import Isolation, IsolationOptions, weakest
-from minitouch_bench.policies.isolation.sandbox import ENTERED, FactoryPaths, readable_paths
+from minitouch_bench.policies.kernel import ProcessLimits
+from minitouch_bench.policies.policy import Isolation, IsolationOptions, weakest
 from minitouch_bench.policies.python_objects import keep_in_memory
+from minitouch_bench.policies.sandbox import ENTERED, FactoryPaths, readable_paths
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.plan import make_plan
 
@@ -22,7 +22,7 @@ ROOMY = ProcessLimits(memory_bytes=2**33, cpu_s=60)
 
 WITHOUT = """
 import errno, os, struct, sys
-from minitouch_bench.policies.isolation import kernel, seccomp
+from minitouch_bench.policies import kernel, seccomp
 denied, argument = int(sys.argv[1]), int(sys.argv[2])
 kernel.prctl(kernel.PR_SET_NO_NEW_PRIVS, 1)
 seccomp.install([
@@ -46,14 +46,14 @@ def evaluate_without(call, argument, directory, *options):
 def test_the_sandbox_holds_on_this_machine():
     made = sandbox.prepare(ROOMY)
     os.close(made.ruleset)
-    assert made.abi == landlock.supported_abi() > 0
+    assert made.abi == kernel.supported_abi() > 0
 
 
 @pytest.mark.parametrize("deed", sandbox.ESCAPES)
 def test_a_sandbox_that_does_not_hold_is_found_out(monkeypatch, deed):
     made = sandbox.prepare(ROOMY)
     monkeypatch.setattr(sandbox.seccomp, "install", lambda program: None)
-    monkeypatch.setattr(sandbox.landlock, "restrict_self", lambda ruleset, abi: None)
+    monkeypatch.setattr(kernel, "restrict_self", lambda ruleset, abi: None)
     monkeypatch.setattr(sandbox, "ESCAPES", {deed: lambda: None})
     with pytest.raises(IsolationError, match=f"a process in it can {deed}"):
         sandbox.check_holds(made)
@@ -68,7 +68,7 @@ def test_without_seccomp_the_policy_is_refused(tmp_path):
 
 
 def test_without_landlock_the_policy_is_refused_and_the_price_of_less_is_named(monkeypatch):
-    monkeypatch.setattr(landlock, "supported_abi", lambda: 0)
+    monkeypatch.setattr(kernel, "supported_abi", lambda: 0)
     with pytest.raises(IsolationError, match="no Landlock") as caught:
         sandbox.prepare(ROOMY)
     assert caught.value.exit_code == 3
@@ -89,9 +89,9 @@ def test_an_old_kernel_is_asked_for_no_more_than_it_knows(monkeypatch):
         asked.append(arguments[0]._obj)
         return os.open("/dev/null", os.O_RDONLY)
 
-    monkeypatch.setattr(landlock, "system_call", record)
+    monkeypatch.setattr(kernel, "system_call", record)
     for abi in range(1, 9):
-        os.close(landlock.make_ruleset(abi, ()))
+        os.close(kernel.make_ruleset(abi, ()))
     files = [one.handled_access_fs.bit_length() for one in asked]
     assert files == [13, 14, 15, 15, 16, 16, 16, 16]
     assert [one.handled_access_net for one in asked] == [0, 0, 0, 3, 3, 3, 3, 3]
@@ -101,7 +101,7 @@ def test_an_old_kernel_is_asked_for_no_more_than_it_knows(monkeypatch):
 @pytest.mark.parametrize("abi", [1, 2, 3])
 @pytest.mark.parametrize("flags", [os.O_TRUNC, 3, 3 | os.O_TRUNC, os.O_WRONLY | os.O_TRUNC])
 def test_no_file_is_emptied_under_an_older_landlock(monkeypatch, tmp_path, abi, flags):
-    monkeypatch.setattr(landlock, "supported_abi", lambda: abi)
+    monkeypatch.setattr(kernel, "supported_abi", lambda: abi)
     for place in ("readable", "elsewhere"):
         (tmp_path / place).mkdir()
         (tmp_path / place / "file").write_text("kept")

@@ -3,10 +3,9 @@
 import pytest
 
 from minitouch_bench.errors import IsolationError
-from minitouch_bench.policies.isolation.levels import IsolationOptions
-from minitouch_bench.policies.isolation.sandbox import factory_paths
-from minitouch_bench.policies.policy import zero_observation
+from minitouch_bench.policies.policy import IsolationOptions, zero_observation
 from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.sandbox import factory_paths
 from minitouch_bench.policies.sources import parse_source
 
 READER = """

@@ -6,8 +6,8 @@ import struct
 
 import pytest
 
-from minitouch_bench.policies.isolation import seccomp
-from minitouch_bench.policies.isolation.seccomp import ALLOWED, ARCHITECTURES, JUDGED
+from minitouch_bench.policies import seccomp
+from minitouch_bench.policies.seccomp import ALLOWED, ARCHITECTURES, JUDGED
 
 PID = 4321
 DENIED = seccomp.ERRNO | errno.EPERM

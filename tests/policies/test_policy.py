@@ -11,9 +11,8 @@ import torch
 from onnx import TensorProto, helper
 
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.policies.loaders import load_policy
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.policies.policy import Checkpoint, load_policy
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import parse_source
 from tests.policies.conftest import load

@@ -15,7 +15,7 @@ import errno
 import struct
 from collections.abc import Iterable, Mapping
 
-from minitouch_bench.policies.isolation.kernel import PR_SET_SECCOMP, prctl
+from minitouch_bench.policies.kernel import PR_SET_SECCOMP, prctl
 
 ARCHITECTURES = ("x86_64", "aarch64")
 

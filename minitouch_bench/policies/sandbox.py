@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 from minitouch_bench.errors import IsolationError
 from minitouch_bench.files import RUN_ENTRIES
-from minitouch_bench.policies.isolation import kernel, landlock, seccomp
-from minitouch_bench.policies.isolation.seccomp import ARCHITECTURES, NEITHER_READ_NOR_WRITE
+from minitouch_bench.policies import kernel, seccomp
+from minitouch_bench.policies.seccomp import ARCHITECTURES, NEITHER_READ_NOR_WRITE
 from minitouch_bench.processes import ARITHMETIC, die_with
 
 SYSTEM = (
@@ -64,7 +64,7 @@ def readable_paths() -> tuple[str, ...]:
         packages.append(site.getusersitepackages())
     # Another environment's packages, joined by a .pth file or PYTHONPATH.
     packages += [path for path in sys.path if Path(path).name in PACKAGE_FOLDERS]
-    package = str(Path(__file__).parents[2])
+    package = str(Path(__file__).parents[1])
     library = os.path.join(sys.base_prefix, "lib")  # with libpython, and conda's libraries
     return tuple(dict.fromkeys((*SYSTEM, library, *packages, package)))
 
@@ -168,7 +168,7 @@ class Sandbox:
         kernel.close_others((*kept, self.ruleset))
         kernel.prctl(kernel.PR_SET_NO_NEW_PRIVS, 1)
         kernel.drop_capabilities(self.machine)
-        landlock.restrict_self(self.ruleset, self.abi)
+        kernel.restrict_self(self.ruleset, self.abi)
         os.close(self.ruleset)
         seccomp.install(seccomp.make_filter(self.machine, os.getpid(), threads=self.threads))
 
@@ -186,7 +186,7 @@ def prepare(
         raise _unavailable("it needs Linux")
     if machine not in ARCHITECTURES or struct.calcsize("P") != 8:
         raise _unavailable(f"it knows {' and '.join(ARCHITECTURES)} in 64 bits, not {machine}")
-    abi = landlock.supported_abi()
+    abi = kernel.supported_abi()
     if abi == 0:
         raise _unavailable(
             "the kernel has no Landlock, or its use is forbidden here (Linux 5.13 or later has "
@@ -194,7 +194,7 @@ def prepare(
         )
     try:
         readable = (*readable_paths(), *paths.readable)
-        ruleset = landlock.make_ruleset(abi, readable, WRITABLE, paths.listable)
+        ruleset = kernel.make_ruleset(abi, readable, WRITABLE, paths.listable)
     except OSError as error:
         raise _unavailable(f"Landlock refused its rules: {error.strerror}") from error
     sandbox = Sandbox(machine, abi, ruleset, allowed, threads)

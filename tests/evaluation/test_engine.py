@@ -11,9 +11,9 @@ import pytest
 
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.execution import header_of
-from minitouch_bench.evaluation.local_engine import LocalEngine
+from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import JOURNAL_FILE
-from minitouch_bench.policies.isolation.levels import Isolation
+from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.runs.plan import suite_episodes
 from tests.evaluation.runs import digests, request, run

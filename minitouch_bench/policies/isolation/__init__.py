@@ -1,1 +1,0 @@
-"""What holds a stranger's policy: one file a mechanism of the kernel."""
