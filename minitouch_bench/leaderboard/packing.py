@@ -20,7 +20,7 @@ from minitouch_bench.leaderboard.submission import (
     checkpoint_place,
     run_place,
 )
-from minitouch_bench.leaderboard.submission_checks import MAX_VIDEO, RUN_LIMITS
+from minitouch_bench.leaderboard.submission_files import MAX_VIDEO, RUN_LIMITS
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.sources import (
     DIRECTORY,

@@ -41,7 +41,7 @@ from minitouch_bench.leaderboard.submission import (
     NAME,
     amount,
 )
-from minitouch_bench.leaderboard.submission_checks import MAX_VIDEO
+from minitouch_bench.leaderboard.submission_files import MAX_VIDEO
 from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL

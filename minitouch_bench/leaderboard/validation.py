@@ -5,19 +5,14 @@ from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import combinations
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TypeVar
 
-from minitouch_bench.episode import Episode
+from minitouch_bench.episode import Episode, PolicyIdentity, Role
 from minitouch_bench.errors import MiniTouchError, UnreadableFileError
-from minitouch_bench.files import (
-    LARGEST_CHECKPOINT,
-    RUN_FILE,
-    SUBMISSION_FILE,
-    list_videos,
-    os_errors_as,
-)
+from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE, list_videos
 from minitouch_bench.leaderboard.proof import Proof, ProofLevel, find_proof, level_of
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
@@ -26,31 +21,35 @@ from minitouch_bench.leaderboard.submission import (
     TrainingSeed,
     read_submission,
 )
-from minitouch_bench.leaderboard.submission_checks import (
+from minitouch_bench.leaderboard.submission_files import (
     MAX_SUBMISSION_FILE,
     RUN_LIMITS,
+    check_checkpoints,
     check_files,
-    check_submitted,
-    check_videos,
     list_files,
     read_plain,
 )
-from minitouch_bench.policies.policy import BUILT_IN, FORMATS, KIND_BY_SUFFIX
-from minitouch_bench.policies.sources import check_zip
+from minitouch_bench.policies.policy import BUILT_IN, FORMATS, Isolation
+from minitouch_bench.policies.sources import DIRECTORY, NOTES, directory_digest
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
-from minitouch_bench.runs.run import Run, RunHeader, parse_run
+from minitouch_bench.runs.run import Run, parse_run
 from minitouch_bench.verification.problems import Findings, Problems
-from minitouch_bench.verification.static_check import AS_WRITTEN
+from minitouch_bench.verification.static_check import AS_WRITTEN, RUN_AGAIN, check_run
 
 RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
     kind: ("state",) if kind == "scripted" else () for kind in BUILT_IN
 }
 """What the calibration policies look at."""
 
-Key = TypeVar("Key", bound=Hashable)
+KINDS = (*FORMATS, "scripted", DIRECTORY)
+MAX_TEXT = 1000
+MAX_NAMED = 50
+"""Packages, or facts of the machine, that an honest run may name."""
 
 COPIED_SHARE = 0.5
 """Share of equal episodes that makes a run a copy of another: two trainings have none."""
+
+Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,33 +116,44 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> SubmissionFindin
     maintainer's proof is about these very bytes: a leaderboard shows what was proved before.
     """
     problems = Problems()
-    with problems.caught(""), os_errors_as(UnreadableFileError, directory, "read"):
-        if not directory.is_dir():
-            problems.add("", "it is not a directory", "give a submission's directory")
-    if problems:
+    sizes = list_files(directory, problems)
+    submission = None
+    if SUBMISSION_FILE in sizes:
+        with problems.caught(SUBMISSION_FILE):
+            content = read_plain(directory, SUBMISSION_FILE, MAX_SUBMISSION_FILE)
+            submission = read_submission(content, problems)
+    elif sizes or not problems:
+        remedy = "make one with minitouch-bench submit"
+        problems.add(SUBMISSION_FILE, "it is missing: this is no submission", remedy)
+    if submission is None:
         return SubmissionFindings(tuple(problems), directory=directory)
-    files = list_files(directory, problems)
-    content = _read_content(directory, files, problems)
-    submission = None if content is None else read_submission(content, problems)
-    if content is None or submission is None:
-        return SubmissionFindings(tuple(problems), directory=directory)
-    check_files(submission, files, problems)
-    folders = [folder for seed in submission.seeds for folder in seed.runs.values()]
-    read = {folder: _read_run(directory, folder, files, problems) for folder in folders}
-    runs = {folder: run for folder, run in read.items() if run is not None}
+    videos = check_files(directory, submission, sizes, problems)
+    runs: dict[str, Run] = {}
+    for folder in (folder for seed in submission.seeds for folder in seed.runs.values()):
+        path = f"{folder}/{RUN_FILE}"
+        if path in sizes:
+            with problems.caught(path, AS_WRITTEN):
+                run_json = read_plain(directory, path, RUN_LIMITS[RUN_FILE])
+                runs[folder] = parse_run(run_json, folder, directory / folder)
     proved: dict[str, str] = {}
     with suppress(UnreadableFileError):
-        proved = _file_digests(content, runs) | check_videos(directory, files, folders, problems)
+        digests = {
+            f"{folder}/{name}": digest
+            for folder, run in runs.items()
+            for name, digest in run.file_digests().items()
+        }
+        proved = {SUBMISSION_FILE: hashlib.sha256(content).hexdigest(), **digests, **videos}
     proof = find_proof(directory, proved)
     recompute = not (trust_proofs and proof)
     for seed in submission.seeds:
         for suite, folder in seed.runs.items():
             if run := runs.get(folder):
-                check_submitted(run, suite, seed, folder, problems, recompute=recompute)
-        _check_checkpoints(directory, seed, files, problems)
-    _check_about(submission, [run.header for run in runs.values()], directory, problems)
-    _check_exploration(submission, runs, problems)
-    check_copies(runs, problems)
+                _check_run(run, suite, seed, folder, problems, recompute=recompute)
+        check_checkpoints(directory, seed, sizes, problems)
+    _check_about(submission, runs, directory, problems)
+    for (first, folder), count in find_copies(runs).items():
+        shared = f"{count} of its {len(runs[folder].rows)} episodes"
+        problems.add(folder, f"{shared} are bit for bit those of {first}", "remove it")
     return SubmissionFindings(
         tuple(problems),
         directory=directory,
@@ -154,21 +164,99 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> SubmissionFindin
     )
 
 
-def _file_digests(content: bytes, runs: Mapping[str, Run]) -> dict[str, str]:
-    """Return the SHA-256 of ``submission.toml`` and of each run's files, by path.
+def _check_run(
+    run: Run, suite: str, seed: TrainingSeed, path: str, problems: Problems, *, recompute: bool
+) -> None:
+    """Check a run by itself, and against what the submission says of it.
 
-    Raises:
-        UnreadableFileError: one of them cannot be read.
+    Of a run of another suite, or that is not official, nothing more can be said. ``recompute``:
+    see ``check_run``.
     """
-    return {SUBMISSION_FILE: hashlib.sha256(content).hexdigest()} | {
-        f"{folder}/{name}": digest
-        for folder, run in runs.items()
-        for name, digest in run.file_digests().items()
-    }
+    header = run.header
+    if header.plan.suite != suite:
+        what = f"it is a run of the suite '{header.plan.suite}', not {suite}"
+        problems.add(path, what, RUN_AGAIN)
+        return
+    if not header.official:
+        reasons = "; ".join(header.unofficial_because)
+        problems.add(path, f"it is unofficial: {reasons}", f"evaluate the whole suite {suite}")
+        return
+    _check_texts(run, path, problems)
+    with problems.caught(path, AS_WRITTEN):
+        for problem in check_run(run, recompute=recompute):
+            problems.add_below(path, problem)
+            if problem.is_other_protocol:
+                return
+    _check_policy(header.policy, seed.files(Role.FINAL), path, problems)
+    if header.exploration is not None:
+        _check_policy(header.exploration, seed.files(Role.EXPLORATION), path, problems)
+        if header.exploration.kind == "scripted" != header.policy.kind:
+            problems.add(path, "its exploration is the scripted policy's, which reads the state")
+    if header.isolation == Isolation.NONE and header.policy.kind != "scripted":
+        what = "the policy ran beside the simulator (isolation none), which it could read"
+        problems.add(path, what, "evaluate with --isolation sandbox")
 
 
-def _check_exploration(submission: Submission, runs: Mapping[str, Run], problems: Problems) -> None:
-    """Check that the main runs of all training seeds have an exploration policy, or of none."""
+def _check_policy(
+    policy: PolicyIdentity, files: Sequence[CheckpointFile], path: str, problems: Problems
+) -> None:
+    """Compare a policy with the checkpoint files that the submission names for it."""
+    if policy.kind not in KINDS:
+        problems.add(path, f"'{policy.kind}' is no kind of policy", AS_WRITTEN)
+        return
+    if policy.notes != NOTES.get(policy.kind, ()):
+        problems.add(path, f"a {policy.kind} policy lacks its label, or has another's", AS_WRITTEN)
+    if policy.kind == DIRECTORY:
+        digest = directory_digest((file.file, file.sha256) for file in files)
+    elif len(files) == 1 and files[0].task == ALL_TASKS:
+        digest = files[0].sha256
+    else:
+        digest = "several files" if files else ""
+    if policy.digest != digest:
+        what = f"the policy '{policy.name}' is not the checkpoints of submission.toml: "
+        remedy = "name the files that were evaluated, with their SHA-256"
+        problems.add(path, f"{what}their SHA-256 differ", remedy)
+
+
+def _check_texts(run: Run, path: str, problems: Problems) -> None:
+    """Refuse texts beyond any honest length; all are escaped wherever they are shown."""
+    environment = run.environment
+    texts = [run.header.protocol_digest, environment.started, *run.faults.values()]
+    for policy in run.header.policies():
+        texts += (policy.name, policy.source)
+    for named in (environment.packages, environment.machine):
+        texts += [*named.keys(), *named.values()]
+        if len(named) > MAX_NAMED:
+            problems.add(path, f"its environment names {len(named)} things", AS_WRITTEN)
+    longest = max(map(len, texts))
+    if longest > MAX_TEXT:
+        what = f"a text in it has {longest} characters; the limit is {MAX_TEXT}"
+        problems.add(path, what, AS_WRITTEN)
+
+
+def _check_about(
+    submission: Submission, runs: Mapping[str, Run], directory: Path, problems: Problems
+) -> None:
+    """Compare what the submission says of itself with its directory and its policies."""
+    add = partial(problems.add, SUBMISSION_FILE)
+    name, folder = submission.name, directory.resolve().name
+    if name and name != folder:
+        remedy = "name the directory after the submission"
+        add(f"the name is '{name}', the directory '{folder}'", remedy)
+    kinds = {run.header.policy.kind for run in runs.values()}
+    built_in = sorted(kinds & set(BUILT_IN))
+    for kind in built_in:
+        if name != kind:
+            add(f"the built-in policy {kind} is not '{name}'")
+        sees = RESERVED_MODALITIES[kind]
+        if submission.modalities != sees or len(submission.seeds) > 1:
+            add(f"{kind} is one seed with the modalities {list(sees)}")
+    if kinds and not built_in:
+        if name in BUILT_IN:
+            add(f"the name '{name}' is a built-in policy's", "choose another")
+        if not submission.modalities or "state" in submission.modalities:
+            what = "a policy sees vision, touch or both; only scripted reads the state"
+            add(what, "set modalities")
     explored = {
         seed.seed: run.header.exploration is not None
         for seed in submission.seeds
@@ -176,71 +264,9 @@ def _check_exploration(submission: Submission, runs: Mapping[str, Run], problems
     }
     without = [str(seed) for seed, is_there in explored.items() if not is_there]
     if 0 < len(without) < len(explored):
-        problems.add(
-            SUBMISSION_FILE,
-            f"{len(without)} of {len(explored)} training seeds have no exploration policy: "
-            f"{', '.join(without)}",
-            "evaluate every training seed with --exploration, or none",
-        )
-
-
-def _read_content(directory: Path, files: Mapping[str, int], problems: Problems) -> bytes | None:
-    """Return the bytes of ``submission.toml``, None where it cannot be read."""
-    if SUBMISSION_FILE not in files:
-        problems.add(
-            SUBMISSION_FILE,
-            "it is missing: this is no submission",
-            "make one with minitouch-bench submit",
-        )
-        return None
-    content = None
-    with problems.caught(SUBMISSION_FILE):
-        content = read_plain(directory, SUBMISSION_FILE, MAX_SUBMISSION_FILE)
-    return content  # noqa: RET504 - mypy does not see that the block catches errors
-
-
-def _read_run(
-    directory: Path, folder: str, files: Mapping[str, int], problems: Problems
-) -> Run | None:
-    path = f"{folder}/{RUN_FILE}"
-    if path not in files:
-        return None
-    run = None
-    with problems.caught(path, AS_WRITTEN):
-        content = read_plain(directory, path, RUN_LIMITS[RUN_FILE])
-        run = parse_run(content, folder, directory / folder)
-    return run  # noqa: RET504 - mypy does not see that the block catches errors
-
-
-def _check_about(
-    submission: Submission, headers: Sequence[RunHeader], directory: Path, problems: Problems
-) -> None:
-    """Hold what the submission tells against its directory and its policies."""
-    if submission.name and submission.name != directory.resolve().name:
-        problems.add(
-            SUBMISSION_FILE,
-            f"the name is '{submission.name}', the directory '{directory.resolve().name}'",
-            "name the directory after the submission",
-        )
-    kinds = {header.policy.kind for header in headers}
-    for kind in sorted(kinds & set(BUILT_IN)):
-        if submission.name != kind:
-            problems.add(SUBMISSION_FILE, f"the built-in policy {kind} is not '{submission.name}'")
-        if submission.modalities != RESERVED_MODALITIES[kind] or len(submission.seeds) > 1:
-            problems.add(
-                SUBMISSION_FILE,
-                f"{kind} is one seed with the modalities {list(RESERVED_MODALITIES[kind])}",
-            )
-    if kinds and not kinds & set(BUILT_IN):
-        if submission.name in BUILT_IN:
-            what = f"the name '{submission.name}' is a built-in policy's"
-            problems.add(SUBMISSION_FILE, what, "choose another")
-        if not submission.modalities or "state" in submission.modalities:
-            problems.add(
-                SUBMISSION_FILE,
-                "a policy sees vision, touch or both; only scripted reads the state",
-                "set modalities",
-            )
+        counted = f"{len(without)} of {len(explored)} training seeds"
+        remedy = "evaluate every training seed with --exploration, or none"
+        add(f"{counted} have no exploration policy: {', '.join(without)}", remedy)
 
 
 def find_copies(runs: Mapping[Key, Run]) -> dict[tuple[Key, Key], int]:
@@ -261,44 +287,3 @@ def find_copies(runs: Mapping[Key, Run]) -> dict[tuple[Key, Key], int]:
         for (first, other), count in shared.items()
         if count >= COPIED_SHARE * min(len(played[first]), len(played[other]))
     }
-
-
-def check_copies(runs: Mapping[str, Run], problems: Problems) -> None:
-    """Refuse each run that has, bit for bit, the episodes of an earlier one."""
-    for (first, folder), count in find_copies(runs).items():
-        number = len(runs[folder].rows)
-        what = f"{count} of its {number} episodes are bit for bit those of {first}"
-        problems.add(folder, what, "remove it")
-
-
-def _check_checkpoints(
-    directory: Path, seed: TrainingSeed, files: dict[str, int], problems: Problems
-) -> None:
-    """Check the names of a training seed's files, and the bytes of those that are there."""
-    for file in seed.checkpoints:
-        _check_file_name(file, problems)
-        if not file.path or file.path not in files:
-            continue
-        with problems.caught(file.path):
-            content = read_plain(directory, file.path, LARGEST_CHECKPOINT)
-            if hashlib.sha256(content).hexdigest() != file.sha256:
-                problems.add(
-                    file.path,
-                    "its SHA-256 is not that of submission.toml",
-                    "put the file that was evaluated there",
-                )
-            name = PurePosixPath(file.path)
-            if name.suffix in KIND_BY_SUFFIX and FORMATS[KIND_BY_SUFFIX[name.suffix]].is_zip:
-                check_zip(content, name.name)
-
-
-def _check_file_name(file: CheckpointFile, problems: Problems) -> None:
-    name = PurePosixPath(file.file)
-    if file.file and name.suffix not in KIND_BY_SUFFIX:
-        problems.add(
-            file.file,
-            "it is no checkpoint",
-            f"a checkpoint ends in {', '.join(KIND_BY_SUFFIX)}",
-        )
-    if file.task not in (ALL_TASKS, name.stem):
-        problems.add(file.file, f"it is not named after its task {file.task}", "rename it")
