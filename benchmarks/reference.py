@@ -20,7 +20,7 @@ import minitouch_bench as mt
 from minitouch_bench.agents.config import PHASE_STEPS, PRESETS, TrainingConfig, make_config
 from minitouch_bench.commands.app import PROGRAM, app
 from minitouch_bench.comparison.comparison import Comparison
-from minitouch_bench.episode import Estimate
+from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.reporting.labels import task_title
 
 PAGES = Path(__file__).parent.parent / "docs" / "reference"

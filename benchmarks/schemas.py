@@ -31,7 +31,7 @@ def run_schema() -> dict[str, Any]:
         field = parts["Episode"]["properties"].get(metric.measured_field)
         if field is not None and (not metric.derive or metric.column == metric.measured_field):
             field["description"] = _described(metric)
-    estimates = parts["TaskSummary"]["properties"]["estimates"]
+    estimates = parts["TaskResult"]["properties"]["estimates"]
     _name_metrics(estimates, tuple(METRICS.values()))
     gaps = parts["Generalization"]["properties"]["gaps"]
     compared = [metric for metric in METRICS.values() if ShownIn.NOVEL_SHAPES in metric.shown_in]

@@ -15,10 +15,9 @@ import pandas as pd
 from experiments.claims import NOTES, judge_claims
 from experiments.figures import write_figures
 from experiments.grid import KEY, cells_of, finished_cells, read_design
-from minitouch_bench.episode import Estimate
 from minitouch_bench.leaderboard.ranking import FLOOR_SUCCESS
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in, ranking_metric
-from minitouch_bench.metrics.intervals import OVER_SEEDS, over_seeds
+from minitouch_bench.metrics.intervals import OVER_SEEDS, Estimate, over_seeds
 from minitouch_bench.metrics.significance import count_discordance, tango
 from minitouch_bench.reporting.labels import PAPER_METHODS, PAPER_NOTE, paper_cell, task_title
 

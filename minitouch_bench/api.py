@@ -28,13 +28,13 @@ from minitouch_bench.files import (
     write_file,
 )
 from minitouch_bench.json_io import StrPath, Words, words
+from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation
 from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import make_plan
-from minitouch_bench.runs.results import TaskResult
 from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.tasks.objects import Objects
 

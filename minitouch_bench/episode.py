@@ -1,7 +1,6 @@
-"""Episodes: as planned, as played and as measured; and the estimates that follow from them."""
+"""Episodes as planned, as played and as measured; and which policy they evaluate."""
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
@@ -22,12 +21,15 @@ Sha256OrNone = Annotated[str, Meta(pattern=whole("(?:[0-9a-f]{64})?"))]
 
 
 class Outcome(StrEnum):
-    """How an episode ended."""
+    """How an episode ended; it is shown as its word."""
 
     SUCCESS = "success"
     LEFT_WORKSPACE = "left_workspace"
     STEP_LIMIT = "step_limit"
     POLICY_FAULT = "policy_fault"
+
+    def __repr__(self) -> str:
+        return repr(self.value)
 
 
 class Role(StrEnum):
@@ -149,80 +151,6 @@ class Episode:
     def success(self) -> bool:
         """Whether the episode reached its goal."""
         return self.outcome is Outcome.SUCCESS
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A mean with its 95 % interval over ``count`` episodes; ``method`` says how."""
-
-    value: float
-    low: float
-    high: float
-    count: Count
-    method: str
-
-    def __str__(self) -> str:
-        return f"{self.value:.4g} [{self.low:.4g}, {self.high:.4g}]"
-
-
-@dataclass(frozen=True)
-class TaskSummary:
-    """Estimates of one task by metric name, and two descriptions of its episodes.
-
-    ``touch_curve``: mean contact ticks at each control step, over the episodes that
-    reached it; ``touch_curve_episodes``: how many did. ``outcomes``: number of episodes by
-    how they ended.
-    """
-
-    task: str
-    estimates: Mapping[str, Estimate]
-    outcomes: Mapping[Outcome, Count]
-    touch_curve: tuple[float, ...]
-    touch_curve_episodes: tuple[Count, ...] = ()
-
-
-@dataclass(frozen=True)
-class Gap:
-    """A metric on the held-out and on the train shapes, and held-out minus train.
-
-    ``difference`` counts the episodes of both.
-    """
-
-    held_out: Estimate
-    train: Estimate
-    difference: Estimate
-
-
-@dataclass(frozen=True)
-class FamilyResult:
-    """A metric on one family's shapes; None for a split without an episode."""
-
-    held_out: Estimate | None
-    train: Estimate | None
-
-
-@dataclass(frozen=True)
-class Generalization:
-    """What a task's figures are on shapes never trained on, beside those trained on.
-
-    ``gaps`` by metric name; ``families`` by name, each estimating ``family_metric``.
-    """
-
-    task: str
-    gaps: Mapping[str, Gap]
-    family_metric: str
-    families: Mapping[str, FamilyResult]
-
-
-@dataclass(frozen=True)
-class Summary:
-    """The estimates of a run, task by task.
-
-    ``generalization`` has the tasks that were run on both splits of a shape set.
-    """
-
-    tasks: tuple[TaskSummary, ...]
-    generalization: tuple[Generalization, ...] = ()
 
 
 IN_MEMORY = "in memory"

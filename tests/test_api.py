@@ -14,9 +14,9 @@ import torch
 
 import minitouch_bench as mt
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.metrics.summary import EPISODE_COLUMNS
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.runs.results import EPISODE_COLUMNS
 from tests.reporting.synthetic import make_run, write
 
 ROOT = Path(__file__).parents[1]

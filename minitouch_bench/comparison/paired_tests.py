@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from minitouch_bench.comparison.pairing import PairedValues
-from minitouch_bench.episode import Estimate
 from minitouch_bench.metrics.definitions import DOWN, METRICS, UP
-from minitouch_bench.metrics.intervals import Root, stream
+from minitouch_bench.metrics.intervals import Estimate, Root, stream
 from minitouch_bench.metrics.significance import ALPHA
 from minitouch_bench.metrics.statistics import Share
 

@@ -10,7 +10,7 @@ from enum import StrEnum
 from itertools import chain
 from typing import Annotated, Literal, Self
 
-from minitouch_bench.episode import Count, Episode, Estimate, Gap, Outcome, Sha256
+from minitouch_bench.episode import Count, Episode, Outcome, Sha256
 from minitouch_bench.errors import printable
 from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import (
@@ -25,6 +25,8 @@ from minitouch_bench.leaderboard.ranking import (
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, About, ColumnSpec, columns_of
 from minitouch_bench.leaderboard.validation import SubmissionFindings, find_copies
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
+from minitouch_bench.metrics.intervals import Estimate
+from minitouch_bench.metrics.summary import Gap
 from minitouch_bench.policies.policy import BUILT_IN
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.reporting.labels import PAPER_METHODS, paper_values

@@ -13,13 +13,18 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import Estimate, Gap
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, ranking_metric
-from minitouch_bench.metrics.intervals import OVER_SEEDS, OVER_TASKS, over_seeds, quadrature
+from minitouch_bench.metrics.intervals import (
+    OVER_SEEDS,
+    OVER_TASKS,
+    Estimate,
+    over_seeds,
+    quadrature,
+)
 from minitouch_bench.metrics.significance import ALPHA, holm, mcnemar_p
 from minitouch_bench.metrics.statistics import MEAN, SHARE
-from minitouch_bench.metrics.summary import GAP_PARTS
+from minitouch_bench.metrics.summary import GAP_PARTS, Gap
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.runs.run import Run
 

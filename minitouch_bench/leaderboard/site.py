@@ -44,6 +44,7 @@ from minitouch_bench.leaderboard.submission import (
 from minitouch_bench.leaderboard.submission_files import MAX_VIDEO
 from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
 from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.summary import TABLE4_METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.reporting import charts, labels, tables
 from minitouch_bench.reporting.charts import Figure, Plot
@@ -54,7 +55,6 @@ from minitouch_bench.reporting.report import Video
 from minitouch_bench.reporting.run_tables import gap_cells
 from minitouch_bench.reporting.svg import draw_share_bar
 from minitouch_bench.reporting.tables import Row, Table
-from minitouch_bench.runs.results import TABLE4_METRICS
 from minitouch_bench.runs.run import Run
 
 TEMPLATES = Path(__file__).parent / "templates"

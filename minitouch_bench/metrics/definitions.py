@@ -18,8 +18,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import Episode, Estimate, Outcome, PlayedEpisode, Role
-from minitouch_bench.metrics.intervals import Range
+from minitouch_bench.episode import Episode, Outcome, PlayedEpisode, Role
+from minitouch_bench.metrics.intervals import Estimate, Range
 from minitouch_bench.metrics.statistics import MEAN, SHARE, Statistic
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 

@@ -8,14 +8,14 @@ in its ``run.json``.
 import hashlib
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import Estimate
+from minitouch_bench.episode import Count
 
 WILSON = "wilson"
 NEWCOMBE = "newcombe"
@@ -32,6 +32,20 @@ DRAWS_PER_BLOCK = 2**20
 
 INTERVAL_ENDS = (0.025, 0.975)
 """The quantiles between which a 95 % interval lies."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean with its 95 % interval over ``count`` episodes; ``method`` says how."""
+
+    value: float
+    low: float
+    high: float
+    count: Count
+    method: str
+
+    def __str__(self) -> str:
+        return f"{self.value:.4g} [{self.low:.4g}, {self.high:.4g}]"
 
 
 @cache

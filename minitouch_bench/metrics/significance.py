@@ -8,8 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from minitouch_bench.episode import Estimate
-from minitouch_bench.metrics.intervals import DRAWS_PER_BLOCK, NORMAL_QUANTILE, RESAMPLES
+from minitouch_bench.metrics.intervals import DRAWS_PER_BLOCK, NORMAL_QUANTILE, RESAMPLES, Estimate
 
 ALPHA: Final = 0.05
 """A p-value up to this is significant."""

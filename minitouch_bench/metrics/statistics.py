@@ -14,8 +14,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import Estimate
 from minitouch_bench.metrics.intervals import (
+    Estimate,
     bootstrap,
     bootstrap_difference,
     bootstrap_mean,

@@ -1,23 +1,13 @@
 """The metrics of each episode, and from them the estimates of a run: by task, and by split."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import (
-    Episode,
-    Estimate,
-    FamilyResult,
-    Gap,
-    Generalization,
-    Outcome,
-    PlayedEpisode,
-    Role,
-    Summary,
-    TaskSummary,
-)
+from minitouch_bench.episode import Count, Episode, Outcome, PlayedEpisode, Role
 from minitouch_bench.metrics.definitions import (
     METRICS,
     Metric,
@@ -25,8 +15,11 @@ from minitouch_bench.metrics.definitions import (
     metrics_shown_in,
     ranking_metric,
 )
-from minitouch_bench.metrics.intervals import Root, stream
+from minitouch_bench.metrics.intervals import Estimate, Root, stream
 from minitouch_bench.protocol.spec import Split
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 GAP_PARTS = {
     "held_out": Split.HELD_OUT.value,
@@ -37,6 +30,117 @@ GAP_PARTS = {
 
 MIN_EPISODES = 10
 """Episodes of each split below which a gap would be noise alone."""
+
+
+TABLE4_METRICS = metrics_shown_in(ShownIn.TABLE4)
+
+_IDENTITY = ("task", "index", "seed", "shape", "outcome")
+_MEASURED = tuple(metric for metric in METRICS.values() if metric.column)
+EPISODE_COLUMNS = (*_IDENTITY, *(metric.column for metric in _MEASURED))
+"""Columns of ``episodes.csv``."""
+
+_BESIDE = ("family", "split", "digest")
+"""What a frame of episodes has and ``episodes.csv`` has not."""
+
+
+@dataclass(frozen=True, repr=False)
+class TaskResult:
+    """The results of one task: each metric is an attribute, an estimate with its interval.
+
+    ``result.success`` is an ``Estimate`` with ``value``, ``low``, ``high`` (95 %), ``count``
+    and ``method``. ``outcomes``: number of episodes by how they ended. ``touch_curve``: mean
+    contact ticks at each control step, over the episodes that reached it;
+    ``touch_curve_episodes``: how many did.
+    """
+
+    task: str
+    estimates: Mapping[str, Estimate]
+    outcomes: Mapping[Outcome, Count]
+    touch_curve: tuple[float, ...]
+    touch_curve_episodes: tuple[Count, ...] = ()
+
+    def to_frame(self) -> "pd.DataFrame":
+        """Return a row per metric: label, unit, value, low and high (95 %), count, method."""
+        import pandas as pd  # noqa: PLC0415  takes half a second
+
+        rows = {
+            name: {"label": METRICS[name].label, "unit": METRICS[name].unit_in(self.task)}
+            | vars(estimate)
+            for name, estimate in self.estimates.items()
+        }
+        return pd.DataFrame.from_dict(rows, orient="index")
+
+    def __str__(self) -> str:
+        rows = [
+            (
+                f"{METRICS[name].label} {METRICS[name].direction_in(self.task)}".strip(),
+                str(estimate),
+                METRICS[name].unit_in(self.task),
+            )
+            for name, estimate in self.estimates.items()
+        ]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+        return "\n".join([self.task.capitalize(), *lines])
+
+    def __repr__(self) -> str:
+        shown = (
+            f"{name} {self.estimates[name]}" for name in TABLE4_METRICS if name in self.estimates
+        )
+        return f"<TaskResult of {self.task}: {', '.join(shown)}>"
+
+    def __getattr__(self, name: str) -> Estimate:
+        estimates: Mapping[str, Estimate] = self.__dict__.get("estimates", {})
+        if name not in estimates:
+            raise AttributeError(f"no metric '{name}' here; there are {', '.join(estimates)}")
+        return estimates[name]
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self.estimates})
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A metric on the held-out and on the train shapes, and held-out minus train.
+
+    ``difference`` counts the episodes of both.
+    """
+
+    held_out: Estimate
+    train: Estimate
+    difference: Estimate
+
+
+@dataclass(frozen=True)
+class FamilyResult:
+    """A metric on one family's shapes; None for a split without an episode."""
+
+    held_out: Estimate | None
+    train: Estimate | None
+
+
+@dataclass(frozen=True)
+class Generalization:
+    """What a task's figures are on shapes never trained on, beside those trained on.
+
+    ``gaps`` by metric name; ``families`` by name, each estimating ``family_metric``.
+    """
+
+    task: str
+    gaps: Mapping[str, Gap]
+    family_metric: str
+    families: Mapping[str, FamilyResult]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The estimates of a run, task by task.
+
+    ``generalization`` has the tasks that were run on both splits of a shape set.
+    """
+
+    tasks: tuple[TaskResult, ...]
+    generalization: tuple[Generalization, ...] = ()
 
 
 def measure(record: PlayedEpisode) -> Episode:
@@ -97,7 +201,7 @@ def _summarize_task(
     episodes: Sequence[Episode],
     exploration: Sequence[Episode],
     root: Root,
-) -> TaskSummary:
+) -> TaskResult:
     """Estimate the metrics of one task; a task without episodes has no estimates."""
     by_role = {
         Role.FINAL: [episode for episode in episodes if episode.task == task],
@@ -108,7 +212,7 @@ def _summarize_task(
         for name, metric in METRICS.items()
         if metric.is_in(task)
     }
-    return TaskSummary(
+    return TaskResult(
         task=task,
         estimates={name: figure for name, figure in estimates.items() if figure is not None},
         outcomes={o: sum(e.outcome is o for e in by_role[Role.FINAL]) for o in Outcome},
@@ -204,3 +308,40 @@ def _of_family(
         return None
     first = members[0]
     return metric.estimate(members, stream(root, first.task, metric.name, first.split, family))
+
+
+def episode_row(episode: Episode) -> tuple[Any, ...]:
+    """Return the cells of an episode: EPISODE_COLUMNS."""
+    return (
+        *(getattr(episode, name) for name in _IDENTITY),
+        *(metric.cell(episode) for metric in _MEASURED),
+    )
+
+
+def episodes_frame(episodes: Iterable[Episode]) -> "pd.DataFrame":
+    """Return a row per episode: EPISODE_COLUMNS, family, split, digest; NaN for no time."""
+    import pandas as pd  # noqa: PLC0415
+
+    rows = [
+        (*episode_row(episode), *(getattr(episode, name) for name in _BESIDE))
+        for episode in episodes
+    ]
+    frame = pd.DataFrame(rows, columns=[*EPISODE_COLUMNS, *_BESIDE])
+    frame["outcome"] = frame["outcome"].map(str)  # plain words, not members of the enumeration
+    return frame.astype({"outcome": "str", "time_to_first_touch": "float64"})
+
+
+def table4_frame(summary: Summary) -> "pd.DataFrame":
+    """Return Table 4 in the paper's shape: metrics as rows, tasks as groups of columns.
+
+    Each task has the columns ``value``, ``low`` and ``high`` (95 %), NaN without estimate.
+    """
+    import pandas as pd  # noqa: PLC0415
+
+    columns = {}
+    for part in summary.tasks:
+        found = [part.estimates.get(name) for name in TABLE4_METRICS]
+        for end in ("value", "low", "high"):
+            values = [getattr(one, end) if one else float("nan") for one in found]
+            columns[part.task, end] = values
+    return pd.DataFrame(columns, pd.Index(TABLE4_METRICS, name="metric"))

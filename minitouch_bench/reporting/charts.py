@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from minitouch_bench.episode import Estimate
+from minitouch_bench.metrics.intervals import Estimate
 
 COLORS = {
     "page": ("#fbfbf9", "#14161a"),

@@ -18,6 +18,7 @@ from rich.console import Console
 from minitouch_bench import files
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.figures import report_figures, split_figures
 from minitouch_bench.reporting.labels import (
@@ -51,7 +52,6 @@ from minitouch_bench.reporting.tables import (
     table_latex,
     table_section,
 )
-from minitouch_bench.runs.results import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.runs.run import Run
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from minitouch_bench.episode import Estimate, Gap, Generalization, Outcome, TaskSummary
+from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import (
     METRICS,
@@ -13,7 +13,15 @@ from minitouch_bench.metrics.definitions import (
     intervals_in_words,
     metrics_shown_in,
 )
-from minitouch_bench.metrics.summary import MIN_EPISODES, has_both_splits
+from minitouch_bench.metrics.intervals import Estimate
+from minitouch_bench.metrics.summary import (
+    MIN_EPISODES,
+    TABLE4_METRICS,
+    Gap,
+    Generalization,
+    TaskResult,
+    has_both_splits,
+)
 from minitouch_bench.reporting.labels import (
     PAPER_METHODS,
     PAPER_NOTE,
@@ -26,7 +34,6 @@ from minitouch_bench.reporting.labels import (
     task_title,
 )
 from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table, make_row
-from minitouch_bench.runs.results import TABLE4_METRICS
 from minitouch_bench.runs.run import Run
 
 DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
@@ -40,7 +47,7 @@ NO_DIFFERENCE = "no difference seen"
 OUTCOME_TITLES = {outcome: outcome.value.replace("_", " ") for outcome in Outcome}
 
 
-def task_summary(run: Run, task: str) -> TaskSummary | None:
+def task_summary(run: Run, task: str) -> TaskResult | None:
     """Return a run's summary of a task, None if the run has no such task."""
     return next((summary for summary in run.summary.tasks if summary.task == task), None)
 
@@ -124,7 +131,7 @@ def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
     )
 
 
-def _diagnostic_cells(summary: TaskSummary) -> Iterator[Cell]:
+def _diagnostic_cells(summary: TaskResult) -> Iterator[Cell]:
     for metric in DIAGNOSTIC_METRICS:
         cell = estimate_cell(metric, summary.estimates.get(metric))
         if METRICS[metric].task_units and cell.text != ABSENT:

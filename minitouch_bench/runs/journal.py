@@ -11,13 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from minitouch_bench.episode import (
-    EpisodeSpec,
-    Outcome,
-    PlayedEpisode,
-    PolicyIdentity,
-    Trace,
-)
+from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, PolicyIdentity, Trace
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import (
     GIB,

@@ -19,7 +19,6 @@ from minitouch_bench.episode import (
     PolicyIdentity,
     Role,
     Sha256,
-    Summary,
 )
 from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError
 from minitouch_bench.files import (
@@ -31,11 +30,18 @@ from minitouch_bench.files import (
     read_file,
 )
 from minitouch_bench.json_io import read_json, write_json
-from minitouch_bench.metrics.summary import measure, summarize, with_touch_curves
+from minitouch_bench.metrics.summary import (
+    Summary,
+    TaskResult,
+    episodes_frame,
+    measure,
+    summarize,
+    table4_frame,
+    with_touch_curves,
+)
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.runs.actions import Actions, parse_actions
 from minitouch_bench.runs.plan import Plan
-from minitouch_bench.runs.results import TaskResult, episodes_frame, table4_frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -202,14 +208,14 @@ class Run:
     def __getitem__(self, task: str) -> TaskResult:
         for summary in self.summary.tasks:
             if summary.task == task:
-                return TaskResult(summary)
+                return summary
         raise KeyError(f"the run has no task '{task}'; it has {', '.join(self.tasks)}")
 
     def __str__(self) -> str:
         reasons = f"unofficial: {'; '.join(self.header.unofficial_because)}"
         label = "official" if self.header.official else reasons
         title = f"{self.header.policy.name} on {self.plan.suite}, {label}"
-        return "\n\n".join([title, *(str(TaskResult(one)) for one in self.summary.tasks)])
+        return "\n\n".join([title, *(str(one) for one in self.summary.tasks)])
 
     def __repr__(self) -> str:
         label = "official" if self.header.official else "unofficial"

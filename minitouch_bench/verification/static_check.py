@@ -10,19 +10,12 @@ from itertools import islice
 
 import numpy as np
 
-from minitouch_bench.episode import (
-    IN_MEMORY,
-    Episode,
-    EpisodeSpec,
-    Outcome,
-    Role,
-    TaskSummary,
-)
+from minitouch_bench.episode import IN_MEMORY, Episode, EpisodeSpec, Outcome, Role
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import ACTIONS_FILE, RUN_FILE
 from minitouch_bench.json_io import plain
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.metrics.summary import TaskResult, summarize
 from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.protocol.minitouch import PROTOCOL, SUITE_NAMES
 from minitouch_bench.runs.actions import Actions
@@ -225,7 +218,7 @@ def _estimates(run: Run) -> Iterator[Problem]:
             yield Problem(f"touch curve of {task.task}", what, AS_WRITTEN)
 
 
-def _curve_mistake(task: TaskSummary, episodes: list[Episode]) -> str:
+def _curve_mistake(task: TaskResult, episodes: list[Episode]) -> str:
     """Return what is wrong with a touch curve, as far as rows can tell, "" if nothing."""
     steps = np.array([episode.steps for episode in episodes], np.int64)
     longest = int(steps.max(initial=0))

@@ -42,11 +42,10 @@ from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.leaderboard.views import board_csv, board_markdown, views
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds
-from minitouch_bench.metrics.summary import GAP_PARTS
+from minitouch_bench.metrics.summary import GAP_PARTS, TABLE4_METRICS
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.reporting.labels import estimate_cell
 from minitouch_bench.reporting.report import TABLE_FORMATS, build_report
-from minitouch_bench.runs.results import TABLE4_METRICS
 from minitouch_bench.runs.run import read_run, run_json
 from tests.leaderboard.synthetic import make_submission
 

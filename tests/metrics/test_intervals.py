@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from minitouch_bench.episode import Estimate
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import (
+    Estimate,
     bootstrap_difference,
     bootstrap_mean,
     newcombe,

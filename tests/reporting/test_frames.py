@@ -6,9 +6,9 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
+from minitouch_bench.metrics.summary import EPISODE_COLUMNS, episode_row, episodes_frame
 from minitouch_bench.reporting.report import build_report, table4_csv, table4_json
 from minitouch_bench.reporting.tables import rows_csv
-from minitouch_bench.runs.results import EPISODE_COLUMNS, episode_row, episodes_frame
 
 
 def episodes_csv(episodes):

@@ -9,8 +9,8 @@ import pytest
 from rich.console import Console
 
 from benchmarks.schemas import run_schema
-from minitouch_bench.episode import Estimate
 from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.reporting.charts import Dot
 from minitouch_bench.reporting.figures import split_figures
 from minitouch_bench.reporting.report import build_report, show_report, to_html, write_views

@@ -1,6 +1,6 @@
 from dataclasses import replace
 
-from minitouch_bench.episode import Estimate
+from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.reporting.labels import estimate_cell
 from minitouch_bench.reporting.report import build_report
 from minitouch_bench.reporting.tables import ABSENT
