@@ -1,24 +1,54 @@
-"""Where the command line prints: data on stdout, progress and notes on stderr."""
+"""What the command line prints: data on stdout, notes and progress on stderr.
 
-from collections.abc import Iterable
+Progress is bars; where no terminal shows them, it is one line per minute.
+"""
 
-from rich.console import Console
+import signal
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import cache
+from typing import TYPE_CHECKING
 
+from minitouch_bench.episode import Outcome, PlayedEpisode, Role
 from minitouch_bench.errors import printable
+from minitouch_bench.evaluation.engine import Callbacks
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from minitouch_bench.agents.training import ProgressRow
+    from minitouch_bench.agents.training_directory import TrainingProgress
 
 PIPED_WIDTH = 120
 """Columns of a table that goes into a file or another program."""
 
-notes = Console(stderr=True, soft_wrap=True, highlight=False)
+LINE_INTERVAL_S = 60.0
+"""Seconds between two lines of progress where no terminal shows a bar."""
+
+WIDE = 110
+"""Columns of a terminal from which a bar is a long one."""
+
+
+@cache
+def notes() -> "Console":
+    """Return the console of stderr."""
+    from rich.console import Console
+
+    return Console(stderr=True, soft_wrap=True, highlight=False)
 
 
 def note(text: str, style: str = "") -> None:
     """Print a line on stderr."""
-    notes.print(text, markup=False, style=style)
+    notes().print(text, markup=False, style=style)
 
 
-def data_console() -> Console:
+def data_console() -> "Console":
     """Return the console of stdout, as wide as the screen, or as a page where there is none."""
+    from rich.console import Console
+
     console = Console()
     return console if console.is_terminal else Console(width=PIPED_WIDTH)
 
@@ -27,3 +57,134 @@ def print_problems(name: str, problems: Iterable[object]) -> None:
     """Print a line for each problem of a submission."""
     for problem in problems:
         print(f"{printable(name)}: {problem}")
+
+
+def _make_bars(console: "Console") -> "Progress":
+    """Return the bars of every command; a task's field ``text`` stands behind its times."""
+    from rich import progress
+    from rich.table import Column
+
+    return progress.Progress(
+        progress.TextColumn("[bold]{task.description}"),
+        progress.BarColumn(bar_width=30 if console.width >= WIDE else 10),
+        progress.TextColumn(
+            "{task.completed:,.0f}/{task.total:,.0f}", table_column=Column(no_wrap=True)
+        ),
+        progress.TimeElapsedColumn(table_column=Column(no_wrap=True)),
+        progress.TextColumn("left"),
+        progress.TimeRemainingColumn(table_column=Column(no_wrap=True)),
+        # Where there is little room only this one is broken into lines.
+        progress.TextColumn("{task.fields[text]}", markup=False, table_column=Column()),
+        console=console,
+        refresh_per_second=2,
+        speed_estimate_period=600,
+    )
+
+
+class _Lines:
+    """One line per minute, where a console is not a terminal."""
+
+    def __init__(self, console: "Console", clock: Callable[[], float] = time.monotonic) -> None:
+        self._console, self._clock, self._printed_at = console, clock, clock()
+
+    def show(self, line: str) -> None:
+        """Print a line, unless the last one is less than a minute old."""
+        now = self._clock()
+        if not self._console.is_terminal and now >= self._printed_at + LINE_INTERVAL_S:
+            self._printed_at = now
+            self._console.print(line, markup=False)
+
+
+@contextmanager
+def episode_progress(
+    console: "Console | None" = None, clock: Callable[[], float] = time.monotonic
+) -> Iterator[Callbacks]:
+    """Show episodes done, success so far, and the time left, from the first phase on.
+
+    Yields the functions that an evaluation calls to have its episodes shown.
+    """
+    console = console or notes()
+    bars, lines = _make_bars(console), _Lines(console, clock)
+    tally: dict[str, list[bool]] = {}
+    faults = 0
+
+    def begin(name: str, episodes: int) -> None:
+        nonlocal faults
+        tally.clear()
+        faults = 0
+        bars.start()
+        bars.add_task(name, total=episodes, text="")
+
+    def show(record: PlayedEpisode) -> None:
+        nonlocal faults
+        faults += record.outcome is Outcome.POLICY_FAULT
+        if record.spec.task in GOAL_TASKS and record.spec.role is Role.FINAL:
+            success = record.outcome is Outcome.SUCCESS
+            tally.setdefault(record.spec.task, []).append(success)
+        shown = [f"{task} {sum(won)}/{len(won)}" for task, won in tally.items()]
+        text = "  ".join([*shown, f"{faults} faults"] if faults else shown)
+        bar = bars.tasks[-1]
+        bars.update(bar.id, advance=1, text=text)
+        lines.show(f"{bar.description}: {bar.completed:.0f} of {bar.total:.0f}  {text}".rstrip())
+
+    try:
+        yield Callbacks(note, begin, show)
+    finally:
+        if bars.tasks:
+            bars.stop()
+
+
+@contextmanager
+def count_progress(label: str) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function that takes (done, total); its first call shows a bar."""
+    with ExitStack() as stack:
+        bar = _make_bars(notes())
+
+        def show(done: int, total: int) -> None:
+            if not bar.tasks:
+                stack.enter_context(bar)
+                bar.add_task(label, text="")
+            bar.update(bar.tasks[0].id, completed=done, total=total)
+
+        yield show
+
+
+@contextmanager
+def training_progress() -> Iterator["TrainingProgress"]:
+    """Show a training on the screen, and end it between two steps after a Ctrl-C.
+
+    A second Ctrl-C ends it at once.
+    """
+    from minitouch_bench.agents.training_directory import TrainingProgress
+
+    lines, bar = _Lines(notes()), _make_bars(notes())
+    should_stop = False
+
+    def interrupt(*_: object) -> None:
+        nonlocal should_stop
+        if should_stop:
+            raise KeyboardInterrupt
+        should_stop = True
+
+    def begin(steps: int) -> None:
+        bar.add_task("training", total=steps, text="")
+
+    def show(row: "ProgressRow") -> None:
+        measured = {
+            "curiosity": row.intrinsic_reward,
+            "reward": row.task_reward,
+            "touch": row.touch_share,
+            "success": row.success,
+        }
+        values = (f"{name} {value:.2f}" for name, value in measured.items() if value is not None)
+        text = "  ".join(values)
+        (task,) = bar.tasks
+        bar.update(task.id, completed=row.step, description=row.phase, text=text)
+        lines.show(f"{row.phase}: {row.step:,} of {task.total:,} control steps  {text}")
+
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        with bar:
+            yield TrainingProgress(note, begin, show, should_stop=lambda: should_stop)
+    finally:
+        signal.signal(signal.SIGINT, before)

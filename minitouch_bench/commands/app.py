@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli.command import Command, make_group
 from minitouch_bench.cli.console import note
+from minitouch_bench.cli.options import Command, make_group
 from minitouch_bench.commands.compare import compare
 from minitouch_bench.commands.doctor import doctor
 from minitouch_bench.commands.evaluate import evaluate

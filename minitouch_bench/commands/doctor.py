@@ -25,7 +25,7 @@ def doctor(workers: options.Workers = AUTO, as_json: options.AsJson = False) -> 
 
     count = worker_count(workers) or core_count()
     checks: list[Check] = []
-    with notes.status("examining") as status:
+    with notes().status("examining") as status:
         for check in examine(count):
             checks.append(check)
             status.update(f"{check.name}: {check.verdict}")

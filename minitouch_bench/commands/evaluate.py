@@ -6,9 +6,8 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.cli.console import data_console, episode_progress, note
 from minitouch_bench.cli.options import episodes_option, output_option
-from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.errors import PolicyFaultError
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import MAX_EPISODES
@@ -97,7 +96,7 @@ def evaluate(
     from minitouch_bench.reporting.report import build_report, show_report
     from minitouch_bench.runs.run import run_json
 
-    with EpisodeProgress() as callbacks:
+    with episode_progress() as callbacks:
         run = api.evaluate(
             policy,
             suite,

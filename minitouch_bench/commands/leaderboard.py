@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.command import Command, make_group
-from minitouch_bench.cli.console import note, print_problems
-from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.cli.console import episode_progress, note, print_problems
+from minitouch_bench.cli.options import Command, make_group
 from minitouch_bench.errors import (
     CHECK_FAILED,
     IncompleteCheckError,
@@ -59,7 +58,7 @@ def validate(
     for place in directories:
         found = validation.validate(place)
         if prove and found.passed:
-            with EpisodeProgress() as callbacks, opening as engine:
+            with episode_progress() as callbacks, opening as engine:
                 callbacks.phase("proof", proving.count_episodes(found))
                 found = proving.prove(found, engine, callbacks.episode)
         results.append(found)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.console import note
-from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.cli.console import episode_progress, note
 from minitouch_bench.episode import Outcome, PlayedEpisode
 from minitouch_bench.errors import PolicyFaultError, RunDirectoryError, UsageError
 from minitouch_bench.files import os_errors_as
@@ -63,7 +62,7 @@ def record(
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", setup.policy.name).strip("-") or "policy"
     faults = 0
     with (
-        EpisodeProgress() as callbacks,
+        episode_progress() as callbacks,
         _new_directory(output) as folder,
         contextlib.closing(MiniTouchEnv(task)) as environment,
         contextlib.closing(EpisodeRunner(setup)) as runner,

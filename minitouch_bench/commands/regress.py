@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.cli.console import data_console, episode_progress, note
 from minitouch_bench.cli.options import output_option
-from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import ACTIONS_FILE, REPORTS, append_bytes, lock_directory, write_file
@@ -124,7 +123,7 @@ def regress(
             before = without_exploration(before)
         setup = _prepare_like(before, policy, settings, isolated)
         directory = output or REPORTS / f"{run_name(setup)}-regress"
-        with EpisodeProgress() as callbacks, opening as running, lock_directory(directory):
+        with episode_progress() as callbacks, opening as running, lock_directory(directory):
             opened = open_run(setup, directory, resume=resume, fresh=fresh)
             if isinstance(opened, Run):
                 refuse_edited(opened)

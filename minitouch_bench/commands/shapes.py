@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli.command import Command, make_group
-from minitouch_bench.cli.console import note
-from minitouch_bench.cli.progress import count_progress
+from minitouch_bench.cli.console import count_progress, note
+from minitouch_bench.cli.options import Command, make_group
 
 app = make_group(help="Make, check, view and exchange sets of shapes.")
 

@@ -7,7 +7,7 @@ import typer
 
 from minitouch_bench.agents import METHODS
 from minitouch_bench.cli import options
-from minitouch_bench.cli.progress import training_progress
+from minitouch_bench.cli.console import training_progress
 
 
 def train(

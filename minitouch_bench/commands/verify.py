@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.console import data_console, note
-from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.cli.console import data_console, episode_progress, note
 from minitouch_bench.errors import (
     CHECK_FAILED,
     IncompleteCheckError,
@@ -74,7 +73,7 @@ def verify(
         exploration = exploration or _source_of(opened.header.exploration, "--exploration")
         setup = replay_check.prepare_rerun(opened, policy, exploration, isolated, note)
     try:
-        with EpisodeProgress() as callbacks, opening as running:
+        with episode_progress() as callbacks, opening as running:
             callbacks.phase("replaying", len(opened.header.specs()))
             found = replay_check.replay_run(opened, running, callbacks.episode)
             if setup is not None and found.passed:

@@ -7,9 +7,9 @@ import typer
 
 from minitouch_bench.agents.logged_data import fill_from_log
 from minitouch_bench.agents.replay import Replay
-from minitouch_bench.cli.progress import EpisodeProgress
 from minitouch_bench.commands.record import record
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.evaluation.rollout import EpisodeRunner
 
 POLICIES = Path(__file__).parents[1] / "evaluation"
 
@@ -77,7 +77,7 @@ def test_an_interrupted_recording_leaves_nothing_in_the_way(tmp_path, monkeypatc
         raise KeyboardInterrupt
 
     directory = tmp_path / "log"
-    monkeypatch.setattr(EpisodeProgress, "_add", interrupt)
+    monkeypatch.setattr(EpisodeRunner, "run", interrupt)
     with pytest.raises(KeyboardInterrupt):
         record("random", "opening", output=directory)
     monkeypatch.undo()

@@ -9,8 +9,8 @@ import pytest
 from rich.console import Console
 
 from minitouch_bench.agents.training import COLUMNS, ProgressRow
-from minitouch_bench.cli import progress
-from minitouch_bench.cli.progress import EpisodeProgress
+from minitouch_bench.cli import console
+from minitouch_bench.cli.console import episode_progress
 from minitouch_bench.episode import EpisodeSpec, Role
 from tests.reporting.synthetic import make_record
 
@@ -19,13 +19,13 @@ SPEC = EpisodeSpec(Role.FINAL, "pushing", 0, 1, 0, "cube")
 
 def test_without_a_terminal_there_is_one_line_per_minute():
     now = [0.0]
-    console = Console(file=io.StringIO(), width=200)
-    with EpisodeProgress(console, clock=lambda: now[0]) as callbacks:
+    screen = Console(file=io.StringIO(), width=200)
+    with episode_progress(screen, clock=lambda: now[0]) as callbacks:
         callbacks.phase("episodes", 20)
         for second in range(0, 200, 10):
             now[0] = float(second)
             callbacks.episode(make_record(np.random.default_rng(1), SPEC, 1.0))
-        lines = console.file.getvalue().splitlines()
+        lines = screen.file.getvalue().splitlines()
     assert [line.split("  ")[0].strip() for line in lines] == [
         "episodes: 7 of 20", "episodes: 13 of 20", "episodes: 19 of 20",
     ]  # fmt: skip
@@ -33,14 +33,14 @@ def test_without_a_terminal_there_is_one_line_per_minute():
 
 @pytest.mark.parametrize("width", [80, 200])
 def test_in_a_narrow_terminal_every_number_is_whole(width):
-    console = Console(file=io.StringIO(), width=width)
-    with EpisodeProgress(console) as callbacks:
+    screen = Console(file=io.StringIO(), width=width)
+    with episode_progress(screen) as callbacks:
         callbacks.phase("proof", 5750)
         for task in ("pushing", "opening", "pick-up"):
             spec = replace(SPEC, task=task)
             for _ in range(100):
                 callbacks.episode(make_record(np.random.default_rng(1), spec, 1.0))
-    shown = console.file.getvalue()
+    shown = screen.file.getvalue()
     assert "300/5,750" in shown
     assert shown.count("/100") == 3
     assert "…" not in shown
@@ -49,12 +49,12 @@ def test_in_a_narrow_terminal_every_number_is_whole(width):
 @pytest.fixture
 def each_line(monkeypatch):
     """Print a line each time, not once per minute."""
-    monkeypatch.setattr(progress, "LINE_INTERVAL_S", 0.0)
+    monkeypatch.setattr(console, "LINE_INTERVAL_S", 0.0)
 
 
 @pytest.mark.usefixtures("each_line")
 def test_a_training_shows_its_rows_and_is_stopped_by_a_ctrl_c(capsys):
-    with progress.training_progress() as callbacks:
+    with console.training_progress() as callbacks:
         callbacks.begin(2000)
         row = {"step": 500, "phase": "exploration", "touch_share": 0.25}
         callbacks.row(ProgressRow(**{**dict.fromkeys(COLUMNS), **row}))
@@ -67,10 +67,10 @@ def test_a_training_shows_its_rows_and_is_stopped_by_a_ctrl_c(capsys):
 
 
 def test_a_count_has_no_bar_before_its_first_step(capsys):
-    with progress.count_progress("proofs"):
+    with console.count_progress("proofs"):
         pass
     assert capsys.readouterr().err == ""
-    with progress.count_progress("proofs") as show:
+    with console.count_progress("proofs") as show:
         show(1, 2)
         show(2, 2)
     assert "2/2" in capsys.readouterr().err
