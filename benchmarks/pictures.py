@@ -13,8 +13,7 @@ from minitouch_bench.evaluation.video import replay_frames
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registry import TASK_CLASSES
+from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
 
 REPORT_PICTURES = Path("minitouch_bench/reporting/pictures")
 DOCUMENT_PICTURES = Path("docs/pictures")

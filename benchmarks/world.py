@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
-from minitouch_bench.simulation.bullet import pybullet
+from minitouch_bench.simulation.client import pybullet
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 

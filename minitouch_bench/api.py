@@ -36,7 +36,7 @@ from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import Run, read_run
-from minitouch_bench.tasks.objects import Objects
+from minitouch_bench.tasks.task import Objects
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training_directory import TrainingProgress

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.perturbation import UNPERTURBED, Perturbation, parse_perturbation
+from minitouch_bench.perturbation import UNPERTURBED, Perturbation, PolicyLimits, parse_perturbation
+from minitouch_bench.protocol.minitouch import PROTOCOL
 
 
 def test_conditions_are_read_as_they_are_typed():
@@ -58,3 +59,8 @@ def test_an_episodes_world_is_drawn_from_the_ranges():
     assert 0.5 <= min(masses) < 0.7
     assert 1.8 < max(masses) <= 2.0
     assert {(friction, camera) for _, friction, camera in drawn} == {(1.0, 0.0)}
+
+
+def test_processor_time_is_what_the_longest_episode_may_take():
+    longest = max(task.max_steps for task in PROTOCOL.tasks)
+    assert PolicyLimits(load_timeout_s=7.0, act_timeout_s=0.5).cpu_s == 7 + longest / 2

@@ -39,7 +39,7 @@ from minitouch_bench.runs.run import (
     read_run,
     run_json,
 )
-from minitouch_bench.simulation.bullet import BUILDS
+from minitouch_bench.simulation.client import BUILDS
 
 PACKAGES = ("minitouch-bench", *BUILDS, "gymnasium", "numpy", *computing_packages())
 """What a run's numbers may depend on; those that are installed stand in ``run.json``."""

@@ -12,9 +12,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.minitouch import OPENING, PROTOCOL, PUSHING
 from minitouch_bench.protocol.spec import CUBE
-from minitouch_bench.protocol.tasks import OPENING, PUSHING
 from minitouch_bench.shapegen.grips import plan_deep_grasp
 from minitouch_bench.shapegen.mesh import rotation_matrix, surface_points
 from minitouch_bench.tasks.environment import MiniTouchEnv

@@ -45,7 +45,7 @@ from minitouch_bench.shapegen.soundness import (
     examine,
     grip_scale,
 )
-from minitouch_bench.simulation.bullet import BUILDS
+from minitouch_bench.simulation.client import BUILDS
 
 PARTIAL, PLAN = ".partial", "plan.json"
 Progress = Callable[[int, int], None]

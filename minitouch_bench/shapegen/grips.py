@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.protocol.tasks import PICK_UP
+from minitouch_bench.protocol.minitouch import PICK_UP, PROTOCOL
 from minitouch_bench.shapegen.body_codec import Body, body_files
 from minitouch_bench.shapegen.mesh import (
     Points,
@@ -20,8 +19,7 @@ from minitouch_bench.shapegen.mesh import (
     yaw,
 )
 from minitouch_bench.simulation.bodies import stock_panda
-from minitouch_bench.simulation.bullet import INVISIBLE
-from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient
 
 PAD_HALF_WIDTH = 0.0105
 """Half the width of the Panda's finger along x, m."""

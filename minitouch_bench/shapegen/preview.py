@@ -15,8 +15,7 @@ from minitouch_bench.files import os_errors_as, replace_file
 from minitouch_bench.protocol.spec import CameraSpec, Split
 from minitouch_bench.shapegen.manifest import Shape, ShapeSet
 from minitouch_bench.shapegen.mesh import product, yaw
-from minitouch_bench.simulation.bullet import View
-from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.client import PhysicsClient, View
 
 Progress = Callable[[int, int], None]
 

@@ -8,9 +8,8 @@ from pathlib import Path
 import pybullet_data
 
 from minitouch_bench.files import cache_file
-from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.minitouch import PROTOCOL, CabinetSpec, CubeSpec
 from minitouch_bench.protocol.spec import Rgba
-from minitouch_bench.protocol.tasks import CabinetSpec, CubeSpec
 from minitouch_bench.simulation.client import PhysicsClient
 
 MESHES = Path(__file__).parent / "panda"

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec
-from minitouch_bench.simulation.bullet import INVISIBLE, Image, Part, View
-from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.client import INVISIBLE, Image, Part, PhysicsClient, View
 from minitouch_bench.simulation.panda_arm import FINGER_JOINTS, PandaArm
 
 POSITION = PROTOCOL.observation.position

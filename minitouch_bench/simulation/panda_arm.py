@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import ArmSpec
 from minitouch_bench.simulation.bodies import light_panda
-from minitouch_bench.simulation.bullet import Vector, quaternion_from_euler
-from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.client import PhysicsClient, Vector, quaternion_from_euler
 
 ARM_JOINTS = (0, 1, 2, 3, 4, 5, 6)
 FINGER_JOINTS = (9, 10)

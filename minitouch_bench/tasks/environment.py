@@ -1,4 +1,4 @@
-"""One Gymnasium environment for all tasks."""
+"""The one table of tasks, and one Gymnasium environment for all of them."""
 
 from dataclasses import replace
 from typing import Any, NoReturn
@@ -15,8 +15,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.simulation.bodies import add_table, stock_panda
-from minitouch_bench.simulation.bullet import View
-from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.client import PhysicsClient, View
 from minitouch_bench.simulation.observation import (
     ContactWatch,
     GrayCamera,
@@ -27,9 +26,22 @@ from minitouch_bench.simulation.observation import (
 )
 from minitouch_bench.simulation.panda_arm import PandaArm, PandaKinematics
 from minitouch_bench.tasks.action import fit_action
-from minitouch_bench.tasks.objects import ObjectModel, Objects
-from minitouch_bench.tasks.registry import make_task, object_pool
-from minitouch_bench.tasks.task import Task
+from minitouch_bench.tasks.opening import Opening
+from minitouch_bench.tasks.pick_up import PickUp
+from minitouch_bench.tasks.playing import Playing
+from minitouch_bench.tasks.pushing import Pushing
+from minitouch_bench.tasks.task import (
+    ObjectModel,
+    ObjectPool,
+    Objects,
+    Task,
+)
+
+TASK_CLASSES: dict[str, type[Task]] = {
+    task.spec.name: task for task in (Playing, Pushing, Opening, PickUp)
+}
+"""Every task by its name on the command line."""
+
 
 Info = dict[str, Any]
 
@@ -93,8 +105,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         if min(width, height) < 1 or (max_steps or 1) < 1:
             raise UsageError("width, height and max_steps are numbers from 1 on")
         self.render_mode = render_mode
-        self.task = make_task(task)
-        self._pool = object_pool(self.task, objects)
+        self.task = TASK_CLASSES[PROTOCOL.task(task).name]()
+        self._pool = self._objects(objects)
         self._size = (width, height)
         spec = self.task.spec
         self._max_steps = max_steps or spec.max_steps
@@ -199,6 +211,14 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             "a MiniTouch environment cannot be copied: its world is the simulator's. "
             "Make another one, or replay its actions from the same seed"
         )
+
+    def _objects(self, objects: Objects | None) -> ObjectPool | None:
+        """Return the objects to draw from, None where the task has none to choose."""
+        cube, spec = self.task.own_object(), self.task.spec
+        chosen = spec.default_objects if objects is None else objects
+        if cube is None and chosen:
+            raise UsageError(f"{spec.name} has no object to choose")
+        return ObjectPool(cube, chosen) if cube else None
 
     def _build(self, model: ObjectModel | None) -> None:
         client, task = self.client, self.task

@@ -6,13 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.protocol.tasks import OPENING, OpeningSpec
+from minitouch_bench.protocol.minitouch import OPENING, PROTOCOL, OpeningSpec
 from minitouch_bench.simulation.bodies import DOOR_JOINT, DOOR_LINK, HANDLE_LINK, cabinet_urdf
-from minitouch_bench.simulation.bullet import Part
-from minitouch_bench.simulation.client import PhysicsClient
-from minitouch_bench.tasks.objects import ObjectModel
-from minitouch_bench.tasks.task import Task
+from minitouch_bench.simulation.client import Part, PhysicsClient
+from minitouch_bench.tasks.task import ObjectModel, Task
 
 
 class Opening(Task):

@@ -3,8 +3,7 @@
 from typing import ClassVar
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.protocol.tasks import PICK_UP, PickUpSpec
+from minitouch_bench.protocol.minitouch import PICK_UP, PROTOCOL, PickUpSpec
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.tasks.task import TabletopTask
 

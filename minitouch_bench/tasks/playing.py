@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.protocol.tasks import PLAYING, TabletopSpec
+from minitouch_bench.protocol.minitouch import PLAYING, TabletopSpec
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.tasks.task import TabletopTask
 

@@ -6,13 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.protocol.tasks import PUSHING, PushingSpec
-from minitouch_bench.simulation.bullet import Part
-from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.protocol.minitouch import PROTOCOL, PUSHING, PushingSpec
+from minitouch_bench.simulation.client import Part, PhysicsClient
 from minitouch_bench.simulation.panda_arm import PandaArm
-from minitouch_bench.tasks.objects import ObjectModel
-from minitouch_bench.tasks.task import Placement, TabletopTask, draw_position, draw_yaw
+from minitouch_bench.tasks.task import ObjectModel, Placement, TabletopTask, draw_position, draw_yaw
 
 Position = tuple[float, float]
 

@@ -28,9 +28,8 @@ from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import suite_episodes
 from minitouch_bench.shapegen.manifest import canonical_shape_set
-from minitouch_bench.simulation.bullet import BUILDS
-from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registry import TASK_CLASSES
+from minitouch_bench.simulation.client import BUILDS
+from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
 from minitouch_bench.verification.golden import golden_bits, recorded
 
 EPISODES_PER_TASK = 2

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.policies.scripted import PushingController
-from minitouch_bench.protocol.tasks import PICK_UP, PUSHING
+from minitouch_bench.protocol.minitouch import PICK_UP, PUSHING
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 FIRST_SEED = 8_000_000

@@ -10,8 +10,7 @@ from minitouch_bench.policies.policy import Checkpoint, load_policy
 from minitouch_bench.policies.scripted import CONTROLLERS, make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.runs.plan import suite_episodes
-from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registry import TASK_CLASSES
+from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
 
 TOUCH_SHARE = 0.95
 """Least share of Playing's control steps in which the scripted policy touches the cube."""

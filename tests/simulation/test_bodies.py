@@ -4,8 +4,7 @@ import pybullet
 import pytest
 
 from benchmarks.panda_meshes import write_meshes
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.protocol.tasks import CabinetSpec, CubeSpec
+from minitouch_bench.protocol.minitouch import PROTOCOL, CabinetSpec, CubeSpec
 from minitouch_bench.simulation.bodies import (
     DOOR_JOINT,
     DOOR_LINK,

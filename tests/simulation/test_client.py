@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
 
+from minitouch_bench import machine
+from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.minitouch import CubeSpec
 from minitouch_bench.protocol.spec import CameraSpec
-from minitouch_bench.protocol.tasks import CubeSpec
+from minitouch_bench.simulation import client as simulator
 from minitouch_bench.simulation.bodies import add_table, cube_urdf
-from minitouch_bench.simulation.bullet import INVISIBLE, quaternion_from_euler
-from minitouch_bench.simulation.client import PhysicsClient, View
+from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient, View, quaternion_from_euler
 
 RED = (1.0, 0.0, 0.0, 1.0)
 
@@ -70,3 +72,28 @@ def test_mirror_takes_over_every_pose(client):
     other.mirror(client)
     assert other.pose(0) == client.pose(0)
     other.close()
+
+
+@pytest.mark.parametrize(
+    ("installed", "said"),
+    [
+        ({"pybullet": "3.2.6"}, "installed is pybullet 3.2.6: pip install {build}"),
+        ({}, "installed is another: pip install {build}"),
+    ],
+)
+@pytest.mark.parametrize(
+    ("python", "build"),
+    [((3, 11), "pybullet==3.2.7"), ((3, 13), "pybullet-arm64==3.2.8")],
+)
+def test_another_simulator_than_the_protocol_s_is_refused(
+    monkeypatch, installed, said, python, build
+):
+    monkeypatch.setattr(simulator, "installed_versions", lambda _: installed)
+    monkeypatch.setattr(simulator.sys, "version_info", python)
+    with pytest.raises(UsageError, match=said.format(build=build)):
+        simulator._check_build()
+
+
+def test_either_build_of_the_protocol_s_simulator_will_do(monkeypatch):
+    monkeypatch.setattr(machine, "version", simulator.BUILDS.__getitem__)
+    simulator._check_build()

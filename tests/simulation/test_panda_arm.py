@@ -3,10 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from minitouch_bench.protocol.tasks import FACING_DOOR, POINTING_DOWN
+from minitouch_bench.protocol.minitouch import FACING_DOOR, POINTING_DOWN
 from minitouch_bench.simulation.bodies import add_table, light_panda
-from minitouch_bench.simulation.bullet import quaternion_from_euler
-from minitouch_bench.simulation.client import PhysicsClient
+from minitouch_bench.simulation.client import PhysicsClient, quaternion_from_euler
 from minitouch_bench.simulation.panda_arm import (
     ARM_JOINTS,
     END_EFFECTOR,
@@ -14,7 +13,7 @@ from minitouch_bench.simulation.panda_arm import (
     PandaArm,
     PandaKinematics,
 )
-from minitouch_bench.tasks.registry import TASK_CLASSES
+from minitouch_bench.tasks.environment import TASK_CLASSES
 
 DOWN = quaternion_from_euler((0.0, -math.pi, math.pi / 2))
 

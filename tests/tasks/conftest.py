@@ -2,8 +2,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registry import TASK_CLASSES
+from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
 
 
 @pytest.fixture(scope="session")

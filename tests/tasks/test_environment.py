@@ -18,10 +18,8 @@ from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import InvalidActionError, UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.simulation.observation import GrayCamera
-from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
-from minitouch_bench.tasks.objects import choose_shapes
-from minitouch_bench.tasks.registry import TASK_CLASSES
-from minitouch_bench.tasks.task import TabletopTask
+from minitouch_bench.tasks.environment import OUTCOMES, TASK_CLASSES, MiniTouchEnv
+from minitouch_bench.tasks.task import TabletopTask, choose_shapes
 from tests.tasks.playback import digest, play, random_actions
 
 ROOT = Path(__file__).parents[2]

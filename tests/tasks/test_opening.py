@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from minitouch_bench.protocol.tasks import OPENING
+from minitouch_bench.protocol.minitouch import OPENING
 from minitouch_bench.simulation.bodies import DOOR_JOINT
 from minitouch_bench.tasks.opening import Opening
 

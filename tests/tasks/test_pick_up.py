@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.protocol.tasks import PICK_UP
+from minitouch_bench.protocol.minitouch import PICK_UP, PROTOCOL
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 from minitouch_bench.tasks.pick_up import PickUp
 from minitouch_bench.tasks.task import START_XY

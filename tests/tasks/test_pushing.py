@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.protocol.tasks import PUSHING
+from minitouch_bench.protocol.minitouch import PROTOCOL, PUSHING
 from minitouch_bench.tasks.environment import OUTCOMES
 from minitouch_bench.tasks.pushing import Pushing
 

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.registry import TASK_CLASSES
+from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
 from minitouch_bench.tasks.task import Placement
 
 TRACES = np.load(Path(__file__).parents[1] / "data" / "release_traces.npz")
