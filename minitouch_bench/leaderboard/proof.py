@@ -16,8 +16,8 @@ from typing import Literal
 
 from minitouch_bench.episode import Count
 from minitouch_bench.errors import RunDirectoryError, UnreadableFileError
-from minitouch_bench.files import VIDEOS, os_errors_as, read_file, write_file
-from minitouch_bench.json_io import read_json, write_json
+from minitouch_bench.files import VIDEOS, os_errors_as, read_file
+from minitouch_bench.json_io import read_json
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.fresh import FreshResult
 
@@ -102,15 +102,6 @@ def proof_path(directory: Path) -> Path:
     """Return where the proof of a submission lies: beside the submissions."""
     place = Path(os.path.realpath(directory))  # resolve() fails at a link to itself
     return place.parent / PROOFS / f"{place.name}.json"
-
-
-def write_proof(proof: Proof, path: Path) -> None:
-    """Write a proof as a whole.
-
-    Raises:
-        RunDirectoryError: it cannot be written.
-    """
-    write_file(path, write_json(proof))
 
 
 def read_proof(path: Path) -> Proof | None:

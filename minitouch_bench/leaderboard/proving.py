@@ -11,17 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from minitouch_bench.episode import EpisodeSpec, PlayedEpisode, PolicyIdentity, Role
-from minitouch_bench.errors import (
-    IncompleteCheckError,
-    InfrastructureError,
-    IsolationError,
-    MiniTouchError,
-    MissingExtraError,
-    RunDirectoryError,
-)
+from minitouch_bench.errors import IncompleteCheckError, MiniTouchError, RunDirectoryError
 from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
-from minitouch_bench.files import CHECKPOINTS, os_errors_as
+from minitouch_bench.files import os_errors_as, write_file
+from minitouch_bench.json_io import write_json
 from minitouch_bench.leaderboard.proof import (
     MIN_FRESH_EPISODES,
     FreshProof,
@@ -29,7 +23,6 @@ from minitouch_bench.leaderboard.proof import (
     ProofLevel,
     can_be_run,
     proof_path,
-    write_proof,
 )
 from minitouch_bench.leaderboard.submission import TrainingSeed
 from minitouch_bench.leaderboard.validation import SubmissionFindings
@@ -37,6 +30,7 @@ from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.policy import BUILT_IN
 from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
 from minitouch_bench.runs.run import Run
+from minitouch_bench.verification import replay_check
 from minitouch_bench.verification.fresh import (
     FreshResult,
     Group,
@@ -48,12 +42,6 @@ from minitouch_bench.verification.fresh import (
     significant_drops,
 )
 from minitouch_bench.verification.problems import Problems
-from minitouch_bench.verification.replay_check import (
-    draw_episodes,
-    prepare_rerun,
-    replay_run,
-    run_again,
-)
 
 RERUN_EPISODES, FRESH_EPISODES = 20, 50
 """Drawn episodes of each policy of a run that are run again; fresh episodes per task of a run."""
@@ -65,13 +53,6 @@ SLOWER = 5.0
 """How many times as long as an official control step a fresh one takes with a policy that is slow
 on purpose, to end the check before its fresh episodes are played."""
 
-UNCHECKED = (IncompleteCheckError, MissingExtraError, IsolationError, InfrastructureError)
-"""What ends a check without a verdict on the submission."""
-
-NOT_REPLAYED = "the recorded actions do not give these values"
-NOT_REPEATED = "the checkpoint does not act as recorded"
-FITS_OFFICIAL = "the checkpoint fits the official episodes"
-
 
 class OutOfTimeError(IncompleteCheckError):
     """The proof takes longer than TIME_LIMIT_S."""
@@ -79,11 +60,12 @@ class OutOfTimeError(IncompleteCheckError):
 
 def count_episodes(found: SubmissionFindings) -> int:
     """Return how many episodes a proof plays."""
-    runs = found.runs.values()
-    count = sum(len(run.header.specs()) for run in runs)
-    if can_be_run(found.runs):
-        count += sum(RERUN_EPISODES * len(run.header.policies()) for run in runs)
-        count += sum(len(fresh_specs(run, FRESH_EPISODES, 0)) for run in runs)
+    count = 0
+    for run in found.runs.values():
+        count += len(run.header.specs())
+        if can_be_run(found.runs):
+            count += RERUN_EPISODES * len(run.header.policies())
+            count += len(fresh_specs(run, FRESH_EPISODES, 0))
     return count
 
 
@@ -114,39 +96,24 @@ def prove(
         if can_be_run(found.runs) and not prover.problems:
             played = prover.run_fresh(fresh, new_draw())
             level = ProofLevel.VERIFIED if fresh >= MIN_FRESH_EPISODES else level
-    except UNCHECKED as caught:  # what differs counts all the same
+    except MiniTouchError as caught:  # what differs counts all the same
         error = IncompleteCheckError(str(caught))
     found = replace(found, problems=tuple(prover.problems), error=error)
+    path = proof_path(found.directory)
+    is_verified = level is ProofLevel.VERIFIED
+    is_weaker = found.level is ProofLevel.VERIFIED and not is_verified
     try:
-        if found.problems:
-            return _withdraw(found)
-        return _keep(found, level, rerun, played)
+        if found.proof and not all(problem.is_unchecked for problem in found.problems):
+            with os_errors_as(RunDirectoryError, path, "removed"):
+                path.unlink(missing_ok=True)
+            return replace(found, proof=None, withdrawn=found.level)
+        if not (found.problems or is_weaker or level is ProofLevel.SELF_REPORTED):
+            proof = Proof(level, found.files, *((rerun, played) if is_verified else ()))
+            write_file(path, write_json(proof))
+            return replace(found, proof=proof)
     except RunDirectoryError as caught:
         return replace(found, error=caught)
-
-
-def _withdraw(found: SubmissionFindings) -> SubmissionFindings:
-    """Remove the earlier proof of a submission in which something differs."""
-    if found.proof is None or all(problem.is_unchecked for problem in found.problems):
-        return found
-    path = proof_path(found.directory)
-    with os_errors_as(RunDirectoryError, path, "removed"):
-        path.unlink(missing_ok=True)
-    return replace(found, proof=None, withdrawn=found.level)
-
-
-def _keep(
-    found: SubmissionFindings, level: ProofLevel, rerun: int, fresh: FreshProof | None
-) -> SubmissionFindings:
-    """Write the proof of a level, unless there is one of a higher level."""
-    is_verified = level is ProofLevel.VERIFIED
-    if level is ProofLevel.SELF_REPORTED or (
-        found.level is ProofLevel.VERIFIED and not is_verified
-    ):
-        return found
-    proof = Proof(level, found.files, *((rerun, fresh) if is_verified else ()))
-    write_proof(proof, proof_path(found.directory))
-    return replace(found, proof=proof)
+    return found
 
 
 def fresh_specs(run: Run, count: int, seed: int) -> tuple[EpisodeSpec, ...]:
@@ -199,8 +166,9 @@ class Prover:
         """Replay the actions of every run. No checkpoint is opened."""
         for _, place, run in self._runs():
             with self.problems.caught(place):
-                for problem in replay_run(run, self.engine, self._take).problems:
-                    self.problems.add_below(place, replace(problem, remedy=NOT_REPLAYED))
+                found = replay_check.replay_run(run, self.engine, self._take)
+                remedy = "the recorded actions do not give these values"
+                self.problems.add_below(place, found.problems, remedy)
         self._pace()
 
     def run_again(self, count: int) -> None:
@@ -211,9 +179,11 @@ class Prover:
         """
         for seed, place, run in self._runs():
             with self.problems.caught(place):
-                setup, specs = self._setup(seed, run), draw_episodes(run, count, self.rng)
-                for problem in run_again(run, setup, specs, self.engine, self._take).problems:
-                    self.problems.add_below(place, replace(problem, remedy=NOT_REPEATED))
+                setup = self._setup(seed, run)
+                specs = replay_check.draw_episodes(run, count, self.rng)
+                found = replay_check.run_again(run, setup, specs, self.engine, self._take)
+                remedy = "the checkpoint does not act as recorded"
+                self.problems.add_below(place, found.problems, remedy)
         self._official_pace = self._pace()
 
     def run_fresh(self, count: int, draw: str) -> FreshProof:
@@ -276,7 +246,7 @@ class Prover:
             what = f"fresh episodes are worse over the tasks and training seeds (p = {p:.2g})"
             drops.append(("", what))
         for where, what in drops:
-            self.problems.add(where, what, FITS_OFFICIAL)
+            self.problems.add(where, what, "the checkpoint fits the official episodes")
         if drops and failed:
             what = f"{len(failed)} fresh episodes end by a policy fault; the first: {failed[0]}"
             self.problems.add("", what, "a fault is a failed episode, as in every run")
@@ -305,17 +275,18 @@ class Prover:
         return seconds / steps
 
     def _setup(self, seed: TrainingSeed, run: Run) -> PolicySetup:
-        header = run.header
-        explorer = header.exploration and self._source(seed, Role.EXPLORATION, header.exploration)
-        return prepare_rerun(run, self._source(seed, Role.FINAL, header.policy), explorer)
-
-    def _source(self, seed: TrainingSeed, role: Role, recorded: PolicyIdentity) -> PolicySource:
-        """Find a policy's checkpoint in the submission.
+        """Find a run's policies in the submission.
 
         Raises:
-            IncompleteCheckError: it is not there.
+            IncompleteCheckError: a checkpoint is not there.
             PolicyLoadError: it cannot be read.
         """
+        final = self._source(seed, Role.FINAL, run.header.policy)
+        recorded = run.header.exploration
+        explorer = recorded and self._source(seed, Role.EXPLORATION, recorded)
+        return replay_check.prepare_rerun(run, final, explorer)
+
+    def _source(self, seed: TrainingSeed, role: Role, recorded: PolicyIdentity) -> PolicySource:
         files = seed.files(role)
         if recorded.kind in BUILT_IN:
             return parse_source(recorded.kind)
@@ -325,6 +296,4 @@ class Prover:
                 "it cannot be run again"
             )
         path = self.found.directory / files[0].path
-        if recorded.kind == DIRECTORY:
-            path = self.found.directory / CHECKPOINTS / f"seed-{seed.seed}" / role.value
-        return parse_source(str(path))
+        return parse_source(str(path.parent if recorded.kind == DIRECTORY else path))

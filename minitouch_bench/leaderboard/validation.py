@@ -183,10 +183,10 @@ def _check_run(
         return
     _check_texts(run, path, problems)
     with problems.caught(path, AS_WRITTEN):
-        for problem in check_run(run, recompute=recompute):
-            problems.add_below(path, problem)
-            if problem.is_other_protocol:
-                return
+        found = check_run(run, recompute=recompute)
+        problems.add_below(path, found)
+        if any(problem.is_other_protocol for problem in found):
+            return
     _check_policy(header.policy, seed.files(Role.FINAL), path, problems)
     if header.exploration is not None:
         _check_policy(header.exploration, seed.files(Role.EXPLORATION), path, problems)

@@ -1,7 +1,7 @@
 """What a check finds in a run or a submission, a line per problem; comparison of JSON values."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -79,9 +79,11 @@ class Problems:
         """Keep a problem; equal ones count once."""
         self._found[Problem(place, what, remedy, is_unchecked=unchecked)] = None
 
-    def add_below(self, place: str, problem: Problem) -> None:
-        """Keep a problem of something that lies at ``place``."""
-        self._found[replace(problem, place=f"{place}, {problem.place}")] = None
+    def add_below(self, place: str, problems: Iterable[Problem], remedy: str = "") -> None:
+        """Keep the problems of something that lies at ``place``, with a remedy of all."""
+        for one in problems:
+            moved = replace(one, place=f"{place}, {one.place}", remedy=remedy or one.remedy)
+            self._found[moved] = None
 
     @contextmanager
     def caught(self, place: str, remedy: str = "") -> Iterator[None]:

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.episode import PolicyIdentity, Role
-from minitouch_bench.json_io import write_toml
+from minitouch_bench.files import write_file
+from minitouch_bench.json_io import write_json, write_toml
 from minitouch_bench.leaderboard.proof import (
     FreshProof,
     Proof,
     ProofLevel,
     proof_path,
-    write_proof,
 )
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
@@ -139,7 +139,7 @@ def prove_as(directory: Path, level: ProofLevel = ProofLevel.VERIFIED) -> None:
     results = dict.fromkeys(places, (FRESH_RESULT,))
     fresh = FreshProof("a phrase", 50, dict.fromkeys(places, 1234), results)
     played = (20, fresh) if level is ProofLevel.VERIFIED else ()
-    write_proof(Proof(level, found.files, *played), proof_path(directory))
+    write_file(proof_path(directory), write_json(Proof(level, found.files, *played)))
 
 
 def _files(directory: Path, seed: int, exploration: bool, include: bool):

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minitouch_bench.json_io import plain
+from minitouch_bench.files import write_file
+from minitouch_bench.json_io import plain, write_json
 from minitouch_bench.leaderboard.board import (
     CALIBRATION_POLICIES,
     FLOORS,
@@ -24,7 +25,6 @@ from minitouch_bench.leaderboard.proof import (
     Proof,
     ProofLevel,
     proof_path,
-    write_proof,
 )
 from minitouch_bench.leaderboard.ranking import (
     BOARD_METRICS,
@@ -427,7 +427,7 @@ def test_a_proof_changes_its_row(submissions, tmp_path):
     shutil.copytree(submissions / "near", root / "near")
     build_board(root, board)
     verdict = validate(root / "near")
-    write_proof(Proof(ProofLevel.REPLAYED, verdict.files), proof_path(root / "near"))
+    write_file(proof_path(root / "near"), write_json(Proof(ProofLevel.REPLAYED, verdict.files)))
     build_board(root, board)
     assert "replayed" in (board / "submission" / "near.html").read_text()
 

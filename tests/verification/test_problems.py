@@ -21,7 +21,7 @@ def test_a_check_goes_on_and_equal_problems_count_once():
         problems.add("a", "wrong", "correct it")
     with problems.caught("b"):
         raise UsageError("two\nlines")
-    problems.add_below("c", Problem("d", "also wrong"))
+    problems.add_below("c", [Problem("d", "also wrong")])
     assert [str(problem) for problem in problems] == [
         "a: wrong; correct it",
         "b: two lines",
