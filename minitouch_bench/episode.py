@@ -39,6 +39,17 @@ class Role(StrEnum):
     EXPLORATION = "exploration"
 
 
+def episode_key(role: Role, task: str, index: int) -> str:
+    """Name an episode inside its run, as ``pushing/17`` or ``exploration/pushing/17``."""
+    return f"{task}/{index}" if role is Role.FINAL else f"{role}/{task}/{index}"
+
+
+def role_of(key: str) -> Role:
+    """Return the role that an episode's key names."""
+    is_exploration = key.startswith(f"{Role.EXPLORATION}/")
+    return Role.EXPLORATION if is_exploration else Role.FINAL
+
+
 @dataclass(frozen=True, order=True)
 class EpisodeSpec:
     """An episode before it is played, and so without an outcome: all that fixes it but the policy.
@@ -60,8 +71,7 @@ class EpisodeSpec:
     @property
     def key(self) -> str:
         """Name of the episode inside its run, as ``pushing/17``."""
-        prefix = "exploration/" if self.role is Role.EXPLORATION else ""
-        return f"{prefix}{self.task}/{self.index}"
+        return episode_key(self.role, self.task, self.index)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
 
 if TYPE_CHECKING:
-    from minitouch_bench.comparison.settings import GateSettings
+    from minitouch_bench.comparison.gate import GateSettings
     from minitouch_bench.evaluation.actors import PolicySetup
     from minitouch_bench.policies.policy import IsolationOptions
     from minitouch_bench.runs.run import Run
@@ -102,8 +102,12 @@ def regress(
     if candidate is not None and (output is not None or resume or fresh or trust):
         raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
     from minitouch_bench.comparison import gate_report
-    from minitouch_bench.comparison.gate import judge_runs, without_exploration
-    from minitouch_bench.comparison.settings import GateSettings, Tolerance
+    from minitouch_bench.comparison.gate import (
+        GateSettings,
+        Tolerance,
+        judge_runs,
+        without_exploration,
+    )
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.evaluation.execution import open_run, play, run_name
     from minitouch_bench.reporting.report import write_views

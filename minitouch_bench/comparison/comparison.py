@@ -6,28 +6,8 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from minitouch_bench.comparison.gate_report import (
-    NOT_ALIKE,
-    SHOWN_CHANGES,
-    changes_blocks,
-    effect_row,
-    json_text,
-    p_text,
-    run_line,
-    tables_by_metric,
-)
-from minitouch_bench.comparison.paired_tests import Effect, paired_test
-from minitouch_bench.comparison.pairing import (
-    COMPARED_METRICS,
-    ComparedRun,
-    OutcomeChange,
-    PairedValues,
-    are_identical,
-    collect_values,
-    differences_of_making,
-    find_changes,
-    pair_runs,
-)
+from minitouch_bench.comparison import gate_report, pairing
+from minitouch_bench.comparison.pairing import ComparedRun, Effect, OutcomeChange, PairedValues
 from minitouch_bench.comparison.power import episodes_needed
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
@@ -129,10 +109,13 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
         ComparedRun(letter, name, path, run_labels(run))
         for letter, name, path, run in zip(LETTERS, run_names(runs), paths, runs, strict=False)
     ]
-    paired = [pair_runs(*_in_shared_roles(runs[0], other)) for other in runs[1:]]
+    paired = [pairing.pair_runs(*_in_shared_roles(runs[0], other)) for other in runs[1:]]
     tasks, root = tasks_in_order(runs), (runs[0].plan.seed,)
     tested = [
-        [(values, paired_test(values, root)) for values in collect_values(pairs, tasks)]
+        [
+            (values, pairing.paired_test(values, root))
+            for values in pairing.collect_values(pairs, tasks)
+        ]
         for pairs in paired
     ]
     adjusted = _adjusted([effect for row in tested for _, effect in row])
@@ -143,13 +126,13 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
             RunPair(
                 first=first.title,
                 second=other.title,
-                identical=are_identical(runs[0], run, pairs),
+                identical=pairing.are_identical(runs[0], run, pairs),
                 metrics=tuple(
                     _compared(values, effect, next(adjusted), (first.title, other.title))
                     for values, effect in row
                 ),
-                changes=find_changes(pairs, (runs[0], run), (first.path, other.path)),
-                notes=differences_of_making(runs[0], run),
+                changes=pairing.find_changes(pairs, (runs[0], run), (first.path, other.path)),
+                notes=tuple(pairing.differences_of_making(runs[0], run)),
             )
             for other, run, pairs, row in zip(named[1:], runs[1:], paired, tested, strict=True)
         ),
@@ -167,7 +150,7 @@ def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:
     """Yield each effect's p-value, adjusted over all effects of its metric."""
     adjusted = {
         metric: iter(holm([effect.p_value for effect in effects if effect.metric == metric]))
-        for metric in COMPARED_METRICS
+        for metric in pairing.COMPARED_METRICS
     }
     return (next(adjusted[effect.metric]) for effect in effects)
 
@@ -198,14 +181,14 @@ def verdict(effect: Effect, p_adjusted: float, titles: tuple[str, str]) -> str:
 
 def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[Block]:
     """Yield a whole comparison, with so many changed episodes of each pair."""
-    yield from map(run_line, comparison.runs)
+    yield from map(gate_report.run_line, comparison.runs)
     for pair in comparison.pairs:
         yield Heading(f"{pair.second} against {pair.first}")
         if pair.identical:
             yield "The run digests are equal: every episode is the same to the last bit."
-        yield from (f"{NOT_ALIKE}: {note}." for note in pair.notes)
+        yield from (f"{gate_report.NOT_ALIKE}: {note}." for note in pair.notes)
         yield from comparison_tables(pair)
-        yield from changes_blocks(pair.changes, (pair.first, pair.second), changes)
+        yield from gate_report.changes_blocks(pair.changes, (pair.first, pair.second), changes)
     yield ""
     yield from map(NoteBlock, comparison_notes(comparison))
 
@@ -219,21 +202,23 @@ def comparison_tables(pair: RunPair) -> tuple[tables.Table, ...]:
     rows = []
     for compared in pair.metrics:
         effect, episodes = compared.effect, compared.episodes_to_resolve
-        row = effect_row(
+        row = gate_report.effect_row(
             effect,
-            p_text(effect.p_value),
-            p_text(compared.p_adjusted),
+            gate_report.p_text(effect.p_value),
+            gate_report.p_text(compared.p_adjusted),
             compared.verdict,
             None if episodes is None else f"{episodes:,}",
         )
         rows.append((effect, row))
-    return tuple(tables_by_metric(columns, rows))
+    return tuple(gate_report.tables_by_metric(columns, rows))
 
 
 def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
     """Say how the figures of a comparison were made."""
     percent = f"{100 * comparison.alpha:g} %"
-    paired = "; ".join(dict.fromkeys(METRICS[name].statistic.paired for name in COMPARED_METRICS))
+    paired = "; ".join(
+        dict.fromkeys(METRICS[name].statistic.paired for name in pairing.COMPARED_METRICS)
+    )
     return (
         "Brackets and p: of this row alone. 95 % interval of the paired difference and its test: "
         f"{paired}; episode variance only. Where p is above 5 % the interval contains 0. "
@@ -249,12 +234,12 @@ def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
 
 def show_comparison(comparison: Comparison, console: Console) -> None:
     """Print a comparison."""
-    console.print(on_screen(comparison_blocks(comparison, SHOWN_CHANGES)))
+    console.print(on_screen(comparison_blocks(comparison, gate_report.SHOWN_CHANGES)))
 
 
 def comparison_text(comparison: Comparison) -> str:
     """Return what a terminal shows of a comparison."""
-    return as_text(comparison_blocks(comparison, SHOWN_CHANGES))
+    return as_text(comparison_blocks(comparison, gate_report.SHOWN_CHANGES))
 
 
 def comparison_markdown(comparison: Comparison) -> str:
@@ -265,6 +250,6 @@ def comparison_markdown(comparison: Comparison) -> str:
 
 def comparison_json(comparison: Comparison) -> str:
     """Write a comparison; the keys are the fields of ``Comparison``."""
-    return json_text(
+    return gate_report.json_text(
         {"format": "minitouch-comparison", "version": COMPARISON_VERSION, **asdict(comparison)}
     )

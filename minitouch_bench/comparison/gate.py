@@ -7,42 +7,125 @@ level (W. Maurer, L. A. Hothorn and W. Lehmacher, "Multiple comparisons in drug 
 and preclinical assays: a-priori ordered hypotheses", 1995).
 """
 
+import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from minitouch_bench.comparison.paired_tests import (
-    Effect,
-    is_binary,
-    paired_test,
-)
+from minitouch_bench.comparison import pairing
 from minitouch_bench.comparison.pairing import (
-    MEAN_TASK,
     ComparedRun,
-    EpisodePair,
+    Effect,
     OutcomeChange,
     PairedValues,
-    are_identical,
-    collect_values,
-    count_pairs,
-    differences_of_making,
-    find_changes,
-    pair_runs,
+    Pairs,
 )
 from minitouch_bench.comparison.power import FEWEST_FOR_A_MEAN, episodes_needed
-from minitouch_bench.comparison.settings import GateSettings
 from minitouch_bench.episode import Outcome, Role
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_metric
 from minitouch_bench.metrics.intervals import Root
-from minitouch_bench.metrics.significance import holm
+from minitouch_bench.metrics.significance import ALPHA, holm
+from minitouch_bench.metrics.statistics import Share
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
 from minitouch_bench.runs.run import Run, RunHeader, run_digest
+
+SMALLEST_ALPHA, LARGEST_ALPHA = 0.001, 0.25
+"""The levels that a gate can have. A test at a smaller level finds nothing: with a level of 1e-9
+even 29 lost episodes of 29 are not a regression."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How much worse a metric may get: an amount in its unit, or a part of the baseline's mean."""
+
+    amount: float
+    relative: bool = False
+
+    @classmethod
+    def parse(cls, given: float | str) -> "Tolerance":
+        """Read "0.05", or "10%" of the baseline's mean.
+
+        Raises:
+            UsageError: it is neither.
+        """
+        text = str(given).strip()
+        try:
+            amount = float(text.removesuffix("%"))
+        except ValueError:
+            raise UsageError("the tolerance is one number, or a percentage like '10%'") from None
+        return cls(amount / 100.0, relative=True) if text.endswith("%") else cls(amount)
+
+    def absolute(self, baseline: float) -> float:
+        """Return the tolerance in the metric's unit, for a mean of the baseline."""
+        return self.amount * abs(baseline) if self.relative else self.amount
+
+    def __str__(self) -> str:
+        return f"{100 * self.amount:g}%" if self.relative else f"{self.amount:g}"
+
+
+DEFAULT_TOLERANCES: Mapping[str, Tolerance] = {
+    "success": Tolerance(0.05),
+    "exploration": Tolerance(0.05),
+    "episode_steps": Tolerance(0.10, relative=True),
+}
+"""By metric: 5 points of success, a tenth of the steps."""
+
+OTHER_TOLERANCE = Tolerance(0.20, relative=True)
+"""Of every other metric."""
+
+
+@dataclass(frozen=True)
+class GateSettings:
+    """What the gate asks for.
+
+    ``metric``: what the endpoint is the mean of; "" for success, or for the touch share where no
+    task has a goal. ``tolerance``: None for the metric's default. Where there are not enough
+    episodes, ``strict`` always fails and ``lenient`` never does.
+
+    Raises:
+        UsageError: a value has no meaning.
+    """
+
+    alpha: float = ALPHA
+    metric: str = ""
+    tolerance: Tolerance | None = None
+    strict: bool = False
+    lenient: bool = False
+
+    def __post_init__(self) -> None:
+        if not SMALLEST_ALPHA <= self.alpha <= LARGEST_ALPHA:
+            raise UsageError(f"alpha is from {SMALLEST_ALPHA} to {LARGEST_ALPHA}, not {self.alpha}")
+        if self.metric and self.metric not in pairing.COMPARED_METRICS:
+            known = ", ".join(pairing.COMPARED_METRICS)
+            raise UsageError(f"no metric '{printable(self.metric)}' to guard; there are {known}")
+        if self.strict and self.lenient:
+            raise UsageError("a gate is strict or lenient, not both")
+        is_share = METRICS[self.metric or pairing.MEAN_METRIC].is_share
+        if self.tolerance and not 0.0 <= self.tolerance.amount < (1.0 if is_share else math.inf):
+            room = "from 0 to below 1" if is_share else "0 or more"
+            raise UsageError(f"the tolerance is {room}, not {self.tolerance}")
+
+    def tolerance_of(self, metric: str) -> Tolerance:
+        """Return the tolerance of the endpoint's metric."""
+        return self.tolerance or DEFAULT_TOLERANCES.get(metric, OTHER_TOLERANCE)
+
+    def as_options(self) -> list[str]:
+        """Return the options of ``regress`` for what is not as usual."""
+        words = []
+        for name, value in vars(self).items():
+            if value != getattr(USUAL_SETTINGS, name):
+                words += [f"--{name}"] if value is True else [f"--{name}", str(value)]
+        return words
+
+
+USUAL_SETTINGS = GateSettings()
+"""What the gate asks for where nobody says otherwise."""
 
 
 class Decision(StrEnum):
@@ -127,15 +210,15 @@ def judge_runs(
         UsageError: the runs cannot be paired, or have none of the metric.
     """
     refuse_other_rules(baseline, candidate.header)
-    pairs = pair_runs(baseline, candidate)
+    pairs = pairing.pair_runs(baseline, candidate)
     tasks, root = tasks_in_order((baseline,)), (baseline.plan.seed,)
     values = endpoint_values(pairs, tasks, settings)
     endpoint = judge_endpoint(values, settings, root)
-    identical = are_identical(baseline, candidate, pairs)
+    identical = pairing.are_identical(baseline, candidate, pairs)
     if identical:
         endpoint = replace(endpoint, decision=Decision.NO_REGRESSION, episodes_needed=None)
     per_task = measure_tasks(pairs, tasks, endpoint, settings.alpha, root)
-    changes = find_changes(pairs, (baseline, candidate), paths)
+    changes = pairing.find_changes(pairs, (baseline, candidate), paths)
     return GateResult(
         baseline=ComparedRun.of("baseline", baseline, paths[0]),
         candidate=ComparedRun.of("candidate", candidate, paths[1]),
@@ -145,7 +228,7 @@ def judge_runs(
         endpoint=endpoint,
         per_task=per_task,
         changes=changes,
-        notes=differences_of_making(baseline, candidate),
+        notes=tuple(pairing.differences_of_making(baseline, candidate)),
         next_command=_next_command(endpoint, changes, (baseline, candidate), paths, settings),
         wall_s=candidate.environment.wall_s,
     )
@@ -185,9 +268,7 @@ def _conditions(header: RunHeader) -> str:
     return ", ".join(header.plan.conditions.in_words()) or "standard"
 
 
-def endpoint_values(
-    pairs: Sequence[EpisodePair], tasks: Sequence[str], settings: GateSettings
-) -> PairedValues:
+def endpoint_values(pairs: Pairs, tasks: Sequence[str], settings: GateSettings) -> PairedValues:
     """Return the values that decide, of all tasks in which the metric can get worse.
 
     Raises:
@@ -199,8 +280,8 @@ def endpoint_values(
     name = settings.metric or ranking_metric((goals or list(tasks))[0])
     metric = METRICS[name]
     deciding = tuple(task for task in tasks if metric.is_in(task) and metric.direction_in(task))
-    title = MEAN_TASK if len(deciding) > 1 else "".join(deciding)
-    counts = count_pairs(pairs, deciding, name)
+    title = pairing.MEAN_TASK if len(deciding) > 1 else "".join(deciding)
+    counts = pairing.count_pairs(pairs, deciding, name)
     if len({*counts.values()}) > 1:
         numbers = ", ".join(f"{printable(task)} {count}" for task, count in counts.items())
         raise UsageError(
@@ -223,11 +304,13 @@ def judge_endpoint(values: PairedValues, settings: GateSettings, root: Root) -> 
     level, significantly worse. It is none where the 95 % interval excludes a worsening beyond the
     tolerance. Otherwise there are not enough episodes.
     """
-    effect = paired_test(values, root)
+    effect = pairing.paired_test(values, root)
     allowed = settings.tolerance_of(values.metric).absolute(effect.first)
     endpoint = Endpoint(effect, values.tasks, one_sided(effect), allowed, Decision.NOT_ENOUGH)
     # The interval of a share is good for any number of episodes.
-    is_believed = effect.count >= FEWEST_FOR_A_MEAN or is_binary(effect.metric)
+    is_believed = effect.count >= FEWEST_FOR_A_MEAN or isinstance(
+        METRICS[effect.metric].statistic, Share
+    )
     if endpoint.is_beyond and endpoint.p_value <= settings.alpha:
         return replace(endpoint, decision=Decision.REGRESSION)
     if effect.worst <= allowed and is_believed:
@@ -241,7 +324,7 @@ def one_sided(effect: Effect) -> float:
 
 
 def measure_tasks(
-    pairs: Sequence[EpisodePair],
+    pairs: Pairs,
     tasks: Sequence[str],
     endpoint: Endpoint,
     alpha: float,
@@ -249,9 +332,9 @@ def measure_tasks(
 ) -> tuple[TaskMetric, ...]:
     """Measure every metric of every task that can get worse; test them after a regression only."""
     effects = [
-        paired_test(values, root)
-        for values in collect_values(pairs, tasks)
-        if values.task != MEAN_TASK and values.direction != NO_DIRECTION
+        pairing.paired_test(values, root)
+        for values in pairing.collect_values(pairs, tasks)
+        if values.task != pairing.MEAN_TASK and values.direction != NO_DIRECTION
     ]
     if endpoint.decision is not Decision.REGRESSION:
         return tuple(TaskMetric(effect, None, is_worse=False) for effect in effects)
@@ -285,14 +368,13 @@ def _next_command(
     full.
     """
     role = METRICS[endpoint.effect.metric].role
-    lost = [
+    replays = [
         change.replays[1]
         for change in changes
-        if change.first is Outcome.SUCCESS
-        and change.episode.startswith(f"{Role.EXPLORATION}/") == (role is Role.EXPLORATION)
+        if change.first is Outcome.SUCCESS and change.role is role
     ]
-    if endpoint.decision is Decision.REGRESSION and any(lost):
-        return lost[0]
+    if endpoint.decision is Decision.REGRESSION and any(replays):
+        return replays[0]
     # A policy plays no exploration episodes.
     can_play = role is Role.FINAL and not runs[0].plan.chosen
     if endpoint.episodes_needed and can_play:

@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.text import Text
 
 from minitouch_bench.comparison.gate import NOT_ENOUGH_CODE, Decision, GateResult
-from minitouch_bench.comparison.paired_tests import Effect
-from minitouch_bench.comparison.pairing import COMPARED_METRICS, ComparedRun, OutcomeChange
+from minitouch_bench.comparison.pairing import COMPARED_METRICS, ComparedRun, Effect, OutcomeChange
 from minitouch_bench.errors import printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS

@@ -1,17 +1,22 @@
-"""Two runs laid side by side, episode by episode; what cannot be paired is refused."""
+"""Two runs laid side by side, episode by episode, and the paired test of each metric.
+
+Every difference that ``compare`` and ``regress`` show is of ``paired_test``, and computed once.
+"""
 
 import shlex
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import Episode, EpisodeSpec, Outcome, Role
+from minitouch_bench.episode import Episode, Outcome, Role, episode_key, role_of
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import ACTIONS_FILE
-from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
+from minitouch_bench.metrics.definitions import DOWN, METRICS, UP, ShownIn, metrics_shown_in
+from minitouch_bench.metrics.intervals import Estimate, Root, stream
+from minitouch_bench.metrics.significance import ALPHA
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import run_labels
 from minitouch_bench.runs.run import Run, RunHeader
@@ -28,68 +33,14 @@ MEAN_METRIC = "success"
 NAMED_EPISODES = 3
 """Episodes that a refusal names."""
 
+WORSE_SIGNS = {UP: -1.0, DOWN: 1.0}
+"""Sign of a change for the worse, by a metric's better direction."""
 
-@dataclass(frozen=True)
-class EpisodePair:
-    """One episode as two policies played it."""
-
-    role: Role
-    first: Episode
-    second: Episode
-
-    @property
-    def key(self) -> str:
-        """Name of the episode inside both runs, as ``pushing/17``."""
-        return episode_key(self.role, self.first)
+Pairs = Mapping[str, tuple[Episode, Episode]]
+"""Episodes as two policies played them, by their key inside both runs, as ``pushing/17``."""
 
 
-@dataclass(frozen=True)
-class PairedValues:
-    """The paired values of one metric, float64 (N,) each; those of a share are 0 and 1.
-
-    ``task`` names the task, or is MEAN_TASK; ``tasks`` are those whose episodes these are. The
-    tasks of a mean have equally many episodes.
-    """
-
-    task: str
-    metric: str
-    tasks: tuple[str, ...]
-    first: NDArray[np.float64]
-    second: NDArray[np.float64]
-
-    @classmethod
-    def of(
-        cls, pairs: Sequence[EpisodePair], task: str, metric: str, tasks: tuple[str, ...]
-    ) -> "PairedValues":
-        """Return the values of those pairs that are of these tasks and have one in both runs."""
-        known = METRICS[metric]
-        if len(tasks) > 1 and not known.statistic.is_additive:
-            raise UsageError(f"{metric} has no mean over tasks: {', '.join(tasks)}")
-        both = [
-            (known.value(pair.first), known.value(pair.second))
-            for pair in pairs
-            if pair.first.task in tasks and pair.role is known.role
-        ]
-        table = np.array([values for values in both if None not in values], np.float64)
-        return cls(task, metric, tasks, *table.reshape(-1, 2).T)
-
-    @property
-    def direction(self) -> str:
-        """UP or DOWN where more or less is better, else NO_DIRECTION; a mean has its metric's."""
-        return METRICS[self.metric].direction_in(self.task)
-
-    @property
-    def differences(self) -> NDArray[np.float64]:
-        """Second minus first, float64 (N,)."""
-        return self.second - self.first
-
-
-def episode_key(role: Role, episode: Episode) -> str:
-    """Name an episode inside its run."""
-    return EpisodeSpec(role, episode.task, episode.index, episode.seed).key
-
-
-def pair_runs(first: Run, second: Run) -> tuple[EpisodePair, ...]:
+def pair_runs(first: Run, second: Run) -> Pairs:
     """Pair the episodes of two runs, in the first one's order, where tasks have the same rules.
 
     Raises:
@@ -101,12 +52,15 @@ def pair_runs(first: Run, second: Run) -> tuple[EpisodePair, ...]:
     here, there = _by_key(first, left_out), _by_key(second, left_out)
     _refuse_missing(first.name, second.name, [key for key in here if key not in there])
     _refuse_missing(second.name, first.name, [key for key in there if key not in here])
-    pairs = []
-    for key, (role, episode) in here.items():
-        pair = EpisodePair(role, episode, there[key][1])
-        _refuse_other_episode(pair)
-        pairs.append(pair)
-    return tuple(pairs)
+    for key, one in here.items():
+        for what in ("seed", "shape"):
+            left, right = getattr(one, what), getattr(there[key], what)
+            if left != right:
+                raise UsageError(
+                    f"the episodes {key} are not the same one: "
+                    f"{what} '{_short(str(left))}' in one run, '{_short(str(right))}' in the other"
+                )
+    return {key: (one, there[key]) for key, one in here.items()}
 
 
 def _refuse_other_runs(first: Run, second: Run) -> None:
@@ -126,70 +80,20 @@ def _refuse_other_runs(first: Run, second: Run) -> None:
             )
 
 
-def _refuse_other_episode(pair: EpisodePair) -> None:
-    """Refuse a pair whose seeds or shapes differ.
-
-    Raises:
-        UsageError: one differs; the text names the episode.
-    """
-    for what, left, right in (
-        ("seed", str(pair.first.seed), str(pair.second.seed)),
-        ("shape", pair.first.shape, pair.second.shape),
-    ):
-        if left != right:
-            raise UsageError(
-                f"the episodes {pair.key} are not the same one: "
-                f"{what} '{_short(left)}' in one run, '{_short(right)}' in the other"
-            )
+def _rules(header: RunHeader, tasks: Sequence[str]) -> str:
+    digests = (f"{task} {header.task_digests.get(task, 'none')[:12]}" for task in tasks)
+    return f"{header.protocol}: {', '.join(digests)}" if tasks else ""
 
 
-def are_identical(first: Run, second: Run, pairs: Sequence[EpisodePair]) -> bool:
-    """Tell whether every episode of two runs holds the same bits, by digests and by rows."""
-    if first.digest != second.digest:
-        return False
-    return all(_bits_of(pair.first) == _bits_of(pair.second) for pair in pairs)
-
-
-def collect_values(pairs: Sequence[EpisodePair], tasks: Sequence[str]) -> tuple[PairedValues, ...]:
-    """Return the values of each task and metric that has episodes, task by task, then the mean.
-
-    Where tasks have unequal numbers of episodes there is no mean: it would be one over episodes.
-    """
-    wanted: list[tuple[str, str, tuple[str, ...]]] = [
-        (task, metric, (task,))
-        for task in tasks
-        for metric in COMPARED_METRICS
-        if METRICS[metric].is_in(task)
-    ]
-    counts = count_pairs(pairs, [task for task in tasks if task in GOAL_TASKS], MEAN_METRIC)
-    goals = tuple(task for task, count in counts.items() if count)
-    if len(goals) > 1 and len({counts[task] for task in goals}) == 1:
-        wanted.append((MEAN_TASK, MEAN_METRIC, goals))
-    collected = (PairedValues.of(pairs, *names) for names in wanted)
-    return tuple(values for values in collected if len(values.first))
-
-
-def count_pairs(pairs: Sequence[EpisodePair], tasks: Sequence[str], metric: str) -> dict[str, int]:
-    """Return how many pairs each task has, of the role whose episodes the metric counts."""
-    role = METRICS[metric].role
-    present = Counter(pair.first.task for pair in pairs if pair.role is role)
-    return {task: present[task] for task in tasks}
-
-
-def _bits_of(episode: Episode) -> tuple[object, ...]:
-    values = (METRICS[metric].value(episode) for metric in COMPARED_METRICS)
-    return episode.digest, episode.outcome, *values
-
-
-def _by_key(run: Run, left_out: Sequence[str]) -> dict[str, tuple[Role, Episode]]:
-    by_key: dict[str, tuple[Role, Episode]] = {}
+def _by_key(run: Run, left_out: Sequence[str]) -> dict[str, Episode]:
+    by_key: dict[str, Episode] = {}
     for role, episodes in run.by_role():
         for episode in episodes:
-            key = episode_key(role, episode)
+            key = episode_key(role, episode.task, episode.index)
             if key in by_key:
                 raise UsageError(f"'{_short(run.name)}' holds the episode {key} twice")
             if episode.task not in left_out:
-                by_key[key] = (role, episode)
+                by_key[key] = episode
     if not by_key:
         raise UsageError(f"'{_short(run.name)}' holds no episodes")
     return by_key
@@ -205,20 +109,171 @@ def _refuse_missing(there: str, here: str, missing: Sequence[str]) -> None:
         )
 
 
-def _rules(header: RunHeader, tasks: Sequence[str]) -> str:
-    digests = (f"{task} {header.task_digests.get(task, 'none')[:12]}" for task in tasks)
-    return f"{header.protocol}: {', '.join(digests)}" if tasks else ""
-
-
 def _short(text: str) -> str:
     """Return a text of a run so that it can stand inside a sentence."""
     plain = printable(text)
     return plain if len(plain) <= 80 else f"{plain[:80]}…"
 
 
+def are_identical(first: Run, second: Run, pairs: Pairs) -> bool:
+    """Tell whether every episode of two runs holds the same bits, by digests and by rows.
+
+    How many actions were clipped is not in the digest.
+    """
+    return first.digest == second.digest and all(
+        replace(one, clipped_actions=0) == replace(other, clipped_actions=0)
+        for one, other in pairs.values()
+    )
+
+
+# What differs
+
+
+@dataclass(frozen=True)
+class PairedValues:
+    """The paired values of one metric, float64 (N,) each; those of a share are 0 and 1.
+
+    ``task`` names the task, or is MEAN_TASK; ``tasks`` are those whose episodes these are. The
+    tasks of a mean have equally many episodes.
+    """
+
+    task: str
+    metric: str
+    tasks: tuple[str, ...]
+    first: NDArray[np.float64]
+    second: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, pairs: Pairs, task: str, metric: str, tasks: tuple[str, ...]) -> "PairedValues":
+        """Return the values of those pairs that are of these tasks and have one in both runs."""
+        known = METRICS[metric]
+        if len(tasks) > 1 and not known.statistic.is_additive:
+            raise UsageError(f"{metric} has no mean over tasks: {', '.join(tasks)}")
+        both = [
+            (known.value(first), known.value(second))
+            for key, (first, second) in pairs.items()
+            if first.task in tasks and role_of(key) is known.role
+        ]
+        table = np.array([values for values in both if None not in values], np.float64)
+        return cls(task, metric, tasks, *table.reshape(-1, 2).T)
+
+    @property
+    def direction(self) -> str:
+        """UP or DOWN where more or less is better, else NO_DIRECTION; a mean has its metric's."""
+        return METRICS[self.metric].direction_in(self.task)
+
+    @property
+    def differences(self) -> NDArray[np.float64]:
+        """Second minus first, float64 (N,)."""
+        return self.second - self.first
+
+
+def collect_values(pairs: Pairs, tasks: Sequence[str]) -> tuple[PairedValues, ...]:
+    """Return the values of each task and metric that has episodes, task by task, then the mean.
+
+    Where tasks have unequal numbers of episodes there is no mean: it would be one over episodes.
+    """
+    wanted: list[tuple[str, str, tuple[str, ...]]] = [
+        (task, metric, (task,))
+        for task in tasks
+        for metric in COMPARED_METRICS
+        if METRICS[metric].is_in(task)
+    ]
+    counts = count_pairs(pairs, tasks, MEAN_METRIC)
+    goals = tuple(task for task in tasks if task in GOAL_TASKS and counts[task])
+    if len(goals) > 1 and len({counts[task] for task in goals}) == 1:
+        wanted.append((MEAN_TASK, MEAN_METRIC, goals))
+    collected = (PairedValues.of(pairs, *names) for names in wanted)
+    return tuple(values for values in collected if len(values.first))
+
+
+def count_pairs(pairs: Pairs, tasks: Sequence[str], metric: str) -> dict[str, int]:
+    """Return how many pairs each task has, of the role whose episodes the metric counts."""
+    role = METRICS[metric].role
+    present = Counter(one.task for key, (one, _) in pairs.items() if role_of(key) is role)
+    return {task: present[task] for task in tasks}
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A metric in both runs over the same episodes, and second minus first.
+
+    ``direction``: UP or DOWN where more or less is better in this task, else NO_DIRECTION.
+    ``difference`` has a 95 % interval, which contains 0 where ``p_value`` > 0.05; both are of this
+    metric and task alone. ``differing`` counts the episodes whose values are not equal.
+    """
+
+    task: str
+    metric: str
+    unit: str
+    direction: str
+    first: float
+    second: float
+    difference: Estimate
+    p_value: float
+    differing: int
+
+    @property
+    def count(self) -> int:
+        """Number of paired episodes."""
+        return self.difference.count
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the test shows a difference and its interval excludes 0."""
+        excludes_0 = self.difference.low > 0.0 or self.difference.high < 0.0
+        return self.p_value <= ALPHA and excludes_0
+
+    @property
+    def worsening(self) -> float:
+        """How much worse the second run is, in the metric's unit; negative if it is better.
+
+        Raises:
+            KeyError: the metric has no direction.
+        """
+        return self.difference.value * WORSE_SIGNS[self.direction]
+
+    @property
+    def worst(self) -> float:
+        """The worsening at the worse end of the interval."""
+        ends = (self.difference.low, self.difference.high)
+        return max(end * WORSE_SIGNS[self.direction] for end in ends)
+
+
+def paired_test(values: PairedValues, root: Root) -> Effect:
+    """Estimate the difference of paired values and test it against 0, as their statistic does.
+
+    Each (task, metric) draws from its own stream under ``root``. An interval is widened to 0 where
+    its test, exact for few episodes, does not exclude 0.
+    """
+    statistic = METRICS[values.metric].statistic
+    rng = stream(root, values.task, values.metric, "paired")
+    difference, p_value = statistic.paired_test(values.first, values.second, rng)
+    if p_value > ALPHA:
+        low, high = min(difference.low, 0.0), max(difference.high, 0.0)
+        difference = replace(difference, low=low, high=high)
+    return Effect(
+        task=values.task,
+        metric=values.metric,
+        unit=METRICS[values.metric].unit_in(values.task),
+        direction=values.direction,
+        first=statistic.value(values.first),
+        second=statistic.value(values.second),
+        difference=difference,
+        p_value=p_value,
+        differing=int(np.count_nonzero(values.differences)),
+    )
+
+
+# What is said of two runs
+
+
 @dataclass(frozen=True)
 class ComparedRun:
-    """A run, its ``labels``, and its title: a letter, or "baseline" and "candidate"."""
+    """A run as a comparison names it: apart from ``Run``, because it is written to JSON.
+
+    ``title``: a letter, or "baseline" and "candidate".
+    """
 
     title: str
     name: str
@@ -243,23 +298,25 @@ class OutcomeChange:
     second: Outcome
     replays: tuple[str, str]
 
+    @property
+    def role(self) -> Role:
+        """Whose episode it is."""
+        return role_of(self.episode)
+
 
 def find_changes(
-    pairs: Sequence[EpisodePair], runs: tuple[Run, Run], paths: tuple[str, str]
+    pairs: Pairs, runs: tuple[Run, Run], paths: tuple[str, str]
 ) -> tuple[OutcomeChange, ...]:
     """Return the episodes whose outcome is another in the second run."""
     return tuple(
         OutcomeChange(
-            episode=pair.key,
-            first=pair.first.outcome,
-            second=pair.second.outcome,
-            replays=(
-                replay_command(runs[0], paths[0], pair.key),
-                replay_command(runs[1], paths[1], pair.key),
-            ),
+            key,
+            first.outcome,
+            second.outcome,
+            (replay_command(runs[0], paths[0], key), replay_command(runs[1], paths[1], key)),
         )
-        for pair in pairs
-        if pair.first.outcome is not pair.second.outcome
+        for key, (first, second) in pairs.items()
+        if first.outcome is not second.outcome
     )
 
 
@@ -276,35 +333,24 @@ def replay_command(run: Run, path: str, episode: str) -> str:
     return shlex.join(["minitouch-bench", "replay", place, episode])
 
 
-def differences_of_making(first: Run, second: Run) -> tuple[str, ...]:
+def differences_of_making(first: Run, second: Run) -> Iterator[str]:
     """Say in what two runs differ that is not the policy, and may matter."""
-    left_out = first.header.rules_differ(second.header)
-    packages = (first.environment.packages, second.environment.packages)
-    machines = (run.environment.machine.get("processor", "unknown") for run in (first, second))
-    times = (f"{run.plan.limits.act_timeout_s:g}" for run in (first, second))
-    facts = [
-        ("isolation", first.header.isolation, second.header.isolation),
-        ("seconds for an action", *times),
-        *(
-            (name, *(versions.get(name, "none") for versions in packages))
-            for name in {**packages[0], **packages[1]}
-        ),
-        ("processor", *machines),
-    ]
-    return (
-        *(f"{task} is left out: its rules differ" for task in map(printable, left_out)),
-        *(
-            f"exploration is left out: '{printable(run.name)}' has none"
-            for run, other in ((first, second), (second, first))
-            if other.exploration_rows and not run.exploration_rows
-        ),
-        *_in_words(facts),
-    )
+    for task in first.header.rules_differ(second.header):
+        yield f"{printable(task)} is left out: its rules differ"
+    if bool(first.exploration_rows) != bool(second.exploration_rows):
+        without = second if first.exploration_rows else first
+        yield f"exploration is left out: '{printable(without.name)}' has none"
+    here, there = _making(first), _making(second)
+    for what in {**here, **there}:
+        one, other = here.get(what, "none"), there.get(what, "none")
+        if one != other:
+            yield printable(f"{what}: {one} in the first run, {other} in the second")
 
 
-def _in_words(facts: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-    return tuple(
-        printable(f"{what}: {here} in the first run, {there} in the second")
-        for what, here, there in facts
-        if here != there
-    )
+def _making(run: Run) -> dict[str, str]:
+    return {
+        "isolation": run.header.isolation,
+        "seconds for an action": f"{run.plan.limits.act_timeout_s:g}",
+        **run.environment.packages,
+        "processor": run.environment.machine.get("processor", "unknown"),
+    }

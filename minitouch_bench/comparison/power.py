@@ -8,8 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from minitouch_bench.comparison.paired_tests import WORSE_SIGNS
-from minitouch_bench.comparison.pairing import PairedValues
+from minitouch_bench.comparison.pairing import WORSE_SIGNS, PairedValues
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
 from minitouch_bench.metrics.significance import (

@@ -9,6 +9,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -30,8 +31,7 @@ SWAPS = 2_000
 """Exchanges of paired values that the test of a quantile draws."""
 
 
-@dataclass(frozen=True)
-class PairedResult:
+class PairedResult(NamedTuple):
     """A difference over the same episodes, and how surprising it is between equal policies."""
 
     estimate: Estimate

@@ -10,7 +10,7 @@ from itertools import islice
 
 import numpy as np
 
-from minitouch_bench.episode import IN_MEMORY, Episode, EpisodeSpec, Outcome, Role
+from minitouch_bench.episode import IN_MEMORY, Episode, EpisodeSpec, Outcome, episode_key
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import ACTIONS_FILE, RUN_FILE
 from minitouch_bench.json_io import plain
@@ -120,8 +120,8 @@ def _episodes(run: Run) -> Iterator[Problem]:
         planned = {(spec.task, spec.index): spec for spec in specs if spec.role is role}
         counts = Counter((row.task, row.index) for row in rows)
         missing = [spec.key for key, spec in planned.items() if key not in counts]
-        twice = [_key(role, *key) for key, count in counts.items() if count > 1]
-        unknown = [_key(role, *key) for key in counts if key not in planned]
+        twice = [episode_key(role, *key) for key, count in counts.items() if count > 1]
+        unknown = [episode_key(role, *key) for key in counts if key not in planned]
         yield from _named(missing, "missing", "evaluate the whole suite")
         yield from _named(twice, "there twice", AS_WRITTEN)
         yield from _named(unknown, "not of the suite", AS_WRITTEN)
@@ -155,16 +155,12 @@ def _named(keys: Sequence[str], what: str, remedy: str) -> Iterator[Problem]:
         yield Problem(keys[0], f"{count}: {first_of(keys, NAMED)}", remedy)
 
 
-def _key(role: Role, task: str, index: int) -> str:
-    return EpisodeSpec(role, task, index, seed=0).key
-
-
 def _rows(run: Run) -> Iterator[Problem]:
     """Yield what no episode can be; the same kind of contradiction a few times."""
     for role, rows in run.by_role():
         bad = [(row, what) for row in rows if (what := next(contradictions(row), ""))]
         for row, what in bad[:NAMED]:
-            yield Problem(_key(role, row.task, row.index), what, AS_WRITTEN)
+            yield Problem(episode_key(role, row.task, row.index), what, AS_WRITTEN)
         if len(bad) > NAMED:
             yield Problem(str(role), f"{len(bad)} episodes contradict themselves", AS_WRITTEN)
 

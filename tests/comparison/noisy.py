@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from minitouch_bench.comparison.gate import GateResult, judge_runs
+from minitouch_bench.comparison.gate import GateResult, GateSettings, judge_runs
 from minitouch_bench.comparison.gate_report import difference_text, result_line
-from minitouch_bench.comparison.settings import GateSettings
 from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.rollout import LocalEngine

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from minitouch_bench.comparison.settings import GateSettings, Tolerance
+from minitouch_bench.comparison.gate import GateSettings, Tolerance
 
 ROOT = Path(__file__).parents[2]
 ACTION = ROOT / ".github/actions/regress/action.yml"

@@ -10,9 +10,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from minitouch_bench.comparison.gate import Decision, judge_endpoint, judge_runs
+from minitouch_bench.comparison.gate import Decision, GateSettings, judge_endpoint, judge_runs
 from minitouch_bench.comparison.pairing import MEAN_TASK, PairedValues
-from minitouch_bench.comparison.settings import GateSettings
 from tests.comparison.pairs import make_saved, values
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]

@@ -3,9 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minitouch_bench.comparison.comparison import differences_of_making
-from minitouch_bench.comparison.pairing import collect_values, pair_runs
-from minitouch_bench.episode import Role
+from minitouch_bench.comparison.pairing import (
+    PairedValues,
+    collect_values,
+    differences_of_making,
+    pair_runs,
+    paired_test,
+)
+from minitouch_bench.episode import Role, role_of
 from minitouch_bench.errors import UsageError
 from tests.comparison.pairs import flags, make_saved, values, with_header
 from tests.reporting.synthetic import make_run, save
@@ -22,9 +27,9 @@ def with_episode(run, place, **changes):
 
 def test_runs_of_the_same_episodes_are_paired_whatever_their_order():
     pairs = pair_runs(ONE, replace(OTHER, rows=OTHER.rows[::-1]))
-    assert [pair.key for pair in pairs][4:6] == ["playing/4", "pushing/0"]
-    for pair in pairs:
-        assert (pair.first.task, pair.first.index) == (pair.second.task, pair.second.index)
+    assert [*pairs][4:6] == ["playing/4", "pushing/0"]
+    for key, both in pairs.items():
+        assert {f"{episode.task}/{episode.index}" for episode in both} == {key}
 
 
 def test_a_goal_brings_its_metrics_and_playing_has_touch_alone():
@@ -56,8 +61,8 @@ def test_exploration_episodes_are_paired_by_their_role():
     one = save(make_run("one", tasks=("pushing",), episodes=6), "one")
     other = save(make_run("other", tasks=("pushing",), episodes=6), "other")
     pairs = pair_runs(one, other)
-    assert [pair.role for pair in pairs].count(Role.EXPLORATION) == 6
-    assert pairs[-1].key == "exploration/pushing/5"
+    assert [role_of(key) for key in pairs].count(Role.EXPLORATION) == 6
+    assert [*pairs][-1] == "exploration/pushing/5"
     found = collect_values(pairs, ("pushing",))
     assert [values.metric for values in found][:2] == ["exploration", "success"]
     with pytest.raises(UsageError, match="exploration/pushing/0"):
@@ -66,8 +71,8 @@ def test_exploration_episodes_are_paired_by_their_role():
 
 def test_a_task_with_other_rules_is_left_out():
     other = with_header(OTHER, task_digests={**OTHER.header.task_digests, "pushing": "ff" * 32})
-    assert {pair.first.task for pair in pair_runs(ONE, other)} == {"playing"}
-    assert differences_of_making(ONE, other)[0] == "pushing is left out: its rules differ"
+    assert {first.task for first, _ in pair_runs(ONE, other).values()} == {"playing"}
+    assert next(differences_of_making(ONE, other)) == "pushing is left out: its rules differ"
 
 
 REFUSALS = [
@@ -102,3 +107,43 @@ def test_a_hostile_name_cannot_fill_the_message():
         pair_runs(ONE, hostile)
     assert "\x1b" not in str(refusal.value)
     assert len(str(refusal.value)) < 400
+
+
+# The paired test
+
+
+def effect_of(metric, first, second, task="pushing"):
+    return paired_test(PairedValues(task, metric, (task,), first, second), (0,))
+
+
+def has_0(effect):
+    return effect.difference.low <= 0 <= effect.difference.high
+
+
+@pytest.mark.parametrize("n", [5, 6, 9, 30, 100])
+def test_an_interval_of_a_share_is_without_0_exactly_where_p_is_small(n):
+    for lost in range(n + 1):
+        for won in range(0, n - lost + 1, max(1, n // 9)):
+            first, second = np.zeros(n), np.zeros(n)
+            first[:lost] = 1
+            second[lost : lost + won] = 1
+            effect = effect_of("success", first, second)
+            assert has_0(effect) == (effect.p_value > 0.05), (lost, won)
+            assert effect.difference.low <= effect.difference.value <= effect.difference.high
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_an_interval_of_a_mean_contains_0_where_p_is_large(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 40))
+    effect = effect_of("episode_steps", np.zeros(n), rng.gamma(1, 10, n) - rng.uniform(0, 9))
+    assert has_0(effect) or effect.p_value <= 0.05
+    assert effect.is_clear == (effect.p_value <= 0.05 and not has_0(effect))
+
+
+def test_the_better_direction_is_that_of_the_task():
+    few, many = np.full(20, 100.0), np.linspace(200, 300, 20)
+    assert effect_of("touch_interaction", few, many, "playing").worsening < 0
+    assert effect_of("episode_steps", few, many).worsening > 0
+    with pytest.raises(KeyError):
+        _ = effect_of("touch_interaction", few, many).worsening

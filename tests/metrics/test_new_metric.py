@@ -33,7 +33,7 @@ from minitouch_bench.comparison.comparison import (
     comparison_text,
 )
 from minitouch_bench.comparison.gate import judge_runs
-from minitouch_bench.comparison.settings import GateSettings
+from minitouch_bench.comparison.gate import GateSettings
 from minitouch_bench.comparison.gate_report import gate_markdown
 from minitouch_bench.reporting.tables import as_markdown
 from minitouch_bench.reporting.report import build_report
