@@ -28,10 +28,8 @@ from minitouch_bench.errors import (
 
 KIB, MIB, GIB = 2**10, 2**20, 2**30
 
-ACTIONS_FILE = "actions.npz"
-RUN_FILE = "run.json"
-EPISODES_FILE = "episodes.csv"
-REPORT_PAGE = "report.html"
+ACTIONS_FILE, RUN_FILE = "actions.npz", "run.json"
+EPISODES_FILE, REPORT_PAGE = "episodes.csv", "report.html"
 PROGRESS_FILE = "progress.csv"
 """A training's curves: a row per some hundred control steps."""
 VIDEOS = "videos"
@@ -82,10 +80,9 @@ def entries_of(directory: Path) -> list[str]:
     Raises:
         RunDirectoryError: it cannot be read.
     """
-    if not os.path.lexists(directory):
-        return []
-    with os_errors_as(RunDirectoryError, directory, "read"):
+    with os_errors_as(RunDirectoryError, directory, "read"), suppress(FileNotFoundError):
         return sorted(name for name in os.listdir(directory) if name != LOCK_FILE)
+    return []
 
 
 def clear_run(directory: Path) -> None:
@@ -151,9 +148,8 @@ def _lock(path: Path, *, wait: bool) -> int:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
             except BlockingIOError as error:
-                raise RunDirectoryError(
-                    f"{path.parent} is in use by another process; choose another directory"
-                ) from error
+                text = f"{path.parent} is in use by another process; choose another directory"
+                raise RunDirectoryError(text) from error
             with suppress(FileNotFoundError):  # its last holder may have removed it meanwhile
                 if os.path.samestat(os.fstat(handle), os.lstat(path)):
                     stack.pop_all()
@@ -186,10 +182,8 @@ def replace_file(path: Path, content: bytes, *, durable: bool = True) -> None:
     if Path("/dev") in path.parents and Path("/dev/shm") not in path.parents:
         path.write_bytes(content)
         return
-    with suppress(FileNotFoundError):
-        mode = os.lstat(path).st_mode
-        if not stat.S_ISLNK(mode):
-            _check_plain(mode)
+    if not path.is_symlink() and path.exists():
+        _check_plain(path.stat())
     partial = path.with_name(f".{secrets.token_hex(8)}.partial")
     handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666)
     try:
@@ -239,10 +233,7 @@ def make_folder(path: Path) -> Path:
 
 def is_folder(path: Path) -> bool:
     """Tell whether this is a directory itself, not a link to one."""
-    try:
-        return stat.S_ISDIR(os.lstat(path).st_mode)
-    except OSError:
-        return False
+    return os.path.isdir(path) and not os.path.islink(path)
 
 
 def list_videos(directory: Path) -> list[Path]:
@@ -250,12 +241,9 @@ def list_videos(directory: Path) -> list[Path]:
     folder = directory / VIDEOS
     if not is_folder(folder):
         return []
-    with os_errors_as(UnreadableFileError, folder, "read"), os.scandir(folder) as entries:
-        return sorted(
-            folder / entry.name
-            for entry in entries
-            if entry.name.endswith(".mp4") and entry.is_file(follow_symlinks=False)
-        )
+    with os_errors_as(UnreadableFileError, folder, "read"):
+        videos = [path for path in sorted(folder.iterdir()) if path.suffix == ".mp4"]
+    return [path for path in videos if path.is_file() and not path.is_symlink()]
 
 
 def open_plain(path: Path, flags: int, *, follow: bool = False) -> int:
@@ -277,17 +265,17 @@ def open_plain(path: Path, flags: int, *, follow: bool = False) -> int:
     with ExitStack() as stack:
         stack.callback(os.close, handle)
         found = os.fstat(handle)
-        _check_plain(found.st_mode)
+        _check_plain(found)
         if flags & os.O_ACCMODE != os.O_RDONLY and found.st_nlink > 1:
             raise OSError(errno.EMLINK, "it has another name elsewhere")
         stack.pop_all()
     return handle
 
 
-def _check_plain(mode: int) -> None:
-    if stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    if not stat.S_ISREG(mode):
+def _check_plain(found: os.stat_result) -> None:
+    if stat.S_ISDIR(found.st_mode):
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(found.st_mode):
         raise OSError(errno.EINVAL, "it is no plain file")
 
 
@@ -301,15 +289,9 @@ def read_file(path: Path, limit: int = LARGEST_FILE, *, follow: bool = False) ->
         size = os.fstat(file.fileno()).st_size
         content = b"" if size > limit else file.read(size + 1)
     if size > limit or len(content) > limit:
-        raise OSError(errno.EFBIG, f"it is larger than {_amount(limit)}")
+        most = f"{limit // MIB} MiB" if limit >= MIB else f"{limit // KIB} KiB"
+        raise OSError(errno.EFBIG, f"it is larger than {most}")
     return content
-
-
-def _amount(size: int) -> str:
-    for unit, name in ((GIB, "GiB"), (MIB, "MiB"), (KIB, "KiB")):
-        if size % unit == 0:
-            return f"{size // unit} {name}"
-    return f"{size} bytes"
 
 
 VARIABLE = "MINITOUCH_CACHE"
@@ -332,10 +314,12 @@ def cache_file(stem: str, suffix: str, content: bytes) -> Path:
     """
     digest = hashlib.sha256(content).hexdigest()[:16]
     path = cache_directory() / f"{stem}-{digest}{suffix}"
-    if not _holds(path, content):
-        with cache_errors(path.parent):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            replace_file(path, content)
+    with suppress(OSError):
+        if read_file(path, len(content)) == content:
+            return path
+    with cache_errors(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(path, content)
     return path
 
 
@@ -343,10 +327,3 @@ def cache_errors(directory: Path) -> AbstractContextManager[None]:
     """Raise an ``OSError`` of the block as an ``InfrastructureError`` that names the variable."""
     hint = f"; set {VARIABLE} to another directory"
     return os_errors_as(InfrastructureError, directory, "written", hint)
-
-
-def _holds(path: Path, content: bytes) -> bool:
-    try:
-        return read_file(path, len(content)) == content
-    except OSError:
-        return False

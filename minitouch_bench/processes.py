@@ -26,23 +26,21 @@ import cloudpickle
 
 from minitouch_bench.errors import InfrastructureError, MiniTouchError
 
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-
-AVX2_KERNELS = {
-    "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
-    "OPENBLAS_CORETYPE": "Haswell",
-    "ATEN_CPU_CAPABILITY": "avx2",
-    "ONEDNN_MAX_CPU_ISA": "AVX2",
-    "MKL_CBWR": "AVX2",
-}
-
-ARITHMETIC = {**ONE_THREAD, **(AVX2_KERNELS if platform.machine() == "x86_64" else {})}
+ARITHMETIC = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment under which numpy, OpenBLAS, torch, oneDNN and MKL round alike everywhere.
 
 They choose other kernels on another processor, whose sums and sines differ in the last bits.
 A process started with these variables keeps to one thread and, on x86-64, to AVX2. The
 libraries read them when they are loaded.
 """
+if platform.machine() == "x86_64":
+    ARITHMETIC |= {
+        "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+        "OPENBLAS_CORETYPE": "Haswell",
+        "ATEN_CPU_CAPABILITY": "avx2",
+        "ONEDNN_MAX_CPU_ISA": "AVX2",
+        "MKL_CBWR": "AVX2",
+    }
 
 START = """
 import sys
@@ -77,9 +75,8 @@ def interrupts_held() -> Iterator[None]:
     """
     came: list[int] = []
     is_main = threading.current_thread() is threading.main_thread()
-    handler = (
-        signal.signal(signal.SIGINT, lambda number, _: came.append(number)) if is_main else None
-    )
+    if is_main:
+        handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited, unlike a handler
     try:
         yield
@@ -176,11 +173,10 @@ def run_in_workers(
                     continue
                 if result.error is not None:
                     raise result.error
-                if attempt < MAX_ATTEMPTS:
-                    waiting.appendleft((index, attempt + 1))
-                else:
+                if attempt == MAX_ATTEMPTS:
                     text = f"{name(jobs[index])} failed {MAX_ATTEMPTS} times: {result.reason}"
                     raise InfrastructureError(text)
+                waiting.appendleft((index, attempt + 1))
                 worker.close()
                 pool[pool.index(worker)] = _Worker(function)
     finally:
@@ -203,11 +199,9 @@ class _Worker(Generic[Job, Result]):
         self.connection, theirs = Pipe()
         command = [sys.executable, "-P", "-c", START, str(theirs.fileno()), str(os.getpid())]
         with theirs, interrupts_held():
+            environment = {**os.environ, **ARITHMETIC}
             self.process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                pass_fds=(theirs.fileno(),),
-                env={**os.environ, **ARITHMETIC},
+                command, stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),), env=environment
             )
         self.sentinel = watch(self.process.pid)
         self.task: tuple[int, int] | None = None
@@ -221,11 +215,10 @@ class _Worker(Generic[Job, Result]):
 
     def receive(self) -> Result | _Failure:
         """Return what came of the job."""
-        try:
+        with contextlib.suppress(EOFError, OSError):
             result: Result | _Failure = self.connection.recv()
-        except (EOFError, OSError):
-            return _Failure(f"its worker ended (exit code {self._wait()})")
-        return result
+            return result
+        return _Failure(f"its worker ended (exit code {self._wait()})")
 
     def close(self) -> None:
         """End the process; what it was doing is lost."""
@@ -256,10 +249,9 @@ def serve(connection: Connection, parent: int) -> None:
             job = connection.recv()
             try:
                 answer = function(job)
-            except InfrastructureError as error:
-                answer = _Failure(str(error))
             except MiniTouchError as error:
-                answer = _Failure(str(error), error)
+                is_ours = isinstance(error, InfrastructureError)
+                answer = _Failure(str(error), None if is_ours else error)
             except Exception as error:
                 answer = _Failure(f"{type(error).__name__}: {error}")
             connection.send(answer)

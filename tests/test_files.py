@@ -15,6 +15,7 @@ from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import (
     GIB,
     KIB,
+    MIB,
     LOCK_FILE,
     RUN_FILES,
     append_bytes,
@@ -322,7 +323,7 @@ def test_what_is_no_plain_file_is_not_read(tmp_path):
         read_file(tmp_path)
 
 
-@pytest.mark.parametrize(("limit", "words"), [(3, "3 bytes"), (2 * KIB, "2 KiB")])
+@pytest.mark.parametrize(("limit", "words"), [(3 * MIB, "3 MiB"), (2 * KIB, "2 KiB")])
 def test_a_file_over_its_limit_is_refused_without_being_read(tmp_path, limit, words):
     path = tmp_path / "file"
     path.write_bytes(bytes(limit))
@@ -332,7 +333,7 @@ def test_a_file_over_its_limit_is_refused_without_being_read(tmp_path, limit, wo
     with pytest.raises(OSError, match=f"it is larger than {words}"):
         read_file(path, limit)
     tracemalloc.start()
-    with pytest.raises(OSError, match="it is larger than 1 GiB"):
+    with pytest.raises(OSError, match="it is larger than 1024 MiB"):
         read_file(path, GIB)
     assert tracemalloc.get_traced_memory()[1] < KIB * KIB
     tracemalloc.stop()

@@ -116,15 +116,13 @@ def test_workers_compute_with_the_fixed_settings(monkeypatch):
 
 
 def test_the_job_of_a_dead_worker_is_tried_three_times(tmp_path):
-    jobs = [str(tmp_path / name) for name in "abc"]
-    for job, deaths in zip(jobs, (2, 0, 1), strict=True):
+    jobs = [str(tmp_path / name) for name in "ab"]
+    for job, deaths in zip(jobs, (2, 0), strict=True):
         Path(job).write_text(str(deaths))
-    assert set(run_named(die_until, jobs, 2)) == {0, 1, 2}
+    assert set(run_named(die_until, jobs)) == {0, 1}
     Path(jobs[1]).write_text("3")
-    with pytest.raises(
-        InfrastructureError, match=r"^job b failed 3 times: its worker ended \(exit code -9\)$"
-    ):
-        run_named(die_until, jobs, 2)
+    with pytest.raises(InfrastructureError, match=r"job b failed 3 times.*exit code -9"):
+        run_named(die_until, jobs[1:])
     assert Path(jobs[1]).read_text() == "0"
 
 
