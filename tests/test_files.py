@@ -15,8 +15,8 @@ from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import (
     GIB,
     KIB,
-    MIB,
     LOCK_FILE,
+    MIB,
     RUN_FILES,
     append_bytes,
     clear_run,
