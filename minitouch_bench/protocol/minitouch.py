@@ -2,7 +2,7 @@
 
 Letters: T text of the paper, R the released package, D ours; ``docs/reference/protocol.md`` gives
 the fact behind every R and the reason of every D. A change here changes episodes: then
-``python -m minitouch_bench.verification.golden`` records the golden ones again.
+``python -m benchmarks.golden`` records the golden ones again.
 """
 
 import hashlib

@@ -1,15 +1,16 @@
 import pytest
 
-from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.evaluation.rollout import EpisodeRunner
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL, TASK_NAMES
 from minitouch_bench.verification import doctor
-from minitouch_bench.verification.doctor import CheckResult, trial_episodes
+from minitouch_bench.verification.doctor import CheckResult, golden_bits, recorded, trial_episodes
 
 
 def test_the_trial_has_contact_and_every_task():
     specs, recording = trial_episodes()
     assert {spec.task for spec in specs} == set(TASK_NAMES)
     assert set(recording.actions) == {spec.key for spec in specs}
-    runner = doctor.EpisodeRunner(recording)
+    runner = EpisodeRunner(recording)
     records = [runner.run(spec) for spec in specs]
     runner.close()
     assert sum(record.trace.contact_ticks.any() for record in records) >= 2
@@ -17,9 +18,9 @@ def test_the_trial_has_contact_and_every_task():
 
 @pytest.mark.parametrize("found", [{"a": "1"}, {"a": "1", "b": "3"}])
 def test_an_episode_that_is_missing_or_other_is_named(found):
-    check = doctor._same("crash", {"a": "1", "b": "2"}, found, "after a crash")
+    check = doctor._same("workers", {"a": "1", "b": "2"}, found, "with 2 workers")
     assert check.verdict is CheckResult.FAIL
-    assert check.text == "other bits after a crash: b"
+    assert check.text.endswith(": b")
 
 
 @pytest.mark.parametrize(
@@ -27,3 +28,16 @@ def test_an_episode_that_is_missing_or_other_is_named(found):
 )
 def test_the_time_of_an_evaluation_is_that_of_the_workers_asked_for(workers, words):
     assert words in doctor._speed(100.0, workers).text
+
+
+def test_every_task_has_its_golden_digest():
+    assert set(recorded()) == set(TASK_NAMES)
+
+
+@pytest.mark.parametrize("task", TASK_NAMES)
+def test_the_golden_episode_is_as_recorded(task):
+    golden = recorded()[task]
+    assert golden.task_digest == PROTOCOL.task_digest(task, MAIN_SUITE), (
+        "a value of the protocol changed: record the golden digests again"
+    )
+    assert golden_bits(task) == golden.bits, "simulation changed: raise the task's revision"
