@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from minitouch_bench.comparison import gate_report, pairing
-from minitouch_bench.comparison.pairing import ComparedRun, Effect, OutcomeChange, PairedValues
+from minitouch_bench.comparison.pairing import ComparedRun, Effect, OutcomeChange
 from minitouch_bench.comparison.power import episodes_needed
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
@@ -15,14 +15,6 @@ from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
 from minitouch_bench.metrics.significance import ALPHA, holm
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
-from minitouch_bench.reporting.tables import (
-    Block,
-    Heading,
-    NoteBlock,
-    as_markdown,
-    as_text,
-    on_screen,
-)
 from minitouch_bench.runs.run import Run
 
 if TYPE_CHECKING:
@@ -93,7 +85,7 @@ class Comparison:
         return f"<Comparison of {names}: {changed} changed outcomes>"
 
     def __str__(self) -> str:
-        return comparison_text(self)
+        return tables.as_text(comparison_blocks(self, gate_report.SHOWN_CHANGES))
 
 
 def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
@@ -128,7 +120,12 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
                 second=other.title,
                 identical=pairing.are_identical(runs[0], run, pairs),
                 metrics=tuple(
-                    _compared(values, effect, next(adjusted), (first.title, other.title))
+                    ComparedMetric(
+                        effect,
+                        p_adjusted := next(adjusted),
+                        verdict(effect, p_adjusted, (first.title, other.title)),
+                        episodes_needed(values, ALPHA),
+                    )
                     for values, effect in row
                 ),
                 changes=pairing.find_changes(pairs, (runs[0], run), (first.path, other.path)),
@@ -155,17 +152,6 @@ def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:
     return (next(adjusted[effect.metric]) for effect in effects)
 
 
-def _compared(
-    values: PairedValues, effect: Effect, p_adjusted: float, titles: tuple[str, str]
-) -> ComparedMetric:
-    return ComparedMetric(
-        effect=effect,
-        p_adjusted=p_adjusted,
-        verdict=verdict(effect, p_adjusted, titles),
-        episodes_to_resolve=episodes_needed(values, ALPHA),
-    )
-
-
 def verdict(effect: Effect, p_adjusted: float, titles: tuple[str, str]) -> str:
     """Put an effect into words: without a better direction the second run has more or less."""
     if effect.differing == 0:
@@ -179,18 +165,18 @@ def verdict(effect: Effect, p_adjusted: float, titles: tuple[str, str]) -> str:
     return f"{titles[0] if effect.worsening > 0 else titles[1]} is better"
 
 
-def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[Block]:
+def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[tables.Block]:
     """Yield a whole comparison, with so many changed episodes of each pair."""
     yield from map(gate_report.run_line, comparison.runs)
     for pair in comparison.pairs:
-        yield Heading(f"{pair.second} against {pair.first}")
+        yield tables.Heading(f"{pair.second} against {pair.first}")
         if pair.identical:
             yield "The run digests are equal: every episode is the same to the last bit."
         yield from (f"{gate_report.NOT_ALIKE}: {note}." for note in pair.notes)
         yield from comparison_tables(pair)
         yield from gate_report.changes_blocks(pair.changes, (pair.first, pair.second), changes)
     yield ""
-    yield from map(NoteBlock, comparison_notes(comparison))
+    yield from map(tables.NoteBlock, comparison_notes(comparison))
 
 
 def comparison_tables(pair: RunPair) -> tuple[tables.Table, ...]:
@@ -199,18 +185,17 @@ def comparison_tables(pair: RunPair) -> tuple[tables.Table, ...]:
         pair.first, pair.second, f"{pair.second} minus {pair.first}", "p", "p adjusted", "Verdict",
         "Episodes to resolve", words=["Verdict"],
     )  # fmt: skip
-    rows = []
-    for compared in pair.metrics:
-        effect, episodes = compared.effect, compared.episodes_to_resolve
-        row = gate_report.effect_row(
-            effect,
-            gate_report.p_text(effect.p_value),
+    cells = [
+        (
+            compared.effect,
+            gate_report.p_text(compared.effect.p_value),
             gate_report.p_text(compared.p_adjusted),
             compared.verdict,
-            None if episodes is None else f"{episodes:,}",
+            f"{compared.episodes_to_resolve:,}" if compared.episodes_to_resolve else None,
         )
-        rows.append((effect, row))
-    return tuple(gate_report.tables_by_metric(columns, rows))
+        for compared in pair.metrics
+    ]
+    return tuple(gate_report.tables_by_metric(columns, cells))
 
 
 def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
@@ -234,17 +219,12 @@ def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
 
 def show_comparison(comparison: Comparison, console: Console) -> None:
     """Print a comparison."""
-    console.print(on_screen(comparison_blocks(comparison, gate_report.SHOWN_CHANGES)))
-
-
-def comparison_text(comparison: Comparison) -> str:
-    """Return what a terminal shows of a comparison."""
-    return as_text(comparison_blocks(comparison, gate_report.SHOWN_CHANGES))
+    console.print(tables.on_screen(comparison_blocks(comparison, gate_report.SHOWN_CHANGES)))
 
 
 def comparison_markdown(comparison: Comparison) -> str:
     """Write a comparison as a page, with every changed episode."""
-    lines = as_markdown(comparison_blocks(comparison, MAX_EPISODES))
+    lines = tables.as_markdown(comparison_blocks(comparison, MAX_EPISODES))
     return "\n".join(["# Comparison of runs", "", *lines]) + "\n"
 
 

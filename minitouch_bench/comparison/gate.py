@@ -306,7 +306,7 @@ def judge_endpoint(values: PairedValues, settings: GateSettings, root: Root) -> 
     """
     effect = pairing.paired_test(values, root)
     allowed = settings.tolerance_of(values.metric).absolute(effect.first)
-    endpoint = Endpoint(effect, values.tasks, one_sided(effect), allowed, Decision.NOT_ENOUGH)
+    endpoint = Endpoint(effect, values.tasks, effect.p_worse, allowed, Decision.NOT_ENOUGH)
     # The interval of a share is good for any number of episodes.
     is_believed = effect.count >= FEWEST_FOR_A_MEAN or isinstance(
         METRICS[effect.metric].statistic, Share
@@ -316,11 +316,6 @@ def judge_endpoint(values: PairedValues, settings: GateSettings, root: Root) -> 
     if effect.worst <= allowed and is_believed:
         return replace(endpoint, decision=Decision.NO_REGRESSION)
     return replace(endpoint, episodes_needed=_needed(values, effect, allowed, settings.alpha))
-
-
-def one_sided(effect: Effect) -> float:
-    """Return the p-value that the second run is no worse: half the two-sided one, by symmetry."""
-    return effect.p_value / 2.0 if effect.worsening > 0.0 else 1.0
 
 
 def measure_tasks(
@@ -338,7 +333,7 @@ def measure_tasks(
     ]
     if endpoint.decision is not Decision.REGRESSION:
         return tuple(TaskMetric(effect, None, is_worse=False) for effect in effects)
-    adjusted = holm([one_sided(effect) for effect in effects])
+    adjusted = holm([effect.p_worse for effect in effects])
     return tuple(
         TaskMetric(effect, p_value, p_value <= alpha)
         for effect, p_value in zip(effects, adjusted, strict=True)

@@ -13,18 +13,15 @@ from minitouch_bench.comparison.gate import NOT_ENOUGH_CODE, Decision, GateResul
 from minitouch_bench.comparison.pairing import COMPARED_METRICS, ComparedRun, Effect, OutcomeChange
 from minitouch_bench.errors import printable
 from minitouch_bench.files import MAX_EPISODES
-from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.reporting import tables
-from minitouch_bench.reporting.labels import difference_cell, format_value, listed, task_title
-from minitouch_bench.reporting.run_tables import OUTCOME_TITLES
-from minitouch_bench.reporting.tables import (
-    Block,
-    NoteBlock,
-    as_markdown,
-    code_span,
-    escape_md,
-    on_screen,
+from minitouch_bench.reporting.labels import (
+    difference_cell,
+    format_value,
+    listed,
+    metric_head,
+    task_title,
 )
+from minitouch_bench.reporting.run_tables import OUTCOME_TITLES
 
 SMALLEST_P = 0.0001
 """A p-value below is written as such: the bootstrap draws no finer ones."""
@@ -42,18 +39,18 @@ def effect_row(effect: Effect, *cells: str | None) -> tables.Row:
 
 
 def tables_by_metric(
-    columns: tuple[tables.Column, ...], rows: Sequence[tuple[Effect, tables.Row]]
+    columns: tuple[tables.Column, ...], rows: Sequence[tuple[Effect, *tuple[str | None, ...]]]
 ) -> Iterator[tables.Table]:
-    """Yield a table for each metric, in the metrics' order."""
-    heads = {effect_head(effect): effect.metric for effect, _ in rows}
+    """Yield a table for each metric, in the metrics' order; a row is of an effect and cells."""
+    heads = {effect_head(effect): effect.metric for effect, *_ in rows}
     for head in sorted(heads, key=lambda head: COMPARED_METRICS.index(heads[head])):
-        of_head = tuple(row for effect, row in rows if effect_head(effect) == head)
+        of_head = tuple(effect_row(*row) for row in rows if effect_head(row[0]) == head)
         yield tables.Table(head, ("Task",), columns, of_head)
 
 
 def changes_blocks(
     changes: Sequence[OutcomeChange], titles: tuple[str, str], most: int
-) -> Iterator[Block]:
+) -> Iterator[tables.Block]:
     """Lay out the episodes that ended in another way, with the command that replays each."""
     if not changes:
         return
@@ -63,12 +60,9 @@ def changes_blocks(
     )
     rows = tuple(
         tables.make_row(
-            change.episode,
-            OUTCOME_TITLES[change.first],
-            OUTCOME_TITLES[change.second],
-            change.replays[1],
+            one.episode, OUTCOME_TITLES[one.first], OUTCOME_TITLES[one.second], one.replays[1]
         )
-        for change in changes[:most]
+        for one in changes[:most]
     )
     yield ""
     yield tables.Table("Episodes that ended in another way", ("Episode",), columns, rows)
@@ -88,8 +82,7 @@ def p_text(p_value: float) -> str:
 
 def effect_head(effect: Effect) -> str:
     """Name the metric of an effect with its better direction in the task, and its unit."""
-    label = f"{METRICS[effect.metric].label} {effect.direction}".rstrip()
-    return f"{label} ({effect.unit})"
+    return f"{metric_head(effect.metric, effect.task)} ({effect.unit})"
 
 
 def run_line(run: ComparedRun) -> str:
@@ -125,35 +118,30 @@ def show_result(result: GateResult, console: Console) -> None:
     """Print a gate's result; the last two lines are the answer, and what to type next."""
     titles = (result.baseline.title, result.candidate.title)
     changes = changes_blocks(result.changes, titles, SHOWN_CHANGES)
-    console.print(on_screen((*result_blocks(result), *changes, "")))
+    console.print(tables.on_screen((*result_blocks(result), *changes, "")))
     console.print(Text(result_line(result), style=STYLES[result.decision]), soft_wrap=True)
     console.print(Text(f"next: {result.next_command}"), soft_wrap=True)
 
 
 def gate_markdown(result: GateResult) -> str:
     """Write a result as a section of a page, such as a GitHub step summary."""
-    answer = escape_md(result_line(result))
+    answer = tables.escape_md(result_line(result))
     lines = [f"## {MARKS[result.decision]} minitouch-bench {answer}", ""]
-    lines += [f"- next: {code_span(result.next_command)}"]
-    lines += as_markdown(result_blocks(result))
+    lines += [f"- next: {tables.code_span(result.next_command)}"]
+    lines += tables.as_markdown(result_blocks(result))
     if result.changes:
         titles = (result.baseline.title, result.candidate.title)
         title = f"{len(result.changes)} episodes ended in another way"
         lines += ["", f"<details><summary>{title}</summary>"]
-        lines += as_markdown(changes_blocks(result.changes, titles, SUMMARY_CHANGES))
+        lines += tables.as_markdown(changes_blocks(result.changes, titles, SUMMARY_CHANGES))
         lines += ["", "</details>"]
     return "\n".join(lines) + "\n"
 
 
 def gate_json(result: GateResult) -> str:
     """Write a gate's result; the keys are the fields of ``GateResult``."""
-    document = {
-        "format": "minitouch-regression",
-        "version": RESULT_VERSION,
-        "exit_code": result.exit_code,
-        **asdict(result),
-    }
-    return json_text(document)
+    mark = {"format": "minitouch-regression", "version": RESULT_VERSION}
+    return json_text({**mark, "exit_code": result.exit_code, **asdict(result)})
 
 
 def gate_junit(result: GateResult) -> str:
@@ -245,7 +233,7 @@ def task_tables(result: GateResult) -> tuple[tables.Table, ...]:
         if metric.p_adjusted is not None:
             p_value = p_text(metric.p_adjusted)
             verdict = "worse" if metric.is_worse else "not worse for certain"
-        rows.append((metric.effect, effect_row(metric.effect, p_value, verdict)))
+        rows.append((metric.effect, p_value, verdict))
     columns = tables.make_columns(*GATE_LABELS, "p adjusted", "Verdict", words=["Verdict"])
     return tuple(tables_by_metric(columns, rows))
 
@@ -275,27 +263,24 @@ def _reason(result: GateResult) -> str:
 
 def gate_notes(result: GateResult) -> tuple[str, ...]:
     """Say how the figures of a result were made, and what is not alike."""
-    notes = [f"{NOT_ALIKE}: {note}." for note in result.notes]
     alpha = f"{100 * result.settings.alpha:g} %"
-    notes.append(
+    return (
+        *(f"{NOT_ALIKE}: {note}." for note in result.notes),
         "Brackets: 95 % interval of the paired difference, of the row alone. p: one-sided, that "
         f"the candidate is no worse. Chance of a false regression: at most {alpha}. Only after a "
-        "regression are the metrics of each task tested, adjusted together by Holm's method."
-    )
-    notes.append(
+        "regression are the metrics of each task tested, adjusted together by Holm's method.",
         "regression: worse beyond the tolerance, and significant. no regression: the interval "
         "excludes a worsening beyond the tolerance. not enough episodes: neither; it fails "
         f"(exit {NOT_ENOUGH_CODE}) where the episodes seen are worse beyond the tolerance, with "
-        "--strict always, with --lenient never."
+        "--strict always, with --lenient never.",
     )
-    return tuple(notes)
 
 
-def result_blocks(result: GateResult) -> Iterator[Block]:
+def result_blocks(result: GateResult) -> Iterator[tables.Block]:
     """Yield what a gate's answer rests on."""
     yield from map(run_line, (result.baseline, result.candidate))
     yield ""
     yield endpoint_table(result)
     yield from task_tables(result)
     yield ""
-    yield from map(NoteBlock, gate_notes(result))
+    yield from map(tables.NoteBlock, gate_notes(result))

@@ -19,7 +19,8 @@ from minitouch_bench.metrics.intervals import Estimate, Root, stream
 from minitouch_bench.metrics.significance import ALPHA
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import run_labels
-from minitouch_bench.runs.run import Run, RunHeader
+from minitouch_bench.runs.plan import first_of
+from minitouch_bench.runs.run import Run
 
 COMPARED_METRICS = metrics_shown_in(ShownIn.TABLE4)
 """What two runs are compared in."""
@@ -47,66 +48,47 @@ def pair_runs(first: Run, second: Run) -> Pairs:
         UsageError: suite or seed differ, no task is left, or the episodes are not the same ones;
             the text says which.
     """
-    _refuse_other_runs(first, second)
+    runs = (first, second)
     left_out = first.header.rules_differ(second.header)
-    here, there = _by_key(first, left_out), _by_key(second, left_out)
-    _refuse_missing(first.name, second.name, [key for key in here if key not in there])
-    _refuse_missing(second.name, first.name, [key for key in there if key not in here])
+    is_all = {*left_out} == {*first.plan.tasks} & {*second.plan.tasks}
+    _refuse_other("protocols", runs, [_rules(run, left_out if is_all else ()) for run in runs])
+    _refuse_other("suites", runs, [run.plan.suite for run in runs])
+    _refuse_other("seeds", runs, [run.plan.seed for run in runs])
+    here, there = (_by_key(run, left_out) for run in runs)
+    missing = (
+        [key for key in one if key not in other] for one, other in ((here, there), (there, here))
+    )
+    _refuse_other("episodes", runs, [first_of(keys, NAMED_EPISODES) or "none" for keys in missing])
     for key, one in here.items():
-        for what in ("seed", "shape"):
-            left, right = getattr(one, what), getattr(there[key], what)
-            if left != right:
-                raise UsageError(
-                    f"the episodes {key} are not the same one: "
-                    f"{what} '{_short(str(left))}' in one run, '{_short(str(right))}' in the other"
-                )
+        scenes = [f"seed {episode.seed}, shape '{episode.shape}'" for episode in (one, there[key])]
+        _refuse_other(f"episodes {key}", runs, scenes)
     return {key: (one, there[key]) for key, one in here.items()}
 
 
-def _refuse_other_runs(first: Run, second: Run) -> None:
-    """Refuse two runs of another suite or seed, or with other rules in every task."""
-    headers = (first.header, second.header)
-    differing = first.header.rules_differ(second.header)
-    is_other = {*differing} == {*first.plan.tasks} & {*second.plan.tasks}
-    for what, left, right in (
-        ("protocols", *(_rules(header, differing if is_other else ()) for header in headers)),
-        ("suites", *(header.plan.suite for header in headers)),
-        ("seeds", *(str(header.plan.seed) for header in headers)),
-    ):
-        if left != right:
-            raise UsageError(
-                f"'{_short(first.name)}' and '{_short(second.name)}' cannot be compared: "
-                f"their {what} differ ({_short(left)}; {_short(right)})"
-            )
+def _refuse_other(what: str, runs: tuple[Run, Run], values: Sequence[object]) -> None:
+    if values[0] != values[1]:
+        names = " and ".join(f"'{_short(run.name)}'" for run in runs)
+        differing = "; ".join(_short(str(value)) for value in values)
+        raise UsageError(f"{names} are not of the same episodes: their {what} differ ({differing})")
 
 
-def _rules(header: RunHeader, tasks: Sequence[str]) -> str:
-    digests = (f"{task} {header.task_digests.get(task, 'none')[:12]}" for task in tasks)
-    return f"{header.protocol}: {', '.join(digests)}" if tasks else ""
+def _rules(run: Run, tasks: Sequence[str]) -> str:
+    digests = (f"{task} {run.header.task_digests.get(task, 'none')[:12]}" for task in tasks)
+    return f"{run.header.protocol}: {', '.join(digests)}" if tasks else ""
 
 
 def _by_key(run: Run, left_out: Sequence[str]) -> dict[str, Episode]:
-    by_key: dict[str, Episode] = {}
-    for role, episodes in run.by_role():
-        for episode in episodes:
-            key = episode_key(role, episode.task, episode.index)
-            if key in by_key:
-                raise UsageError(f"'{_short(run.name)}' holds the episode {key} twice")
-            if episode.task not in left_out:
-                by_key[key] = episode
-    if not by_key:
-        raise UsageError(f"'{_short(run.name)}' holds no episodes")
+    rows = [
+        (episode_key(role, episode.task, episode.index), episode)
+        for role, episodes in run.by_role()
+        for episode in episodes
+        if episode.task not in left_out
+    ]
+    by_key = dict(rows)
+    if not rows or len(by_key) < len(rows):
+        what = "holds an episode twice" if rows else "holds no episodes"
+        raise UsageError(f"'{_short(run.name)}' {what}")
     return by_key
-
-
-def _refuse_missing(there: str, here: str, missing: Sequence[str]) -> None:
-    if missing:
-        listed = ", ".join(missing[:NAMED_EPISODES])
-        more = ", …" if len(missing) > NAMED_EPISODES else ""
-        raise UsageError(
-            f"'{_short(there)}' and '{_short(here)}' are not of the same episodes: "
-            f"{len(missing)} of the first are not in the second ({listed}{more})"
-        )
 
 
 def _short(text: str) -> str:
@@ -232,6 +214,11 @@ class Effect:
             KeyError: the metric has no direction.
         """
         return self.difference.value * WORSE_SIGNS[self.direction]
+
+    @property
+    def p_worse(self) -> float:
+        """The p-value that the second run is no worse: half the two-sided one, by symmetry."""
+        return self.p_value / 2.0 if self.worsening > 0.0 else 1.0
 
     @property
     def worst(self) -> float:

@@ -13,7 +13,6 @@ from minitouch_bench.comparison.comparison import (
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.significance import holm
 from tests.comparison.pairs import (
-    Values,
     draw,
     flags,
     make_saved,
@@ -80,23 +79,6 @@ def test_more_of_a_metric_without_direction_is_neither_better_nor_worse():
             if one.effect.metric == "touch_interaction"
         }
         assert found == {**dict.fromkeys(TASKS, words), "playing": f"{best} is better"}
-
-
-def test_touching_all_the_time_is_not_better_where_there_is_a_goal():
-    """B holds the object in every step and never succeeds."""
-    reaches, holds = (
-        make_saved({task: Values(won, steps, steps * 9, touched) for task in TASKS}, name)
-        for name, won, steps, touched in (
-            ("reaches", flags(60, 60), np.full(60, 20), np.full(60, 5)),
-            ("holds", flags(0, 60), np.full(60, 200), np.full(60, 200)),
-        )
-    )
-    found = {
-        one.effect.task: one.verdict
-        for one in compared(reaches, holds).pairs[0].metrics
-        if one.effect.metric == "touch_share"
-    }
-    assert found == {**dict.fromkeys(TASKS, "B has more"), "playing": "B is better"}
 
 
 def test_an_interval_and_its_own_p_value_agree_and_the_verdict_follows_the_adjusted_one():

@@ -71,9 +71,6 @@ def test_every_episode_lost_is_a_regression_however_few(tmp_path):
     result = judged(lost, baseline=won)
     assert (result.decision, result.exit_code) == (Decision.REGRESSION, 1)
     assert result.endpoint.p_value == pytest.approx(0.5**8)
-    assert result_line(result) == (
-        "regression: mean success 1.000 → 0.000 in 8 episodes, beyond the tolerance, p 0.0039"
-    )
     assert result.next_command == "minitouch-bench replay runs/new pushing/0"
 
 
@@ -107,9 +104,7 @@ def test_what_chance_explains_is_not_enough_and_fails_where_it_is_beyond(lost, o
     assert result.endpoint.is_beyond == (lost == 4)
     assert worse_in(result) == []
     assert {one.p_adjusted for one in result.per_task} == {None}
-    words = result_line(result)
-    assert words.startswith("not enough episodes: mean success 1.000 → ")
-    assert "PASS" not in words
+    assert result_line(result).startswith("not enough episodes")
     assert "--output runs/base-" in result.next_command
     assert f"--episodes {result.endpoint.episodes_needed}" in result.next_command
 
@@ -149,7 +144,7 @@ def test_exploration_is_not_gated_again_by_a_policy():
 
 def test_what_the_most_episodes_would_not_settle_is_called_so():
     result = judged(replace(few(0), digest="other"), GateSettings(tolerance=Tolerance(0.0)), few(0))
-    assert "even 10,000 episodes per task, the maximum, would not settle" in result_line(result)
+    assert "10,000" in result_line(result)
 
 
 def test_an_improvement_is_no_regression():
@@ -266,17 +261,20 @@ def test_other_conditions_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("other", "line", "command"),
+    ("other", "mark", "line", "command"),
     [
-        (candidate(70), "regression: mean ", "minitouch-bench replay runs/new pushing/70"),
-        (candidate(100), "no regression: mean ", "minitouch-bench compare runs/base runs/new"),
+        (candidate(70), "❌", "regression: mean ", "replay runs/new pushing/70"),
+        (candidate(100), "✅", "no regression: mean ", "compare runs/base runs/new"),
     ],
 )
-def test_it_ends_in_the_answer_and_the_command_to_type_next(other, line, command, tmp_path):
+def test_the_screen_ends_in_the_answer_with_which_the_summary_begins(
+    other, mark, line, command, tmp_path
+):
     result = judged(with_actions(other, tmp_path))
     answer, following = shown(show_result, result).strip().splitlines()[-2:]
     assert answer.startswith(line)
-    assert following == f"next: {command}"
+    assert following == f"next: minitouch-bench {command}"
+    assert gate_markdown(result).startswith(f"## {mark} minitouch-bench {line}")
 
 
 def test_a_run_without_actions_has_no_command_that_replays_it(tmp_path):
@@ -297,15 +295,10 @@ def test_after_a_regression_of_exploration_an_exploration_episode_is_replayed(tm
 
 def test_the_document_says_all():
     document = json.loads(gate_json(judged(few(4), baseline=make_saved(FEW, "base"))))
-    assert (document["format"], document["decision"]) == (
-        "minitouch-regression",
-        "not enough episodes",
-    )
-    assert document["exit_code"] == 5
+    assert (document["format"], document["exit_code"]) == ("minitouch-regression", 5)
+    assert document["decision"] == "not enough episodes"
     endpoint = document["endpoint"]
     assert (endpoint["tolerance"], endpoint["tasks"]) == (0.05, ["pushing", "opening"])
-    assert endpoint["episodes_needed"] > 10
-    assert document["next_command"].startswith("minitouch-bench evaluate ")
 
 
 def junit_suite(result):
@@ -362,23 +355,6 @@ def test_the_names_of_junit_s_cases_are_unique_and_do_not_depend_on_the_outcome(
     assert len(set(one)) == len(one) > len(tasks)
 
 
-def test_the_summary_begins_with_the_answer():
-    assert gate_markdown(judged(candidate(70))).startswith(
-        "## ❌ minitouch-bench regression: mean success 0.925 → 0.825"
-    )
-    page = gate_markdown(judged(few(4), baseline=make_saved(FEW, "base")))
-    assert page.startswith("## ❔ minitouch-bench not enough episodes: ")
-    assert gate_markdown(judged(candidate(90))).startswith("## ✅ minitouch-bench no regression: ")
-    assert "4 episodes ended in another way" in page
-
-
-def test_the_screen_shows_every_metric_in_its_width():
-    text = shown(show_result, judged(candidate(70)))
-    for wanted in ("What decides: Success ↑", "Success ↑ (share of episodes)", "Mean"):
-        assert wanted in text
-    assert max(map(len, text.splitlines()[:-2])) <= 120  # the last two stay whole, to be copied
-
-
 def test_hostile_names_are_harmless_everywhere():
     hostile = replace(candidate(70, name=HOSTILE), faults={"pushing/1": HOSTILE})
     result = judge_runs(BASELINE, hostile, (HOSTILE, HOSTILE), STANDARD)
@@ -421,11 +397,6 @@ def test_a_value_without_meaning_is_refused_by_name(change):
         GateSettings(**change)
 
 
-@pytest.mark.parametrize("alpha", [SMALLEST_ALPHA, LARGEST_ALPHA])
-def test_the_ends_of_the_level_are_levels(alpha):
-    assert GateSettings(alpha).alpha == alpha
-
-
 @pytest.mark.parametrize(
     ("text", "tolerance"),
     [
@@ -448,9 +419,3 @@ def test_a_relative_tolerance_is_of_the_baseline_s_mean():
     assert Tolerance(0.1, relative=True).absolute(40.0) == 4.0
     assert Tolerance(0.1).absolute(40.0) == 0.1
     assert [str(Tolerance(0.1, relative=True)), str(Tolerance(0.05))] == ["10%", "0.05"]
-
-
-def test_each_metric_has_a_usual_tolerance_that_another_replaces():
-    assert GateSettings().tolerance_of("success") == Tolerance(0.05)
-    assert GateSettings().tolerance_of("touch_share").relative
-    assert GateSettings(tolerance=Tolerance(0.1)).tolerance_of("success") == Tolerance(0.1)

@@ -30,7 +30,6 @@ from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.comparison.comparison import (
     compare_runs,
     comparison_json,
-    comparison_text,
 )
 from minitouch_bench.comparison.gate import judge_runs
 from minitouch_bench.comparison.gate import GateSettings
@@ -53,7 +52,7 @@ for name, text in {
     "report.tex": table4_latex(build_report([runs[0]])),
     "report.html": to_html(build_report([runs[0]])),
     "novel.html": to_html(build_report([read_run(root / "novel")])),
-    "compare.txt": comparison_text(compare_runs(runs, paths)),
+    "compare.txt": str(compare_runs(runs, paths)),
     "compare.json": comparison_json(compare_runs(runs, paths)),
     "regress.md": gate_markdown(judge_runs(*runs, paths, GateSettings())),
     "stored.txt": "".join(map(str, check_run(read_run(stored)))),
