@@ -16,7 +16,7 @@ from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.protocol.minitouch import (
     ACT_TIMEOUT_S,
     EPISODE_TIMEOUT_S,
-    PROTOCOL,
+    MAIN_SUITE,
     SUITE_NAMES,
 )
 
@@ -24,9 +24,7 @@ from minitouch_bench.protocol.minitouch import (
 def evaluate(
     policy: options.Policy,
     *,
-    suite: Annotated[str, episodes_option(help=f"{', '.join(SUITE_NAMES)}.")] = PROTOCOL.suites[
-        0
-    ].name,
+    suite: Annotated[str, episodes_option(help=f"{', '.join(SUITE_NAMES)}.")] = MAIN_SUITE,
     name: Annotated[str | None, episodes_option(help="Name of the policy in reports.")] = None,
     tasks: Annotated[
         str | None,

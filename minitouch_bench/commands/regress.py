@@ -2,24 +2,18 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, episode_progress, note
 from minitouch_bench.cli.options import output_option
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import AUTO
-from minitouch_bench.files import ACTIONS_FILE, REPORTS, append_bytes, lock_directory, write_file
+from minitouch_bench.files import REPORTS, append_bytes, lock_directory, write_file
 from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
-
-if TYPE_CHECKING:
-    from minitouch_bench.comparison.gate import GateSettings
-    from minitouch_bench.evaluation.actors import PolicySetup
-    from minitouch_bench.policies.policy import IsolationOptions
-    from minitouch_bench.runs.run import Run
 
 GITHUB_SUMMARY = "GITHUB_STEP_SUMMARY"
 """The variable in which a GitHub workflow names the file of a step's summary."""
@@ -106,26 +100,32 @@ def regress(
         GateSettings,
         Tolerance,
         judge_runs,
+        refuse_other_rules,
         without_exploration,
     )
+    from minitouch_bench.evaluation.actors import prepare_policies
     from minitouch_bench.evaluation.engine import open_engine
-    from minitouch_bench.evaluation.execution import open_run, play, run_name
+    from minitouch_bench.evaluation.execution import header_of, open_run, play, run_name
     from minitouch_bench.reporting.report import write_views
-    from minitouch_bench.runs.run import Run
+    from minitouch_bench.runs.run import Run, read_run
+    from minitouch_bench.verification.static_check import refuse_edited
 
     allowed = None if tolerance is None else Tolerance.parse(tolerance)
     settings = GateSettings(alpha, metric or "", allowed, strict, lenient)
-    before = read_checked(baseline)
+    before = refuse_edited(read_run(baseline))
     if candidate is not None:
         directory = candidate
-        after = read_checked(directory)
+        after = refuse_edited(read_run(directory))
     else:
         isolated = isolation_options(isolation, trust, act_timeout, episode_timeout)
         opening = open_engine(engine, workers, address)
         if before.exploration_rows:
             note("the baseline's exploration episodes are left out: POLICY has none")
             before = without_exploration(before)
-        setup = _prepare_like(before, policy, settings, isolated)
+        judge_runs(before, before, ("", ""), settings)  # what cannot be judged is not played
+        plan = replace(before.plan, limits=isolated.limits)
+        setup = prepare_policies(policy, plan, isolated, note)
+        refuse_other_rules(before, header_of(setup))
         directory = output or REPORTS / f"{run_name(setup)}-regress"
         with episode_progress() as callbacks, opening as running, lock_directory(directory):
             opened = open_run(setup, directory, resume=resume, fresh=fresh)
@@ -144,62 +144,3 @@ def regress(
         gate_report.show_result(result, data_console())
     if result.exit_code:
         raise typer.Exit(result.exit_code)
-
-
-def read_checked(directory: Path) -> "Run":
-    """Read a run whose numbers agree with one another: see ``refuse_edited``.
-
-    Raises:
-        RunDirectoryError: it is not a run, or was edited.
-        UsageError: it was played by other rules than this installation's.
-    """
-    from minitouch_bench.runs.run import read_run
-
-    run = read_run(directory)
-    refuse_edited(run)
-    return run
-
-
-def refuse_edited(run: "Run") -> None:
-    """Refuse a run that cannot have been written as it is, as far as its files say so.
-
-    Its digest does not cover every number of an episode, so the estimates are computed again, and
-    the actions counted where they are kept. Only ``verify``, which replays the actions, finds
-    numbers that were changed in every place where they stand. How ``run.json`` is formatted does
-    not matter: a repository's hooks may format it.
-
-    Raises:
-        RunDirectoryError: it was edited, or its actions are damaged.
-        UsageError: it was played by other rules than this installation's.
-    """
-    from minitouch_bench.verification.static_check import check_run
-
-    assert run.directory is not None
-    has_actions = (run.directory / ACTIONS_FILE).exists()
-    for problem in check_run(replace(run, content=b""), unpack_actions=has_actions):
-        if problem.is_other_protocol:
-            raise UsageError(f"{run.directory}: {problem.what}: make the run again")
-        raise RunDirectoryError(f"{run.directory} was edited or damaged.\n{problem}")
-
-
-def _prepare_like(
-    baseline: "Run",
-    policy: object,
-    settings: "GateSettings",
-    isolation: "IsolationOptions",
-) -> "PolicySetup":
-    """Load a policy to play the baseline's plan.
-
-    Raises:
-        UsageError: the policy's episodes cannot be judged by the baseline's.
-        PolicyError: the policy cannot be used.
-    """
-    from minitouch_bench.comparison.gate import judge_runs, refuse_other_rules
-    from minitouch_bench.evaluation.actors import prepare_policies
-    from minitouch_bench.evaluation.execution import header_of
-
-    judge_runs(baseline, baseline, ("", ""), settings)  # what cannot be judged is not played
-    plan = replace(baseline.plan, limits=isolation.limits)
-    setup = prepare_policies(policy, plan, isolation, note)
-    refuse_other_rules(baseline, header_of(setup))
-    return setup

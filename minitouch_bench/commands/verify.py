@@ -63,39 +63,30 @@ def verify(
     from minitouch_bench.verification.static_check import check_run
 
     opening = open_engine(engine, workers, address)
-    opened = read_run(run)
-    if problems := check_run(opened):
-        _show(Findings(problems), run, as_json)
     isolated = isolation_options(isolation, trust)
+    opened = read_run(run)
+    found = Findings(check_run(opened))
     setup = None
-    if rerun:
+    if rerun and found.passed:
         policy = policy or _source_of(opened.header.policy, "--policy")
         exploration = exploration or _source_of(opened.header.exploration, "--exploration")
         setup = replay_check.prepare_rerun(opened, policy, exploration, isolated, note)
-    try:
-        with episode_progress() as callbacks, opening as running:
-            callbacks.phase("replaying", len(opened.header.specs()))
-            found = replay_check.replay_run(opened, running, callbacks.episode)
-            if setup is not None and found.passed:
-                specs = replay_check.draw_episodes(opened, rerun, np.random.default_rng())
-                callbacks.phase("running again", len(specs))
-                again = replay_check.run_again(opened, setup, specs, running, callbacks.episode)
-                found = replace(again, replayed=found.replayed)
-    except KeyboardInterrupt as error:
-        raise InterruptedRunError("interrupted; nothing was changed") from error
-    _show(found, run, as_json)
-
-
-def _show(found: "Findings", run: Path, as_json: bool) -> None:
-    """Print what a check found.
-
-    Raises:
-        typer.Exit: it found a difference.
-    """
+    if found.passed:
+        try:
+            with episode_progress() as callbacks, opening as running:
+                callbacks.phase("replaying", len(opened.header.specs()))
+                found = replay_check.replay_run(opened, running, callbacks.episode)
+                if setup is not None and found.passed:
+                    specs = replay_check.draw_episodes(opened, rerun, np.random.default_rng())
+                    callbacks.phase("running again", len(specs))
+                    again = replay_check.run_again(opened, setup, specs, running, callbacks.episode)
+                    found = replace(again, replayed=found.replayed)
+        except KeyboardInterrupt as error:
+            raise InterruptedRunError("interrupted; nothing was changed") from error
     if as_json:
         print(json.dumps({"passed": found.passed, **asdict(found)}, indent=1))
     else:
-        _show_problems(found, run)
+        _show(found, run)
     if not found.passed:
         raise typer.Exit(CHECK_FAILED)
 
@@ -123,21 +114,18 @@ def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
     return recorded.source
 
 
-def _show_problems(found: "Findings", run: Path) -> None:
-    console = data_console()
-
-    def line(text: str, style: str = "") -> None:
-        console.print(printable(text), style=style, markup=False, highlight=False, soft_wrap=True)
-
-    for problem in found.problems[:SHOWN]:
-        line(str(problem))
+def _show(found: "Findings", run: Path) -> None:
+    lines = [str(problem) for problem in found.problems[:SHOWN]]
     if len(found.problems) > SHOWN:
-        line(f"... and {len(found.problems) - SHOWN} more")
+        lines.append(f"... and {len(found.problems) - SHOWN} more")
     if found.replayed:
-        line(f"{found.replayed} episodes replayed from their recorded actions")
+        lines.append(f"{found.replayed} episodes replayed from their recorded actions")
     if found.reran:
-        line(f"{found.reran} episodes run again with the checkpoint")
+        lines.append(f"{found.reran} episodes run again with the checkpoint")
+    answer, style = f"{run} is not verified", "bold red"
     if found.passed:
-        line(f"{run} is verified: every number follows from its episodes", "bold green")
-    else:
-        line(f"{run} is not verified", "bold red")
+        answer = f"{run} is verified: every number follows from its episodes"
+        style = "bold green"
+    console = data_console()
+    for line, look in (*((line, "") for line in lines), (answer, style)):
+        console.print(printable(line), style=look, markup=False, highlight=False, soft_wrap=True)

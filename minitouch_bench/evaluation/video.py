@@ -1,6 +1,7 @@
 """Videos of recorded episodes, made by replaying their actions."""
 
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -51,6 +52,11 @@ def write_video(
 def video_name(key: str, suffix: str = ".mp4") -> str:
     """Return the file name of an episode's video, as ``pushing-17.mp4``."""
     return key.replace("/", "-") + suffix
+
+
+def video_suffix() -> str:
+    """Return the kind of video that this installation can write."""
+    return ".mp4" if find_spec("imageio_ffmpeg") and find_spec("imageio") else ".gif"
 
 
 def require_video() -> Any:

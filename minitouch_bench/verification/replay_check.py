@@ -1,6 +1,7 @@
 """A run checked without trust: its actions replayed, and drawn episodes run again."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import fields, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from minitouch_bench.episode import (
 from minitouch_bench.errors import IncompleteCheckError, UsageError
 from minitouch_bench.evaluation.actors import PolicySetup, Recording, prepare_policies
 from minitouch_bench.evaluation.engine import Engine, Note
+from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.metrics.summary import measure, touch_curve
 from minitouch_bench.perturbation import USUAL_LIMITS
 from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions
@@ -23,6 +25,7 @@ from minitouch_bench.policies.sources import PolicySource, identify
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.problems import Findings, Problem
+from minitouch_bench.verification.static_check import refuse_unplayable
 
 
 def replay_run(
@@ -75,6 +78,26 @@ def _with_claims(record: PlayedEpisode, row: Episode) -> PlayedEpisode:
     clipped = np.zeros(len(record.trace.actions), np.bool_)
     clipped[at_bounds[: row.clipped_actions]] = True
     return replace(record, trace=replace(record.trace, clipped=clipped))
+
+
+def replay_episode(run: Run, key: str) -> PlayedEpisode:
+    """Play one episode of a run by its recorded actions.
+
+    Raises:
+        UsageError: the run has no such episode, or cannot be replayed here.
+        RunDirectoryError: a file of it is missing or damaged.
+    """
+    refuse_unplayable(run)
+    spec, _ = run.find(key)
+    run.actions_of(spec.key)
+    with closing(EpisodeRunner(Recording(run.actions, run.plan.conditions))) as runner:
+        return runner.run(spec)
+
+
+def is_as_recorded(run: Run, replayed: PlayedEpisode) -> bool:
+    """Say whether the bits and the outcome of a replayed episode are those of the run's row."""
+    _, row = run.find(replayed.spec.key)
+    return (replayed.trace.digest(), replayed.outcome) == (row.digest, row.outcome)
 
 
 def draw_episodes(run: Run, count: int, rng: np.random.Generator) -> tuple[EpisodeSpec, ...]:

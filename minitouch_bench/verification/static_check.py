@@ -11,7 +11,7 @@ from itertools import islice
 import numpy as np
 
 from minitouch_bench.episode import IN_MEMORY, Episode, EpisodeSpec, Outcome, episode_key
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import ACTIONS_FILE, RUN_FILE
 from minitouch_bench.json_io import plain
 from minitouch_bench.metrics.definitions import METRICS
@@ -250,6 +250,27 @@ def _actions_mistake(actions: Actions, row: Episode) -> str:
     if row.clipped_actions > at_bounds:
         return f"{row.clipped_actions} are said to be clipped, {at_bounds} are at a bound"
     return ""
+
+
+def refuse_edited(run: Run) -> Run:
+    """Refuse a stored run that cannot have been written as it is, as far as its files say so.
+
+    Its digest does not cover every number of an episode, so the estimates are computed again, and
+    the actions counted where they are kept. Only ``replay_run`` finds numbers that were changed
+    in every place where they are written. How ``run.json`` is formatted does not matter: a
+    repository's hooks may format it.
+
+    Raises:
+        RunDirectoryError: it was edited, or its actions are damaged.
+        UsageError: it was played by other rules than this installation's.
+    """
+    assert run.directory is not None
+    has_actions = (run.directory / ACTIONS_FILE).exists()
+    for problem in check_run(replace(run, content=b""), unpack_actions=has_actions):
+        if problem.is_other_protocol:
+            raise UsageError(f"{run.directory}: {problem.what}: make the run again")
+        raise RunDirectoryError(f"{run.directory} was edited or damaged.\n{problem}")
+    return run
 
 
 def refuse_unplayable(run: Run) -> None:

@@ -6,8 +6,9 @@ import shlex
 from pathlib import Path
 
 import pytest
+import typer
 
-from minitouch_bench.commands.replay import replay_episode, write_replay_video
+from minitouch_bench.commands.replay import replay
 from minitouch_bench.commands.report import report
 from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.validation import validate
@@ -57,8 +58,9 @@ def test_the_report_of_a_submission_s_run_is_written_elsewhere(run_path):
 
 @pytest.mark.usefixtures("inside")
 def test_an_episode_of_a_submission_s_run_is_recorded_on_video_elsewhere():
-    video = write_replay_video(replay_episode(RUN, shortest(RUN)))
-    assert video.parent == Path("reports/hac/seed-0/table4/replays")
+    with pytest.raises(typer.Exit):  # nobody simulated these episodes
+        replay(RUN, shortest(RUN))
+    (video,) = Path("reports/hac/seed-0/table4/replays").iterdir()
     assert video.stat().st_size > 1000
 
 
