@@ -1,24 +1,28 @@
 import shutil
-from functools import lru_cache
 from pathlib import Path
 
 import pytest
 
-from minitouch_bench.metrics.summary import summarize
+from minitouch_bench.metrics import intervals
 from tests.leaderboard.synthetic import make_submission
 
 
 @pytest.fixture(scope="package", autouse=True)
-def summarize_once():
-    """Estimate the same episodes once in all: most of these tests spoil something else."""
+def few_resamples():
+    """Estimate from few resamples: these tests need the same intervals twice, not good ones."""
+    whole = intervals.bootstrap
     with pytest.MonkeyPatch.context() as patch:
-        remembered = lru_cache(maxsize=16)(summarize)
-        for module in ("runs.run", "verification.static_check"):
-            patch.setattr(f"minitouch_bench.{module}.summarize", remembered)
+        patch.setattr(
+            intervals,
+            "bootstrap",
+            lambda samples, statistic, rng, _, **options: whole(
+                samples, statistic, rng, 100, **options
+            ),
+        )
         yield
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def sound(tmp_path_factory) -> Path:
     """A submission that passes, which nobody may change."""
     return make_submission(tmp_path_factory.mktemp("sound"), exploration=True)

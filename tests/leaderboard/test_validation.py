@@ -48,18 +48,18 @@ def edit_toml(directory: Path, old: str, new: str) -> None:
 
 
 def test_a_sound_submission_has_no_fault(sound):
-    verdict = validate(sound)
-    assert verdict.problems == ()
-    assert verdict.passed
-    assert set(verdict.runs) == {RUN}
+    found = validate(sound)
+    assert found.problems == ()
+    assert found.passed
+    assert set(found.runs) == {RUN}
 
 
 def test_several_seeds_suites_and_policy_faults_are_sound(tmp_path):
     both = ("table4", "novel-shapes")
     directory = make_submission(tmp_path, "multi", seeds=(0, 7), suites=both, faults=3)
-    verdict = validate(directory)
-    assert verdict.problems == ()
-    assert set(verdict.runs) == {f"seed-{seed}/{suite}" for seed in (0, 7) for suite in both}
+    found = validate(directory)
+    assert found.problems == ()
+    assert set(found.runs) == {f"seed-{seed}/{suite}" for seed in (0, 7) for suite in both}
 
 
 @pytest.mark.parametrize("kind", ["random", "zero", "scripted", "remote"])
@@ -74,13 +74,6 @@ def test_checkpoints_need_not_be_included(tmp_path):
     assert validate(directory).problems == ()
 
 
-def test_an_empty_submission_file_is_a_fault(submission):
-    (submission / "submission.toml").write_bytes(b"")
-    verdict = validate(submission)
-    assert not verdict.passed
-    assert "its format is not 'minitouch-submission'" in str(verdict.problems[0])
-
-
 def test_every_fault_is_told_at_once(submission):
     edit_toml(submission, 'method = "HaC, retrained"', 'method = "<b>bold</b>"')
     edit_toml(submission, 'paper = "https://', 'paper = "http://')
@@ -91,22 +84,71 @@ def test_every_fault_is_told_at_once(submission):
         assert words in found
 
 
-# Figures
+# Runs
 
 
-def test_edited_metrics_in_run_json(submission):
-    def change(run):
-        run["episodes"][0]["touch_interaction"] += 1
+def fewer_hard_episodes(run):
+    rows = run["episodes"]
+    run["episodes"] = [e for e in rows if e["task"] != "pushing" or e["outcome"] == "success"]
 
+
+def another_curve(run, by=9):
+    curve = run["summary"]["tasks"][0]["touch_curve"]
+    curve[50], curve[51] = curve[50] + by, curve[51] - by
+
+
+def another_protocol(run):
+    run["header"]["protocol"] = "minitouch-v2"
+    run["header"]["task_digests"]["stacking"] = "0" * 64
+    run["header"]["protocol_digest"] = "0" * 2000
+
+
+def many_packages(run):
+    run["environment"]["packages"] = {f"package-{number}": "1" for number in range(10_000)}
+
+
+def estimates(run):
+    return run["summary"]["tasks"][1]["estimates"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: d["episodes"][0].update(clipped_actions=1), (RUN, "clipped_actions")),
+        (lambda d: estimates(d)["episode_steps"].update(low=1.0), ("episode_steps.low",)),
+        (another_curve, ("touch curve of playing",)),
+        (lambda d: another_curve(d, 1e308), ("a control step has 0 to 100 ticks",)),
+        (lambda d: d["header"].update(sponsor="somebody"), ("run.json", "unknown")),
+        (lambda d: d["episodes"][3].update(steps=201), ("playing/3", "201 of 200 steps")),
+        (fewer_hard_episodes, ("are missing: pushing/", "evaluate the whole suite")),
+        (lambda d: d["episodes"].__setitem__(101, d["episodes"][100]), ("twice: pushing/0",)),
+        (lambda d: d["episodes"].__setitem__(101, d["episodes"][100]), ("missing: pushing/1",)),
+        (lambda d: d["episodes"][100].update(seed=1), ("another seed", "pushing/0")),
+        (lambda d: d["episodes"][300].update(shape="x"), ("another shape", "pick-up/0")),
+        (lambda d: d["episodes"].reverse(), ("not in the suite's order",)),
+        (lambda d: d["header"]["plan"].update(seed=3), ("the plan gives seed 3",)),
+        (lambda d: d["header"]["plan"].update(suite="smoke"), ("suite 'smoke', not table4",)),
+        (another_protocol, ("header.protocol: it is not minitouch-v1",)),
+        (another_protocol, ("header.task_digests",)),
+        (another_protocol, ("2000 characters",)),
+        (lambda d: d["header"].update(isolation="none"), ("isolation none",)),
+        (lambda d: d["header"]["policy"].update(name="x" * 10_000), ("10000 characters",)),
+        (many_packages, ("10000 things",)),
+        (lambda d: d["header"]["policy"].update(digest="0" * 64), ("is not the checkpoints",)),
+        (lambda d: d["episodes"][0].update(ticks=10**400), ("episodes[0].ticks", "<=")),
+        (lambda d: d["episodes"][0].update(first_touch_tick=10**400), ("first_touch_tick", "<=")),
+    ],
+)
+def test_no_run_can_be_edited(submission, change, words):
     edit_run(submission, change)
-    refused(submission, RUN, "touch_interaction", "recorded")
+    refused(submission, *words)
 
 
 def test_failures_turned_into_successes(submission):
     def change(run):
-        failed = [e for e in run["episodes"] if e["outcome"] == "left_workspace"]
-        for episode in failed:
-            episode.update({"outcome": "success", "episode_return": 25.0})
+        for episode in run["episodes"]:
+            if episode["outcome"] == "left_workspace":
+                episode.update({"outcome": "success", "episode_return": 25.0})
 
     edit_run(submission, change)
     refused(submission, RUN, "digest: it is not that of the episodes")
@@ -114,169 +156,50 @@ def test_failures_turned_into_successes(submission):
     refused(submission, RUN, "success", "recorded")
 
 
-def test_edited_estimates(submission):
-    def change(run):
-        run["summary"]["tasks"][1]["estimates"]["episode_steps"]["low"] *= 1 - 1e-8
-
-    edit_run(submission, change)
-    refused(submission, RUN, "summary.tasks[1].estimates.episode_steps.low")
-
-
-def test_an_edited_touch_curve(submission):
-    def change(run):
-        run["summary"]["tasks"][0]["touch_curve"][50] += 9
-
-    edit_run(submission, change)
-    refused(submission, RUN, "touch curve of playing")
-
-
-def test_a_touch_curve_that_no_step_can_have(submission):
-    def change(run):
-        curve = run["summary"]["tasks"][0]["touch_curve"]
-        curve[50], curve[51] = curve[50] + 1e308, curve[51] - 1e308
-
-    edit_run(submission, change)
-    refused(submission, RUN, "a control step has 0 to 100 ticks")
-
-
-@pytest.mark.parametrize("name", ["episodes.csv", "report.md", "report.html"])
-def test_tables_and_pages_are_no_part_of_a_submission(submission, name):
-    (submission / RUN / name).write_text("")
-    refused(
-        submission, f"{RUN}/{name}", "no such file", "make tables and pages with minitouch-bench"
-    )
-
-
-def test_keys_that_the_schema_does_not_know(submission):
-    edit_run(submission, lambda run: run["header"].update(sponsor="somebody"))
-    refused(submission, f"{RUN}, run.json", "unknown")
-
-
-def test_figures_that_contradict_each_other(submission):
-    edit_run(submission, lambda run: run["episodes"][3].update(steps=201))
-    refused(submission, "playing/3", "201 of 200 steps")
-
-
-# Actions
-
-
-def test_missing_actions(submission):
-    edit_actions(submission / RUN, lambda actions: actions.pop("pushing/17"))
-    refused(submission, "actions.npz", "pushing/17", "missing")
-
-
-def test_actions_of_another_length(submission):
-    edit_actions(submission / RUN, lambda a: a.update({"pushing/3": a["pushing/3"][:-1]}))
-    refused(submission, "actions.npz", "pushing/3", "steps")
-
-
-@pytest.mark.parametrize("value", [1.5, np.nan])
-def test_actions_beyond_their_range(submission, value):
-    def change(actions):
-        actions["opening/0"][0] = value
-
-    edit_actions(submission / RUN, change)
-    refused(submission, "actions.npz", "opening/0", "beyond -1 to 1")
-
-
-def test_actions_of_episodes_that_do_not_exist(submission):
-    edit_actions(submission / RUN, lambda a: a.update({"pushing/100": a["pushing/1"]}))
-    refused(submission, "actions.npz", "pushing/100")
-
-
-def test_actions_that_declare_more_than_they_hold(submission):
-    file = submission / RUN / "actions.npz"
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("pushing/0.npy", bytes(200_000_000))
-    assert file.stat().st_size < 250_000
-    refused(submission, "actions.npz", "declares 200000000 bytes")
-
-
-def test_actions_with_a_pickle_inside(submission):
-    class Boom:
-        def __reduce__(self):
-            return os.mkdir, ("executed",)
-
-    content = io.BytesIO()
-    np.save(content, np.array([Boom()], object), allow_pickle=True)
-    with zipfile.ZipFile(submission / RUN / "actions.npz", "w") as archive:
-        archive.writestr("pushing/0.npy", content.getvalue())
-    refused(submission, "actions.npz", "an array of another kind")
-    assert not Path("executed").exists()
-
-
-# Episodes
-
-
-def test_missing_hard_episodes(submission):
-    def change(run):
-        run["episodes"] = [
-            e for e in run["episodes"] if e["task"] != "pushing" or e["outcome"] == "success"
-        ]
-
-    edit_run(submission, change, seal=True)
-    refused(submission, "are missing: pushing/", "evaluate the whole suite")
-
-
-def test_duplicate_episodes(submission):
-    def change(run):
-        run["episodes"][101] = run["episodes"][100]
-
-    edit_run(submission, change, seal=True)
-    refused(submission, "1 episode is there twice: pushing/0")
-    refused(submission, "1 episode is missing: pushing/1")
-
-
-def test_easier_seeds_and_shapes(submission):
-    def change(run):
-        run["episodes"][100]["seed"] = 1
-        run["episodes"][300]["shape"] = run["episodes"][301]["shape"]
-
-    edit_run(submission, change, seal=True)
-    refused(submission, "another seed than the suite's: pushing/0")
-    refused(submission, "another shape than the suite's: pick-up/0")
-
-
-def test_another_order(submission):
-    edit_run(submission, lambda run: run["episodes"].reverse(), seal=True)
-    refused(submission, "not in the suite's order")
-
-
-def test_an_unofficial_run_that_says_it_is_official(submission):
-    def change(run):
-        run["header"]["plan"]["seed"] = 3
-
-    edit_run(submission, change)
-    refused(submission, "the plan gives seed 3")
-
-
-def test_another_suite_in_its_place(submission):
-    edit_run(submission, lambda run: run["header"]["plan"].update(suite="smoke"))
-    refused(submission, "it is a run of the suite 'smoke', not table4")
-
-
 def test_another_protocol_s_run(submission):
     edit_run(submission, lambda run: run["header"]["task_digests"].update(pushing="0" * 64))
-    verdict = validate(submission)
-    assert verdict.is_other_protocol
+    assert validate(submission).is_other_protocol
     refused(submission, "the rules of pushing are not", "000000000000", "evaluate again")
 
 
-def test_another_name_of_the_protocol(submission):
-    def change(run):
-        run["header"]["protocol"] = "minitouch-v2"
-        run["header"]["task_digests"]["stacking"] = "0" * 64
-        run["header"]["protocol_digest"] = "0" * 2000
-
-    edit_run(submission, change)
-    refused(submission, "header.protocol: it is not minitouch-v1")
-    refused(submission, "header.task_digests: they are not of the plan's tasks")
-    refused(submission, "a text in it has 2000 characters")
+def pickled():
+    content = io.BytesIO()
+    np.save(content, np.array([Boom()], object), allow_pickle=True)
+    return content.getvalue()
 
 
-def test_a_policy_that_could_read_the_simulator(submission):
-    edit_run(submission, lambda run: run["header"].update(isolation="none"))
-    refused(submission, "isolation none")
+class Boom:
+    def __reduce__(self):
+        return os.mkdir, ("executed",)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda a: a.pop("pushing/17"), ("pushing/17", "missing")),
+        (lambda a: a.update({"pushing/3": a["pushing/3"][:-1]}), ("pushing/3", "steps")),
+        (lambda a: a["opening/0"].__setitem__(0, 1.5), ("opening/0", "beyond -1 to 1")),
+        (lambda a: a["opening/0"].__setitem__(0, np.nan), ("opening/0", "beyond -1 to 1")),
+        (lambda a: a.update({"pushing/100": a["pushing/1"]}), ("pushing/100",)),
+    ],
+)
+def test_no_actions_can_be_edited(submission, change, words):
+    edit_actions(submission / RUN, change)
+    refused(submission, "actions.npz", *words)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(bytes(200_000_000), "declares 200000000 bytes"), (pickled(), "an array of another kind")],
+)
+def test_actions_that_are_no_actions_are_not_unpacked(submission, content, words):
+    with zipfile.ZipFile(submission / RUN / "actions.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("pushing/0.npy", content)
+    refused(submission, "actions.npz", words)
+    assert not Path("executed").exists()
+
+
+# Policies
 
 
 def test_a_server_that_hides_what_it_is(tmp_path):
@@ -285,41 +208,39 @@ def test_a_server_that_hides_what_it_is(tmp_path):
     refused(directory, "remote policy lacks its label")
 
 
+def with_another_run(tmp_path, seeds, run):
+    """Make a submission of several training seeds, with this run as that of the last one."""
+    directory = make_submission(tmp_path, seeds=seeds, include=False)
+    shutil.rmtree(directory / f"seed-{seeds[-1]}")
+    write_official(run, directory / f"seed-{seeds[-1]}/table4")
+    return directory
+
+
 def test_an_exploration_policy_of_one_training_seed_alone(tmp_path):
-    directory = make_submission(tmp_path, seeds=(0, 1, 2), include=False)
-    shutil.rmtree(directory / "seed-1")
-    write_official(official_run(seed=1, exploration=True), directory / "seed-1/table4")
+    run = official_run(seed=1, exploration=True)
+    directory = with_another_run(tmp_path, (0, 2, 1), run)
     refused(directory, "2 of 3 training seeds have no exploration policy: 0, 2")
 
 
 @pytest.mark.parametrize("exploration", [False, True])
 def test_a_training_seed_submitted_twice(tmp_path, exploration):
     """With its exploration the final episodes are the same bits, and the run's digest is not."""
-    directory = make_submission(tmp_path, seeds=(0, 1), include=False)
-    shutil.rmtree(directory / "seed-1")
-    write_official(official_run(seed=0, exploration=exploration), directory / "seed-1/table4")
+    directory = with_another_run(tmp_path, (0, 1), official_run(seed=0, exploration=exploration))
     refused(directory, "seed-1/table4", "400 of its 400 episodes are bit for bit those of seed-0")
 
 
 def test_a_training_seed_that_is_nearly_another_one_s_copy(tmp_path):
     """All pairs are compared, not each with the first one alone."""
-    directory = make_submission(tmp_path, seeds=(0, 1, 2), include=False)
-    shutil.rmtree(directory / "seed-2")
     copied, own = official_run(seed=1), official_run(seed=2)
     mixed = replace(copied, records=(*own.records[:200], *copied.records[200:]))
-    write_official(mixed, directory / "seed-2/table4")
+    directory = with_another_run(tmp_path, (0, 1, 2), mixed)
     refused(directory, "seed-2/table4", "200 of its 400 episodes are bit for bit those of seed-1")
 
 
-def test_an_exploration_by_the_scripted_policy(tmp_path):
-    directory = make_submission(tmp_path, exploration=True)
-    edit_run(
-        directory,
-        lambda run: run["header"]["exploration"].update(
-            kind="scripted", digest="", notes=["reads the simulator's state"]
-        ),
-    )
-    refused(directory, "its exploration is the scripted policy's")
+def test_an_exploration_by_the_scripted_policy(submission):
+    scripted = {"kind": "scripted", "digest": "", "notes": ["reads the simulator's state"]}
+    edit_run(submission, lambda run: run["header"]["exploration"].update(scripted))
+    refused(submission, "its exploration is the scripted policy's")
 
 
 def test_a_trained_policy_cannot_take_a_calibration_s_name(submission):
@@ -334,24 +255,17 @@ def test_a_trained_policy_cannot_take_a_calibration_s_name(submission):
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("name", "x" * 10_000, "a name of"),
         ("name", "../../etc", "a name of"),
-        ("name", "Hac", "a name of"),
         ("method", "x" * 10_000, "length"),
         ("method", "<img src=x onerror=alert(1)>", "plain text"),
         ("method", "=HYPERLINK(1)", "formula"),
-        ("method", "+1", "formula"),
         ("method", "a\\u202Eb", "control"),
         ("method", "a\\u001b[31mb", "plain text"),
-        ("method", "a\\nb", "plain text"),
         ("method", "", "length"),
-        ("notes", "@SUM(A1)", "formula"),
         ("license", "do what you want!", "SPDX"),
         ("paper", "javascript:alert(1)", "a link"),
-        ("paper", "http://example.org", "a link"),
         ("paper", "https://user:pass@example.org/x", "a link"),
         ("paper", "https://example.org/'onclick=x \\\\\\\"", "a link"),
-        ("code", "https://" + "x" * 400 + ".org", "length"),
         ("code", "file:///etc/passwd", "a link"),
     ],
 )
@@ -362,33 +276,15 @@ def test_texts_that_could_be_taken_for_more(submission, key, value, words):
     refused(submission, "submission.toml", key, words)
 
 
-def test_an_author_with_a_script(submission):
-    edit_toml(submission, '"A. Researcher"', '"<script>alert(1)</script>"')
-    refused(submission, "authors", "plain text")
-
-
-def test_endless_texts_in_a_run(submission):
-    edit_run(submission, lambda run: run["header"]["policy"].update(name="x" * 10_000))
-    refused(submission, RUN, "10000 characters")
-
-
-def test_endless_lists_of_packages(submission):
-    packages = {f"package-{number}": "1" for number in range(10_000)}
-    edit_run(submission, lambda run: run["environment"].update(packages=packages))
-    refused(submission, RUN, "its environment names 10000 things")
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("version = 1", "version = 2", "version is not 1"),
+        ('"A. Researcher"', '"<script>alert(1)</script>"', "plain text"),
         ("version = 1", "version = 0x" + 4000 * "f", "version is not 1"),
         ('format = "minitouch-submission"', 'format = "x"', "its format is not"),
-        ("training_steps = 2000000", "training_steps = -1", "training_steps"),
         ("training_steps = 2000000", "training_steps = nan", "training_steps"),
         ("training_steps = 2000000", "training_steps = 99999999999999", "training_steps"),
         ('"vision",\n    "touch"', '"state"', "only scripted"),
-        ('"vision",\n    "touch"', '"smell"', "modalities"),
         ("seed = 0", "seed = -3", "seed"),
         ('name = "hac"', 'nme = "hac"', "no key 'nme'"),
         ('name = "hac"', 'nme = "hac"', "'name' is missing"),
@@ -405,7 +301,7 @@ def test_other_mistakes_in_the_file(submission, old, new, words):
 # Paths and files
 
 
-@pytest.mark.parametrize("path", ["../../other/table4", "/etc", "seed-0/../../x", "seed-1/table4"])
+@pytest.mark.parametrize("path", ["../../other/table4", "/etc", "seed-1/table4"])
 def test_paths_of_runs_that_lead_elsewhere(submission, path):
     edit_toml(submission, 'table4 = "seed-0/table4"', f'table4 = "{path}"')
     refused(submission, path, "outside its place")
@@ -415,12 +311,6 @@ def test_paths_of_runs_that_lead_elsewhere(submission, path):
 def test_paths_of_checkpoints_that_lead_elsewhere(submission, path):
     edit_toml(submission, 'path = "checkpoints/seed-0/final/hac.safetensors"', f'path = "{path}"')
     refused(submission, path, "outside its place")
-
-
-@pytest.mark.parametrize("name", ["../x.onnx", "a/b.onnx", ".hidden.onnx", "x.exe"])
-def test_file_names_that_are_none(submission, name):
-    edit_toml(submission, 'file = "hac.safetensors"', f'file = "{name}"')
-    refused(submission, "file")
 
 
 @pytest.mark.parametrize("place", [f"{RUN}/run.json", RUN, "submission.toml", "checkpoints"])
@@ -442,11 +332,14 @@ def test_a_named_pipe_is_never_opened(submission):
     refused(submission, f"{RUN}/pipe", "no plain file")
 
 
-def test_unknown_files(submission):
-    (submission / RUN / "conftest.py").write_text("raise SystemExit")
-    (submission / "checkpoints/seed-0/final/other.safetensors").write_bytes(b"x")
-    refused(submission, f"{RUN}/conftest.py", "no such file")
-    refused(submission, "other.safetensors", "no such file")
+@pytest.mark.parametrize(
+    "place",
+    [f"{RUN}/conftest.py", f"{RUN}/report.html", "checkpoints/seed-0/final/other.safetensors"],
+)
+def test_unknown_files(submission, place):
+    (submission / place).write_text("raise SystemExit")
+    lines = refused(submission, place, "no such file")
+    assert ("make tables and pages" in str(lines)) == place.endswith(".html")
 
 
 def test_files_that_are_too_large(submission):
@@ -475,10 +368,6 @@ def test_a_zip_bomb_as_a_checkpoint(submission):
 
 
 def test_a_checkpoint_that_runs_code_when_read_is_never_read(submission):
-    class Boom:
-        def __reduce__(self):
-            return os.mkdir, ("executed",)
-
     (submission / "checkpoints/seed-0/final/hac.safetensors").write_bytes(pickle.dumps(Boom()))
     refused(submission, "final/hac.safetensors", "SHA-256")
     assert not Path("executed").exists()
@@ -491,26 +380,17 @@ def test_a_checkpoint_that_was_replaced_after_its_proof(submission):
     assert "SHA-256 is not that of submission.toml" in str(problem)
 
 
-@pytest.mark.parametrize("field", ["clipped_actions", "ticks", "touch_onsets", "first_touch_tick"])
-def test_a_count_that_no_computer_can_hold(submission, field):
-    edit_run(submission, lambda run: run["episodes"][0].update({field: 10**400}))
-    refused(submission, RUN, f"episodes[0].{field}: expected int <= 9223372036854775807")
-
-
-def test_a_checkpoint_that_was_not_evaluated(submission):
-    edit_run(submission, lambda run: run["header"]["policy"].update(digest="0" * 64))
-    refused(submission, RUN, "is not the checkpoints of submission.toml")
-
-
 # JSON
 
 
-@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity"])
-def test_numbers_that_json_does_not_have(submission, number):
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [("NaN", "is not JSON"), ("-Infinity", "is not JSON"), ("1e999", "out of range")],
+)
+def test_numbers_that_json_does_not_have(submission, number, words):
     file = submission / RUN / "run.json"
-    text = file.read_text()
-    file.write_text(text.replace('"touch_variance": ', f'"touch_variance": {number}, "x": ', 1))
-    refused(submission, f"{RUN}/run.json", "is not JSON")
+    file.write_text(file.read_text().replace('"wall_s": 754.2', f'"wall_s": {number}'))
+    refused(submission, f"{RUN}/run.json", words)
 
 
 @pytest.mark.parametrize(
@@ -534,13 +414,6 @@ def test_a_key_that_is_there_twice(submission):
     text = file.read_text()
     file.write_text(text.replace('"official": true,', '"official": false,\n  "official": true,', 1))
     refused(submission, f"{RUN}, run.json", "there twice")
-
-
-def test_an_infinite_number_written_as_a_large_one(submission):
-    file = submission / RUN / "run.json"
-    text = file.read_text()
-    file.write_text(text.replace('"wall_s": 754.2', '"wall_s": 1e999'))
-    refused(submission, f"{RUN}/run.json", "wall_s", "out of range")
 
 
 # What is no submission
