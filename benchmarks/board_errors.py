@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from minitouch_bench.leaderboard.ranking import ranks_of, share_p_values
-from minitouch_bench.metrics.significance import ALPHA
+from minitouch_bench.metrics.statistics import ALPHA
 
 Floats = NDArray[np.float64]
 Method = Callable[[np.random.Generator, float], Floats]

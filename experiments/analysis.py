@@ -18,7 +18,7 @@ from experiments.grid import KEY, cells_of, finished_cells, read_design
 from minitouch_bench.leaderboard.ranking import FLOOR_SUCCESS
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in, ranking_metric
 from minitouch_bench.metrics.intervals import OVER_SEEDS, Estimate, over_seeds
-from minitouch_bench.metrics.significance import count_discordance, tango
+from minitouch_bench.metrics.statistics import count_discordance, tango
 from minitouch_bench.reporting.labels import PAPER_METHODS, PAPER_NOTE, paper_cell, task_title
 
 STUDIES = Path(__file__).parents[1] / "docs" / "studies"

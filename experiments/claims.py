@@ -14,7 +14,7 @@ import pandas as pd
 import scipy
 
 from minitouch_bench.metrics.definitions import DOWN, METRICS
-from minitouch_bench.metrics.significance import ALPHA, POWER, holm
+from minitouch_bench.metrics.statistics import ALPHA, POWER, holm
 
 LEAST_SEEDS = 5
 """Training seeds per method below which nothing is decided."""

@@ -12,7 +12,7 @@ from minitouch_bench.comparison.power import episodes_needed
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
-from minitouch_bench.metrics.significance import ALPHA, holm
+from minitouch_bench.metrics.statistics import ALPHA, holm
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
 from minitouch_bench.runs.run import Run

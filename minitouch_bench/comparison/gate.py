@@ -28,8 +28,7 @@ from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_metric
 from minitouch_bench.metrics.intervals import Root
-from minitouch_bench.metrics.significance import ALPHA, holm
-from minitouch_bench.metrics.statistics import Share
+from minitouch_bench.metrics.statistics import ALPHA, Share, holm
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
 from minitouch_bench.reporting.report import view_directory

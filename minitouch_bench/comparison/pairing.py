@@ -16,7 +16,7 @@ from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.metrics.definitions import DOWN, METRICS, UP, ShownIn, metrics_shown_in
 from minitouch_bench.metrics.intervals import Estimate, Root, stream
-from minitouch_bench.metrics.significance import ALPHA
+from minitouch_bench.metrics.statistics import ALPHA
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import run_labels
 from minitouch_bench.runs.plan import first_of

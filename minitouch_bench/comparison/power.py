@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 from minitouch_bench.comparison.pairing import WORSE_SIGNS, PairedValues
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
-from minitouch_bench.metrics.significance import (
+from minitouch_bench.metrics.statistics import (
     POWER,
     Discordance,
+    Mean,
+    Quantile,
+    Share,
     count_discordance,
     mcnemar_p,
     score_statistic,
 )
-from minitouch_bench.metrics.statistics import Mean, Quantile, Share
 
 POWER_QUANTILE = NormalDist().inv_cdf(POWER)
 

@@ -22,8 +22,7 @@ from minitouch_bench.metrics.intervals import (
     over_seeds,
     quadrature,
 )
-from minitouch_bench.metrics.significance import ALPHA, holm, mcnemar_p
-from minitouch_bench.metrics.statistics import MEAN, SHARE
+from minitouch_bench.metrics.statistics import ALPHA, MEAN, SHARE, holm, mcnemar_p
 from minitouch_bench.metrics.summary import GAP_PARTS, Gap
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.runs.run import Run

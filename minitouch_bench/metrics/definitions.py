@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,13 +235,10 @@ def _possible_steps(episode: Episode) -> Bounds:
     return least, PROTOCOL.task(episode.task).max_steps
 
 
-def _axis_variances(
-    samples: NDArray[np.float32] | NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return the population variance of each column of (N, D) samples, as (D,)."""
-    if len(samples) == 0:
-        return np.zeros(samples.shape[1])
-    variances: NDArray[np.float64] = np.var(samples.astype(np.float64), axis=0)
+def _axis_variances(samples: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the population variance of each column of (N, D) samples, float64 (D,)."""
+    some = samples if len(samples) else np.zeros((1, samples.shape[1]))
+    variances: NDArray[np.float64] = np.var(some.astype(np.float64), axis=0)
     return variances
 
 

@@ -102,7 +102,7 @@ def bootstrap_mean(
 
     Source: B. Efron, "Better bootstrap confidence intervals", J. Am. Stat. Assoc. 82 (1987).
     """
-    return bootstrap((values,), _mean, rng, resamples)
+    return bootstrap((values,), np.mean, rng, resamples)
 
 
 def bootstrap_difference(
@@ -125,16 +125,12 @@ def bootstrap_difference(
     return bootstrap((first, second), mean_difference, rng, resamples)
 
 
-def _mean(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    mean: NDArray[np.float64] = values.mean(axis)
-    return mean
-
-
 def mean_difference(
     first: NDArray[np.float64], second: NDArray[np.float64], axis: int
 ) -> NDArray[np.float64]:
     """Return the difference of the means along an axis, first minus second."""
-    return _mean(first, axis) - _mean(second, axis)
+    difference: NDArray[np.float64] = first.mean(axis) - second.mean(axis)
+    return difference
 
 
 def bootstrap(
@@ -144,7 +140,6 @@ def bootstrap(
     resamples: int = RESAMPLES,
     *,
     method: str = "BCa",
-    level: float = 0.95,
     paired: bool = False,
 ) -> Estimate:
     """Estimate a statistic of one or two samples; an end that is NaN becomes the value.
@@ -165,7 +160,7 @@ def bootstrap(
         return Estimate(constant, constant, constant, count, BOOTSTRAP)
     interval = scipy.stats.bootstrap(
         arrays, statistic, n_resamples=resamples, batch=max(1, DRAWS_PER_BLOCK // count),
-        method=method, confidence_level=level, paired=paired, rng=rng,
+        method=method, paired=paired, rng=rng,
     ).confidence_interval  # fmt: skip
     value = float(statistic(*arrays, axis=0))
     return Estimate(

@@ -9,13 +9,16 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from minitouch_bench.metrics.intervals import (
+    DRAWS_PER_BLOCK,
+    NORMAL_QUANTILE,
+    RESAMPLES,
     Estimate,
     bootstrap,
     bootstrap_difference,
@@ -23,9 +26,10 @@ from minitouch_bench.metrics.intervals import (
     newcombe,
     wilson,
 )
-from minitouch_bench.metrics.significance import count_discordance, sign_flip_p, tango
 
 Floats = NDArray[np.float64]
+Values = Sequence[float] | Floats
+Rng = np.random.Generator
 
 SWAPS = 2_000
 """Exchanges of paired values that the test of a quantile draws."""
@@ -49,22 +53,20 @@ class Statistic(ABC):
     paired: str
     is_additive: bool
 
-    @abstractmethod
     def value(self, values: Floats) -> float:
-        """Return the statistic of values, float64 (N,)."""
+        """Return the statistic of values, float64 (N,): the mean, of which a share is one."""
+        return float(values.mean())
 
     @abstractmethod
-    def estimate(self, values: Sequence[float], rng: np.random.Generator) -> Estimate:
+    def estimate(self, values: Values, rng: Rng) -> Estimate:
         """Estimate the statistic with its 95 % interval."""
 
     @abstractmethod
-    def difference(
-        self, first: Sequence[float], second: Sequence[float], rng: np.random.Generator
-    ) -> Estimate:
+    def difference(self, first: Values, second: Values, rng: Rng) -> Estimate:
         """Estimate the first less the second, of episodes that are not the same ones."""
 
     @abstractmethod
-    def paired_test(self, first: Floats, second: Floats, rng: np.random.Generator) -> PairedResult:
+    def paired_test(self, first: Floats, second: Floats, rng: Rng) -> PairedResult:
         """Estimate the second less the first, float64 (N,) each of the same N episodes."""
 
 
@@ -76,21 +78,15 @@ class Share(Statistic):
     paired = "Tango's score interval and the exact McNemar test for shares of episodes"
     is_additive = True
 
-    def value(self, values: Floats) -> float:
-        """Return the share."""
-        return float(values.mean())
-
-    def estimate(self, values: Sequence[float], rng: np.random.Generator) -> Estimate:
+    def estimate(self, values: Values, rng: Rng) -> Estimate:
         """Estimate the share with Wilson's interval; nothing is drawn."""
         return wilson(int(sum(values)), len(values))
 
-    def difference(
-        self, first: Sequence[float], second: Sequence[float], rng: np.random.Generator
-    ) -> Estimate:
+    def difference(self, first: Values, second: Values, rng: Rng) -> Estimate:
         """Estimate the difference with Newcombe's interval; nothing is drawn."""
         return newcombe(self.estimate(first, rng), self.estimate(second, rng))
 
-    def paired_test(self, first: Floats, second: Floats, rng: np.random.Generator) -> PairedResult:
+    def paired_test(self, first: Floats, second: Floats, rng: Rng) -> PairedResult:
         """Estimate the difference with Tango's interval, by the exact McNemar test."""
         discordance = count_discordance(first, second)
         return PairedResult(tango(discordance), discordance.p_value)
@@ -104,21 +100,15 @@ class Mean(Statistic):
     paired = "BCa bootstrap and flips of signs for means"
     is_additive = True
 
-    def value(self, values: Floats) -> float:
-        """Return the mean."""
-        return float(values.mean())
-
-    def estimate(self, values: Sequence[float], rng: np.random.Generator) -> Estimate:
+    def estimate(self, values: Values, rng: Rng) -> Estimate:
         """Estimate the mean with the BCa bootstrap."""
         return bootstrap_mean(values, rng)
 
-    def difference(
-        self, first: Sequence[float], second: Sequence[float], rng: np.random.Generator
-    ) -> Estimate:
+    def difference(self, first: Values, second: Values, rng: Rng) -> Estimate:
         """Estimate the difference with the BCa bootstrap, each sample resampled by itself."""
         return bootstrap_difference(first, second, rng)
 
-    def paired_test(self, first: Floats, second: Floats, rng: np.random.Generator) -> PairedResult:
+    def paired_test(self, first: Floats, second: Floats, rng: Rng) -> PairedResult:
         """Estimate the mean difference with the BCa bootstrap, by flips of its signs.
 
         The interval is too narrow where few episodes differ or a few carry the difference.
@@ -145,7 +135,7 @@ class Quantile(Statistic):
         """Return the quantile: an observed value."""
         return float(self._of(values, axis=0))
 
-    def estimate(self, values: Sequence[float], rng: np.random.Generator) -> Estimate:
+    def estimate(self, values: Values, rng: Rng) -> Estimate:
         """Estimate the quantile with the interval between order statistics; nothing is drawn.
 
         Source: W. J. Conover, "Practical nonparametric statistics" (1999), ch. 3.2.
@@ -158,13 +148,11 @@ class Quantile(Statistic):
         high = float(sample.max()) if math.isnan(high) else max(float(high), value)
         return Estimate(value, low, high, len(sample), "order statistics")
 
-    def difference(
-        self, first: Sequence[float], second: Sequence[float], rng: np.random.Generator
-    ) -> Estimate:
+    def difference(self, first: Values, second: Values, rng: Rng) -> Estimate:
         """Estimate the difference with the percentile bootstrap, each sample by itself."""
         return bootstrap((first, second), self._difference, rng, method="percentile")
 
-    def paired_test(self, first: Floats, second: Floats, rng: np.random.Generator) -> PairedResult:
+    def paired_test(self, first: Floats, second: Floats, rng: Rng) -> PairedResult:
         """Estimate the difference by resampling pairs; test it by exchanges within pairs."""
         estimate = bootstrap(
             (second, first), self._difference, rng, method="percentile", paired=True
@@ -186,3 +174,151 @@ class Quantile(Statistic):
 
 
 SHARE, MEAN = Share(), Mean()
+
+
+ALPHA: Final = 0.05
+"""A p-value up to this is significant."""
+
+POWER: Final = 0.8
+"""A difference is called detectable if so large a share of equal experiments would show it."""
+
+TANGO = "tango"
+
+HALVINGS = 60
+"""Of an interval of length 2, to the last bit of a float."""
+
+EXACT_FLIPS = 13
+"""Up to so many differences that are not 0, every choice of signs is tried."""
+
+
+@dataclass(frozen=True)
+class Discordance:
+    """Of ``n`` paired episodes, those that only the first, only the second run succeeds in."""
+
+    n: int
+    lost: int
+    won: int
+
+    @property
+    def difference(self) -> float:
+        """Share of the second minus share of the first."""
+        return (self.won - self.lost) / self.n
+
+    @property
+    def p_value(self) -> float:
+        """The exact McNemar test's, two-sided."""
+        return float(mcnemar_p(self.lost, self.won))
+
+
+def count_discordance(first: NDArray[np.float64], second: NDArray[np.float64]) -> Discordance:
+    """Count the pairs that differ; the values are 1 for success and 0, float64 (N,) each."""
+    return Discordance(
+        n=len(first),
+        lost=int(np.count_nonzero(first > second)),
+        won=int(np.count_nonzero(second > first)),
+    )
+
+
+def mcnemar_p(lost: ArrayLike, won: ArrayLike) -> NDArray[np.float64]:
+    """Return the two-sided p-value of the exact McNemar test, elementwise.
+
+    ``lost`` and ``won`` count the pairs of which only the first, only the second succeeds.
+    Given their number, each is as likely as the other where the policies are equally good.
+    Without such a pair the value is 1. ``scipy.stats.binomtest`` gives the same, one by one.
+
+    Source: Q. McNemar, "Note on the sampling error of the difference between correlated
+    proportions or percentages", Psychometrika 12 (1947), with exact binomial tails.
+    """
+    tails: NDArray[np.float64] = scipy.stats.binom.cdf(
+        np.minimum(lost, won), np.add(lost, won), 0.5
+    )
+    return np.minimum(1.0, 2.0 * tails)
+
+
+def tango(discordance: Discordance, quantile: float = NORMAL_QUANTILE) -> Estimate:
+    """Estimate the difference of two paired shares, second minus first.
+
+    The score interval: every difference that the score test does not reject. It stays inside
+    -1 to 1 and has a width at 0 and at 100 % too, and where no pair differs. scipy has none
+    for paired shares.
+
+    Source: T. Tango, "Equivalence test and confidence interval for the difference in
+    proportions for the paired-sample design", Stat. Med. 17 (1998).
+    """
+    n, lost, won = discordance.n, discordance.lost, discordance.won
+    low, high = _lower_end(n, lost, won, quantile), -_lower_end(n, won, lost, quantile)
+    return Estimate(discordance.difference, low, high, n, TANGO)
+
+
+def score_statistic(
+    lost: NDArray[np.float64], won: NDArray[np.float64], n: int, difference: float
+) -> NDArray[np.float64]:
+    """Return Tango's score statistic for a supposed difference in (-1, 1).
+
+    ``lost`` and ``won`` are counts that broadcast together. It is standard normal
+    where the supposition holds, and falls as the supposed difference grows. A variance of 0
+    gives 0 or plus or minus infinity.
+    """
+    b = -won - lost + (2 * n - won + lost) * difference
+    c = -lost * difference * (1.0 - difference)
+    share = (np.sqrt(np.maximum(b * b - 8.0 * n * c, 0.0)) - b) / (4.0 * n)
+    variance = np.maximum(n * (2.0 * share + difference * (1.0 - difference)), 0.0)
+    distance = won - lost - n * difference
+    with np.errstate(divide="ignore", invalid="ignore"):
+        statistic: NDArray[np.float64] = np.where(
+            distance == 0.0, 0.0, distance / np.sqrt(variance)
+        )
+    return statistic
+
+
+def _lower_end(n: int, lost: int, won: int, quantile: float) -> float:
+    """Return the least difference that the score test does not reject, by halving."""
+    low, high = -1.0, (won - lost) / n
+    counts = np.array([lost], np.float64), np.array([won], np.float64)
+    for _ in range(HALVINGS if lost < n else 0):
+        middle = (low + high) / 2.0
+        is_rejected = score_statistic(*counts, n, middle)[0] > quantile
+        low, high = (middle, high) if is_rejected else (low, middle)
+    return low
+
+
+def sign_flip_p(differences: NDArray[np.float64], rng: Rng, resamples: int = RESAMPLES) -> float:
+    """Return the two-sided p-value of the sign-flip test of a mean of 0.
+
+    It is exact however few the episodes where the policies are equal, and so the sign of each
+    difference is a coin's. Every choice of signs is tried for few differences, ``resamples`` drawn
+    ones for many. ``scipy.stats.permutation_test`` gives the same and takes 90 times as long for
+    100.
+
+    Source: R. A. Fisher, "The design of experiments" (1935), ch. 21.
+    """
+    sizes = np.abs(differences[differences != 0.0])
+    observed = abs(float(differences.sum())) * (1.0 - 1e-12)  # sums of one set differ in rounding
+    if len(sizes) <= EXACT_FLIPS:
+        choices = np.arange(2 ** len(sizes))[:, None] >> np.arange(len(sizes)) & 1
+        return float(np.mean(np.abs((2.0 * choices - 1.0) @ sizes) >= observed))
+    as_large = 0
+    block = max(1, DRAWS_PER_BLOCK // len(sizes))  # so that memory stays small
+    for begun in range(0, resamples, block):
+        count = min(block, resamples - begun)
+        octets = rng.integers(256, size=(count, -(-len(sizes) // 8)), dtype=np.uint8)
+        positive = np.unpackbits(octets, axis=1, count=len(sizes)).astype(np.float64)
+        sums = 2.0 * (positive @ sizes) - sizes.sum()
+        as_large += int(np.count_nonzero(np.abs(sums) >= observed))
+    return (1 + as_large) / (1 + resamples)
+
+
+def holm(p_values: Sequence[float]) -> tuple[float, ...]:
+    """Return the p-values adjusted so that the chance of any false one stays at the level.
+
+    Each keeps its index; an adjusted value is at least the one given and at most 1. scipy
+    adjusts for false discoveries only.
+
+    Source: S. Holm, "A simple sequentially rejective multiple test procedure", Scand. J.
+    Stat. 6 (1979).
+    """
+    order = np.argsort(p_values, kind="stable")
+    scaled = np.asarray(p_values)[order] * np.arange(len(order), 0, -1)
+    adjusted = np.empty(len(order))
+    adjusted[order] = np.maximum.accumulate(np.minimum(scaled, 1.0))
+    return tuple(adjusted.tolist())

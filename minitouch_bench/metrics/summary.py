@@ -1,5 +1,6 @@
 """The metrics of each episode, and from them the estimates of a run: by task, and by split."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -168,56 +169,45 @@ def measure(record: PlayedEpisode) -> Episode:
 
 
 def summarize(
-    tasks: Sequence[str],
-    episodes: Sequence[Episode],
-    exploration: Sequence[Episode],
-    seed: int,
+    tasks: Sequence[str], episodes: Sequence[Episode], exploration: Sequence[Episode], seed: int
 ) -> Summary:
     """Estimate every metric of every task from measured episodes: all but the touch curves.
 
     ``seed`` is the run's. Each (task, metric) draws from its own stream under it, so an estimate
-    does not depend on which other tasks were run.
+    does not depend on which other tasks were run. A task without episodes has no estimates.
     """
     root = tuple(int(word) for word in np.random.default_rng(seed).integers(2**32, size=4))
-    return Summary(
-        tasks=tuple(_summarize_task(task, episodes, exploration, root) for task in tasks),
-        generalization=generalize(episodes, tasks, root),
-    )
+    results = []
+    for task in tasks:
+        by_role = {
+            Role.FINAL: [episode for episode in episodes if episode.task == task],
+            Role.EXPLORATION: [episode for episode in exploration if episode.task == task],
+        }
+        estimates = {
+            name: metric.estimate(by_role[metric.role], stream(root, task, name))
+            for name, metric in METRICS.items()
+            if metric.is_in(task)
+        }
+        outcomes = Counter(episode.outcome for episode in by_role[Role.FINAL])
+        results.append(
+            TaskResult(
+                task=task,
+                estimates={name: found for name, found in estimates.items() if found is not None},
+                outcomes={outcome: outcomes[outcome] for outcome in Outcome},
+                touch_curve=(),
+            )
+        )
+    return Summary(tuple(results), generalize(episodes, tasks, root))
 
 
 def with_touch_curves(summary: Summary, records: Sequence[PlayedEpisode]) -> Summary:
     """Add what only the trajectories tell."""
     final = [record for record in records if record.spec.role is Role.FINAL]
-    curves = {task.task: touch_curve(final, task.task) for task in summary.tasks}
-    tasks = (
-        replace(task, touch_curve=curves[task.task][0], touch_curve_episodes=curves[task.task][1])
-        for task in summary.tasks
-    )
+    tasks = []
+    for task in summary.tasks:
+        curve, reached = touch_curve(final, task.task)
+        tasks.append(replace(task, touch_curve=curve, touch_curve_episodes=reached))
     return replace(summary, tasks=tuple(tasks))
-
-
-def _summarize_task(
-    task: str,
-    episodes: Sequence[Episode],
-    exploration: Sequence[Episode],
-    root: Root,
-) -> TaskResult:
-    """Estimate the metrics of one task; a task without episodes has no estimates."""
-    by_role = {
-        Role.FINAL: [episode for episode in episodes if episode.task == task],
-        Role.EXPLORATION: [episode for episode in exploration if episode.task == task],
-    }
-    estimates = {
-        name: metric.estimate(by_role[metric.role], stream(root, task, name))
-        for name, metric in METRICS.items()
-        if metric.is_in(task)
-    }
-    return TaskResult(
-        task=task,
-        estimates={name: figure for name, figure in estimates.items() if figure is not None},
-        outcomes={o: sum(e.outcome is o for e in by_role[Role.FINAL]) for o in Outcome},
-        touch_curve=(),
-    )
 
 
 def touch_curve(
@@ -255,59 +245,45 @@ def has_both_splits(episodes: Sequence[Episode]) -> bool:
 
 def _generalize_task(task: str, episodes: Sequence[Episode], root: Root) -> Generalization | None:
     """Compare the splits in one task, None where a split has too few episodes."""
-    held_out = [episode for episode in episodes if episode.split == Split.HELD_OUT]
-    train = [episode for episode in episodes if episode.split == Split.TRAIN]
-    if min(len(held_out), len(train)) < MIN_EPISODES:
+    by_split = {
+        split: [episode for episode in episodes if episode.split == split]
+        for split in (Split.HELD_OUT, Split.TRAIN)
+    }
+    if min(map(len, by_split.values())) < MIN_EPISODES:
         return None
     family_metric = METRICS[ranking_metric(task)]
-    families = sorted({episode.family for episode in (*held_out, *train)})
+
+    def of_family(family: str) -> FamilyResult:
+        found = (
+            family_metric.estimate(
+                [episode for episode in members if episode.family == family],
+                stream(root, task, family_metric.name, split, family),
+            )
+            for split, members in by_split.items()
+        )
+        return FamilyResult(*found)
+
+    families = sorted({episode.family for members in by_split.values() for episode in members})
     return Generalization(
         task=task,
         gaps={
-            name: compare_episodes(task, METRICS[name], held_out, train, root)
+            name: _gap(task, METRICS[name], by_split, root)
             for name in metrics_shown_in(ShownIn.NOVEL_SHAPES, task)
         },
         family_metric=family_metric.name,
-        families={
-            family: FamilyResult(
-                _of_family(held_out, family, family_metric, root),
-                _of_family(train, family, family_metric, root),
-            )
-            for family in families
-        },
+        families={family: of_family(family) for family in families},
     )
 
 
-def compare_episodes(
-    task: str,
-    metric: Metric,
-    held_out: Sequence[Episode],
-    train: Sequence[Episode],
-    root: Root,
-) -> Gap:
-    """Estimate a metric in two sets of episodes, and the first less the second as independent.
-
-    The metric has a value in every episode. The names are those of a shape set's splits, for
-    which it is made; the episodes can also be of two conditions.
-    """
-    first = metric.estimate(held_out, stream(root, task, metric.name, Split.HELD_OUT))
-    second = metric.estimate(train, stream(root, task, metric.name, Split.TRAIN))
-    assert first is not None  # such a metric has a value in every episode
-    assert second is not None
-    values = metric.values(held_out), metric.values(train)
-    rng = stream(root, task, metric.name, "gap")
-    return Gap(first, second, metric.statistic.difference(*values, rng))
-
-
-def _of_family(
-    episodes: Sequence[Episode], family: str, metric: Metric, root: Root
-) -> Estimate | None:
-    """Estimate a metric on the shapes of one family, None where there is no episode."""
-    members = [episode for episode in episodes if episode.family == family]
-    if not members:
-        return None
-    first = members[0]
-    return metric.estimate(members, stream(root, first.task, metric.name, first.split, family))
+def _gap(task: str, metric: Metric, by_split: Mapping[Split, list[Episode]], root: Root) -> Gap:
+    """Estimate a metric that has a value in every episode, and the difference as independent."""
+    first, second = (metric.values(members) for members in by_split.values())
+    streams = (stream(root, task, metric.name, part) for part in (*by_split, "gap"))
+    return Gap(
+        metric.statistic.estimate(first, next(streams)),
+        metric.statistic.estimate(second, next(streams)),
+        metric.statistic.difference(first, second, next(streams)),
+    )
 
 
 def episode_row(episode: Episode) -> tuple[Any, ...]:

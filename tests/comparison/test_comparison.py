@@ -11,7 +11,7 @@ from minitouch_bench.comparison.comparison import (
     show_comparison,
 )
 from minitouch_bench.errors import UsageError
-from minitouch_bench.metrics.significance import holm
+from minitouch_bench.metrics.statistics import holm
 from tests.comparison.pairs import (
     draw,
     flags,

@@ -9,8 +9,7 @@ from minitouch_bench.comparison.pairing import PairedValues
 from minitouch_bench.comparison.power import EXACT_UP_TO, FEWEST_FOR_A_MEAN, episodes_needed
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import bootstrap_mean
-from minitouch_bench.metrics.significance import Discordance, mcnemar_p, sign_flip_p, tango
-from minitouch_bench.metrics.statistics import Statistic
+from minitouch_bench.metrics.statistics import Discordance, Statistic, mcnemar_p, sign_flip_p, tango
 
 TRIALS = 2000
 ERROR = 3 * math.sqrt(0.8 * 0.2 / TRIALS)

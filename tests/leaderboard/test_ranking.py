@@ -6,7 +6,7 @@ from scipy import stats
 
 from benchmarks.board_errors import SETTINGS, simulate
 from minitouch_bench.leaderboard.ranking import mean_p_values, ranks_of, share_p_values
-from minitouch_bench.metrics.significance import holm
+from minitouch_bench.metrics.statistics import holm
 
 
 def single(values):
