@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from minitouch_bench.episode import EpisodeSpec
-from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine, open_engine
+from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.spec import SuiteSpec

@@ -14,12 +14,12 @@ from rich.console import Console
 from rich.table import Table
 
 from minitouch_bench.episode import EpisodeSpec
-from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.policy import Isolation, IsolationOptions
-from minitouch_bench.policies.sources import PolicySource, parse_source
+from minitouch_bench.policies.policy import Isolation, IsolationOptions, PolicySource
+from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.runs.plan import make_plan, suite_episodes
 

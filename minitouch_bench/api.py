@@ -14,9 +14,9 @@ from minitouch_bench.comparison.comparison import (
     comparison_markdown,
 )
 from minitouch_bench.errors import InterruptedRunError, UsageError
-from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine
 from minitouch_bench.evaluation.execution import header_of, open_run, play, run_name
+from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.evaluation.video import require_video, video_name, write_video
 from minitouch_bench.files import (
     REPORTS,

@@ -21,7 +21,6 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.evaluation.actors import PolicyActor
 from minitouch_bench.evaluation.engine import Note, ignore
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.json_io import write_toml
@@ -253,7 +252,7 @@ class TrainingEvaluator:
     def evaluate(self, actor: TouchActor, deterministic: bool) -> Evaluation:
         """Return the shares of success and touch over the episodes."""
         records = [
-            run_episode(self._environment, PolicyActor(NativePolicy(actor, deterministic)), spec)
+            run_episode(self._environment, NativePolicy(actor, deterministic), spec)
             for spec in self._specs
         ]
         touched = np.concatenate([record.trace.contact_ticks > 0 for record in records])

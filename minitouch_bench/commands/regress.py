@@ -103,9 +103,9 @@ def regress(
         refuse_other_rules,
         without_exploration,
     )
-    from minitouch_bench.evaluation.actors import prepare_policies
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.evaluation.execution import header_of, open_run, play, run_name
+    from minitouch_bench.evaluation.policy_setup import prepare_policies
     from minitouch_bench.reporting.report import write_views
     from minitouch_bench.runs.run import Run, read_run
     from minitouch_bench.verification.static_check import refuse_edited

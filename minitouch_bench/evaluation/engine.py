@@ -10,7 +10,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.processes import core_count
 
 if TYPE_CHECKING:
-    from minitouch_bench.evaluation.rollout import ActorSource
+    from minitouch_bench.evaluation.rollout import PolicyMaker
 
 
 class Engine(Protocol):
@@ -20,7 +20,7 @@ class Engine(Protocol):
     def workers(self) -> int:
         """How many episodes it runs at a time."""
 
-    def run(self, source: "ActorSource", specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
+    def run(self, source: "PolicyMaker", specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
         """Yield one record per episode, in the order in which they end.
 
         Raises:

@@ -16,8 +16,8 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Callbacks, Engine
+from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.files import (
     RUN_FILE,
     clear_run,
@@ -27,7 +27,6 @@ from minitouch_bench.files import (
 )
 from minitouch_bench.machine import installed_versions, machine_facts
 from minitouch_bench.policies.policy import computing_packages
-from minitouch_bench.policies.sources import identify
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal, check_same
 from minitouch_bench.runs.run import (
@@ -51,8 +50,8 @@ HOPELESS_AFTER = 10
 def header_of(setup: PolicySetup) -> RunHeader:
     """Return what fixes the numbers of the run that plays this."""
     policy, explorer = setup.policy, setup.exploration
-    exploration = None if explorer is None else identify(explorer)
-    return make_header(setup.plan, identify(policy), exploration, setup.isolation_level())
+    exploration = None if explorer is None else explorer.identity()
+    return make_header(setup.plan, policy.identity(), exploration, setup.isolation_level())
 
 
 def run_name(setup: PolicySetup) -> str:

@@ -20,13 +20,14 @@ from typing import Any
 
 from minitouch_bench.episode import IN_MEMORY, EpisodeSpec, PlayedEpisode
 from minitouch_bench.errors import InfrastructureError, UsageError
-from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.execution import package_versions
-from minitouch_bench.evaluation.rollout import ActorSource, EpisodeRunner
+from minitouch_bench.evaluation.policy_setup import PolicySetup
+from minitouch_bench.evaluation.rollout import EpisodeRunner, PolicyMaker
 from minitouch_bench.files import cache_file
 from minitouch_bench.machine import compare_versions, require
-from minitouch_bench.policies.sources import PolicySource, read_again
+from minitouch_bench.policies.policy import PolicySource
+from minitouch_bench.policies.sources import read_again
 from minitouch_bench.policies.wire import plain_line
 from minitouch_bench.processes import ARITHMETIC, MAX_ATTEMPTS, core_count, interrupts_held
 from minitouch_bench.protocol.minitouch import PROTOCOL
@@ -124,7 +125,7 @@ class RayEngine:
         cpus = int(self._ray.cluster_resources().get("CPU", 0))
         return max(1, cpus if self._limit is None else min(cpus, self._limit))
 
-    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
+    def run(self, source: PolicyMaker, specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
         """Yield records as episodes end; Ray repeats what a lost worker was doing elsewhere.
 
         Raises:
@@ -186,9 +187,9 @@ def unpack(policy: PolicySource) -> PolicySource:
 
 
 def map_checkpoints(
-    source: ActorSource, change: Callable[[PolicySource], PolicySource]
-) -> ActorSource:
-    """Return a source of actors with each of its checkpoints changed; a recording has none."""
+    source: PolicyMaker, change: Callable[[PolicySource], PolicySource]
+) -> PolicyMaker:
+    """Return what makes the policies with each of its checkpoints changed; a recording has none."""
 
     def changed(policy: PolicySource) -> PolicySource:
         if policy.parts:
@@ -206,14 +207,14 @@ def map_checkpoints(
 
 
 _runners: dict[Any, EpisodeRunner] = {}
-"""What plays episodes in this process, by the reference of its source of actors; one at a time."""
+"""What plays episodes in this process, by the reference of its policy maker; one at a time."""
 
 
 def play_episode(packed: list[Any], asked: Mapping[str, str], spec: EpisodeSpec) -> PlayedEpisode:
     """Play an episode in this process.
 
     Args:
-        packed: A reference to the source of actors. Ray does not read what is in a list, so the
+        packed: A reference to the policy maker. Ray does not read what is in a list, so the
             source is read once and not with each episode.
         asked: The facts of the machine that asks.
         spec: The episode.

@@ -11,8 +11,8 @@ import numpy as np
 
 from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Callbacks
+from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import os_errors_as
 from minitouch_bench.machine import require

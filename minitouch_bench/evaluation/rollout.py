@@ -1,7 +1,7 @@
 """One episode: the only place where a policy and a simulated world meet."""
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol
 
@@ -16,71 +16,84 @@ from minitouch_bench.errors import (
     PolicyTimeoutError,
 )
 from minitouch_bench.perturbation import Perturbation
-from minitouch_bench.policies.policy import Observation
+from minitouch_bench.policies.policy import Observation, Policy, close_policy
 from minitouch_bench.processes import run_in_workers
+from minitouch_bench.protocol.minitouch import senses_generator
+from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import OBJECT, OUTCOMES, MiniTouchEnv
 
-
-class Actor(Protocol):
-    """What drives an episode: a policy in its own process, or the scripted one."""
-
-    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
-        """Get ready for an episode, with no memory of earlier ones.
-
-        Raises:
-            PolicyFaultError: the policy failed.
-        """
-
-    def act(self, observation: Observation) -> NDArray[np.float32]:
-        """Return the next action.
-
-        Raises:
-            PolicyFaultError: the policy failed.
-        """
-
-    def close(self) -> None:
-        """Free what it holds."""
+WorldOf = Callable[[str], MiniTouchEnv]
+"""Returns the world that a task is played in: the scripted policy reads it."""
 
 
-class ActorSource(Protocol):
-    """Where a worker gets its actors from: a run's policies, or its recorded actions."""
+class PolicyMaker(Protocol):
+    """Where a worker gets its policies from: a run's checkpoints, or its recorded actions."""
 
     @property
     def perturbation(self) -> Perturbation:
         """The perturbation of the run's episodes."""
 
-    def make_actor(self, role: Role) -> Actor:
-        """Return a new actor for the episodes of a role."""
+    def make_policy(self, role: Role, world_of: WorldOf) -> Policy:
+        """Return a new policy for the episodes of a role."""
 
 
 class EpisodeRunner:
-    """Runs episodes one after the other; it keeps an environment per task, an actor per role."""
+    """Runs episodes one after the other; it keeps a world per task and a policy per role."""
 
-    def __init__(self, source: ActorSource) -> None:
+    def __init__(self, source: PolicyMaker) -> None:
         self._source = source
-        self._environments: dict[str, MiniTouchEnv] = {}
-        self._actors: dict[Role, Actor] = {}
+        self._worlds: dict[str, MiniTouchEnv] = {}
+        self._policies: dict[Role, Policy] = {}
 
     def run(self, spec: EpisodeSpec) -> PlayedEpisode:
         """Run one episode."""
-        if spec.task not in self._environments:
-            self._environments[spec.task] = MiniTouchEnv(
-                spec.task, perturbation=self._source.perturbation
-            )
-        if spec.role not in self._actors:
-            self._actors[spec.role] = self._source.make_actor(spec.role)
-        environment, actor = self._environments[spec.task], self._actors[spec.role]
-        return run_episode(environment, actor, spec)
+        if spec.role not in self._policies:
+            self._policies[spec.role] = self._source.make_policy(spec.role, self._world_of)
+        return run_episode(self._world_of(spec.task), self._policies[spec.role], spec)
+
+    def _world_of(self, task: str) -> MiniTouchEnv:
+        if task not in self._worlds:
+            self._worlds[task] = MiniTouchEnv(task, perturbation=self._source.perturbation)
+        return self._worlds[task]
 
     def close(self) -> None:
         """End the policies and the worlds."""
-        for actor in self._actors.values():
-            actor.close()
-        for environment in self._environments.values():
+        for policy in self._policies.values():
+            close_policy(policy)
+        for environment in self._worlds.values():
             environment.close()
 
 
-def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> PlayedEpisode:
+class AlteredSenses:
+    """What a policy senses in one episode, with senses frozen and noise added."""
+
+    def __init__(self, perturbation: Perturbation, seed: int) -> None:
+        self._perturbation = perturbation
+        self._rng = senses_generator(seed)
+        self._first: Observation | None = None
+
+    def alter(self, observation: Observation) -> Observation:
+        """Return what the policy is given; the first call is the reset's observation."""
+        if not self._perturbation.change_the_senses:
+            return observation
+        self._first = self._first or observation
+        image, touch = observation["image"], observation["touch"].copy()
+        if "vision" in self._perturbation.without:
+            image = self._first["image"]
+        frozen = {"touch": slice(None), "forces": FORCES}
+        for sense in self._perturbation.without:
+            if sense in frozen:
+                touch[frozen[sense]] = self._first["touch"][frozen[sense]]
+        if self._perturbation.noise:
+            noisy = image + self._rng.normal(0.0, self._perturbation.noise, image.shape)
+            image = noisy.round().clip(0, 255).astype(np.uint8)
+        if self._perturbation.force_noise:
+            forces = touch[FORCES]
+            touch[FORCES] += self._rng.normal(0.0, self._perturbation.force_noise, forces.shape)
+        return {"image": image, "touch": touch}
+
+
+def run_episode(environment: MiniTouchEnv, policy: Policy, spec: EpisodeSpec) -> PlayedEpisode:
     """Run one episode from its seed to its end.
 
     A fault of the policy ends the episode, as a failed one. Any other exception is an
@@ -89,11 +102,12 @@ def run_episode(environment: MiniTouchEnv, actor: Actor, spec: EpisodeSpec) -> P
     """
     observation, info = environment.reset(seed=spec.seed, options={OBJECT: spec.shape})
     touch, infos, rewards = [observation["touch"]], [info], []
+    senses = AlteredSenses(environment.perturbation, spec.seed)
     outcome, fault, is_late = None, "", False
     try:
-        actor.reset(environment, spec)
+        policy.reset(spec.policy_seed, spec.task)
         while outcome is None:
-            action = actor.act(observation)
+            action = policy.act(senses.alter(observation))
             observation, reward, _, _, info = environment.step(action)
             touch.append(observation["touch"])
             infos.append(info)
@@ -138,7 +152,7 @@ class LocalEngine:
     def __init__(self, workers: int) -> None:
         self.workers = workers
 
-    def run(self, source: ActorSource, specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
+    def run(self, source: PolicyMaker, specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
         """Yield records as episodes end; a worker that dies is replaced, its episode retried.
 
         Raises:

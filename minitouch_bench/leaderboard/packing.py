@@ -22,13 +22,8 @@ from minitouch_bench.leaderboard.submission import (
 )
 from minitouch_bench.leaderboard.submission_files import MAX_VIDEO, RUN_LIMITS
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.policies.sources import (
-    DIRECTORY,
-    HUB,
-    PolicySource,
-    parse_hub_address,
-    parse_source,
-)
+from minitouch_bench.policies.policy import DIRECTORY, PolicySource
+from minitouch_bench.policies.sources import HUB, parse_hub_address, parse_source
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.problems import Problem

@@ -12,8 +12,8 @@ import numpy as np
 
 from minitouch_bench.episode import EpisodeSpec, PlayedEpisode, PolicyIdentity, Role
 from minitouch_bench.errors import IncompleteCheckError, MiniTouchError, RunDirectoryError
-from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import Engine
+from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.files import os_errors_as, write_file
 from minitouch_bench.json_io import write_json
 from minitouch_bench.leaderboard.proof import (
@@ -27,8 +27,8 @@ from minitouch_bench.leaderboard.proof import (
 from minitouch_bench.leaderboard.submission import TrainingSeed
 from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.metrics.summary import measure
-from minitouch_bench.policies.policy import BUILT_IN
-from minitouch_bench.policies.sources import DIRECTORY, PolicySource, parse_source
+from minitouch_bench.policies.policy import BUILT_IN, DIRECTORY, PolicySource
+from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification import replay_check
 from minitouch_bench.verification.fresh import (

@@ -29,8 +29,8 @@ from minitouch_bench.leaderboard.submission_files import (
     list_files,
     read_plain,
 )
-from minitouch_bench.policies.policy import BUILT_IN, FORMATS, Isolation
-from minitouch_bench.policies.sources import DIRECTORY, NOTES, directory_digest
+from minitouch_bench.policies.policy import BUILT_IN, DIRECTORY, FORMATS, NOTES, Isolation
+from minitouch_bench.policies.sources import directory_digest
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.run import Run, parse_run
 from minitouch_bench.verification.problems import Findings, Problems

@@ -22,7 +22,7 @@ import signal
 import socket
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cache
 from typing import Any, NoReturn
 
@@ -36,11 +36,11 @@ from minitouch_bench.errors import (
     PolicyLoadError,
     PolicyRaisedError,
 )
+from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies import wire
 from minitouch_bench.policies.kernel import ProcessLimits
 from minitouch_bench.policies.policy import (
     FORMATS,
-    Checkpoint,
     Isolation,
     action_size,
     check_permitted,
@@ -51,22 +51,13 @@ from minitouch_bench.policies.policy import (
 )
 from minitouch_bench.policies.sandbox import NOTHING, Sandbox, factory_paths, prepare
 from minitouch_bench.policies.sources import read_again
-from minitouch_bench.processes import die_with
+from minitouch_bench.processes import core_count, die_with
 from minitouch_bench.tasks.action import fit_action
 
 CLOSE_ON_EXEC = getattr(socket, "MSG_CMSG_CLOEXEC", 0)
 """macOS does not have it; the children that the host forks do not start programs by themselves."""
 
 POLL_S = 0.002
-
-
-@dataclass(frozen=True)
-class ChildTask:
-    """What a child is forked for: which policy, which task, which seed, and what holds it."""
-
-    order: wire.StartOrder
-    content: bytes
-    sandbox: Sandbox | None
 
 
 class Host:
@@ -96,14 +87,16 @@ class Host:
     def _start(self, order: wire.StartOrder, descriptors: list[int]) -> dict[str, Any]:
         self._end_child(0.0)
         try:
-            return {"pid": self._fork(_prepare(order), *descriptors)}
+            return {"pid": self._fork(*_prepare(order), *descriptors)}
         except MiniTouchError as error:
             return {"error": str(error), "class": type(error).__name__}
         finally:
             for descriptor in descriptors:
                 os.close(descriptor)
 
-    def _fork(self, episode: ChildTask, channel: int, output: int) -> int:
+    def _fork(
+        self, order: wire.StartOrder, sandbox: Sandbox | None, channel: int, output: int
+    ) -> int:
         host = os.getpid()
         child = os.fork()
         if child == 0:
@@ -112,7 +105,7 @@ class Host:
                 die_with(host)
                 self._control.close()  # orders to the host are not the policy's to give
                 _take_streams(output)
-                run_episode(episode, channel)
+                serve_episode(order, sandbox, channel)
             finally:
                 os._exit(1)
         self._child = child
@@ -152,27 +145,31 @@ def _find_end(child: int) -> tuple[int, int] | tuple[()] | None:
     return end if end[0] else None
 
 
-def _prepare(order: wire.StartOrder) -> ChildTask:
-    """Import what the kind needs, read its file and prepare its sandbox, each once."""
-    check_permitted(order.kind, order.target, order.isolation, trust=order.trust)
-    _import_format(order.kind)
-    content = _read(order.target, order.digest) if FORMATS[order.kind].suffixes else b""
-    sandbox = None
-    if order.isolation is Isolation.SANDBOX:
-        factory = (order.target, order.private) if order.kind == "factory" else ()
-        sandbox = _make_sandbox(order.limits, factory, order.trust)
-    return ChildTask(order, content, sandbox)
+def _prepare(order: wire.StartOrder) -> tuple[wire.StartOrder, Sandbox | None]:
+    """Import what the kind needs, read its file into the order and make its sandbox, each once."""
+    source, options = order.source, order.options
+    check_permitted(source, options.level, trust=options.trust)
+    _import_format(source.kind)
+    if FORMATS[source.kind].suffixes:
+        read = replace(source, content=_read(source.target, source.digest))
+        order = msgspec.structs.replace(order, source=read)
+    if options.level is not Isolation.SANDBOX:
+        return order, None
+    factory = (source.target, options.private) if source.kind == "factory" else ()
+    return order, _make_sandbox(options.limits, factory, options.trust)
 
 
 _read = cache(read_again)
 
 
 @cache
-def _make_sandbox(limits: ProcessLimits, factory: tuple[str, ...], trust: bool) -> Sandbox:
+def _make_sandbox(limits: PolicyLimits, factory: tuple[str, ...], trust: bool) -> Sandbox:
     """Return a sandbox that was tried out; ``factory``: what ``factory_paths`` is asked for."""
     paths = factory_paths(*factory) if factory else NOTHING
-    # The formats compute on one thread; what else a file starts is not counted by time.
-    return prepare(limits, paths, threads=trust)
+    # The formats compute on one thread, and only code that is trusted may start others.
+    threads = core_count() if trust else 1
+    allowed = ProcessLimits(limits.memory_mb * 2**20, limits.cpu_s * threads)
+    return prepare(allowed, paths, threads=trust)
 
 
 @cache
@@ -191,13 +188,13 @@ def _import_format(kind: str) -> None:
     gc.freeze()  # children then share these pages for good
 
 
-def run_episode(episode: ChildTask, channel: int) -> NoReturn:
+def serve_episode(order: wire.StartOrder, sandbox: Sandbox | None, channel: int) -> NoReturn:
     """Confine this process, answer requests until they end, then exit."""
     code = 1
     try:
-        seed_everything(episode.order.seed)
-        if _confine(episode, channel):
-            _serve(episode, channel)
+        seed_everything(order.seed)
+        if _confine(sandbox, channel):
+            _serve(order, channel)
         code = 0
     except SystemExit as stop:  # sys.exit() in a policy ends its process, as it would anywhere
         code = _exit_code(stop)
@@ -217,11 +214,11 @@ def seed_everything(seed: int) -> None:
         sys.modules["onnxruntime"].set_seed(seed % 2**63)
 
 
-def _confine(episode: ChildTask, channel: int) -> bool:
+def _confine(sandbox: Sandbox | None, channel: int) -> bool:
     """Enter the sandbox, if there is one: all before is ours, all after may be a stranger's."""
     try:
-        if episode.sandbox is not None:
-            episode.sandbox.enter((channel,))
+        if sandbox is not None:
+            sandbox.enter((channel,))
     except OSError as error:
         wire.write_frame(channel, wire.Frame.UNCONFINED, wire.describe(error).encode())
         return False
@@ -229,8 +226,8 @@ def _confine(episode: ChildTask, channel: int) -> bool:
     return True
 
 
-def _serve(episode: ChildTask, channel: int) -> None:
-    policy, order, size = None, episode.order, action_size(episode.order.task)
+def _serve(order: wire.StartOrder, channel: int) -> None:
+    policy, size = None, action_size(order.task)
     while True:
         try:
             request, payload = wire.read_frame(channel)
@@ -238,8 +235,7 @@ def _serve(episode: ChildTask, channel: int) -> None:
             break
         try:
             if request is wire.Frame.LOAD:
-                checkpoint = Checkpoint(order.target, episode.content, order.deterministic)
-                policy = load_policy(order.kind, checkpoint)
+                policy = load_policy(order.source)
                 kind, answer = wire.Frame.LOADED, warning_of(policy).encode(errors="replace")
             elif policy is None:
                 raise wire.WireError(f"a request of kind {request} before LOAD")

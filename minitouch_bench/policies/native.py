@@ -16,7 +16,7 @@ from torch import Tensor
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.files import write_file
 from minitouch_bench.policies.networks import ARCHITECTURES, TouchActor, VisualEncoder
-from minitouch_bench.policies.policy import IMAGE_SHAPE, Checkpoint, Observation
+from minitouch_bench.policies.policy import IMAGE_SHAPE, Observation, PolicySource
 from minitouch_bench.tasks.action import ACTION_SIZES
 
 METADATA_KEY = "minitouch"
@@ -83,18 +83,18 @@ def save_native(actor: TouchActor, path: Path) -> None:
     write_file(path, safetensors.torch.save(tensors, {METADATA_KEY: json.dumps(asdict(form))}))
 
 
-def load_native(checkpoint: Checkpoint) -> NativePolicy:
+def load_native(source: PolicySource) -> NativePolicy:
     """Build the actor that the file's metadata names and fill in its weights.
 
     Raises:
         PolicyLoadError: no such architecture, trained on other images, or weights of other
             names or shapes.
     """
-    form = _read_form(checkpoint)
+    form = _read_form(source)
     try:
-        tensors = safetensors.torch.load(checkpoint.content)
+        tensors = safetensors.torch.load(source.content)
     except (safetensors.SafetensorError, ValueError) as error:
-        raise PolicyLoadError(f"{checkpoint.target} is damaged: {error}") from error
+        raise PolicyLoadError(f"{source.target} is damaged: {error}") from error
     with torch.device("meta"):  # shapes only: random weights would be drawn for nothing
         encoder = VisualEncoder(form.encoder_width)
         actor = ARCHITECTURES[form.architecture](form.action_size, encoder=encoder)
@@ -103,44 +103,43 @@ def load_native(checkpoint: Checkpoint) -> NativePolicy:
     if wanted != given:
         wrong = sorted(set(wanted.items()) ^ set(given.items()))[0][0]
         raise PolicyLoadError(
-            f"{checkpoint.target} does not contain the weights of '{form.architecture}': "
-            f"see '{wrong}'"
+            f"{source.target} does not contain the weights of '{form.architecture}': see '{wrong}'"
         )
     actor.load_state_dict({name: value.float() for name, value in tensors.items()}, assign=True)
-    return NativePolicy(actor, checkpoint.deterministic)
+    return NativePolicy(actor, source.deterministic)
 
 
-def _read_form(checkpoint: Checkpoint) -> PolicyMetadata:
+def _read_form(source: PolicySource) -> PolicyMetadata:
     try:
-        (length,) = struct.unpack_from("<Q", checkpoint.content)
-        if length > min(MAX_HEADER_BYTES, len(checkpoint.content)):
+        (length,) = struct.unpack_from("<Q", source.content)
+        if length > min(MAX_HEADER_BYTES, len(source.content)):
             raise PolicyLoadError(
-                f"{checkpoint.target} is not a native checkpoint: it declares a header of "
+                f"{source.target} is not a native checkpoint: it declares a header of "
                 f"{length} bytes"
             )
-        header = json.loads(checkpoint.content[8 : 8 + length])
+        header = json.loads(source.content[8 : 8 + length])
     except (struct.error, ValueError, RecursionError) as error:
-        raise PolicyLoadError(f"{checkpoint.target} is damaged: it is not safetensors") from error
+        raise PolicyLoadError(f"{source.target} is damaged: it is not safetensors") from error
     try:
         form = msgspec.json.decode(header["__metadata__"][METADATA_KEY], type=PolicyMetadata)
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise PolicyLoadError(
-            f"{checkpoint.target} is not a native checkpoint: no '{METADATA_KEY}' entry in its "
+            f"{source.target} is not a native checkpoint: no '{METADATA_KEY}' entry in its "
             "metadata. Write it with minitouch_bench.policies.native.save_native"
         ) from error
     if form.architecture not in ARCHITECTURES or form.action_size not in ACTION_SIZES:
         raise PolicyLoadError(
-            f"{checkpoint.target} asks for architecture {form.architecture!r} with "
+            f"{source.target} asks for architecture {form.architecture!r} with "
             f"{form.action_size} actions; known: {', '.join(ARCHITECTURES)} with 4 or 5"
         )
     if not 0.0 < form.encoder_width <= 1.0:
         raise PolicyLoadError(
-            f"{checkpoint.target} asks for an encoder of width {form.encoder_width}; it must be "
+            f"{source.target} asks for an encoder of width {form.encoder_width}; it must be "
             "above 0 and at most 1"
         )
     if form.image_shape != IMAGE_SHAPE:
         raise PolicyLoadError(
-            f"{checkpoint.target} was trained on images of shape {form.image_shape}; "
+            f"{source.target} was trained on images of shape {form.image_shape}; "
             f"those of this protocol have {IMAGE_SHAPE}"
         )
     return form

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.machine import require
-from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Checkpoint, Observation
+from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Observation, PolicySource
 from minitouch_bench.policies.sources import check_bytes
 
 INPUT_SHAPES = {"image": (1, *IMAGE_SHAPE), "touch": (1, *TOUCH_SHAPE)}
@@ -35,7 +35,7 @@ class OnnxPolicy:
         return action  # type: ignore[no-any-return]
 
 
-def load_onnx(checkpoint: Checkpoint) -> OnnxPolicy:
+def load_onnx(source: PolicySource) -> OnnxPolicy:
     """Check a graph, then hand it to onnxruntime.
 
     Raises:
@@ -45,18 +45,16 @@ def load_onnx(checkpoint: Checkpoint) -> OnnxPolicy:
     onnx = require("onnx", "onnx")
     runtime = require("onnxruntime", "onnx")
     try:
-        model = onnx.load_model_from_string(checkpoint.content)
+        model = onnx.load_model_from_string(source.content)
     except Exception as error:  # the protobuf package's own class, which is no dependency of ours
-        raise PolicyLoadError(f"{checkpoint.target} is not an ONNX file") from error
-    check_model(onnx, model, checkpoint.target)
+        raise PolicyLoadError(f"{source.target} is not an ONNX file") from error
+    check_model(onnx, model, source.target)
     options = runtime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
     options.log_severity_level = 3
-    session = runtime.InferenceSession(
-        checkpoint.content, options, providers=["CPUExecutionProvider"]
-    )
+    session = runtime.InferenceSession(source.content, options, providers=["CPUExecutionProvider"])
     if recurrent := find_recurrent(model):
         return OnnxPolicy(
             session,

@@ -1,10 +1,11 @@
 """What a policy is, how it is isolated, and the one table of the formats that it comes in."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Protocol
 
+from minitouch_bench.episode import IN_MEMORY, PolicyIdentity
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError, UsageError
 from minitouch_bench.machine import look_up, require
 from minitouch_bench.perturbation import USUAL_LIMITS, PolicyLimits
@@ -49,17 +50,55 @@ def warning_of(policy: Policy) -> str:
     return warning if isinstance(warning, str) else ""
 
 
-@dataclass(frozen=True)
-class Checkpoint:
-    """What a loader builds a policy from.
+DIRECTORY = "directory"
+"""The kind of a policy that is one file per task."""
 
-    ``content`` holds the file's bytes, read once and checked against its digest; ``target``
-    names the file, the factory or the server.
+NOTES = {"scripted": ("reads the simulator's state",), "remote": ("remote",)}
+"""Labels by kind, which every table shows."""
+
+
+@dataclass(frozen=True)
+class PolicySource:
+    """A policy as it was named, found and readable: what can be sent to another process.
+
+    The ``Policy`` that acts cannot: it holds a session, a connection or a running process.
+
+    ``target`` is the file, the factory or the URL. ``digest`` is the SHA-256 of the file's bytes,
+    "" where there is no file. A directory has ``parts``, one source per task. ``content`` holds
+    the bytes of a policy that is in memory, and for a loader those of the file. ``address`` is
+    what a run records in place of ``target``, where that is a cached copy. A policy that is not
+    ``deterministic`` may sample its actions.
     """
 
+    kind: str
+    name: str
     target: str
-    content: bytes = b""
+    digest: str = ""
+    parts: tuple[tuple[str, "PolicySource"], ...] = ()
+    content: bytes = field(default=b"", repr=False)
+    address: str = ""
     deterministic: bool = True
+
+    def for_task(self, task: str) -> "PolicySource":
+        """Return the source that serves a task.
+
+        Raises:
+            PolicyLoadError: the directory has no file for it.
+        """
+        if self.kind != DIRECTORY:
+            return self
+        part = dict(self.parts).get(task)
+        if part is None:
+            names = ", ".join(f"{task}{suffix}" for suffix in KIND_BY_SUFFIX)
+            raise PolicyLoadError(f"{self.target} has no policy for the task '{task}': add {names}")
+        return replace(part, deterministic=self.deterministic)
+
+    def identity(self) -> PolicyIdentity:
+        """Return what a run records of the policy."""
+        kinds = [part.kind for _, part in self.parts] or [self.kind]
+        notes = tuple(note for kind in dict.fromkeys(kinds) for note in NOTES.get(kind, ()))
+        address = self.address or self.target
+        return PolicyIdentity(self.name, address, self.kind, self.digest, notes)
 
 
 def action_size(task: str) -> int:
@@ -129,7 +168,7 @@ def isolation_options(
     return IsolationOptions(Isolation(isolation), trust, limits)
 
 
-Loader = Callable[[Checkpoint], Policy]
+Loader = Callable[[PolicySource], Policy]
 
 
 @dataclass(frozen=True)
@@ -183,7 +222,7 @@ FORMATS: Mapping[str, Format] = {
         "minitouch_bench.policies.python_objects:load_factory", packages=(("torch", "all"),)
     ),
     "remote": Format("minitouch_bench.policies.server:load_remote"),
-    "in memory": Format("minitouch_bench.policies.python_objects:load_object"),
+    IN_MEMORY: Format("minitouch_bench.policies.python_objects:load_object"),
 }
 
 BUILT_IN = ("random", "zero", "open-loop", "scripted")
@@ -200,17 +239,17 @@ def computing_packages() -> tuple[str, ...]:
     return tuple(dict.fromkeys(filter(None, names)))
 
 
-def check_permitted(kind: str, target: str, isolation: Isolation, *, trust: bool) -> None:
+def check_permitted(source: PolicySource, isolation: Isolation, *, trust: bool) -> None:
     """Refuse a policy that would run code of its own where nothing holds it.
 
     Raises:
         PolicyLoadError: it is neither in the sandbox nor trusted.
     """
-    if kind == "factory" and not trust:
-        raise PolicyLoadError(f"'{target}' runs Python code: it needs --trust")
-    if FORMATS[kind].runs_code and isolation is not Isolation.SANDBOX and not trust:
+    if source.kind == "factory" and not trust:
+        raise PolicyLoadError(f"'{source.target}' runs Python code: it needs --trust")
+    if FORMATS[source.kind].runs_code and isolation is not Isolation.SANDBOX and not trust:
         raise PolicyLoadError(
-            f"{target} is {kind}, which can run code of its own on this machine.\n"
+            f"{source.target} is {source.kind}, which can run code of its own on this machine.\n"
             "Leave it to --isolation sandbox, or if you trust it, add --trust"
         )
 
@@ -221,28 +260,27 @@ def find_loader(kind: str) -> Loader:
     Raises:
         MissingExtraError: an optional package of the format is not installed.
     """
-    form = FORMATS[kind]
-    for module, extra in form.packages:
+    for module, extra in FORMATS[kind].packages:
         require(module, extra)
-    loader: Loader = look_up(form.loader)
+    loader: Loader = look_up(FORMATS[kind].loader)
     return loader
 
 
-def load_policy(kind: str, checkpoint: Checkpoint) -> Policy:
-    """Build the policy of a checkpoint.
+def load_policy(source: PolicySource) -> Policy:
+    """Build the policy of a source, whose ``content`` is the file's bytes.
 
     Raises:
         PolicyLoadError: the checkpoint is unreadable, unsafe or of the wrong form.
         MissingExtraError: an optional package of the format is not installed.
     """
-    loader = find_loader(kind)
+    loader = find_loader(source.kind)
     try:
-        return loader(checkpoint)
+        return loader(source)
     except MiniTouchError:
         raise
     except Exception as error:  # whatever a foreign reader raises means: not loadable
         from minitouch_bench.policies.wire import describe  # noqa: PLC0415  it imports numpy
 
         raise PolicyLoadError(
-            f"{checkpoint.target} is not a readable {kind} policy: {describe(error)}"
+            f"{source.target} is not a readable {source.kind} policy: {describe(error)}"
         ) from error

@@ -1,21 +1,41 @@
-"""A policy in a process of its own: the trusted side, which never imports torch."""
+"""A policy isolated as asked: in a process of its own, or beside the simulator; tried before a run.
+
+This is the trusted side of the process, which never imports torch.
+"""
 
 import contextlib
+import random
 import signal
+import sys
 import time
-from collections.abc import Mapping
-from typing import NamedTuple, NoReturn
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench import errors
+from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.policies import wire
 from minitouch_bench.policies.connection import EpisodeChannel, HostConnection, HostGoneError
-from minitouch_bench.policies.kernel import ProcessLimits
-from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions, Observation, action_size
-from minitouch_bench.policies.sources import PolicySource
-from minitouch_bench.processes import core_count
+from minitouch_bench.policies.forkserver import seed_everything
+from minitouch_bench.policies.policy import (
+    FORMATS,
+    SANDBOXED,
+    Isolation,
+    IsolationOptions,
+    Observation,
+    Policy,
+    PolicySource,
+    action_size,
+    check_permitted,
+    close_policy,
+    load_policy,
+    warning_of,
+    zero_observation,
+)
+from minitouch_bench.policies.sources import read_again
 from minitouch_bench.tasks.action import fit_action
 
 EXIT_GRACE_S = 0.2
@@ -27,23 +47,11 @@ END_GRACE_S = {"remote": 1.0}
 STOP_TIMEOUT_S = 10.0
 
 REFUSALS: Mapping[str, type[errors.MiniTouchError]] = {
-    error.__name__: error
-    for error in (
-        errors.CheckpointChangedError,
-        errors.IsolationError,
-        errors.MissingExtraError,
-        errors.PolicyLoadError,
-    )
+    "CheckpointChangedError": errors.CheckpointChangedError,
+    "IsolationError": errors.IsolationError,
+    "MissingExtraError": errors.MissingExtraError,
 }
-"""What a host may answer to the order to start an episode."""
-
-
-class _Ending(NamedTuple):
-    """How a child ended: its exit status, whether it had to be killed, what it printed last."""
-
-    status: int
-    killed: bool
-    last_line: str
+"""What a host may answer to the order to start an episode; anything else is a PolicyLoadError."""
 
 
 class PolicyProcess:
@@ -53,19 +61,10 @@ class PolicyProcess:
     loads the checkpoint, so nothing can be remembered from one episode to the next.
     """
 
-    def __init__(
-        self,
-        source: PolicySource,
-        options: IsolationOptions = SANDBOXED,
-        *,
-        deterministic: bool = True,
-    ) -> None:
-        if source.kind == "scripted":
-            raise ValueError("the scripted policy reads the simulator: it runs beside it")
+    def __init__(self, source: PolicySource, options: IsolationOptions = SANDBOXED) -> None:
         self._source = source
         self._options = options
         self._limits = options.limits
-        self._deterministic = deterministic
         self._host: HostConnection | None = None
         self._channel: EpisodeChannel | None = None
         self.warning = ""
@@ -91,24 +90,17 @@ class PolicyProcess:
             InfrastructureError: no host process can be started.
         """
         part = self._source.for_task(task)
-        options, limits = self._options, self._limits
-        threads = core_count() if options.trust else 1  # the sandbox forbids others to start any
-        allowed = ProcessLimits(limits.memory_mb * 2**20, limits.cpu_s * threads)
-        order = wire.StartOrder(
-            kind=part.kind, target=part.target, digest=part.digest, task=task, seed=seed,
-            deterministic=self._deterministic, isolation=options.level, trust=options.trust,
-            private=options.private, limits=allowed,
-        )  # fmt: skip
         self._end_episode()
         self._target = part.target
         self._size = action_size(task)
         self._left_s = self._limits.episode_timeout_s
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
-        self._start(order)
-        deadline = time.monotonic() + limits.load_timeout_s
+        self._start(wire.StartOrder(part, task, seed, self._options))
+        limit_s = self._limits.load_timeout_s
+        deadline = time.monotonic() + limit_s
         self._await_confined(deadline)
         self._load(deadline)
-        late = f"reset did not return within {limits.load_timeout_s:g} s"
+        late = f"reset did not return within {limit_s:g} s"
         self._ask(wire.Frame.RESET, b"", wire.Frame.READY, deadline, late)
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
@@ -122,8 +114,6 @@ class PolicyProcess:
             PolicyRaisedError: the policy's code raised; the text has type and message.
             InfrastructureError: the host process ended.
         """
-        if self._channel is None:
-            raise RuntimeError("no episode has begun")
         limit_s = self._limits.act_timeout_s
         deadline, late = time.monotonic() + limit_s, f"no action within {limit_s:g} s"
         question = wire.pack_observation(observation)
@@ -239,19 +229,19 @@ class PolicyProcess:
 
     def _exit_error(self) -> errors.PolicyExitError | errors.PolicyKilledError:
         """Say how a child ended that closed its pipe, and what it printed last."""
-        ending = self._stop(EXIT_GRACE_S)
-        if ending.killed:
+        status, killed, last_line = self._stop(EXIT_GRACE_S)
+        if killed:
             text = "the policy's process closed its connection"
-        elif ending.status < 0:
-            text = f"the policy's process was killed by {_signal_name(-ending.status)}"
+        elif status < 0:
+            text = f"the policy's process was killed by {_signal_name(-status)}"
         else:
-            text = f"the policy's process exited with code {ending.status}"
-        from_outside = not ending.killed and ending.status == -signal.SIGKILL
+            text = f"the policy's process exited with code {status}"
+        from_outside = not killed and status == -signal.SIGKILL
         kind = errors.PolicyKilledError if from_outside else errors.PolicyExitError
-        return kind(f"{text}: {ending.last_line}" if ending.last_line else text)
+        return kind(f"{text}: {last_line}" if last_line else text)
 
-    def _stop(self, grace_s: float) -> _Ending:
-        """End the child.
+    def _stop(self, grace_s: float) -> tuple[int, bool, str]:
+        """End the child; return its exit status, whether it was killed here, its last line.
 
         Raises:
             InfrastructureError: the host itself has ended.
@@ -263,7 +253,7 @@ class PolicyProcess:
                 channel.hang_up()
             answer = self._host.order(wire.StopOrder(grace_s), STOP_TIMEOUT_S)
             last_line = "" if channel is None else channel.output.last_line()
-            return _Ending(answer["status"], answer["killed"], last_line)
+            return answer["status"], answer["killed"], last_line
         except HostGoneError as error:
             self._drop_host()
             raise errors.InfrastructureError(
@@ -286,3 +276,143 @@ def _signal_name(number: int) -> str:
         return signal.Signals(number).name
     except ValueError:
         return f"signal {number}"
+
+
+class InProcessPolicy:
+    """Load a policy afresh for every episode, beside the simulator.
+
+    Only for what is trusted: it can read the simulator, keep what it likes between episodes,
+    hang, or end the process.
+    """
+
+    def __init__(self, source: PolicySource, *, trust: bool = False) -> None:
+        self._source = source
+        self._trust = trust
+        self._policy: Policy | None = None
+        self._size = 0
+        self.warning = ""
+
+    def reset(self, seed: int, task: str) -> None:
+        """End the episode before, load the policy again and begin one; raise as a process does."""
+        self.close()
+        part = self._source.for_task(task)
+        check_permitted(part, Isolation.NONE, trust=self._trust)
+        if FORMATS[part.kind].suffixes:
+            part = replace(part, content=read_again(part.target, part.digest))
+        self._size = action_size(task)
+        seed_everything(seed)
+        self._policy = load_policy(part)
+        self.warning = warning_of(self._policy)
+        if "torch" in sys.modules:
+            sys.modules["torch"].set_num_threads(1)
+        seed_everything(seed)
+        try:
+            self._policy.reset(seed, task)
+        except Exception as error:
+            raise errors.PolicyRaisedError(wire.describe(error)) from error
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the policy's action, float32 of the task's size, finite, not clipped."""
+        assert self._policy is not None
+        copied = {name: value.copy() for name, value in observation.items()}
+        try:
+            raw = self._policy.act(copied)
+        except errors.MiniTouchError:
+            raise
+        except Exception as error:
+            raise errors.PolicyRaisedError(wire.describe(error)) from error
+        return fit_action(raw, self._size)
+
+    def close(self) -> None:
+        """Forget the policy; what goes wrong at its end changes no episode."""
+        policy, self._policy = self._policy, None
+        with contextlib.suppress(Exception):
+            close_policy(policy)
+
+
+def effective_level(source: PolicySource, asked: Isolation) -> Isolation:
+    """Return the level at which a policy runs where one was asked for.
+
+    The scripted policy runs beside the simulator, because it reads it, and an object in memory
+    because it may need what its process has. A remote policy needs the network, and its process
+    runs only our own client.
+    """
+    if source.kind in ("scripted", IN_MEMORY):
+        return Isolation.NONE
+    if source.kind == "remote" and asked is Isolation.SANDBOX:
+        return Isolation.PROCESS
+    return asked
+
+
+def isolate(
+    source: PolicySource, options: IsolationOptions = SANDBOXED
+) -> PolicyProcess | InProcessPolicy:
+    """Return the policy of a source, isolated as asked; nothing is loaded before its reset."""
+    level = effective_level(source, options.level)
+    if level is Isolation.NONE:
+        return InProcessPolicy(source, trust=options.trust)
+    return PolicyProcess(source, replace(options, level=level))
+
+
+MAX_TRIALS = 3
+"""A policy is tried this often where something other than the policy fails."""
+
+
+def try_policy(
+    source: PolicySource, tasks: Sequence[str], options: IsolationOptions = SANDBOXED
+) -> tuple[str, ...]:
+    """Load every checkpoint of a source once and ask for an action, whose faults are passed over.
+
+    Returns:
+        What loaders warn of, one line each.
+
+    Raises:
+        PolicyLoadError: it cannot be loaded or reset.
+        IsolationError: this machine cannot isolate it as asked.
+        MissingExtraError: an optional package is not installed.
+        InfrastructureError: its process or its host was killed again and again.
+    """
+    if source.kind == "scripted":
+        return ()
+    first_task = {source.for_task(task): task for task in reversed(tasks)}
+    for trial in range(1, MAX_TRIALS + 1):
+        try:
+            with (
+                _kept_generators(),
+                contextlib.closing(isolate(source, options)) as policy,
+            ):
+                warnings = [_try_once(policy, *item) for item in first_task.items()]
+        except errors.InfrastructureError:  # its host was killed, say
+            if trial == MAX_TRIALS:
+                raise
+        else:
+            return tuple(filter(None, warnings))
+    raise AssertionError("the last trial raises")
+
+
+@contextlib.contextmanager
+def _kept_generators() -> Iterator[None]:
+    """Leave the caller's generators and number of threads as they are: it may be a training."""
+    states = random.getstate(), np.random.get_state()  # noqa: NPY002 - what a policy may use
+    torch = sys.modules.get("torch")
+    threads = torch.get_num_threads() if torch else 0
+    devices = range(torch.cuda.device_count()) if torch and torch.cuda.is_initialized() else ()
+    with torch.random.fork_rng(devices) if torch else contextlib.nullcontext():
+        try:
+            yield
+        finally:
+            random.setstate(states[0])
+            np.random.set_state(states[1])  # noqa: NPY002
+            if torch:
+                torch.set_num_threads(threads)
+
+
+def _try_once(policy: PolicyProcess | InProcessPolicy, part: PolicySource, task: str) -> str:
+    """Load a checkpoint and ask for an action; return what its loader warns of."""
+    try:
+        policy.reset(0, task)
+    except errors.PolicyFaultError as fault:
+        raise errors.PolicyLoadError(f"{part.target} cannot be reset: {fault}") from fault
+    with contextlib.suppress(errors.PolicyFaultError):
+        policy.act(zero_observation())
+    return f"{part.target}: {policy.warning}" if policy.warning else ""

@@ -23,13 +23,12 @@ from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.machine import look_up
 from minitouch_bench.policies.policy import (
-    Checkpoint,
     Observation,
     Policy,
+    PolicySource,
     action_size,
     close_policy,
 )
-from minitouch_bench.policies.sources import PolicySource
 from minitouch_bench.policies.wire import describe
 
 
@@ -42,20 +41,20 @@ def make_policy(factory: Callable[..., Policy], deterministic: bool) -> Policy:
     return factory(deterministic=deterministic) if asks else factory()
 
 
-def load_factory(checkpoint: Checkpoint) -> Policy:
+def load_factory(source: PolicySource) -> Policy:
     """Import the factory and call it.
 
     Raises:
         PolicyLoadError: not importable, or what it gives is not a policy.
     """
     sys.path.append(os.getcwd())  # last, so that no file there shadows an installed package
-    factory = look_up(checkpoint.target)
+    factory = look_up(source.target)
     if not callable(factory):
-        raise PolicyLoadError(f"'{checkpoint.target}' cannot be called to make a policy")
-    policy = make_policy(factory, checkpoint.deterministic)
+        raise PolicyLoadError(f"'{source.target}' cannot be called to make a policy")
+    policy = make_policy(factory, source.deterministic)
     missing = [name for name in ("reset", "act") if not callable(getattr(policy, name, None))]
     if missing:
-        raise PolicyLoadError(f"what '{checkpoint.target}' makes has no {missing[0]}()")
+        raise PolicyLoadError(f"what '{source.target}' makes has no {missing[0]}()")
     return policy
 
 
@@ -110,15 +109,15 @@ def keep_in_memory(policy: object) -> PolicySource:
     return PolicySource(IN_MEMORY, name, f"{name} in memory", digest, content=content)
 
 
-def load_object(checkpoint: Checkpoint) -> Policy:
+def load_object(source: PolicySource) -> Policy:
     """Return a new copy of the object as a policy."""
-    policy = pickle.loads(checkpoint.content)
+    policy = pickle.loads(source.content)
     if _has_act(policy):
         return ObjectPolicy(policy)
     if hasattr(policy, "predict"):
         from minitouch_bench.policies.sb3 import Sb3Policy  # noqa: PLC0415  imports torch
 
-        return Sb3Policy(policy, checkpoint.deterministic)
+        return Sb3Policy(policy, source.deterministic)
     from minitouch_bench.policies.torchscript import TorchScriptPolicy  # noqa: PLC0415
 
     return TorchScriptPolicy(policy)
@@ -151,7 +150,7 @@ def _is_sb3_model(policy: object) -> bool:
 
 
 class _Baseline:
-    def __init__(self, checkpoint: Checkpoint) -> None:
+    def __init__(self, source: PolicySource) -> None:
         pass
 
 
@@ -175,7 +174,7 @@ OPEN_LOOP_FILE = Path(__file__).with_name("open_loop.npz")
 class OpenLoopPolicy:
     """Play one fixed action sequence per task, then hold still; look at nothing."""
 
-    def __init__(self, checkpoint: Checkpoint) -> None:
+    def __init__(self, source: PolicySource) -> None:
         with np.load(OPEN_LOOP_FILE) as file:
             self._sequences = {task: file[task] for task in file.files}
 

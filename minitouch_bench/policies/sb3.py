@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.machine import require
-from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Checkpoint, Observation
+from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Observation, PolicySource
 from minitouch_bench.policies.wire import plain_line
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.tasks.action import ACTION_SIZES
@@ -60,7 +60,7 @@ class Sb3Policy:
         return action  # type: ignore[no-any-return]
 
 
-def load_sb3(checkpoint: Checkpoint) -> Sb3Policy:
+def load_sb3(source: PolicySource) -> Sb3Policy:
     """Build the policy of a model's zip, which runs what is pickled in it.
 
     Raises:
@@ -68,16 +68,16 @@ def load_sb3(checkpoint: Checkpoint) -> Sb3Policy:
         MissingExtraError: stable_baselines3 is not installed.
     """
     try:
-        with zipfile.ZipFile(io.BytesIO(checkpoint.content)) as archive:
+        with zipfile.ZipFile(io.BytesIO(source.content)) as archive:
             settings, weights = archive.read("data"), archive.read("policy.pth")
         policy = _build(_open_settings(settings), weights)
     except PolicyLoadError as error:
-        raise PolicyLoadError(f"{checkpoint.target}: {error}") from error
+        raise PolicyLoadError(f"{source.target}: {error}") from error
     except (zipfile.BadZipFile, LookupError, ValueError, RecursionError) as error:
         raise PolicyLoadError(
-            f"{checkpoint.target} is not a Stable-Baselines3 model: {error}"
+            f"{source.target} is not a Stable-Baselines3 model: {error}"
         ) from error
-    return Sb3Policy(policy, checkpoint.deterministic)
+    return Sb3Policy(policy, source.deterministic)
 
 
 def _open_settings(content: bytes) -> dict[str, Any]:

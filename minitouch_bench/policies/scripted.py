@@ -6,12 +6,13 @@ so proves that each task can be solved.
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.policies.policy import Observation
 from minitouch_bench.protocol.minitouch import OPENING, PROTOCOL, PUSHING
 from minitouch_bench.protocol.spec import CUBE
 from minitouch_bench.shapegen.grips import plan_deep_grasp
@@ -335,6 +336,21 @@ CONTROLLERS: dict[str, type[Controller]] = {
     "opening": OpeningController,
     "pick-up": PickUpController,
 }
+
+
+class ScriptedPolicy:
+    """The policy of a task's controller; ``world_of`` gives the simulated world of a task."""
+
+    def __init__(self, world_of: Callable[[str], MiniTouchEnv]) -> None:
+        self._world_of = world_of
+
+    def reset(self, seed: int, task: str) -> None:
+        """Begin an episode, in the state that the task's world is in."""
+        self._controller = make_controller(self._world_of(task))
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Ask the controller, which looks past the observation."""
+        return self._controller.act()
 
 
 def make_controller(environment: MiniTouchEnv) -> Controller:

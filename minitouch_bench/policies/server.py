@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
-from minitouch_bench.policies.policy import Checkpoint, Observation, Policy, close_policy
+from minitouch_bench.policies.policy import Observation, Policy, PolicySource, close_policy
 from minitouch_bench.policies.python_objects import make_policy
 from minitouch_bench.policies.wire import (
     OBSERVATION_BYTES,
@@ -227,19 +227,17 @@ class RemotePolicy:
         return answer
 
 
-def load_remote(checkpoint: Checkpoint) -> RemotePolicy:
+def load_remote(source: PolicySource) -> RemotePolicy:
     """Connect to a policy server.
 
     Raises:
         PolicyLoadError: nobody answers, or in another protocol.
     """
-    policy = RemotePolicy(checkpoint.target, checkpoint.deterministic)
+    policy = RemotePolicy(source.target, source.deterministic)
     try:
         info = policy.info()
     except (OSError, ValueError, http.client.HTTPException, PolicyFaultError) as error:
-        raise PolicyLoadError(
-            f"no policy server at {checkpoint.target} ({describe(error)})"
-        ) from error
+        raise PolicyLoadError(f"no policy server at {source.target} ({describe(error)})") from error
     if info.get("protocol") != HTTP_API_VERSION:
-        raise PolicyLoadError(f"{checkpoint.target} does not speak protocol {HTTP_API_VERSION}")
+        raise PolicyLoadError(f"{source.target} does not speak protocol {HTTP_API_VERSION}")
     return policy

@@ -10,10 +10,10 @@ import re
 import urllib.parse
 import zipfile
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from minitouch_bench.episode import PolicyIdentity, Role
+from minitouch_bench.episode import Role
 from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError
 from minitouch_bench.files import (
     CHECKPOINTS,
@@ -24,12 +24,15 @@ from minitouch_bench.files import (
     read_file,
 )
 from minitouch_bench.machine import require
-from minitouch_bench.policies.policy import BUILT_IN, FORMATS, KIND_BY_SUFFIX
+from minitouch_bench.policies.policy import (
+    BUILT_IN,
+    DIRECTORY,
+    FORMATS,
+    KIND_BY_SUFFIX,
+    PolicySource,
+)
 from minitouch_bench.policies.wire import describe
 from minitouch_bench.protocol.minitouch import TASK_NAMES
-
-DIRECTORY = "directory"
-"""Kinds that are no file, name or address."""
 
 TRAINED_FILE, EXPLORED_FILE = "final.safetensors", "exploration.safetensors"
 KEPT_FILE = "final_{}_steps.safetensors"
@@ -38,9 +41,6 @@ TRAINED = {Role.FINAL: TRAINED_FILE, Role.EXPLORATION: EXPLORED_FILE}
 """What ``train`` leaves in its directory, which can be given in place of either."""
 
 FACTORY_PATTERN = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
-
-NOTES = {"scripted": ("reads the simulator's state",), "remote": ("remote",)}
-"""Labels by kind, which every table shows."""
 
 MAX_RATIO = 100
 """Weights hardly shrink, and torch stores them unpacked."""
@@ -51,39 +51,6 @@ SERVERS = ("http://", "https://")
 HUB = "hf://"
 HUB_ADDRESS = re.compile(r"hf://([\w.-]+/[\w.-]+)/([^@]+)(?:@(.+))?")
 COMMIT = re.compile("[0-9a-f]{40}")
-
-
-@dataclass(frozen=True)
-class PolicySource:
-    """A policy as it was named, found and readable.
-
-    ``target`` is what a loader needs: the file, the factory or the URL. ``digest`` is the
-    SHA-256 of the file's bytes, "" where there is no file. A directory has ``parts``, one
-    source per task. ``content`` holds the bytes of a policy that is in memory. ``address`` is what
-    a run records in place of ``target``, where that is a cached copy.
-    """
-
-    kind: str
-    name: str
-    target: str
-    digest: str = ""
-    parts: tuple[tuple[str, "PolicySource"], ...] = ()
-    content: bytes = field(default=b"", repr=False)
-    address: str = ""
-
-    def for_task(self, task: str) -> "PolicySource":
-        """Return the source that serves a task.
-
-        Raises:
-            PolicyLoadError: the directory has no file for it.
-        """
-        if self.kind != DIRECTORY:
-            return self
-        part = dict(self.parts).get(task)
-        if part is None:
-            names = ", ".join(f"{task}{suffix}" for suffix in KIND_BY_SUFFIX)
-            raise PolicyLoadError(f"{self.target} has no policy for the task '{task}': add {names}")
-        return part
 
 
 def is_remote(text: str) -> bool:
@@ -135,14 +102,6 @@ def parse_source(
         f"there is no policy '{text}'.\nGive {', '.join(BUILT_IN)}, a file "
         f"({', '.join(KIND_BY_SUFFIX)}), a directory, package.module:attribute, http://... or hf://..."
     )
-
-
-def identify(source: PolicySource) -> PolicyIdentity:
-    """Return what a run records of a policy; a directory's digest covers names and digests."""
-    kinds = [part.kind for _, part in source.parts] or [source.kind]
-    notes = [note for kind in dict.fromkeys(kinds) for note in NOTES.get(kind, ())]
-    address = source.address or source.target
-    return PolicyIdentity(source.name, address, source.kind, source.digest, tuple(notes))
 
 
 def read_checkpoint(path: Path, *, follow: bool = True) -> bytes:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError
 from minitouch_bench.policies.native import as_array, to_tensors
-from minitouch_bench.policies.policy import Checkpoint, Observation
+from minitouch_bench.policies.policy import Observation, PolicySource
 from minitouch_bench.policies.wire import plain_line
 
 RAN = "failed in the TorchScript interpreter"
@@ -56,7 +56,7 @@ class TorchScriptPolicy:
                 raise PolicyRaisedError(last_line(error)) from error
 
 
-def load_torchscript(checkpoint: Checkpoint) -> TorchScriptPolicy:
+def load_torchscript(source: PolicySource) -> TorchScriptPolicy:
     """Load a TorchScript module on the CPU.
 
     Raises:
@@ -65,21 +65,21 @@ def load_torchscript(checkpoint: Checkpoint) -> TorchScriptPolicy:
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "`?torch.jit", DeprecationWarning)
-            module = torch.jit.load(io.BytesIO(checkpoint.content), map_location="cpu")  # type: ignore[no-untyped-call]
+            module = torch.jit.load(io.BytesIO(source.content), map_location="cpu")  # type: ignore[no-untyped-call]
     except (RuntimeError, ValueError) as error:
         if RAN in str(error):
             raise PolicyLoadError(
-                f"{checkpoint.target} failed in code of its own: {last_line(error)}"
+                f"{source.target} failed in code of its own: {last_line(error)}"
             ) from error
         raise PolicyLoadError(
-            f"{checkpoint.target} is not a TorchScript file. Weights alone are not enough: "
+            f"{source.target} is not a TorchScript file. Weights alone are not enough: "
             "save a module with torch.jit.script(module).save(...), or use .safetensors"
         ) from error
     module.eval()
     arguments = [argument.name for argument in module.forward.schema.arguments[1:]]
     if len(arguments) != 2:
         raise PolicyLoadError(
-            f"{checkpoint.target}: forward takes ({', '.join(arguments)}), not (image, touch)"
+            f"{source.target}: forward takes ({', '.join(arguments)}), not (image, touch)"
         )
     return TorchScriptPolicy(module)
 

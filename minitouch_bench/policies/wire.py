@@ -14,8 +14,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.policies.kernel import ProcessLimits
-from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Isolation, Observation
+from minitouch_bench.policies.policy import (
+    IMAGE_SHAPE,
+    TOUCH_SHAPE,
+    IsolationOptions,
+    Observation,
+    PolicySource,
+)
 
 MAX_PAYLOAD = 64 * 1024
 """Longest payload either side accepts, in bytes."""
@@ -30,18 +35,12 @@ ANSI_SEQUENCE = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|\][^\x07\x1b]*(\x07|\x1b\\
 
 
 class StartOrder(msgspec.Struct, frozen=True, tag=True):
-    """The order to fork a child for an episode; a factory must not read ``private``."""
+    """The order to fork a child for an episode of one checkpoint."""
 
-    kind: str
-    target: str
-    digest: str
-    deterministic: bool
+    source: PolicySource
     task: str
     seed: int
-    isolation: Isolation
-    trust: bool
-    private: str
-    limits: ProcessLimits
+    options: IsolationOptions
 
 
 class StopOrder(msgspec.Struct, frozen=True, tag=True):

@@ -110,7 +110,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._size = (width, height)
         spec = self.task.spec
         self._max_steps = max_steps or spec.max_steps
-        self._perturbation = perturbation
+        self.perturbation = perturbation
         self._factors = 1.0, 1.0  # on mass and friction
         self.action_space = spaces.Box(-1.0, 1.0, (spec.action_size,), np.float32)
         # Gymnasium has no type for a Dict space whose samples are plain dicts.
@@ -131,8 +131,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """
         super().reset(seed=seed)
         client, task = self.client, self.task
-        if self._perturbation != UNPERTURBED:
-            mass, friction, degrees = self._perturbation.draw(self.np_random.spawn(1)[0])
+        if self.perturbation != UNPERTURBED:
+            mass, friction, degrees = self.perturbation.draw(self.np_random.spawn(1)[0])
             self._factors = mass, friction
             camera = task.spec.camera
             self._camera = GrayCamera(replace(camera, yaw=camera.yaw + degrees))

@@ -17,13 +17,13 @@ import numpy as np
 
 from minitouch_bench.episode import EpisodeSpec, PlayedEpisode
 from minitouch_bench.errors import InfrastructureError, MiniTouchError
-from minitouch_bench.evaluation.actors import Recording
+from minitouch_bench.evaluation.policy_setup import Recording
 from minitouch_bench.evaluation.rollout import EpisodeRunner, LocalEngine
 from minitouch_bench.files import cache_directory, cache_file
 from minitouch_bench.machine import extras, installed_versions
-from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.kernel import supported_abi
 from minitouch_bench.policies.policy import zero_observation
+from minitouch_bench.policies.process import isolate, try_policy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.runs.actions import Actions
@@ -158,11 +158,11 @@ def trial_episodes() -> tuple[tuple[EpisodeSpec, ...], Recording]:
     specs = tuple(
         spec for spec in suite_episodes(PROTOCOL.suite("smoke")) if spec.index < EPISODES_PER_TASK
     )
-    actions: dict[str, Actions] = {}
+    actions: dict[EpisodeSpec, Actions] = {}
     for spec in specs:
         size = PROTOCOL.task(spec.task).action_size
         rng = np.random.default_rng(spec.seed)
-        actions[spec.key] = rng.uniform(-1, 1, (STEPS, size)).astype(np.float32)
+        actions[spec] = rng.uniform(-1, 1, (STEPS, size)).astype(np.float32)
     return specs, Recording(actions)
 
 

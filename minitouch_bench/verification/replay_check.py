@@ -15,13 +15,12 @@ from minitouch_bench.episode import (
     Role,
 )
 from minitouch_bench.errors import IncompleteCheckError, UsageError
-from minitouch_bench.evaluation.actors import PolicySetup, Recording, prepare_policies
 from minitouch_bench.evaluation.engine import Engine, Note
+from minitouch_bench.evaluation.policy_setup import PolicySetup, Recording, prepare_policies
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.metrics.summary import measure, touch_curve
 from minitouch_bench.perturbation import USUAL_LIMITS
-from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions
-from minitouch_bench.policies.sources import PolicySource, identify
+from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions, PolicySource
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.problems import Findings, Problem
@@ -43,7 +42,8 @@ def replay_run(
         InfrastructureError: an episode could not be replayed.
     """
     records: dict[EpisodeSpec, PlayedEpisode] = {}
-    for record in engine.run(Recording(run.actions, run.plan.conditions), run.header.specs()):
+    specs = run.header.specs()
+    for record in engine.run(Recording.of(run, specs), specs):
         records[record.spec] = record
         on_record(record)
     return Findings(tuple(_compare(run, records)), replayed=len(records))
@@ -89,8 +89,7 @@ def replay_episode(run: Run, key: str) -> PlayedEpisode:
     """
     refuse_unplayable(run)
     spec, _ = run.find(key)
-    run.actions_of(spec.key)
-    with closing(EpisodeRunner(Recording(run.actions, run.plan.conditions))) as runner:
+    with closing(EpisodeRunner(Recording.of(run, [spec]))) as runner:
         return runner.run(spec)
 
 
@@ -116,7 +115,7 @@ def check_identity(recorded: PolicyIdentity, source: PolicySource) -> None:
     Raises:
         UsageError: its kind or its bytes are others.
     """
-    identity = identify(source)
+    identity = source.identity()
     if (identity.kind, identity.digest) != (recorded.kind, recorded.digest):
         raise UsageError(
             f"{source.target} is not the policy of this run: {_in_words(identity)}, "

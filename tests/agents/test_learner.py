@@ -20,7 +20,7 @@ from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.policies.native import load_native, save_native
 from minitouch_bench.policies.networks import ENCODER_CHANNELS
-from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from tests.agents.batches import random_batch
 
@@ -40,7 +40,7 @@ def test_a_narrow_encoder_is_saved_narrow_and_acts_the_same(tmp_path):
     file = tmp_path / "policy.safetensors"
     save_native(saved, file)
     assert file.stat().st_size < 700_000  # 2.2 MB at full width
-    loaded = load_native(Checkpoint(str(file), file.read_bytes()))
+    loaded = load_native(PolicySource("native", "x", str(file), content=file.read_bytes()))
     observation = {"image": batch.image[0].numpy(), "touch": batch.touch[0].numpy()}
     with torch.no_grad():
         first = saved(batch.image[:1], batch.touch[:1])[0].numpy()

@@ -15,7 +15,7 @@ from minitouch_bench.agents.config import PhaseConfig
 from minitouch_bench.agents.training_directory import TrainingProgress, run_training
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.policies.native import load_native, save_native
-from minitouch_bench.policies.policy import Checkpoint
+from minitouch_bench.policies.policy import PolicySource
 from tests.agents.trainings import CONFIG, stop_at_once
 
 
@@ -43,7 +43,7 @@ def test_it_leaves_two_policies_and_its_curves(undisturbed):
     assert "<figcaption>Touch share</figcaption>" in (undisturbed / "report.html").read_text()
     for name in ("exploration", "final"):
         content = (undisturbed / f"{name}.safetensors").read_bytes()
-        load_native(Checkpoint(name, content))
+        load_native(PolicySource("native", "x", name, content=content))
 
 
 def test_its_events_are_tensorboard_s(undisturbed):

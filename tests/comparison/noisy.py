@@ -11,10 +11,10 @@ import numpy as np
 
 from minitouch_bench.comparison.gate import GateResult, GateSettings, judge_runs
 from minitouch_bench.comparison.gate_report import difference_text, result_line
-from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
+from minitouch_bench.policies.scripted import ScriptedPolicy
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.run import Run, RunEnvironment, make_run
 from tests.evaluation.runs import request
@@ -25,15 +25,16 @@ STRENGTHS = (0.2, 0.5, 1.0)
 NOWHERE = RunEnvironment({}, {}, 1, "", 0.0)
 
 
-class NoisyActor(ScriptedActor):
+class NoisyPolicy(ScriptedPolicy):
     """Adds normal noise to every number of every action."""
 
-    def __init__(self, deviation: float) -> None:
+    def __init__(self, world_of, deviation: float) -> None:
+        super().__init__(world_of)
         self._deviation = deviation
 
-    def reset(self, environment, spec):
-        super().reset(environment, spec)
-        self._rng = np.random.default_rng([spec.seed, 1])
+    def reset(self, seed, task):
+        super().reset(seed, task)
+        self._rng = np.random.default_rng([seed, 1])
 
     def act(self, observation):
         action = super().act(observation)
@@ -41,7 +42,7 @@ class NoisyActor(ScriptedActor):
         return np.clip(action + noise, -1.0, 1.0).astype(np.float32)
 
 
-class HalfActor(ScriptedActor):
+class HalfPolicy(ScriptedPolicy):
     """Gives its actions in half precision, as a compressed policy would."""
 
     def act(self, observation):
@@ -50,13 +51,13 @@ class HalfActor(ScriptedActor):
 
 @dataclass(frozen=True)
 class Variant:
-    """Where a worker gets its actors from. ``noise`` None: half precision."""
+    """Where a worker gets its policies from. ``noise`` None: half precision."""
 
     noise: float | None = None
     perturbation: Perturbation = UNPERTURBED
 
-    def make_actor(self, role):
-        return HalfActor() if self.noise is None else NoisyActor(self.noise)
+    def make_policy(self, role, world_of):
+        return HalfPolicy(world_of) if self.noise is None else NoisyPolicy(world_of, self.noise)
 
 
 def play(variant: Variant, name: str, episodes: int, tasks: Sequence[str] = GOAL_TASKS) -> Run:

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.execution import open_run, play_missing
+from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import lock_directory
 from minitouch_bench.perturbation import PolicyLimits

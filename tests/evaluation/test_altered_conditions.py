@@ -7,7 +7,7 @@ import pytest
 from minitouch_bench.api import evaluate
 from minitouch_bench.commands.verify import verify
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.actors import AlteredSenses
+from minitouch_bench.evaluation.rollout import AlteredSenses
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.simulation.observation import FORCES

@@ -8,9 +8,9 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.evaluation.actors import prepare_policies
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.execution import header_of, open_run, package_versions
+from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.machine import installed_versions

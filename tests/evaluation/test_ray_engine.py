@@ -19,9 +19,9 @@ from minitouch_bench.errors import (
     MissingExtraError,
     UsageError,
 )
-from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.engine import open_engine
 from minitouch_bench.evaluation.execution import header_of
+from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.ray_engine import map_checkpoints, pack, unpack
 from minitouch_bench.files import ACTIONS_FILE, VARIABLE
 from minitouch_bench.policies.networks import TouchActor

@@ -5,8 +5,8 @@ import pytest
 
 from minitouch_bench.episode import Outcome, Role
 from minitouch_bench.errors import InvalidActionError, PolicyLoadError, PolicyTimeoutError
-from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.rollout import run_episode
+from minitouch_bench.policies.scripted import ScriptedPolicy
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.runs.plan import suite_episodes
 from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
@@ -22,16 +22,17 @@ def environment(request):
     made.close()
 
 
-class Failing(ScriptedActor):
+class Failing(ScriptedPolicy):
     """Fails in the fourth act, or at the beginning."""
 
-    def __init__(self, error, at_once=False):
+    def __init__(self, environment, error, at_once=False):
+        super().__init__(lambda _: environment)
         self._error, self._at_once, self._acts = error, at_once, 0
 
-    def reset(self, environment, spec):
+    def reset(self, seed, task):
         if self._at_once:
             raise self._error
-        super().reset(environment, spec)
+        super().reset(seed, task)
 
     def act(self, observation):
         self._acts += 1
@@ -42,7 +43,7 @@ class Failing(ScriptedActor):
 
 def test_a_trace_has_one_row_a_step(environment):
     spec = SPECS[environment.task.spec.name]
-    record = run_episode(environment, ScriptedActor(), spec)
+    record = run_episode(environment, ScriptedPolicy(lambda _: environment), spec)
     trace, steps = record.trace, len(record.trace.actions)
     size, states = environment.action_space.shape[0], 1 if spec.task == "opening" else 3
     shapes = {
@@ -62,7 +63,7 @@ def test_a_trace_has_one_row_a_step(environment):
     assert record.outcome in (Outcome.SUCCESS, Outcome.STEP_LIMIT)
     assert record.trace.rewards.sum() == (25.0 if record.outcome is Outcome.SUCCESS else 0.0)
     assert record.fault == ""
-    again = run_episode(environment, ScriptedActor(), spec)
+    again = run_episode(environment, ScriptedPolicy(lambda _: environment), spec)
     assert again.trace.digest() == trace.digest()
 
 
@@ -71,7 +72,7 @@ def test_a_trace_has_one_row_a_step(environment):
 )
 def test_a_fault_ends_the_episode_and_keeps_what_was(environment, error):
     spec = SPECS[environment.task.spec.name]
-    record = run_episode(environment, Failing(error), spec)
+    record = run_episode(environment, Failing(environment, error), spec)
     assert record.outcome is Outcome.POLICY_FAULT
     assert record.fault == str(error)
     assert len(record.trace.actions) == 3
@@ -80,7 +81,9 @@ def test_a_fault_ends_the_episode_and_keeps_what_was(environment, error):
 
 def test_a_fault_before_the_first_action_leaves_an_empty_trace(environment):
     spec = SPECS[environment.task.spec.name]
-    record = run_episode(environment, Failing(PolicyLoadError("gone"), at_once=True), spec)
+    record = run_episode(
+        environment, Failing(environment, PolicyLoadError("gone"), at_once=True), spec
+    )
     assert record.outcome is Outcome.POLICY_FAULT
     assert record.trace.actions.shape == (0, environment.action_space.shape[0])
     assert record.trace.touch.shape == (1, 11)
@@ -89,14 +92,14 @@ def test_a_fault_before_the_first_action_leaves_an_empty_trace(environment):
 def test_any_other_error_is_not_the_policy_s(environment):
     spec = SPECS[environment.task.spec.name]
     with pytest.raises(ZeroDivisionError):
-        run_episode(environment, Failing(ZeroDivisionError()), spec)
+        run_episode(environment, Failing(environment, ZeroDivisionError()), spec)
 
 
-def test_a_process_actor_gives_the_same_episode_again(environment):
+def test_a_policy_process_gives_the_same_episode_again(environment):
     spec = SPECS[environment.task.spec.name]
-    actor = request("random").make_actor(Role.FINAL)
+    policy = request("random").make_policy(Role.FINAL, lambda _: environment)
     first, other, again = (
-        run_episode(environment, actor, one) for one in (spec, replace(spec, seed=1), spec)
+        run_episode(environment, policy, one) for one in (spec, replace(spec, seed=1), spec)
     )
-    actor.close()
+    policy.close()
     assert first.trace.digest() == again.trace.digest() != other.trace.digest()

@@ -7,7 +7,7 @@ from minitouch_bench.commands.app import app
 from minitouch_bench.episode import IN_MEMORY, Role
 from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import Perturbation, PolicyLimits
-from minitouch_bench.policies.sources import identify, parse_source
+from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
 from minitouch_bench.runs.plan import choose_episodes, choose_tasks, make_plan, suite_episodes
 from minitouch_bench.runs.run import why_unofficial
@@ -91,7 +91,7 @@ def test_what_makes_a_run_unofficial_is_said():
         "1 s to load",
         "1 MiB of memory",
     )
-    zero = identify(parse_source("zero"))
+    zero = parse_source("zero").identity()
     assert why_unofficial(plan, zero, None, "sandbox") == ()
     in_memory = replace(zero, kind=IN_MEMORY)
     assert why_unofficial(plan, zero, in_memory, "none") == (

@@ -9,7 +9,7 @@ import pytest
 
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import IncompleteCheckError, IsolationError, MissingExtraError
-from minitouch_bench.evaluation.actors import PolicySetup
+from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import write_file
 from minitouch_bench.json_io import write_json

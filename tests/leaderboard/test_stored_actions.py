@@ -18,7 +18,7 @@ from minitouch_bench.leaderboard.submission import (
     checkpoint_place,
 )
 from minitouch_bench.leaderboard.validation import SubmissionFindings
-from minitouch_bench.policies.sources import identify, parse_source
+from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.fresh import fresh_seed
@@ -157,7 +157,7 @@ def test_a_checkpoint_that_raises_in_forged_episodes_is_refused(tmp_path):
         torch.jit.save(Raising(), directory / CHECKPOINT)
     forged = run(wanted_run("scripted", ("pushing",), 2), directory / PLACE)
     source = parse_source(str(directory / CHECKPOINT))
-    header = replace(forged.header, policy=identify(source))
+    header = replace(forged.header, policy=source.identity())
     file = CheckpointFile(Role.FINAL, ALL_TASKS, "table.pt", source.digest, CHECKPOINT)
     found = SubmissionFindings(
         directory=directory,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from minitouch_bench.policies.policy import Checkpoint, Policy, load_policy
+from minitouch_bench.policies.policy import Policy, PolicySource, load_policy
 from tests.policies.recipes import run_recipes
 
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # policy processes have it set for them
@@ -46,4 +46,4 @@ def onnx_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def load(kind: str, path: Path, **options: bool) -> Policy:
-    return load_policy(kind, Checkpoint(str(path), path.read_bytes(), **options))
+    return load_policy(PolicySource(kind, "x", str(path), content=path.read_bytes(), **options))

@@ -8,9 +8,9 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from minitouch_bench.evaluation.actors import prepare_policies
-from minitouch_bench.policies.isolate import isolate
+from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
+from minitouch_bench.policies.process import isolate
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.plan import make_plan
 

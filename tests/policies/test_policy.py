@@ -12,7 +12,7 @@ from onnx import TensorProto, helper
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.policy import Checkpoint, load_policy
+from minitouch_bench.policies.policy import PolicySource, load_policy
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sources import parse_source
 from tests.policies.conftest import load
@@ -30,7 +30,7 @@ def expected(light, observation):
 
 def refused(kind, content, match):
     with pytest.raises(PolicyLoadError, match=match) as caught:
-        load_policy(kind, Checkpoint("x", content))
+        load_policy(PolicySource(kind, "x", "x", content=content))
     assert len(str(caught.value).splitlines()) <= 2
 
 
@@ -87,7 +87,7 @@ def test_native_files_that_do_not_say_their_images_were_trained_on_84_pixels(
     metadata = {"minitouch": '{"architecture": "hac-actor-v1", "action_size": 5}'}
     unsaid = safetensors.torch.save(safetensors.torch.load(content), metadata)
     assert b"[1, 84, 84]" in content
-    policy = load_policy("native", Checkpoint("x", unsaid))
+    policy = load_policy(PolicySource("native", "x", "x", content=unsaid))
     policy.reset(0, "opening")
     assert np.array_equal(policy.act(observation), expected)
 
@@ -123,7 +123,7 @@ def onnx_bytes(inputs=("image", "touch"), output="action", **options):
 
 
 def test_a_free_batch_axis_is_fine(observation):
-    policy = load_policy("onnx", Checkpoint("x", onnx_bytes()))
+    policy = load_policy(PolicySource("onnx", "x", "x", content=onnx_bytes()))
     policy.reset(0, "pushing")
     assert np.array_equal(policy.act(observation)[0], observation["touch"][:4])
 

@@ -9,8 +9,8 @@ import pytest
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.policies import server as server_module
-from minitouch_bench.policies.isolate import isolate
-from minitouch_bench.policies.policy import Checkpoint, load_policy
+from minitouch_bench.policies.policy import PolicySource, load_policy
+from minitouch_bench.policies.process import isolate
 from minitouch_bench.policies.server import PolicyServer, RemotePolicy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.policies.wire import OBSERVATION_BYTES
@@ -51,7 +51,7 @@ def connect(url):
     with contextlib.ExitStack() as stack:
 
         def make(**options):
-            policy = load_policy("remote", Checkpoint(url, **options))
+            policy = load_policy(PolicySource("remote", "x", url, **options))
             stack.callback(policy.close)
             return policy
 
@@ -133,7 +133,7 @@ def test_a_short_observation_is_refused(connect):
 
 def test_nobody_there_is_a_load_error():
     with pytest.raises(PolicyLoadError, match="no policy server at"):
-        load_policy("remote", Checkpoint("http://127.0.0.1:1"))
+        load_policy(PolicySource("remote", "x", "http://127.0.0.1:1"))
 
 
 def test_the_recipes_factory_can_be_served(tmp_path: Path, observation):

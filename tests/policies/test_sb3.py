@@ -11,7 +11,7 @@ import torch
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies import sb3
-from minitouch_bench.policies.policy import Checkpoint, load_policy
+from minitouch_bench.policies.policy import PolicySource, load_policy
 from minitouch_bench.policies.python_objects import keep_in_memory, load_object
 from tests.policies.recipes import StillEnvironment, run_recipes
 
@@ -75,7 +75,7 @@ def changed(content, **members):
 
 
 def load(content, **options):
-    policy = load_policy("sb3", Checkpoint("x.zip", content, **options))
+    policy = load_policy(PolicySource("sb3", "x", "x.zip", content=content, **options))
     policy.reset(7, "pushing")
     return policy
 
@@ -212,7 +212,7 @@ def test_a_model_whose_observations_were_normalized_is_refused(algorithm, observ
     for environment in (plain(), VecNormalize(plain(), norm_obs=False)):
         model = make(algorithm, environment, net_arch=[8]).learn(16)
         assert load(saved(model)).act(observation).shape == (4,)
-        policy = load_object(Checkpoint("", keep_in_memory(model).content))
+        policy = load_object(keep_in_memory(model))
         policy.reset(0, "pushing")
         assert policy.act(observation).shape == (4,)
 

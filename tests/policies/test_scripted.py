@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.evaluation.actors import ScriptedActor
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.policies.policy import Checkpoint, load_policy
-from minitouch_bench.policies.scripted import CONTROLLERS, make_controller
+from minitouch_bench.policies.policy import load_policy
+from minitouch_bench.policies.scripted import CONTROLLERS, ScriptedPolicy, make_controller
+from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.runs.plan import suite_episodes
 from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
@@ -18,23 +18,12 @@ LEAST_SUCCESS = {"pushing": 0.97, "opening": 0.99, "pick-up": 0.97}
 MOST_SUCCESS_OF_A_FLOOR = 0.10
 
 
-class InThisProcess:
-    """A built-in policy without a process of its own."""
-
-    def __init__(self, name):
-        self._policy = load_policy(name, Checkpoint(name))
-
-    def reset(self, environment, spec):
-        self._policy.reset(spec.seed, spec.task)
-
-    def act(self, observation):
-        return self._policy.act(observation)
-
-
-def episodes(actor, task, count):
+def episodes(task, count, floor=""):
+    """Play episodes with the scripted policy, or with a floor in this process."""
     environment = MiniTouchEnv(task)
+    policy = load_policy(parse_source(floor)) if floor else ScriptedPolicy(lambda _: environment)
     specs = [spec for spec in suite_episodes(PROTOCOL.suite("table4")) if spec.task == task]
-    records = [run_episode(environment, actor, spec) for spec in specs[:count]]
+    records = [run_episode(environment, policy, spec) for spec in specs[:count]]
     environment.close()
     return records
 
@@ -71,7 +60,7 @@ def test_actions_are_those_a_policy_could_give(task):
 
 @pytest.mark.parametrize("task", GOAL_TASKS)
 def test_a_few_episodes_of_each_goal_succeed(task):
-    assert share(episodes(ScriptedActor(), task, 5), succeeds) == 1.0
+    assert share(episodes(task, 5), succeeds) == 1.0
 
 
 def test_a_few_episodes_of_playing_are_full_of_touch():
@@ -87,13 +76,13 @@ def test_a_few_episodes_of_playing_are_full_of_touch():
 @pytest.mark.slow
 @pytest.mark.parametrize("task", GOAL_TASKS)
 def test_a_hundred_episodes_of_each_goal(task):
-    assert share(episodes(ScriptedActor(), task, 100), succeeds) >= LEAST_SUCCESS[task]
+    assert share(episodes(task, 100), succeeds) >= LEAST_SUCCESS[task]
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_a_hundred_episodes_of_playing():
-    shares = [touch_share(record) for record in episodes(ScriptedActor(), "playing", 100)]
+    shares = [touch_share(record) for record in episodes("playing", 100)]
     assert np.mean(shares) >= TOUCH_SHARE
 
 
@@ -102,4 +91,4 @@ def test_a_hundred_episodes_of_playing():
 @pytest.mark.parametrize("floor", ["random", "zero"])
 @pytest.mark.parametrize("task", GOAL_TASKS)
 def test_no_floor_solves_a_goal(floor, task):
-    assert share(episodes(InThisProcess(floor), task, 100), succeeds) < MOST_SUCCESS_OF_A_FLOOR
+    assert share(episodes(task, 100, floor), succeeds) < MOST_SUCCESS_OF_A_FLOOR

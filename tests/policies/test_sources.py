@@ -6,7 +6,7 @@ import pytest
 
 from minitouch_bench.episode import Role
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.policies.sources import identify, parse_source
+from minitouch_bench.policies.sources import parse_source
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def folder(tmp_path):
 
 @pytest.mark.parametrize("name", ["random", "zero", "scripted"])
 def test_built_ins_have_no_digest(name):
-    identity = identify(parse_source(name))
+    identity = parse_source(name).identity()
     assert (identity.name, identity.kind, identity.digest) == (name, name, "")
     assert identity.notes == (("reads the simulator's state",) if name == "scripted" else ())
 
@@ -37,13 +37,13 @@ def test_built_ins_have_no_digest(name):
 def test_a_files_suffix_names_its_format(tmp_path, suffix, kind):
     path = tmp_path / f"mine{suffix}"
     path.write_bytes(b"weights")
-    identity = identify(parse_source(str(path)))
+    identity = parse_source(str(path)).identity()
     assert (identity.name, identity.kind, identity.source) == ("mine", kind, str(path))
     assert identity.digest == hashlib.sha256(b"weights").hexdigest()
 
 
 def test_a_server_is_labeled_remote():
-    identity = identify(parse_source("http://localhost:8000"))
+    identity = parse_source("http://localhost:8000").identity()
     assert (identity.name, identity.kind, identity.notes) == (
         "localhost:8000",
         "remote",
@@ -66,13 +66,13 @@ def test_a_directory_has_one_file_a_task(folder):
 
 
 def test_a_directorys_digest_covers_names_and_contents(folder):
-    before = identify(parse_source(str(folder))).digest
+    before = parse_source(str(folder)).identity().digest
     (folder / "README.md").write_text("changed")
-    assert identify(parse_source(str(folder))).digest == before
+    assert parse_source(str(folder)).identity().digest == before
     (folder / "pushing.onnx").rename(folder / "playing.onnx")
-    renamed = identify(parse_source(str(folder))).digest
+    renamed = parse_source(str(folder)).identity().digest
     (folder / "playing.onnx").write_bytes(b"other")
-    assert len({before, renamed, identify(parse_source(str(folder))).digest}) == 3
+    assert len({before, renamed, parse_source(str(folder)).identity().digest}) == 3
 
 
 def test_two_files_for_one_task_are_refused(folder):

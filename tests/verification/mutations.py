@@ -30,8 +30,8 @@ from minitouch_bench.commands.report import report
 from minitouch_bench.comparison.comparison import compare_runs
 from minitouch_bench.episode import PlayedEpisode
 from minitouch_bench.errors import MiniTouchError
-from minitouch_bench.evaluation.actors import PolicySetup
 from minitouch_bench.evaluation.execution import header_of, open_run
+from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.files import (
     ACTIONS_FILE,
     GIB,

@@ -9,7 +9,7 @@ from minitouch_bench.verification.doctor import CheckResult, golden_bits, record
 def test_the_trial_has_contact_and_every_task():
     specs, recording = trial_episodes()
     assert {spec.task for spec in specs} == set(TASK_NAMES)
-    assert set(recording.actions) == {spec.key for spec in specs}
+    assert set(recording.actions) == {*specs}
     runner = EpisodeRunner(recording)
     records = [runner.run(spec) for spec in specs]
     runner.close()

@@ -17,9 +17,8 @@ from minitouch_bench.errors import (
     PolicyTimeoutError,
 )
 from minitouch_bench.perturbation import PolicyLimits
-from minitouch_bench.policies.isolate import isolate
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
-from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.process import PolicyProcess, isolate
 from minitouch_bench.policies.sources import parse_source
 from tests.policies.isolation import hostile_factory, hostile_modules
 

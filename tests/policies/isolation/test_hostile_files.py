@@ -25,9 +25,8 @@ import torch
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.files import LARGEST_CHECKPOINT
 from minitouch_bench.perturbation import PolicyLimits
-from minitouch_bench.policies.isolate import isolate, try_policy
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
-from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.process import PolicyProcess, isolate, try_policy
 from minitouch_bench.policies.sources import ENTRY_MARK, parse_source
 from minitouch_bench.policies.wire import Frame, pack_frame
 from tests.policies.isolation import hostile_modules

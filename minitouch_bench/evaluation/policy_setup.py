@@ -1,6 +1,6 @@
-"""The policies of a run, and the actors that play its episodes with them."""
+"""What plays a run: its policies, found and tried before any episode, or its recorded actions."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,112 +10,41 @@ from numpy.typing import NDArray
 from minitouch_bench.episode import EpisodeSpec, Role
 from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.evaluation.engine import Note
-from minitouch_bench.evaluation.rollout import Actor
+from minitouch_bench.evaluation.rollout import WorldOf
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
-from minitouch_bench.policies.isolate import effective_level, isolate, try_policy
 from minitouch_bench.policies.policy import (
     SANDBOXED,
     Isolation,
     IsolationOptions,
     Observation,
     Policy,
-    close_policy,
+    PolicySource,
     weakest,
 )
+from minitouch_bench.policies.process import effective_level, isolate, try_policy
 from minitouch_bench.policies.python_objects import keep_in_memory
-from minitouch_bench.policies.scripted import Controller, make_controller
-from minitouch_bench.policies.sources import PolicySource, parse_source
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES, senses_generator
+from minitouch_bench.policies.scripted import ScriptedPolicy
+from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import Plan
-from minitouch_bench.simulation.observation import FORCES
-from minitouch_bench.tasks.environment import MiniTouchEnv
-
-
-class PolicyActor:
-    """A policy that sees observations only."""
-
-    def __init__(self, policy: Policy, perturbation: Perturbation = UNPERTURBED) -> None:
-        self._policy = policy
-        self._perturbation = perturbation
-        self._senses: AlteredSenses | None = None
-
-    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
-        """Load the policy again and reset it with its seed."""
-        self._policy.reset(spec.policy_seed, spec.task)
-        if self._perturbation.change_the_senses:
-            self._senses = AlteredSenses(self._perturbation, spec.seed)
-
-    def act(self, observation: Observation) -> NDArray[np.float32]:
-        """Ask the policy."""
-        if self._senses is not None:
-            observation = self._senses.alter(observation)
-        return self._policy.act(observation)
-
-    def close(self) -> None:
-        """End the policy's process."""
-        close_policy(self._policy)
-
-
-class AlteredSenses:
-    """What a policy senses in one episode, with senses frozen and noise added."""
-
-    def __init__(self, perturbation: Perturbation, seed: int) -> None:
-        self._perturbation = perturbation
-        self._rng = senses_generator(seed)
-        self._first: Observation | None = None
-
-    def alter(self, observation: Observation) -> Observation:
-        """Return what the policy is given; the first call is the reset's observation."""
-        self._first = self._first or observation
-        image, touch = observation["image"], observation["touch"].copy()
-        if "vision" in self._perturbation.without:
-            image = self._first["image"]
-        frozen = {"touch": slice(None), "forces": FORCES}
-        for sense in self._perturbation.without:
-            if sense in frozen:
-                touch[frozen[sense]] = self._first["touch"][frozen[sense]]
-        if self._perturbation.noise:
-            noisy = image + self._rng.normal(0.0, self._perturbation.noise, image.shape)
-            image = noisy.round().clip(0, 255).astype(np.uint8)
-        if self._perturbation.force_noise:
-            forces = touch[FORCES]
-            touch[FORCES] += self._rng.normal(0.0, self._perturbation.force_noise, forces.shape)
-        return {"image": image, "touch": touch}
-
-
-class ScriptedActor:
-    """The scripted policy, which sits beside the simulator because it reads it."""
-
-    _controller: Controller
-
-    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
-        """Make a new controller."""
-        self._controller = make_controller(environment)
-
-    def act(self, observation: Observation) -> NDArray[np.float32]:
-        """Ask the controller, which looks past the observation."""
-        return self._controller.act()
-
-    def close(self) -> None:
-        """Do nothing: there is no process."""
-
+from minitouch_bench.runs.run import Run
 
 END_OF_RECORDING = "the recorded actions end before the episode does"
 """The fault of a replayed episode that its policy broke off."""
 
 
-class RecordedActor:
-    """Repeats the actions of each episode, and fails where they end too early."""
+class RecordedPolicy:
+    """Repeats the actions of each episode, by its task and seed, and fails where they end early."""
 
     _rest: Iterator[NDArray[np.float32]]
 
-    def __init__(self, actions: Mapping[str, Actions]) -> None:
+    def __init__(self, actions: Mapping[tuple[str, int], Actions]) -> None:
         self._actions = actions
 
-    def reset(self, environment: MiniTouchEnv, spec: EpisodeSpec) -> None:
+    def reset(self, seed: int, task: str) -> None:
         """Begin the episode's actions."""
-        self._rest = iter(self._actions[spec.key])
+        self._rest = iter(self._actions[task, seed])
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the next action.
@@ -128,20 +57,28 @@ class RecordedActor:
         except StopIteration:
             raise PolicyFaultError(END_OF_RECORDING) from None
 
-    def close(self) -> None:
-        """Do nothing: there is no process."""
-
 
 @dataclass(frozen=True)
 class Recording:
-    """The actions of a run by the keys of its episodes, float32 (T, A) each, as applied."""
+    """The actions of episodes, float32 (T, A) each, as applied."""
 
-    actions: Mapping[str, Actions]
+    actions: Mapping[EpisodeSpec, Actions]
     perturbation: Perturbation = UNPERTURBED
 
-    def make_actor(self, role: Role) -> RecordedActor:
-        """Return an actor that repeats them."""
-        return RecordedActor(self.actions)
+    @classmethod
+    def of(cls, run: Run, specs: Iterable[EpisodeSpec]) -> "Recording":
+        """Return the recorded actions of these episodes of a run.
+
+        Raises:
+            RunDirectoryError: they are missing, or their file is missing or damaged.
+        """
+        return cls({spec: run.actions_of(spec.key) for spec in specs}, run.plan.conditions)
+
+    def make_policy(self, role: Role, world_of: WorldOf) -> RecordedPolicy:
+        """Return a policy that repeats the actions of a role."""
+        return RecordedPolicy(
+            {(s.task, s.policy_seed): a for s, a in self.actions.items() if s.role is role}
+        )
 
 
 @dataclass(frozen=True)
@@ -170,14 +107,13 @@ class PolicySetup:
         """Return the weakest level at which a policy of the run is isolated."""
         return weakest(effective_level(one, self.isolation.level) for one in self.sources())
 
-    def make_actor(self, role: Role) -> Actor:
-        """Return a new actor of a role; exploration policies act stochastically."""
+    def make_policy(self, role: Role, world_of: WorldOf) -> Policy:
+        """Return the policy of a role, isolated as asked."""
         source = self.policy if role is Role.FINAL else self.exploration
         assert source is not None
         if source.kind == "scripted":
-            return ScriptedActor()
-        policy = isolate(source, self.isolation, deterministic=role is Role.FINAL)
-        return PolicyActor(policy, self.perturbation)
+            return ScriptedPolicy(world_of)
+        return isolate(source, self.isolation)
 
 
 def prepare_policies(
@@ -230,6 +166,7 @@ def _find_policy(
         source = parse_source(str(policy), tasks, trust=isolation.trust, role=role)
     else:
         source = keep_in_memory(policy)
+    source = replace(source, deterministic=role is Role.FINAL)
     level = effective_level(source, isolation.level)
     if source.kind == "remote" and level is not isolation.level:
         note(f"a policy server needs the network: its client has isolation {level}")
@@ -243,6 +180,6 @@ def _find_policy(
             f"{source.target} is named after {source.name} and plays {', '.join(tasks)}: "
             "choose --tasks, or give a directory with a file for each task"
         )
-    for warning in try_policy(source, tasks, isolation, deterministic=role is Role.FINAL):
+    for warning in try_policy(source, tasks, isolation):
         note(warning)
     return source
