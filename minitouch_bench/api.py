@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
+from minitouch_bench import files
 from minitouch_bench.comparison.comparison import (
     Comparison,
     compare_runs,
@@ -18,15 +19,6 @@ from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engi
 from minitouch_bench.evaluation.execution import header_of, open_run, play, run_name
 from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.evaluation.video import require_video, video_name, write_video
-from minitouch_bench.files import (
-    REPORTS,
-    VIDEOS,
-    holds_run,
-    list_videos,
-    lock_directory,
-    make_folder,
-    write_file,
-)
 from minitouch_bench.json_io import StrPath, Words, words
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation
@@ -46,7 +38,7 @@ __all__ = ["Run", "TaskResult", "compare", "evaluate", "load_run", "make", "trai
 AUTO_OUTPUT = "auto"
 """Stands for ``reports/POLICY-SUITE``."""
 
-TRAININGS = REPORTS / "training"
+TRAININGS = files.REPORTS / "training"
 
 
 def make(task: str, objects: Objects | None = None, **options: Any) -> gymnasium.Env[Any, Any]:
@@ -119,9 +111,9 @@ def evaluate(
     if output is None:
         with opening as running:
             return play(setup, Journal(header_of(setup)), running, callbacks)
-    directory = REPORTS / run_name(setup) if str(output) == AUTO_OUTPUT else Path(output)
-    with opening as running, lock_directory(directory):
-        if resume and not holds_run(directory):
+    directory = files.REPORTS / run_name(setup) if str(output) == AUTO_OUTPUT else Path(output)
+    with opening as running, files.lock_directory(directory):
+        if resume and not files.holds_run(directory):
             callbacks.note(f"no run to resume in {directory}: starting a new one")
         opened = open_run(setup, directory, resume=resume, fresh=fresh)
         run = play(setup, opened, running, callbacks)
@@ -133,9 +125,9 @@ def _write_views(run: Run, directory: Path, video: int = 0) -> None:
     """Write the report, the episodes, and videos of the first ``video`` episodes of each task."""
     for spec in run.header.specs():
         if spec.index < video:
-            file = make_folder(directory / VIDEOS) / video_name(spec.key)
+            file = files.make_folder(directory / files.VIDEOS) / video_name(spec.key)
             write_video(spec, run.actions_of(spec.key), file, run.plan.conditions)
-    write_views(run, directory, list_videos(directory))
+    write_views(run, directory, files.list_videos(directory))
 
 
 def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
@@ -150,8 +142,8 @@ def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
     opened = [run if isinstance(run, Run) else read_run(Path(run)) for run in runs]
     comparison = compare_runs(opened, [str(run.directory or run.name) for run in opened])
     if output is not None:
-        write_file(Path(output) / "comparison.json", comparison_json(comparison))
-        write_file(Path(output) / "comparison.md", comparison_markdown(comparison))
+        files.write_file(Path(output) / "comparison.json", comparison_json(comparison))
+        files.write_file(Path(output) / "comparison.md", comparison_markdown(comparison))
     return comparison
 
 

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Final, Literal, get_args
 
 from msgspec import Meta
@@ -52,10 +51,10 @@ class Perturbation:
     def __post_init__(self) -> None:
         if self.without != tuple(sense for sense in SENSES if sense in self.without):
             raise ValueError(f"senses are {', '.join(SENSES)}, each once and in this order")
-        for name, allowed in _ALLOWED.items():
+        for name, (least, most, unit) in _ALLOWED.items():
             low, high = _as_range(getattr(self, name))
-            if not allowed.low <= low <= high <= allowed.high:
-                raise ValueError(f"{name} is {allowed.low:g} to {allowed.high:g} {allowed.unit}")
+            if not least <= low <= high <= most:
+                raise ValueError(f"{name} is {least:g} to {most:g} {unit}")
 
     @property
     def change_the_senses(self) -> bool:
@@ -64,15 +63,13 @@ class Perturbation:
 
     def draw(self, rng: "np.random.Generator") -> tuple[float, float, float]:
         """Draw one episode's factors on mass and friction, and the degrees of its camera."""
-        mass, friction, camera = (
-            float(rng.uniform(*each)) for each in (self.mass, self.friction, self.camera)
-        )
-        return mass, friction, camera
+        uniform = rng.uniform
+        return uniform(*self.mass), uniform(*self.friction), uniform(*self.camera)
 
     def in_words(self) -> tuple[str, ...]:
         """Return what is different, for people."""
         changed = (
-            f"{name} {text.replace(':', ' to ')} {_ALLOWED[name.replace('-', '_')].unit}"
+            f"{name} {text.replace(':', ' to ')} {_ALLOWED[name.replace('-', '_')][2]}"
             for name, text in self._changed()
         )
         return (*(f"without {sense}" for sense in self.without), *changed)
@@ -92,24 +89,14 @@ class Perturbation:
                 yield _spelled(name), f"{low:.15g}" if low == high else f"{low:.15g}:{high:.15g}"
 
 
-@dataclass(frozen=True)
-class _Allowed:
-    """The values that a condition may have, and their unit."""
-
-    low: float
-    high: float
-    unit: str
-
-
-_ALLOWED: Mapping[str, _Allowed] = MappingProxyType(
-    {
-        "noise": _Allowed(0.0, 255.0, "gray levels"),
-        "force_noise": _Allowed(0.0, 1000.0, "N"),
-        "mass": _Allowed(0.01, 100.0, "times"),
-        "friction": _Allowed(0.01, 100.0, "times"),
-        "camera": _Allowed(-180.0, 180.0, "degrees"),
-    }
-)
+_ALLOWED: Mapping[str, tuple[float, float, str]] = {
+    "noise": (0.0, 255.0, "gray levels"),
+    "force_noise": (0.0, 1000.0, "N"),
+    "mass": (0.01, 100.0, "times"),
+    "friction": (0.01, 100.0, "times"),
+    "camera": (-180.0, 180.0, "degrees"),
+}
+"""The least and the greatest value of each change, and their unit."""
 
 
 def _as_range(value: float | Range) -> Range:

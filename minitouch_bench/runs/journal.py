@@ -106,8 +106,12 @@ class Journal:
             RunDirectoryError: the disk is full or fails; the earlier episodes stay.
         """
         if self.directory is not None:
-            line = b"\n" + _as_line(_line_of(record))
-            append_bytes(self.directory / JOURNAL_FILE, line, durable=True)
+            trace = record.trace
+            arrays = pack_arrays({name: getattr(trace, name) for name in ARRAYS})
+            line = _EpisodeLine(
+                record.spec, record.outcome, record.fault, trace.first_touch_tick, arrays
+            )
+            append_bytes(self.directory / JOURNAL_FILE, b"\n" + _as_line(line), durable=True)
         self.records[record.spec] = record
 
     def remove(self) -> None:
@@ -130,12 +134,6 @@ def _as_line(document: object) -> bytes:
 def _content(line: bytes) -> bytes | None:
     text = line[9:]
     return text if line[:9] == b"%08x " % zlib.crc32(text) else None
-
-
-def _line_of(record: PlayedEpisode) -> _EpisodeLine:
-    trace = record.trace
-    arrays = pack_arrays({name: getattr(trace, name) for name in ARRAYS})
-    return _EpisodeLine(record.spec, record.outcome, record.fault, trace.first_touch_tick, arrays)
 
 
 def _parse_record(line: bytes, name: str) -> PlayedEpisode:
@@ -164,14 +162,12 @@ def check_same(asked: RunHeader, there: RunHeader, directory: Path) -> None:
 
 
 def _flat(header: RunHeader) -> dict[str, object]:
-    values: dict[str, object] = {}
-    for record in (header, header.plan, header.plan.limits):
-        values |= {field.name: getattr(record, field.name) for field in fields(record)}
+    values = {**vars(header), **vars(header.plan), **vars(header.plan.limits)}
+    del values["plan"], values["limits"]
     for name in ("policy", "exploration"):
-        policy = getattr(header, name)
-        if policy is not None and policy.digest:  # the same bytes, wherever they are now
-            values[name] = replace(policy, source="")
-    return {name: value for name, value in values.items() if name not in ("plan", "limits")}
+        if values[name] is not None and values[name].digest:  # the same bytes, wherever they are
+            values[name] = replace(values[name], source="")
+    return values
 
 
 def _in_words(value: object) -> str:

@@ -41,7 +41,7 @@ from minitouch_bench.metrics.summary import (
 )
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.runs.actions import Actions, parse_actions
-from minitouch_bench.runs.plan import Plan
+from minitouch_bench.runs.plan import Plan, first_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -136,7 +136,7 @@ class RunEnvironment:
 
 @dataclass(frozen=True)
 class RunDocument:
-    """What ``run.json`` holds: everything a report is made from.
+    """What ``run.json`` holds: apart from ``Run``, whose ``episodes`` are a frame.
 
     ``digest`` covers every episode: runs with equal ones hold the same bits. ``faults`` says what
     the policy did wrong, by episode, such as "pushing/17" or "exploration/pushing/17"; each is a
@@ -282,10 +282,7 @@ class Run:
             if spec.key == key:
                 return spec, row
         specs, chosen = self.header.specs(), self.plan.chosen
-        if chosen:
-            names = ", ".join(chosen[:NAMED]) + (", …" if len(chosen) > NAMED else "")
-        else:
-            names = f"{specs[0].key} to {specs[-1].key}"
+        names = first_of(chosen, NAMED) if chosen else f"{specs[0].key} to {specs[-1].key}"
         raise UsageError(f"the run has no episode '{key}'; it has {names}")
 
     def is_edited(self) -> bool:
