@@ -73,7 +73,7 @@ def fill(task: str) -> tuple[MiniTouchEnv, Replay, float]:
     """Return an environment, the replay memory of random actions, and steps per second."""
     environment = MiniTouchEnv(task)
     size = environment.action_space.shape[0]
-    replay = Replay(FILLED, TOUCH_SIZE, size, compress=True)
+    replay = Replay(FILLED, TOUCH_SIZE, size)
     rng = np.random.default_rng(0)
     started, ended = time.process_time(), True
     for _ in range(FILLED):

@@ -31,7 +31,7 @@ from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.tasks.task import Objects
 
 if TYPE_CHECKING:
-    from minitouch_bench.agents.training_directory import TrainingProgress
+    from minitouch_bench.agents.training import TrainingCallbacks
 
 __all__ = ["Run", "TaskResult", "compare", "evaluate", "load_run", "make", "train"]
 
@@ -171,7 +171,7 @@ def train(
     output: StrPath | None = None,
     resume: bool = False,
     device: str = "auto",
-    callbacks: "TrainingProgress | None" = None,
+    callbacks: "TrainingCallbacks | None" = None,
 ) -> Path:
     """Train a learner in two phases: curiosity alone, then the task.
 
@@ -184,13 +184,14 @@ def train(
     """
     # Not at the top: an evaluation needs neither.
     from minitouch_bench.agents.config import apply_settings, make_config  # noqa: PLC0415
-    from minitouch_bench.agents.training_directory import NO_CALLBACKS, run_training  # noqa: PLC0415
+    from minitouch_bench.agents.training import NO_CALLBACKS  # noqa: PLC0415
+    from minitouch_bench.agents.training_directory import run_training  # noqa: PLC0415
 
     given = {
         "method": method,
         "seed": seed,
         "objects": objects,
-        "log": None if from_log is None else str(from_log),
+        "dataset": None if from_log is None else str(from_log),
         "exploration": None if exploration_steps is None else {"steps": exploration_steps},
         "task_phase": None if task_steps is None else {"steps": task_steps},
     }

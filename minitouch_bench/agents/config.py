@@ -19,9 +19,6 @@ HAPTICS = ("forces", "contact")
 CONFIG_FILE = "config.toml"
 """The settings of a training, in its directory."""
 
-PARTS = ("encoder", "actor", "critic")
-"""What can be carried over from the exploration phase to the task phase."""
-
 LEAST_REPLAY = 1000
 """Rows of the memory at the least: the episode under way must be in it."""
 
@@ -49,7 +46,7 @@ def _check_ranges(settings: object, **ranges: tuple[float, float]) -> None:
 class PhaseConfig:
     """What differs between the two phases.
 
-    ``steps``: control steps. ``temperature``: SAC's alpha, fixed; 0 learns it, starting from
+    ``steps``: control steps. SAC's temperature is learned, starting from
     ``initial_temperature``, so that the policy's entropy is ``target_entropy`` (nats per
     action number). Over the phase's first ``entropy_steps`` control steps the target moves
     linearly to ``final_target_entropy``; with 0 it is constant. ``n_step``: rewards summed before
@@ -59,7 +56,6 @@ class PhaseConfig:
 
     steps: int
     learning_rate: float = 3e-4
-    temperature: float = 0.0
     initial_temperature: float = 0.1
     target_entropy: float = -1.0
     final_target_entropy: float = -1.0
@@ -70,9 +66,9 @@ class PhaseConfig:
 
     def __post_init__(self) -> None:
         _check_ranges(
-            self, steps=ANY, learning_rate=(0, 1e9), temperature=(0, 1e9),
-            initial_temperature=ABOVE_ZERO, target_entropy=ENTROPY, final_target_entropy=ENTROPY,
-            entropy_steps=ANY, reward_scale=(-1e9, 1e9), n_step=N_STEP, success_share=SHARE,
+            self, steps=ANY, learning_rate=(0, 1e9), initial_temperature=ABOVE_ZERO,
+            target_entropy=ENTROPY, final_target_entropy=ENTROPY, entropy_steps=ANY,
+            reward_scale=(-1e9, 1e9), n_step=N_STEP, success_share=SHARE,
         )  # fmt: skip
 
     def target_entropy_at(self, step: int) -> float:
@@ -134,14 +130,12 @@ class CuriosityConfig:
 class TrainingConfig:
     """One training: a task, a method, a seed, and every setting.
 
-    ``log``: a recorded dataset, on which exploration makes its gradient steps without acting.
+    ``dataset``: a recorded one, on which exploration makes its gradient steps without acting.
     ``sac`` acts, with the dataset in its replay memory.
     ``episode_steps``: control steps after which a training episode ends; 0: the task's.
     ``random_steps``: uniformly random actions before learning starts.
     ``updates_per_step``: gradient steps per control step, fractions allowed.
-    ``carry``: which networks the task phase takes over from exploration.
     ``replay_size``: observations in the replay memory; the oldest are removed.
-    ``force_scale``: the finger forces (N) that the networks see as 1.
     ``log_every``: control steps between two rows of ``progress.csv``. After each
     ``evaluate_every`` (0: never) the policy plays ``evaluate_episodes`` episodes of its own, with
     the objects of the task, and there is a row as well. ``checkpoint_every``: control steps that a
@@ -152,14 +146,11 @@ class TrainingConfig:
     method: str = "hac"
     seed: int = 0
     objects: str = ""
-    log: str = ""
+    dataset: str = ""
     episode_steps: int = 50
     random_steps: int = 1000
     updates_per_step: float = 0.5
     replay_size: int = 1_000_000
-    compress: bool = True
-    carry: tuple[str, ...] = PARTS
-    force_scale: float = 10.0
     log_every: int = 500
     evaluate_every: int = 5000
     evaluate_episodes: int = 10
@@ -179,7 +170,7 @@ class TrainingConfig:
         _check_ranges(
             self, seed=(0, 2**63 - 1), episode_steps=ANY, random_steps=ANY,
             updates_per_step=(0, 1000), replay_size=(LEAST_REPLAY, math.inf),
-            force_scale=ABOVE_ZERO, log_every=POSITIVE, evaluate_every=ANY,
+            log_every=POSITIVE, evaluate_every=ANY,
             evaluate_episodes=(1, MAX_EPISODES), checkpoint_every=POSITIVE,
         )  # fmt: skip
         if self.episode_steps >= self.replay_size:
@@ -188,8 +179,6 @@ class TrainingConfig:
                 f"which is {self.replay_size}"
             )
         _check("method", self.method, tuple(METHODS))
-        for part in self.carry:
-            _check("part to carry", part, PARTS)
 
     @property
     def steps(self) -> int:

@@ -27,7 +27,7 @@ WHITENED_LIMIT = 5.0
 """Standard deviations."""
 
 LOG_VARIANCE_BOUNDS = (-4.6, 4.0)
-"""Of a predicted force: its standard deviation stays above 0.1 of ``force_scale``, 1 N."""
+"""Of a predicted force: its standard deviation stays above 0.1 of FORCE_SCALE, 1 N."""
 
 MOST_SURPRISE = 25.0
 """Five standard deviations count as much as any more."""
@@ -197,7 +197,7 @@ class HapticCuriosity(Curiosity):
     Decisions, where the paper is silent:
 
     - Forces alone are predicted: position and opening are seen in every image.
-    - ``haptics``: ``forces`` in units of ``force_scale``, or ``contact``, tanh |f| of each
+    - ``haptics``: ``forces`` in units of FORCE_SCALE, or ``contact``, tanh |f| of each
       finger, which a hard press does not change any more.
     - ``standardize``: the spread s_k of each force is predicted too, by the likelihood of a
       normal distribution (Kendall and Gal 2017), and r = mean_k min((f_k - h'_k)^2 / s_k^2, 25):

@@ -20,6 +20,9 @@ from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor, VisualEnco
 from minitouch_bench.protocol.spec import TaskSpec, Workspace
 from minitouch_bench.simulation.observation import FORCES, OPENINGS, POSITION
 
+FORCE_SCALE = 10.0
+"""The finger force (N) that the networks see as 1."""
+
 
 def has_bfloat16(device: torch.device) -> bool:
     """Tell whether a device multiplies in bfloat16, and not only emulates it.
@@ -53,13 +56,13 @@ class TouchScale:
     half: Tensor
 
     @classmethod
-    def of(cls, workspace: Workspace, force_scale: float) -> "TouchScale":
-        """Map the workspace and the openings to -1 ... 1 and ``force_scale`` (N) to 1."""
+    def of(cls, workspace: Workspace) -> "TouchScale":
+        """Map the workspace and the openings to -1 ... 1 and FORCE_SCALE to 1."""
         center, half = torch.zeros(TOUCH_SIZE), torch.ones(TOUCH_SIZE)
         low, high = torch.tensor(workspace.low), torch.tensor(workspace.high)
         center[POSITION], half[POSITION] = (low + high) / 2, (high - low) / 2
         center[OPENINGS], half[OPENINGS] = 0.5, 0.5
-        half[FORCES] = force_scale
+        half[FORCES] = FORCE_SCALE
         return cls(center, half)
 
     def to(self, device: torch.device) -> "TouchScale":
@@ -101,7 +104,7 @@ class Learner:
         if self.curiosity is not None:
             _arrange(self.curiosity, device)
             self.curiosity.begin()
-        self.scale = TouchScale.of(spec.workspace, config.force_scale).to(device)
+        self.scale = TouchScale.of(spec.workspace).to(device)
         self.exploring = config.exploration_steps > 0
         self.sac.begin_phase(self.phase)
         self.noise = torch.Generator(device).manual_seed(config.seed)
@@ -113,19 +116,7 @@ class Learner:
         return self.config.exploration if self.exploring else self.config.task_phase
 
     def begin_task_phase(self) -> None:
-        """Seed the task's networks with the exploration's; drop those not carried over."""
-        # Not seed + 1: the training with that seed starts from those weights.
-        (seed,) = np.random.SeedSequence(self.config.seed).generate_state(1, np.uint64).tolist()
-        with _weights_drawn_from(seed):
-            fresh = Sac(self.sac.config, action_size=self.sac.action_size)
-        if "encoder" not in self.config.carry:
-            self.sac.encoder.load_state_dict(fresh.encoder.state_dict())
-            self.sac.target_encoder.load_state_dict(fresh.target_encoder.state_dict())
-        if "actor" not in self.config.carry:
-            self.sac.actor.load_state_dict(fresh.actor.state_dict())
-        if "critic" not in self.config.carry:
-            self.sac.critics.load_state_dict(fresh.critics.state_dict())
-            self.sac.target_critics.load_state_dict(fresh.critics.state_dict())
+        """Go on with the exploration's networks, on the task's reward."""
         self.exploring = False
         self.sac.begin_phase(self.phase)
 

@@ -51,9 +51,8 @@ class Replay:
     numbered from the first ever added; the oldest leave when ``capacity`` is reached.
     """
 
-    def __init__(self, capacity: int, touch_size: int, action_size: int, *, compress: bool) -> None:
+    def __init__(self, capacity: int, touch_size: int, action_size: int) -> None:
         self.capacity = capacity
-        self._compress = compress
         self._images: list[bytes] = []
         self._plain = np.zeros(0, np.uint8)
         self._touch = np.zeros((0, touch_size), np.float32)
@@ -112,9 +111,7 @@ class Replay:
         row = self.rows % self.capacity
         if row >= len(self._last):
             self._grow()
-        content = image.tobytes()
-        if self._compress:
-            content = zlib.compress(content, COMPRESSION_LEVEL)
+        content = zlib.compress(image.tobytes(), COMPRESSION_LEVEL)
         if row < len(self._images):
             self._images[row] = content
         else:
@@ -200,8 +197,7 @@ class Replay:
         return images
 
     def _unpack(self, content: bytes) -> NDArray[np.uint8]:
-        plain = zlib.decompress(content) if self._compress else content
-        return np.frombuffer(plain, np.uint8).reshape(self._image_shape)
+        return np.frombuffer(zlib.decompress(content), np.uint8).reshape(self._image_shape)
 
     def state(self) -> dict[str, Any]:
         """Return everything but the images."""

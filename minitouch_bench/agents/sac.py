@@ -75,9 +75,8 @@ class Sac(nn.Module):
     def begin_phase(self, phase: PhaseConfig) -> None:
         """Take a phase's settings, with fresh optimizers."""
         self.phase = phase
-        start = phase.temperature or phase.initial_temperature
         with torch.no_grad():
-            self.log_temperature.fill_(math.log(start))
+            self.log_temperature.fill_(math.log(phase.initial_temperature))
         rate = phase.learning_rate
         self.critic_optimizer = torch.optim.Adam(
             [*self.encoder.parameters(), *self.critics.parameters()], rate, fused=True
@@ -125,11 +124,8 @@ class Sac(nn.Module):
         value = torch.minimum(*self._frozen_critics(features, batch.touch, action))
         actor_loss = (alpha * log_prob - value).mean()
         entropy = -log_prob.detach().mean()
-        loss = actor_loss
-        if self.phase.temperature == 0.0:
-            missing = self.phase.target_entropy_at(step) * self.action_size - entropy
-            loss = loss - self.log_temperature * missing
-        _step(self.actor_optimizer, loss)
+        missing = self.phase.target_entropy_at(step) * self.action_size - entropy
+        _step(self.actor_optimizer, actor_loss - self.log_temperature * missing)
 
         self._follow()
         return {

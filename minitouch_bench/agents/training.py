@@ -16,9 +16,10 @@ from torch import Tensor
 from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import TrainingConfig
 from minitouch_bench.agents.learner import Learner
-from minitouch_bench.agents.logged_data import fill_from_log
+from minitouch_bench.agents.recorded_data import fill_from_dataset
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import InvalidActionError, RunDirectoryError
+from minitouch_bench.evaluation.engine import ignore
 from minitouch_bench.files import PROGRESS_FILE, append_bytes, read_file, write_file
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
@@ -122,15 +123,19 @@ class Tally:
 
 @dataclass(frozen=True)
 class TrainingCallbacks:
-    """What a training asks of whoever runs it.
+    """Functions that a training calls while it runs; each does nothing by default.
 
-    ``evaluate`` runs a policy, deterministic or not, on episodes of its own. ``on_row`` is
-    given each row of ``progress.csv``. ``should_stop`` is asked before each control step.
+    ``note`` takes one line for the user. ``begin`` takes the control steps of both phases; ``row``
+    takes each row of ``progress.csv``. ``should_stop`` is asked before each control step.
     """
 
-    evaluate: Callable[[TouchActor, bool], Evaluation]
-    on_row: Callable[[ProgressRow], None] = lambda _: None
+    note: Callable[[str], None] = ignore
+    begin: Callable[[int], None] = ignore
+    row: Callable[[ProgressRow], None] = ignore
     should_stop: Callable[[], bool] = lambda: False
+
+
+NO_CALLBACKS = TrainingCallbacks()
 
 
 class Training:
@@ -141,18 +146,19 @@ class Training:
         config: TrainingConfig,
         environment: MiniTouchEnv,
         directory: Path,
+        *,
+        evaluate: Callable[[TouchActor, bool], Evaluation],
         callbacks: TrainingCallbacks,
         device: torch.device,
     ) -> None:
         self.config = config
+        self._evaluate = evaluate
         self._environment = environment
         self._directory = directory
         self._callbacks = callbacks
         spec = environment.task.spec
         self._learner = Learner(config, spec, device)
-        self._replay = Replay(
-            config.replay_size, TOUCH_SIZE, spec.action_size, compress=config.compress
-        )
+        self._replay = Replay(config.replay_size, TOUCH_SIZE, spec.action_size)
         self._files = CheckpointFiles(directory)
         self._tally = Tally()
         self._observation: Observation
@@ -188,7 +194,7 @@ class Training:
                 return False
             if self.step == self.config.exploration_steps > 0 and self._learner.exploring:
                 self._begin_task_phase()
-            if self._is_from_log:
+            if self._is_from_dataset:
                 self.step += 1
             else:
                 self._control_step()
@@ -199,15 +205,17 @@ class Training:
         return True
 
     def _begin(self) -> None:
-        if self.config.log:
-            fill_from_log(self._replay, Path(self.config.log), self._learner.sac.action_size)
-        if not self._is_from_log:
+        if self.config.dataset:
+            fill_from_dataset(
+                self._replay, Path(self.config.dataset), self._learner.sac.action_size
+            )
+        if not self._is_from_dataset:
             self._begin_episode()
 
     @property
-    def _is_from_log(self) -> bool:
+    def _is_from_dataset(self) -> bool:
         """Tell whether the step under way is one of an exploration of recorded data."""
-        return bool(self.config.log) and self._learner.exploring
+        return bool(self.config.dataset) and self._learner.exploring
 
     @property
     def _phase_step(self) -> int:
@@ -215,7 +223,7 @@ class Training:
         return self.step - (0 if self._learner.exploring else self.config.exploration_steps)
 
     def _control_step(self) -> None:
-        if not self.config.log and self.step < self.config.random_steps:
+        if not self.config.dataset and self.step < self.config.random_steps:
             action = self._learner.act_at_random()
         else:
             action = self._learner.act(self._observation)
@@ -251,7 +259,7 @@ class Training:
 
     def _updates_due(self) -> int:
         """Return the gradient steps to do now, so that their share comes out in the end."""
-        learned = self.step - (0 if self.config.log else self.config.random_steps)
+        learned = self.step - (0 if self.config.dataset else self.config.random_steps)
         if learned <= 0:
             return 0
         rate = self.config.updates_per_step
@@ -260,7 +268,7 @@ class Training:
     def _begin_task_phase(self) -> None:
         save_native(self._learner.actor(), self._directory / EXPLORED_FILE)
         self._learner.begin_task_phase()
-        if self.config.log:
+        if self.config.dataset:
             self._begin_episode()
 
     def _keep_records(self) -> None:
@@ -276,11 +284,11 @@ class Training:
     def _write_row(self, *, is_evaluated: bool) -> None:
         exploring, evaluation = self._learner.exploring, None
         if is_evaluated:
-            evaluation = self._callbacks.evaluate(self._learner.actor(), not exploring)
+            evaluation = self._evaluate(self._learner.actor(), not exploring)
         phase = "exploration" if exploring else "task"
         row = self._tally.row(self.step, phase, evaluation, self._elapsed())
         append_row(self._directory / PROGRESS_FILE, row)
-        self._callbacks.on_row(row)
+        self._callbacks.row(row)
         self._tally = Tally()
 
     def _elapsed(self) -> float:
@@ -322,7 +330,7 @@ class Training:
             self._seconds = state["seconds"]
             vars(self._tally).update(state["tally"])
             self._learner.load_state(state["learner"])
-            if self._is_from_log:
+            if self._is_from_dataset:
                 return
             self._observation, _ = self._environment.reset(seed=self._episode_seed())
             for action in self._replay.episode_actions():

@@ -2,9 +2,8 @@
 
 import os
 import time
-from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,13 @@ import torch
 
 from minitouch_bench import files
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_recorded_config
-from minitouch_bench.agents.training import Evaluation, ProgressRow, Training, TrainingCallbacks
+from minitouch_bench.agents.training import (
+    NO_CALLBACKS,
+    Evaluation,
+    ProgressRow,
+    Training,
+    TrainingCallbacks,
+)
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import (
     InfrastructureError,
@@ -21,7 +26,7 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.evaluation.engine import Note, ignore
+from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.machine import require
@@ -33,23 +38,6 @@ from minitouch_bench.protocol.spec import SuiteSpec
 from minitouch_bench.reporting.training_page import training_page
 from minitouch_bench.runs.plan import suite_episodes
 from minitouch_bench.tasks.environment import MiniTouchEnv
-
-
-@dataclass(frozen=True)
-class TrainingProgress:
-    """Functions that a training calls while it runs; each does nothing by default.
-
-    ``note`` takes one line for the user. ``begin`` takes the control steps of both phases; ``row``
-    takes each row of ``progress.csv``. ``should_stop`` is asked before each control step.
-    """
-
-    note: Callable[[str], None] = ignore
-    begin: Callable[[int], None] = ignore
-    row: Callable[[ProgressRow], None] = ignore
-    should_stop: Callable[[], bool] = lambda: False
-
-
-NO_CALLBACKS = TrainingProgress()
 
 EVALUATION_SUITE = "training"
 """Seeds the episodes of a training's evaluations; no suite has this name."""
@@ -63,7 +51,7 @@ def run_training(
     *,
     resume: bool = False,
     device: str = "auto",
-    callbacks: TrainingProgress = NO_CALLBACKS,
+    callbacks: TrainingCallbacks = NO_CALLBACKS,
 ) -> bool:
     """Train to the end and return True, or False where it was asked to stop before.
 
@@ -93,8 +81,14 @@ def run_training(
             if events is not None:
                 events.add(row)
 
-        watched = TrainingCallbacks(evaluator.evaluate, on_row, callbacks.should_stop)
-        training = Training(config, environment, directory, watched, chosen)
+        training = Training(
+            config,
+            environment,
+            directory,
+            evaluate=evaluator.evaluate,
+            callbacks=replace(callbacks, row=on_row),
+            device=chosen,
+        )
         training.start()
         files.write_file(directory / CONFIG_FILE, write_toml(config))
         events = _open_events(directory, callbacks.note)

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
-    from minitouch_bench.agents.training import ProgressRow
-    from minitouch_bench.agents.training_directory import TrainingProgress
+    from minitouch_bench.agents.training import ProgressRow, TrainingCallbacks
 
 PIPED_WIDTH = 120
 """Columns of a table that goes into a file or another program."""
@@ -150,12 +149,12 @@ def count_progress(label: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
-def training_progress() -> Iterator["TrainingProgress"]:
+def training_progress() -> Iterator["TrainingCallbacks"]:
     """Show a training on the screen, and end it between two steps after a Ctrl-C.
 
     A second Ctrl-C ends it at once.
     """
-    from minitouch_bench.agents.training_directory import TrainingProgress
+    from minitouch_bench.agents.training import TrainingCallbacks
 
     lines, bar = _Lines(notes()), _make_bars(notes())
     should_stop = False
@@ -185,6 +184,6 @@ def training_progress() -> Iterator["TrainingProgress"]:
     before = signal.signal(signal.SIGINT, interrupt)
     try:
         with bar:
-            yield TrainingProgress(note, begin, show, should_stop=lambda: should_stop)
+            yield TrainingCallbacks(note, begin, show, should_stop=lambda: should_stop)
     finally:
         signal.signal(signal.SIGINT, before)

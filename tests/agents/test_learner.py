@@ -9,7 +9,6 @@ import torch
 from minitouch_bench import machine
 from minitouch_bench.agents import learner as learners
 from minitouch_bench.agents.config import (
-    PARTS,
     CuriosityConfig,
     PhaseConfig,
     SacConfig,
@@ -48,7 +47,7 @@ def test_a_narrow_encoder_is_saved_narrow_and_acts_the_same(tmp_path):
 
 
 def filled_replay():
-    replay, rng = Replay(100, 11, 4, compress=True), np.random.default_rng(0)
+    replay, rng = Replay(100, 11, 4), np.random.default_rng(0)
     image = rng.integers(0, 256, (1, 84, 84), dtype=np.uint8)
     replay.begin_episode(image, np.zeros(11, np.float32))
     for _ in range(20):
@@ -69,25 +68,6 @@ def test_a_target_entropy_far_below_the_policys_lowers_the_temperature():
     )
     assert risen > first
     assert last < risen
-
-
-@pytest.mark.parametrize("carried", [True, False])
-def test_weights_are_carried_over_or_those_of_no_other_training(carried):
-    carry = PARTS if carried else ()
-    first, other = (
-        Learner(
-            TrainingConfig("pushing", seed=seed, carry=carry),
-            PROTOCOL.task("pushing"),
-            torch.device("cpu"),
-        )
-        for seed in (0, 1)
-    )
-    before = copy.deepcopy(first.sac.actor.state_dict())
-    first.begin_task_phase()
-    weight = "trunk.0.weight"
-    after = first.sac.actor.state_dict()[weight]
-    assert torch.equal(after, before[weight]) is carried
-    assert not torch.equal(after, other.sac.actor.state_dict()[weight])
 
 
 class TouchCounts(Curiosity):

@@ -35,9 +35,9 @@ def sample(replay, size=256, n_step=1, share=0.0, seed=0):
     )  # fmt: skip
 
 
-@pytest.fixture(params=[True, False], ids=["compressed", "plain"])
-def replay(request):
-    return Replay(1000, 11, 4, compress=request.param)
+@pytest.fixture
+def replay():
+    return Replay(1000, 11, 4)
 
 
 def test_transitions_stay_within_their_episode(replay):
@@ -72,7 +72,7 @@ def test_a_share_comes_from_before_successes(replay):
 
 
 def test_the_oldest_rows_leave():
-    replay = Replay(20, 11, 4, compress=True)
+    replay = Replay(20, 11, 4)
     fill(replay, [(9, 25.0, True)] * 5)
     assert len(replay) == 20
     batch = sample(replay, share=0.5)
@@ -82,7 +82,7 @@ def test_the_oldest_rows_leave():
 
 @pytest.mark.parametrize("capacity", [20, 1000])
 def test_a_copy_from_state_and_pictures_samples_the_same(capacity):
-    replay, other = (Replay(capacity, 11, 4, compress=True) for _ in range(2))
+    replay, other = (Replay(capacity, 11, 4) for _ in range(2))
     fill(replay, [(9, 25.0, True)] * 5)
     images = replay.images_since(replay.rows - len(replay))
     other.load(replay.state(), lambda held: images[len(images) - held :])

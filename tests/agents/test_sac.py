@@ -65,13 +65,6 @@ def test_temperature_falls_where_there_is_entropy_to_spare(target, falls):
     assert (sac.log_temperature.item() < before) == falls
 
 
-def test_a_fixed_temperature_stays():
-    sac, batch = make(PhaseConfig(10, temperature=0.3)), random_batch()
-    losses = sac.update(batch, batch.task_reward, generator(), 0)
-    assert losses["temperature"] == pytest.approx(0.3)
-    assert sac.log_temperature.exp().item() == pytest.approx(0.3)
-
-
 def test_log_probability_is_that_of_the_squashed_gaussian():
     sac = make()
     features, touch = torch.randn(8, 256), torch.randn(8, 11)

@@ -43,7 +43,7 @@ def train_ours(seed):
     sac = Sac(CONFIG, action_size=1, touch_size=3, encoder=NoImage(), features=0)
     sac.begin_phase(PhaseConfig(STEPS, learning_rate=RATE, initial_temperature=1.0))
     noise, rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
-    replay = Replay(STEPS * 2, 3, 1, compress=False)
+    replay = Replay(STEPS * 2, 3, 1)
 
     def tensors(observation):
         return torch.from_numpy(NOTHING)[None], torch.from_numpy(observation)[None]

@@ -12,7 +12,8 @@ from tensorboardX.proto import event_pb2
 import minitouch_bench as mt
 from minitouch_bench.agents import METHODS, training
 from minitouch_bench.agents.config import PhaseConfig
-from minitouch_bench.agents.training_directory import TrainingProgress, run_training
+from minitouch_bench.agents.training import TrainingCallbacks
+from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.policies.native import load_native, save_native
 from minitouch_bench.policies.policy import PolicySource
@@ -74,7 +75,7 @@ def break_off(directory, after, *, kill, resume):
             raise KilledError
         return True
 
-    watched = TrainingProgress(should_stop=should_stop)
+    watched = TrainingCallbacks(should_stop=should_stop)
     try:
         assert not run_training(CONFIG, directory, resume=resume, device="cpu", callbacks=watched)
     except KilledError:
@@ -96,7 +97,7 @@ def test_every_method_is_resumed_in_both_phases(tmp_path, method):
     directories = [tmp_path / name for name in ("quiet", "stopped")]
     for stops in (14, 24):
         answers = iter([False] * stops + [True])
-        watched = TrainingProgress(should_stop=answers.__next__)
+        watched = TrainingCallbacks(should_stop=answers.__next__)
         stopped = directories[1]
         assert not run_training(config, stopped, resume=True, device="cpu", callbacks=watched)
     for directory in directories:
@@ -198,7 +199,7 @@ def test_a_mistake_leaves_the_directory_free(tmp_path):
     with pytest.raises(UsageError, match="typo"):
         run_training(replace(CONFIG, objects="typo"), tmp_path, device="cpu")
     with pytest.raises(UsageError, match="is not a Minari dataset"):
-        run_training(replace(CONFIG, log="typo"), tmp_path, device="cpu")
+        run_training(replace(CONFIG, dataset="typo"), tmp_path, device="cpu")
     stop_at_once(tmp_path)
 
 

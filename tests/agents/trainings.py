@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
-from minitouch_bench.agents.training_directory import TrainingProgress, run_training
+from minitouch_bench.agents.training import TrainingCallbacks
+from minitouch_bench.agents.training_directory import run_training
 
 CONFIG = TrainingConfig(
     "pushing",
@@ -12,7 +13,6 @@ CONFIG = TrainingConfig(
     evaluate_every=40,
     evaluate_episodes=1,
     checkpoint_every=7,
-    carry=("encoder", "actor"),
     exploration=PhaseConfig(30),
     task_phase=PhaseConfig(20, n_step=3, success_share=0.25),
     sac=SacConfig(batch_size=4),
@@ -23,6 +23,6 @@ CONFIG = TrainingConfig(
 def stop_at_once(directory: Path, config: TrainingConfig = CONFIG) -> list[str]:
     """Begin or resume a training that is asked to stop before its next step; return its notes."""
     notes: list[str] = []
-    callbacks = TrainingProgress(note=notes.append, should_stop=lambda: True)
+    callbacks = TrainingCallbacks(note=notes.append, should_stop=lambda: True)
     assert not run_training(config, directory, resume=True, device="cpu", callbacks=callbacks)
     return notes

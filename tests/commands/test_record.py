@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import typer
 
-from minitouch_bench.agents.logged_data import fill_from_log
+from minitouch_bench.agents.recorded_data import fill_from_dataset
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.commands.record import record
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
@@ -44,8 +44,8 @@ def test_a_relative_directory_is_written_to(tmp_path, monkeypatch):
 
 
 def test_a_training_reads_it_too(dataset):
-    replay = Replay(1000, 11, 4, compress=True)
-    fill_from_log(replay, dataset, 4)
+    replay = Replay(1000, 11, 4)
+    fill_from_dataset(replay, dataset, 4)
     steps = [len(one.actions) for one in minari.MinariDataset(dataset).iterate_episodes()]
     assert replay.rows == sum(steps) + 2
     assert [end for _, end in replay.state()["successes"]] == [steps[0], replay.rows - 1]

@@ -20,7 +20,7 @@ DAMAGE = (
 """What Minari raises where a dataset is damaged or of another kind."""
 
 
-def fill_from_log(replay: Replay, path: Path, action_size: int) -> None:
+def fill_from_dataset(replay: Replay, path: Path, action_size: int) -> None:
     """Fill the replay memory with a dataset directory, as ``minitouch-bench record`` writes it.
 
     Raises:

@@ -11,17 +11,18 @@ from minari.dataset.minari_storage import MinariStorage
 import minitouch_bench as mt
 from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
-from minitouch_bench.agents.logged_data import fill_from_log
+from minitouch_bench.agents.recorded_data import fill_from_dataset
 from minitouch_bench.agents.replay import Replay
-from minitouch_bench.agents.training_directory import TrainingProgress, run_training
+from minitouch_bench.agents.training import TrainingCallbacks
+from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import UsageError
 from tests.agents.logs import LENGTHS, write_log
 
 
 def test_the_memory_holds_every_recorded_step(tmp_path):
     write_log(tmp_path / "log")
-    replay = Replay(100, 11, 4, compress=True)
-    fill_from_log(replay, tmp_path / "log", 4)
+    replay = Replay(100, 11, 4)
+    fill_from_dataset(replay, tmp_path / "log", 4)
     assert replay.rows == sum(LENGTHS) + len(LENGTHS)
     assert len(replay.episode_actions()) == LENGTHS[-1]
 
@@ -29,17 +30,17 @@ def test_the_memory_holds_every_recorded_step(tmp_path):
 @pytest.mark.parametrize("dense", [False, True])
 def test_a_success_is_what_the_log_calls_one(tmp_path, dense):
     write_log(tmp_path / "log", dense=dense)
-    replay = Replay(100, 11, 4, compress=True)
-    fill_from_log(replay, tmp_path / "log", 4)
+    replay = Replay(100, 11, 4)
+    fill_from_dataset(replay, tmp_path / "log", 4)
     assert replay.state()["successes"] == [(0, 4), (5, 12)]
 
 
 def test_a_log_of_another_form_is_refused(tmp_path):
     write_log(tmp_path / "log", touch_size=3)
     with pytest.raises(UsageError, match="touch"):
-        fill_from_log(Replay(100, 11, 4, compress=True), tmp_path / "log", 4)
+        fill_from_dataset(Replay(100, 11, 4), tmp_path / "log", 4)
     with pytest.raises(UsageError, match="is not a Minari dataset"):
-        fill_from_log(Replay(100, 11, 4, compress=True), tmp_path / "nothing", 4)
+        fill_from_dataset(Replay(100, 11, 4), tmp_path / "nothing", 4)
 
 
 def test_a_log_of_bare_numbers_is_refused(tmp_path):
@@ -53,7 +54,7 @@ def test_a_log_of_bare_numbers_is_refused(tmp_path):
     storage.update_episodes([episode])
     storage.update_metadata({"dataset_id": "robot-v0", "minari_version": minari.__version__})
     with pytest.raises(UsageError, match="is not a Minari dataset"):
-        fill_from_log(Replay(100, 11, 4, compress=True), tmp_path / "log", 4)
+        fill_from_dataset(Replay(100, 11, 4), tmp_path / "log", 4)
 
 
 @pytest.mark.parametrize("address", ["http://127.0.0.1:1/log", "hf://a/b", "https://a.b/log"])
@@ -62,7 +63,7 @@ def test_a_file_of_settings_names_no_server(tmp_path, monkeypatch, address):
         raise AssertionError("it looks for a server")
 
     monkeypatch.setattr(socket.socket, "connect", connect)
-    (tmp_path / "settings.toml").write_text(f"log = '{address}'")
+    (tmp_path / "settings.toml").write_text(f"dataset = '{address}'")
     settings, output = tmp_path / "settings.toml", tmp_path / "run"
     with pytest.raises(UsageError, match="is not a Minari dataset"):
         mt.train("pushing", config=settings, output=output, device="cpu")
@@ -112,7 +113,7 @@ SPOILED = {
 def test_a_spoiled_dataset_is_refused_in_one_line(tmp_path, name):
     path = spoiled(tmp_path / "log", SPOILED[name])
     with pytest.raises(UsageError, match="is not a Minari dataset") as refused:
-        fill_from_log(Replay(100, 11, 4, compress=True), path, 4)
+        fill_from_dataset(Replay(100, 11, 4), path, 4)
     assert len(str(refused.value).splitlines()) == 1
 
 
@@ -121,14 +122,14 @@ def test_odd_metadata_are_refused_in_one_line(tmp_path, text):
     write_log(tmp_path / "log")
     (tmp_path / "log" / "metadata.json").write_text(text)
     with pytest.raises(UsageError, match="is not a Minari dataset") as refused:
-        fill_from_log(Replay(100, 11, 4, compress=True), tmp_path / "log", 4)
+        fill_from_dataset(Replay(100, 11, 4), tmp_path / "log", 4)
     assert len(str(refused.value).splitlines()) == 1
 
 
 def test_a_dataset_larger_than_the_memory_is_refused(tmp_path):
     write_log(tmp_path / "log")
     with pytest.raises(UsageError, match="replay_size"):
-        fill_from_log(Replay(10, 11, 4, compress=True), tmp_path / "log", 4)
+        fill_from_dataset(Replay(10, 11, 4), tmp_path / "log", 4)
 
 
 def config_with_log(tmp_path, method="hac"):
@@ -136,7 +137,7 @@ def config_with_log(tmp_path, method="hac"):
     return TrainingConfig(
         "pushing",
         method=method,
-        log=str(tmp_path / "log"),
+        dataset=str(tmp_path / "log"),
         updates_per_step=1.0,
         log_every=5,
         evaluate_every=0,
@@ -151,7 +152,7 @@ def config_with_log(tmp_path, method="hac"):
 def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_path):
     config = config_with_log(tmp_path)
     rows, broken = [], tmp_path / "broken"
-    shown = TrainingProgress(row=rows.append)
+    shown = TrainingCallbacks(row=rows.append)
     assert run_training(config, tmp_path / "run", device="cpu", callbacks=shown)
     assert [row.step for row in rows] == [5, 8, 10, 13]  # no row is of both phases
     assert [row.phase for row in rows] == ["exploration"] * 2 + ["task"] * 2
@@ -160,7 +161,7 @@ def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_p
         assert [row.touch_share is None, row.task_reward is None] == [row.phase != "task"] * 2
 
     asked = iter([False] * 7 + [True])
-    stopped = TrainingProgress(should_stop=lambda: next(asked))
+    stopped = TrainingCallbacks(should_stop=lambda: next(asked))
     assert not run_training(config, broken, device="cpu", callbacks=stopped)
     assert run_training(config, broken, resume=True, device="cpu", callbacks=shown)
     files = [tmp_path / name / "final.safetensors" for name in ("run", "broken")]
@@ -170,8 +171,8 @@ def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_p
 def test_sac_acts_from_the_first_step_with_the_log_in_its_memory(tmp_path):
     config = config_with_log(tmp_path, "sac")
     assert run_training(config, tmp_path / "run", device="cpu")
-    memory, log_alone = (Replay(config.replay_size, 11, 4, compress=True) for _ in range(2))
+    memory, log_alone = (Replay(config.replay_size, 11, 4) for _ in range(2))
     CheckpointFiles(tmp_path / "run").load(memory)
-    fill_from_log(log_alone, tmp_path / "log", 4)
+    fill_from_dataset(log_alone, tmp_path / "log", 4)
     assert memory.rows == log_alone.rows + 1 + config.steps
     assert memory.state()["successes"] == log_alone.state()["successes"]
