@@ -42,29 +42,27 @@ def report(
     ] = None,
 ) -> None:
     """Show finished runs beside each other in Table 4, and write report.html."""
-    from minitouch_bench.reporting.report import (
-        TABLE_FORMATS,
-        Shown,
-        build_report,
-        show_report,
-        view_directory,
-        write_page,
-    )
+    from minitouch_bench.reporting import report as reporting
     from minitouch_bench.runs.run import read_run
 
-    if table_format is not None and table_format not in TABLE_FORMATS:
-        raise UsageError(f"no format '{table_format}'; there are {', '.join(TABLE_FORMATS)}")
+    formats = reporting.TABLE_FORMATS
+    if table_format is not None and table_format not in formats:
+        raise UsageError(f"no format '{table_format}'; there are {', '.join(formats)}")
     if table_format is not None and output is not None:
         raise UsageError("--format prints Table 4 and writes no page: leave --output out")
     opened = [read_run(run) for run in runs]
-    named = None if names is None else words(names)
-    shown = Shown(named, words(tasks), words(metrics))
+    first, is_single = opened[0].directory or Path(), len(opened) == 1
+    directory = output or (reporting.view_directory(first) if is_single else COMPARISON)
+    shown = reporting.build_report(
+        opened,
+        reporting.find_videos(list_videos(first) if is_single else (), directory),
+        names=None if names is None else words(names),
+        tasks=words(tasks),
+        metrics=words(metrics),
+    )
     if table_format is not None:
-        print(TABLE_FORMATS[table_format](build_report(opened, shown=shown)), end="")
+        print(formats[table_format](shown), end="")
         return
-    first = opened[0].directory or Path()
-    single = len(opened) == 1
-    directory = output or (view_directory(first) if single else COMPARISON)
-    videos = list_videos(first) if single else []
-    show_report(write_page(opened, directory, videos, shown), data_console())
+    reporting.write_page(shown, directory)
+    reporting.show_report(shown, data_console())
     note(f"report: {directory / 'report.html'}")

@@ -7,38 +7,13 @@ from typing import Literal
 
 from minitouch_bench.metrics.intervals import Estimate
 
-COLORS = {
-    "page": ("#fbfbf9", "#14161a"),
-    "panel": ("#ffffff", "#1b1e23"),
-    "tint": ("#f3f4f0", "#1f2329"),
-    "ink": ("#1b1d20", "#e7e8ea"),
-    "muted": ("#5c636c", "#a0a7b1"),
-    "rule": ("#e2e3df", "#30343b"),
-    "official": ("#00704f", "#4ad1a8"),
-    "warn": ("#a34700", "#f5a56b"),
-    "series-0": ("#0072b2", "#56b4e9"),
-    "series-1": ("#d55e00", "#f0803c"),
-    "series-2": ("#009e73", "#2fc59a"),
-    "series-3": ("#aa4488", "#dd94bd"),
-    "series-4": ("#b87a00", "#e6b13a"),
-    "series-5": ("#5d2f0c", "#f2dfc8"),
-    "series-6": ("#878d96", "#99a0a9"),
-    "success": ("#009e73", "#2fb68d"),
-    "touched": ("#3b8fc4", "#8ecdf2"),
-    "failed": ("#e69f00", "#e6b13a"),
-    "left": ("#aa4488", "#dd94bd"),
-    "limit": ("#9aa1a9", "#7d858f"),
-    "fault": ("#d55e00", "#f0803c"),
-}
-"""Light and dark shade by name. A mark of a chart names its color as ``tone``."""
-
-SERIES = tuple(name for name in COLORS if name.startswith("series-"))
-"""The colors of runs, in the order they are given out."""
+RUN_COLORS = 7
+"""Colors of runs in ``page.css``, which has the shades of every color that a mark can name."""
 
 
 def series_tone(index: int) -> str:
     """Return the color of the run at this position; the eighth has that of the first."""
-    return SERIES[index % len(SERIES)]
+    return f"series-{index % RUN_COLORS}"
 
 
 MarkShape = Literal["circle", "square", "up", "down", "plus", "cross", "diamond"]
@@ -217,16 +192,6 @@ def estimate_marks(
         Line(interval, series_tone(index), 2.2, 0.6),
         run_dot(index, estimate.value, row, size=size, is_hollow=is_hollow),
     )
-
-
-def upright_line(x: float, axis: Axis) -> Line:
-    """Return the line that marks a place on the horizontal axis, as high as ``axis``."""
-    return Line(((x, axis.low), (x, axis.high)), "muted", 0.8)
-
-
-def run_legend(names: Sequence[str]) -> tuple[LegendItem, ...]:
-    """Name the runs by their colors."""
-    return tuple(LegendItem(name, series_tone(index)) for index, name in enumerate(names))
 
 
 # Names

@@ -10,25 +10,15 @@ from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
+from minitouch_bench.reporting import charts
 from minitouch_bench.reporting.charts import (
-    ROW,
-    Axis,
-    Bar,
     Chart,
-    Dot,
     Figure,
     LegendItem,
     Line,
     Mark,
     Plot,
-    estimate_marks,
-    name_axis,
-    run_dot,
     series_tone,
-    share_axis,
-    short_names,
-    step_axis,
-    value_axis,
 )
 from minitouch_bench.reporting.labels import PAPER_METHODS, RunSection, paper_value, task_title
 from minitouch_bench.reporting.run_tables import (
@@ -135,13 +125,15 @@ def _run_legend(sections: Sequence[RunSection]) -> tuple[LegendItem, ...]:
 
 
 def _names(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    return short_names([section.name for section in sections])
+    return charts.short_names([section.name for section in sections])
 
 
-def _metric_axis(task: str, metric: str, values: Sequence[float]) -> Axis:
+def _metric_axis(task: str, metric: str, values: Sequence[float]) -> charts.Axis:
     """Name the axis of a metric and start it at 0; a share runs to 1."""
     label = f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
-    return share_axis(label) if METRICS[metric].is_share else value_axis(label, max(values))
+    if METRICS[metric].is_share:
+        return charts.share_axis(label)
+    return charts.value_axis(label, max(values))
 
 
 def _estimate_plot(task: str, sections: Sequence[RunSection]) -> Plot:
@@ -153,14 +145,14 @@ def _estimate_plot(task: str, sections: Sequence[RunSection]) -> Plot:
     highest = [0.0]
     for row, section in enumerate(sections):
         if estimate := find_estimate(section.run, task, metric):
-            marks += estimate_marks(row, row, estimate)
+            marks += charts.estimate_marks(row, row, estimate)
             highest.append(estimate.high)
     for row, (_, value) in enumerate(paper, start=len(sections)):
-        marks.append(Dot(value, row, "muted", "diamond", 7, is_hollow=True))
+        marks.append(charts.Dot(value, row, "muted", "diamond", 7, is_hollow=True))
         highest.append(value)
-    rows = name_axis(_names(sections), [method for method, _ in paper])
+    rows = charts.name_axis(_names(sections), [method for method, _ in paper])
     x = _metric_axis(task, metric, highest)
-    chart = Chart(x, rows, tuple(marks), ROW * len(rows.ticks))
+    chart = Chart(x, rows, tuple(marks), charts.ROW * len(rows.ticks))
     return Plot(title, f"{title}: {METRICS[metric].label} with 95 % intervals", (chart,))
 
 
@@ -186,27 +178,27 @@ def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]])
     edges = np.arange(0, PROTOCOL.task(task).max_steps + 2 * BIN, BIN)
     tops = {}
     for title, panel in panels.items():
-        drawn = (np.minimum(steps, edges[-1]) for steps in panel.values())
-        counts = np.array([np.histogram(steps, edges)[0] for steps in drawn], np.float64)
+        clipped = (np.minimum(steps, edges[-1]) for steps in panel.values())
+        counts = np.array([np.histogram(steps, edges)[0] for steps in clipped], np.float64)
         tops[title] = np.cumsum(100 * counts / max(1.0, counts.sum()), axis=0)
     highest = max(float(stack[-1].max()) for stack in tops.values())
-    x, y = step_axis(int(edges[-1])), value_axis("Episodes, %", highest, intervals=3)
-    charts = tuple(
+    x, y = charts.step_axis(int(edges[-1])), charts.value_axis("Episodes, %", highest, intervals=3)
+    drawn = tuple(
         Chart(x, y, tuple(_bars(list(panels[title]), stack, edges)), 76, title)
         for title, stack in tops.items()
     )
     what = f"{task_title(task)}: distribution of episode steps by ending"
-    return Plot(task_title(task), what, charts)
+    return Plot(task_title(task), what, drawn)
 
 
 def _bars(
     tones: Sequence[str], tops: NDArray[np.float64], edges: NDArray[np.int64]
-) -> Iterator[Bar]:
+) -> Iterator[charts.Bar]:
     """Yield the bars that are not empty; ``tops``: where each tone's bars end."""
     bottoms = np.vstack([np.zeros(len(edges) - 1), tops[:-1]])
     for row, slot in np.argwhere(tops > bottoms):
         left, bottom, top = float(edges[slot]), float(bottoms[row, slot]), float(tops[row, slot])
-        yield Bar(left + 0.6, left + BIN - 0.6, bottom, top, tones[row])
+        yield charts.Bar(left + 0.6, left + BIN - 0.6, bottom, top, tones[row])
 
 
 def touch_plot(task: str, runs: Sequence[Run]) -> Plot:
@@ -219,7 +211,8 @@ def touch_plot(task: str, runs: Sequence[Run]) -> Plot:
     highest = max((value for curve, _ in curves for value in curve), default=0.0)
     longest = max([PROTOCOL.task(task).max_steps, *(len(curve) for curve, _ in curves)])
     marks = tuple(line for i, (curve, n) in enumerate(curves) for line in _curve(i, curve, n))
-    chart = Chart(step_axis(longest), value_axis("Ticks per step", highest), marks, 112)
+    y = charts.value_axis("Ticks per step", highest)
+    chart = Chart(charts.step_axis(longest), y, marks, 112)
     what = f"{task_title(task)}: mean contact ticks at each control step"
     return Plot(task_title(task), what, (chart,))
 
@@ -241,12 +234,14 @@ def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> Plot:
     for row, section in enumerate(sections):
         result = find_generalization(section.run, task)
         if gap := result.gaps.get(metric) if result else None:
-            marks += estimate_marks(row, row - SPLIT_OFFSET, gap.held_out, size=7)
-            marks += estimate_marks(row, row + SPLIT_OFFSET, gap.train, size=7, is_hollow=True)
+            marks += charts.estimate_marks(row, row - SPLIT_OFFSET, gap.held_out, size=7)
+            marks += charts.estimate_marks(
+                row, row + SPLIT_OFFSET, gap.train, size=7, is_hollow=True
+            )
             highest += [gap.held_out.high, gap.train.high]
     label, title = METRICS[metric].label, task_title(task)
-    rows, x = name_axis(_names(sections)), _metric_axis(task, metric, highest)
-    chart = Chart(x, rows, tuple(marks), 1.4 * ROW * len(sections))
+    rows, x = charts.name_axis(_names(sections)), _metric_axis(task, metric, highest)
+    chart = Chart(x, rows, tuple(marks), 1.4 * charts.ROW * len(sections))
     return Plot(f"{title}: {label.lower()}", f"{title}: {label} on each split", (chart,))
 
 
@@ -265,7 +260,7 @@ def _family_plot(task: str, sections: Sequence[RunSection]) -> Plot:
                 row = line + float(offsets[index])
                 marks += _family_marks(index, row, both.held_out, both.train)
                 highest += [estimate.value for estimate in (both.held_out, both.train) if estimate]
-    rows = name_axis(short_names([printable(family) for family in families]))
+    rows = charts.name_axis(charts.short_names([printable(family) for family in families]))
     x = _metric_axis(task, compared[0].family_metric, highest)
     chart = Chart(x, rows, tuple(marks), (8 + 12 * len(sections)) * len(families))
     return Plot(task_title(task), f"{task_title(task)}: each family on each split", (chart,))
@@ -279,6 +274,6 @@ def _family_marks(
         points = ((held_out.value, row), (train.value, row))
         yield Line(points, series_tone(index), 1.2, 0.4)
     if train is not None:
-        yield run_dot(index, train.value, row, size=9, is_hollow=True)
+        yield charts.run_dot(index, train.value, row, size=9, is_hollow=True)
     if held_out is not None:
-        yield run_dot(index, held_out.value, row, size=5)
+        yield charts.run_dot(index, held_out.value, row, size=5)

@@ -169,13 +169,15 @@ SHOWN_EPISODES = 12
 
 @dataclass(frozen=True)
 class RunSection:
-    """One run in a report: name, labels, command line, and ``faults``: in which episodes each."""
+    """One run in a report, and what it is called there."""
 
     name: str
-    labels: tuple[str, ...]
-    faults: Mapping[str, Sequence[str]]
-    command: str
     run: Run
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What a reader must know of the run."""
+        return run_labels(self.run)
 
     @property
     def marked_name(self) -> str:
@@ -183,33 +185,38 @@ class RunSection:
         return f"{self.name}\u00a0*" if self.labels else self.name
 
     @property
+    def faults(self) -> Mapping[str, Sequence[str]]:
+        """The policy's faults, each with its episodes."""
+        return group_faults(self.run.faults.items())
+
+    @property
+    def command(self) -> str:
+        """The command line that repeats the run."""
+        return reproduce_command(self.run.header)
+
+    @property
     def episodes(self) -> str:
-        """Which episodes of its suite it has."""
-        header = self.run.header
-        if header.plan.chosen:
-            return printable(f"episodes {', '.join(header.plan.chosen)}")
-        return f"{header.plan.episodes} episodes per task"
+        """Which episodes of its suite the run has."""
+        plan = self.run.plan
+        if plan.chosen:
+            return printable(f"episodes {', '.join(plan.chosen)}")
+        return f"{plan.episodes} episodes per task"
 
 
 def describe_runs(
     runs: Sequence[Run], names: Sequence[str] | None = None
 ) -> tuple[RunSection, ...]:
-    """Say what each run is called in a report, and what a reader must know of it.
+    """Say what each run is called in a report: by ``names``, or by ``run_names``.
 
     Raises:
         UsageError: ``names`` are not as many as the runs, or not distinct.
     """
-    named = run_names(runs) if names is None else _checked(names, len(runs))
-    return tuple(
-        RunSection(
-            name=name,
-            labels=run_labels(run),
-            faults=group_faults(run.faults.items()),
-            command=reproduce_command(run.header),
-            run=run,
-        )
-        for name, run in zip(named, runs, strict=True)
-    )
+    named = run_names(runs) if names is None else tuple(map(printable, names))
+    if len(named) != len(runs):
+        raise UsageError(f"{len(named)} names for {len(runs)} runs; give one per run")
+    if len(set(named)) < len(runs) or not all(named):
+        raise UsageError(f"the names {', '.join(named)} do not distinguish the runs")
+    return tuple(map(RunSection, named, runs))
 
 
 def run_names(runs: Sequence[Run]) -> tuple[str, ...]:
@@ -242,15 +249,6 @@ def fault_lines(section: RunSection) -> list[str]:
         times = f"{count} {'episode' if count == 1 else 'episodes'}"
         lines.append(f"{section.name}: {text} ({times}: {first_of(episodes, SHOWN_EPISODES)})")
     return lines
-
-
-def _checked(names: Sequence[str], count: int) -> tuple[str, ...]:
-    plain = tuple(printable(name) for name in names)
-    if len(plain) != count:
-        raise UsageError(f"{len(plain)} names for {count} runs; give one per run")
-    if len(set(plain)) < count or not all(plain):
-        raise UsageError(f"the names {', '.join(plain)} do not distinguish the runs")
-    return plain
 
 
 def run_labels(run: Run) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.reporting.charts import COLORS, series_tone
+from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.labels import PAPER_METHODS, estimate_cell, paper_value, task_title
 from minitouch_bench.reporting.svg import draw_gauge, draw_plot
 from minitouch_bench.reporting.tables import Cell
@@ -55,7 +55,7 @@ def _environment(templates: Path) -> Environment:
 def _frame(templates: Path, styles: tuple[str, ...], scripts: tuple[str, ...]) -> dict[str, object]:
     """Return the texts of a page's style and scripts, and the policy that allows these alone."""
     environment = _environment(templates)
-    style = "".join(environment.get_template(name).render(colors=COLORS) for name in styles)
+    style = "".join(environment.get_template(name).render() for name in styles)
     texts = [environment.get_template(name).render() for name in scripts]
     policy = (
         f"default-src 'none'; style-src {_hash(style)}; "

@@ -64,21 +64,6 @@ class Video:
 
 
 @dataclass(frozen=True)
-class Shown:
-    """What a report shows of its runs: ``tasks`` and ``metrics`` of Table 4; () for the usual.
-
-    ``names``: what the runs are called; by default by their policies.
-    """
-
-    names: Sequence[str] | None = None
-    tasks: Sequence[str] = ()
-    metrics: Sequence[str] = ()
-
-
-USUAL = Shown()
-
-
-@dataclass(frozen=True)
 class Report:
     """What every form of a report shows.
 
@@ -96,8 +81,18 @@ class Report:
     videos: tuple[Video, ...]
 
 
-def build_report(runs: Sequence[Run], videos: Sequence[Video] = (), shown: Shown = USUAL) -> Report:
+def build_report(
+    runs: Sequence[Run],
+    videos: Sequence[Video] = (),
+    *,
+    names: Sequence[str] | None = None,
+    tasks: Sequence[str] = (),
+    metrics: Sequence[str] = (),
+) -> Report:
     """Compose the report of one or several runs.
+
+    ``names``: what the runs are called, by default by their policies. ``tasks`` and ``metrics``:
+    those of Table 4, () for the usual ones.
 
     Raises:
         UsageError: no runs; runs of which a task was played by other rules; names that do not fit
@@ -111,9 +106,9 @@ def build_report(runs: Sequence[Run], videos: Sequence[Video] = (), shown: Shown
                 f"{_protocol_of(first)} and {_protocol_of(other)} cannot be in one table: "
                 f"the rules of {', '.join(differing)} differ"
             )
-    sections = describe_runs(runs, shown.names)
-    tasks = _chosen("task", shown.tasks, tasks_in_order(runs))
-    metrics = _chosen("metric", shown.metrics, tuple(METRICS)) if shown.metrics else TABLE4_METRICS
+    sections = describe_runs(runs, names)
+    tasks = _chosen("task", tasks, tasks_in_order(runs))
+    metrics = _chosen("metric", metrics, tuple(METRICS)) if metrics else TABLE4_METRICS
     return Report(
         tasks=tasks,
         metrics=metrics,
@@ -148,21 +143,16 @@ def write_views(run: Run, directory: Path, videos: Sequence[Path] = ()) -> None:
     """
     rows = rows_csv(EPISODE_COLUMNS, map(episode_row, run.rows))
     files.write_file(directory / files.EPISODES_FILE, rows)
-    write_page([run], directory, videos)
+    write_page(build_report([run], find_videos(videos, directory)), directory)
 
 
-def write_page(
-    runs: Sequence[Run], directory: Path, videos: Sequence[Path] = (), shown: Shown = USUAL
-) -> Report:
-    """Write ``report.html`` of one or several runs; return what it shows.
+def write_page(report: Report, directory: Path) -> None:
+    """Write ``report.html``.
 
     Raises:
-        UsageError: see ``build_report``.
-        RunDirectoryError: the file cannot be written.
+        RunDirectoryError: it cannot be written.
     """
-    report = build_report(runs, find_videos(videos, directory), shown)
     files.write_file(directory / files.REPORT_PAGE, to_html(report))
-    return report
 
 
 def find_videos(videos: Sequence[Path], directory: Path) -> tuple[Video, ...]:

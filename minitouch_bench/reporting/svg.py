@@ -8,7 +8,7 @@ light or dark, and its font. A drawing is made of paths of straight lines, circl
 
 import html
 import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup
@@ -54,33 +54,6 @@ class PlotArea:
         return _scaled(value, self.chart.y, self.bottom - self.pad, self.top + self.pad)
 
 
-@dataclass(frozen=True)
-class Layout:
-    """The frames of a plot from the top down, its height, and where its x axis is labeled."""
-
-    frames: tuple[PlotArea, ...]
-    height: float
-    label: float
-
-
-def lay_out(plot: charts.Plot, width: float = WIDTH) -> Layout:
-    """Place the charts of a plot below each other, on one left edge."""
-    left = max(_left_margin(chart.y) for chart in plot.charts)
-    right = width - max(map(_right_margin, plot.charts))
-    frames: list[PlotArea] = []
-    top = 4.0
-    for chart in plot.charts:
-        top += TITLE if chart.title else 0.0
-        pad = PAD if any(isinstance(mark, charts.Dot) for mark in chart.marks) else 0.0
-        frames.append(PlotArea(chart, left, right, top, pad, chart is plot.charts[-1]))
-        top = frames[-1].bottom + GAP
-    label = plot.charts[-1].x.label
-    half = text_width(label) / 2
-    center = min(max((left + right) / 2, half), width - half)
-    height = frames[-1].bottom + NUMBERS + (LABEL if label else 0.0)
-    return Layout(tuple(frames), height, center)
-
-
 def text_width(text: str) -> float:
     """Estimate the width of a text."""
     wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
@@ -112,7 +85,7 @@ _PLUS = (
     *((-_A, -_B), (_A, -_B), (_A, -_A), (_B, -_A), (_B, _A), (_A, _A)),
     *((_A, _B), (-_A, _B), (-_A, _A), (-_B, _A), (-_B, -_A), (-_A, -_A)),
 )
-_OUTLINES: Mapping[charts.MarkShape, tuple[tuple[float, float], ...]] = {
+_OUTLINES = {
     "square": ((-0.88, -0.88), (0.88, -0.88), (0.88, 0.88), (-0.88, 0.88)),
     "up": ((0, -1.1), (1, 0.85), (-1, 0.85)),
     "down": ((0, 1.1), (1, -0.85), (-1, -0.85)),
@@ -124,20 +97,31 @@ _OUTLINES: Mapping[charts.MarkShape, tuple[tuple[float, float], ...]] = {
 
 
 def draw_plot(plot: charts.Plot, width: int = WIDTH, kind: str = "") -> Markup:
-    """Draw a plot; ``kind`` is one more class of the drawing."""
-    layout = lay_out(plot, width)
+    """Draw the charts of a plot below each other, on one left edge and one x axis.
+
+    ``kind`` is one more class of the drawing.
+    """
+    left = max(_left_margin(chart.y) for chart in plot.charts)
+    right = width - max(map(_right_margin, plot.charts))
     parts: list[str] = []
-    last = layout.frames[-1]
-    for frame in layout.frames:
-        if frame.chart.title:
-            parts.append(_text(0, frame.top - 8, frame.chart.title, "ink"))
-        parts += _grid(frame)
-        parts += [part for mark in frame.chart.marks for part in _mark(frame, mark)]
-    if label := last.chart.x.label:
-        parts.append(_text(layout.label, last.bottom + 31, label, "middle"))
+    bottom = 4.0 - GAP
+    for chart in plot.charts:
+        top = bottom + GAP + (TITLE if chart.title else 0.0)
+        pad = PAD if any(isinstance(mark, charts.Dot) for mark in chart.marks) else 0.0
+        area = PlotArea(chart, left, right, top, pad, chart is plot.charts[-1])
+        bottom = area.bottom
+        if chart.title:
+            parts.append(_text(0, top - 8, chart.title, "ink"))
+        parts += _grid(area)
+        parts += [part for mark in chart.marks for part in _mark(area, mark)]
+    height = bottom + NUMBERS
+    if label := plot.charts[-1].x.label:
+        half = text_width(label) / 2
+        center = min(max((left + right) / 2, half), width - half)
+        parts.append(_text(center, bottom + 31, label, "middle"))
+        height += LABEL
     return Markup(
-        f'<svg class="drawing{" " + kind if kind else ""}" '
-        f'viewBox="0 0 {width} {_n(layout.height)}" '
+        f'<svg class="drawing{" " + kind if kind else ""}" viewBox="0 0 {width} {_n(height)}" '
         f'role="img" aria-label="{html.escape(plot.description)}">{"".join(parts)}</svg>'
     )
 
@@ -206,25 +190,21 @@ def _mark(frame: PlotArea, mark: charts.Mark) -> Iterator[str]:
             corners = ((left, bottom), (left, top), (right, top), (right, bottom))
             yield _path(f"area {mark.tone}", corners)
         case charts.Dot():
-            yield from _dot(frame, mark)
+            yield _dot(mark, frame.x(mark.x), frame.y(mark.y))
 
 
-def _dot(frame: PlotArea, dot: charts.Dot) -> Iterator[str]:
-    x, y = frame.x(dot.x), frame.y(dot.y)
-    drawn = draw_mark(dot, x, y, dot.size)
+def _dot(dot: charts.Dot, x: float, y: float) -> str:
+    """Draw a mark about as large as a circle of its size, with its label and its link."""
+    kind, r = f"dot {'hollow ' if dot.is_hollow else ''}{dot.tone}", dot.size / 2
+    if dot.shape == "circle":
+        drawn = f'<circle class="{kind}" cx="{_n(x)}" cy="{_n(y)}" r="{_n(r)}"/>'
+    else:
+        drawn = _path(kind, [(x + r * dx, y + r * dy) for dx, dy in _OUTLINES[dot.shape]])
     if dot.label:
         drawn += _text(x + dot.size, y + 4, dot.label, "ink")
     if dot.title:
         drawn = f"<g><title>{html.escape(dot.title)}</title>{drawn}</g>"
-    yield f'<a href="{html.escape(dot.link)}">{drawn}</a>' if dot.link else drawn
-
-
-def draw_mark(mark: charts.Dot | charts.LegendItem, x: float, y: float, size: float) -> str:
-    """Draw a mark about as large as a circle of that diameter."""
-    kind, r = f"dot {'hollow ' if mark.is_hollow else ''}{mark.tone}", size / 2
-    if mark.shape == "circle":
-        return f'<circle class="{kind}" cx="{_n(x)}" cy="{_n(y)}" r="{_n(r)}"/>'
-    return _path(kind, [(x + r * dx, y + r * dy) for dx, dy in _OUTLINES[mark.shape]])
+    return f'<a href="{html.escape(dot.link)}">{drawn}</a>' if dot.link else drawn
 
 
 def _path(kind: str, points: Sequence[tuple[float, float]], more: str = "") -> str:
