@@ -1,13 +1,49 @@
 import shlex
 from dataclasses import replace
 
+import pytest
+
+from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.perturbation import PolicyLimits
-from minitouch_bench.reporting.labels import reproduce_command, run_labels, run_names
+from minitouch_bench.reporting.labels import (
+    PAPER_METHODS,
+    PAPER_TASKS,
+    estimate_cell,
+    paper_value,
+    reproduce_command,
+    run_labels,
+    run_names,
+)
+
+TABLE_4 = {
+    "exploration": "0.403 0.181 0.077  0.669 0.564 0.380  0.063 0.013 0.005",
+    "success": "0.733 0.710 0.582  0.983 0.921 0.875  0.891 0.593 0.450",
+    "episode_steps": "57.84 55.20 97.51  23.34 23.54 37.92  30.54 52.29 89.88",
+    "touch_interaction": "247.79 227.75 206.02  600.1 411.43 194.22  980.7 894.5 725.1  "
+    "388.15 312.0 124.5",
+}
+"""The supplement's values: pushing, opening, pick-up, playing."""
+
+
+@pytest.mark.parametrize("metric", TABLE_4)
+def test_the_paper_s_values_are_those_of_table_4(metric):
+    found = [paper_value(task, metric, method) for task in PAPER_TASKS for method in PAPER_METHODS]
+    assert [value.text for value in found if value] == TABLE_4[metric].split()
+    numbers = {value.number for value in found if value}
+    assert (numbers == {None}) == (metric == "touch_interaction")  # in a unit of the paper's own
+
+
+def test_a_value_carries_its_interval_and_how_it_was_made():
+    cell = estimate_cell("success", Estimate(0.97, 0.9161, 0.9897, 100, "wilson"), mark=0.733)
+    assert str(cell) == "0.970 [0.916, 0.990]"
+    assert "100 episodes" in cell.title
+    assert (cell.gauge.value, cell.gauge.mark) == (97.0, 73.3)
 
 
 def test_runs_of_one_policy_are_told_apart(hac):
     again = replace(hac, name="second")
     assert run_names([hac, again]) == ("hac-seed1 (hac-seed1)", "hac-seed1 (second)")
+    assert run_names([hac, hac])[1] == "hac-seed1 (hac-seed1) #2"
     assert run_names([hac]) == ("hac-seed1",)
 
 
@@ -17,15 +53,12 @@ def test_labels_of_the_exploration_policy_are_said_too(hac):
     assert "exploration policy: remote" in labels
 
 
-def test_an_official_run_is_repeated_by_its_suite_alone(hac):
+def test_a_run_is_repeated_by_its_suite_and_what_differs_from_it(hac, scripted):
     plan = replace(hac.plan, episodes=100)
     assert reproduce_command(replace(hac.header, plan=plan)) == (
         "minitouch-bench evaluate checkpoints/hac-seed1.safetensors --suite table4 "
         "--exploration e.safetensors"
     )
-
-
-def test_an_unofficial_run_names_what_differs(scripted):
     header = replace(scripted.header, plan=replace(scripted.plan, seed=7))
     assert reproduce_command(header).endswith("--tasks playing,pushing --episodes 5 --seed 7")
 

@@ -1,26 +1,85 @@
+import csv
+import io
+import json
+import re
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
+import pandas as pd
 import pytest
+from rich.console import Console
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.reporting.report import Shown, build_report, find_videos
-from tests.reporting.synthetic import make_run, save
+from minitouch_bench.metrics.summary import EPISODE_COLUMNS
+from minitouch_bench.reporting.report import (
+    TABLE_FORMATS,
+    Video,
+    build_report,
+    find_videos,
+    show_report,
+    table4_latex,
+    to_html,
+    write_page,
+    write_views,
+)
+from tests.reporting.conftest import HOSTILE
+from tests.reporting.html_page import Page
+from tests.reporting.synthetic import make_run, save, with_shapes, write
+
+CHROMIUM, PDFLATEX = shutil.which("chromium"), shutil.which("pdflatex")
+LATEX = r"\documentclass{article}\usepackage{booktabs,graphicx}\begin{document}%s\end{document}"
+
+
+@pytest.fixture(scope="module")
+def page(hac, scripted) -> str:
+    return to_html(build_report([hac, scripted], [Video("pushing 3", "videos/pushing_3.mp4")]))
+
+
+def on_screen(report, width=200):
+    console = Console(width=width)
+    with console.capture() as captured:
+        show_report(report, console)
+    return captured.get()
+
+
+# What is in a report
 
 
 @pytest.mark.parametrize("before", [(), ("opening",)])  # a first run that shares no task with them
 def test_runs_of_different_protocols_never_share_a_table(hac, scripted, before):
     digests = {**scripted.header.task_digests, "pushing": "f" * 64}
     other = replace(scripted, header=replace(scripted.header, task_digests=digests))
-    with pytest.raises(UsageError) as raised:
-        build_report([*(save(make_run(task, tasks=(task,))) for task in before), hac, other])
-    assert "'hac-seed1'" in str(raised.value)
-    assert "'scripted-smoke'" in str(raised.value)
+    runs = [save(make_run(task, tasks=(task,))) for task in before]
+    with pytest.raises(UsageError, match=r"'hac-seed1'.*'scripted-smoke'"):
+        build_report([*runs, hac, other])
 
 
-def test_a_report_needs_a_run():
-    with pytest.raises(UsageError, match="at least one run"):
-        build_report([])
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"tasks": ("sleeping",)}, "there are"),
+        ({"metrics": ("luck",)}, "there are"),
+        ({"names": ("a", "b")}, "one per run"),
+    ],
+)
+def test_what_does_not_exist_cannot_be_chosen(hac, options, word):
+    with pytest.raises(UsageError, match=word):
+        build_report([hac], **options)
+
+
+def test_tasks_and_metrics_are_chosen(hac, novel):
+    chosen = {"tasks": ("opening", "pushing"), "metrics": ("touched", "success")}
+    report = build_report([hac], **chosen)
+    assert report.tasks == ("pushing", "opening")  # in the order of every table
+    assert [group for group, _ in report.table4.groups] == ["Pushing", "Opening"]
+    assert [row.heads for row in report.table4.rows] == [("Success ↑",), ("Touched",)]
+    assert {row.heads[0] for row in report.diagnostics.rows} == {"Pushing", "Opening"}
+    assert len(report.episodes[0].rows) == 2 * 20
+    only = build_report([novel], tasks=("pushing",))
+    assert {row.heads[0] for row in only.novel_shapes[0].rows} == {"Pushing"}
 
 
 def test_equal_faults_are_told_once(hac):
@@ -29,25 +88,198 @@ def test_equal_faults_are_told_once(hac):
 
 
 def test_videos_are_addressed_relative_to_the_report(tmp_path: Path):
-    files = [tmp_path / "videos" / "pushing_3 a#b.mp4"]
-    video = find_videos(files, tmp_path)[0]
-    assert video.caption == "pushing 3 a#b"
-    assert video.address == "videos/pushing_3%20a%23b.mp4"
+    (video,) = find_videos([tmp_path / "videos" / "pushing_3 a#b.mp4"], tmp_path)
+    assert (video.caption, video.address) == ("pushing 3 a#b", "videos/pushing_3%20a%23b.mp4")
 
 
-def test_tasks_and_metrics_are_chosen(hac, novel):
-    shown = Shown(tasks=("opening", "pushing"), metrics=("touched", "success"))
-    report = build_report([hac], shown=shown)
-    assert report.tasks == ("pushing", "opening")  # in the order of every table
-    assert [group for group, _ in report.table4.groups] == ["Pushing", "Opening"]
-    assert [row.heads for row in report.table4.rows] == [("Success ↑",), ("Touched",)]
-    assert {row.heads[0] for row in report.diagnostics.rows} == {"Pushing", "Opening"}
-    assert len(report.episodes[0].rows) == 2 * 20
-    only = build_report([novel], shown=Shown(tasks=("pushing",)))
-    assert {row.heads[0] for row in only.novel_shapes[0].rows} == {"Pushing"}
+# The page
 
 
-@pytest.mark.parametrize("shown", [Shown(tasks=("sleeping",)), Shown(metrics=("luck",))])
-def test_what_does_not_exist_cannot_be_chosen(hac, shown):
-    with pytest.raises(UsageError, match="there are"):
-        build_report([hac], shown=shown)
+def test_the_page_is_whole_and_loads_nothing_from_anywhere(page):
+    parsed = Page(page)
+    assert parsed.open == []
+    assert len(parsed.ids) == len(set(parsed.ids))
+    for tag, attributes in parsed.attributes:
+        assert tag != "script"
+        for name in ("src", "href", "xlink:href"):
+            address = attributes.get(name) or ""
+            assert address.startswith(("#", "data:", "videos/")) or not address, address
+    assert "@import" not in page
+    assert "default-src 'none'" in page
+
+
+def test_values_labels_and_every_episode_are_on_the_page(page, hac):
+    pushing = next(task for task in hac.summary.tasks if task.task == "pushing")
+    for text in (
+        f"{pushing.estimates['success'].value:.3f}",
+        "unofficial: 5 of 100 episodes",
+        "reads the simulator&#39;s state",
+        "act() gave NaN in element 2 of 4",
+        hac.header.protocol_digest,
+        "minitouch-bench evaluate checkpoints/hac-seed1.safetensors",
+        'src="videos/pushing_3.mp4"',
+        *(f"{episode.task}/{episode.index}<" for episode in hac.rows),
+    ):
+        assert text in page
+
+
+def test_tables_can_be_reached_and_read_aloud(page):
+    regions = [a for tag, a in Page(page).attributes if a.get("role") == "region"]
+    assert all(region["tabindex"] == "0" and region["aria-labelledby"] for region in regions)
+    assert len(regions) == 2 + 2  # Table 4, diagnostics, the episodes of each run
+    heads = [a for tag, a in Page(page).attributes if tag == "th"]
+    assert all(head["scope"] in {"col", "row", "colgroup"} for head in heads)
+
+
+def test_the_novel_shapes_are_on_the_page_and_the_screen(novel, hac):
+    report = build_report([novel])
+    page = to_html(report)
+    for text in (page, on_screen(report)):
+        for expected in ("Novel shapes", "Held-out", "Gap", "by family", "harmonic"):
+            assert expected in text
+    parsed = Page(page)
+    assert len(parsed.ids) == len(set(parsed.ids))
+    assert "Novel shapes" not in to_html(build_report([hac]))
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        replace(make_run(tasks=("pushing",), episodes=1), records=()),
+        make_run(tasks=("playing",), episodes=1),
+    ],
+)
+def test_a_run_of_little_still_has_a_page(run):
+    assert Page(to_html(build_report([save(run)]))).open == []
+
+
+def test_hostile_text_is_only_text_in_every_form(hostile):
+    shaped = with_shapes(make_run(HOSTILE, tasks=("pushing",), episodes=24, exploration=False))
+    specs = (replace(record.spec, family=HOSTILE) for record in shaped.records)
+    records = (replace(r, spec=spec) for r, spec in zip(shaped.records, specs, strict=True))
+    for run in (hostile, save(replace(shaped, records=tuple(records)), "x")):
+        report = build_report([run])
+        forms = {name: write(report) for name, write in TABLE_FORMATS.items()}
+        forms |= {"page": to_html(report), "screen": on_screen(report)}
+        for text in forms.values():
+            assert "\u202e" not in text
+            assert "\x1b[31m" not in text
+        assert Page(forms["page"]).open == []
+        assert "<script" not in forms["page"]
+        assert not re.search(r"(?<!\\)<script", forms["md"])
+        assert "[b](c)" in forms["screen"]  # no markup of the terminal's library
+        rows = csv.DictReader(io.StringIO(forms["csv"]))
+        assert {row["policy"] for row in rows if "cmd" in row["policy"]} == {
+            "'" + report.sections[0].name
+        }
+
+
+# Table 4 as text, and the terminal
+
+
+def test_the_terminal_has_both_tables_and_the_faults(hac, scripted):
+    text = on_screen(build_report([hac, scripted]), width=140)
+    fault = "act() gave NaN in element 2 of 4 (2 episodes: pushing/0, pushing/1)"
+    for expected in ("Pushing", "(paper)", "0.733", "Diagnostics", "reads the simulator's", fault):
+        assert expected in text
+
+
+def test_markdown_is_the_table_and_its_notes(hac, scripted):
+    text = TABLE_FORMATS["md"](build_report([hac, scripted]))
+    assert text.startswith("## Table 4")
+    assert "RND+touch (paper)" in text
+    assert "unofficial: 5 of 100 episodes" in text
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    assert len({len(re.findall(r"(?<!\\)\|", line)) for line in lines[:6]}) == 1
+
+
+def test_latex_has_a_block_per_task(hac, scripted):
+    source = table4_latex(build_report([hac, scripted]))
+    assert source.count(r"\midrule") == 4
+    assert r"\multicolumn{6}{l}{\textbf{Pick-up}}" in source
+    assert r"247.79\textdagger{}" in source
+    lines = [line for line in source.splitlines() if " & " in line]
+    assert {len(re.split(r"(?<!\\)&", line)) for line in lines} == {6}
+    bare = replace(hac, summary=replace(hac.summary, tasks=()))
+    assert r"\end{tabular}" in table4_latex(build_report([bare]))
+
+
+@pytest.mark.skipif(PDFLATEX is None, reason="needs pdflatex: apt-get install texlive-latex-base")
+def test_latex_takes_it_with_hostile_names(tmp_path, hac, hostile):
+    (tmp_path / "page.tex").write_text(LATEX % table4_latex(build_report([hac, hostile])))
+    command = [str(PDFLATEX), "-halt-on-error", "-no-shell-escape", "page.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:]
+
+
+def test_csv_and_json_are_long_and_labeled(hac, scripted):
+    report = build_report([hac, scripted])
+    rows = list(csv.DictReader(io.StringIO(TABLE_FORMATS["csv"](report))))
+    (own,) = [r for r in rows if r["policy"] == "scripted" and r["metric"] == "success"]
+    assert own == {
+        "policy": "scripted", "task": "pushing", "metric": "success", "value": "1.0",
+        "low": own["low"], "high": "1.0", "count": "5", "method": "wilson",
+        "source": "run (reads the simulator's state; unofficial: 5 of 100 episodes)",
+    }  # fmt: skip
+    (paper,) = [r for r in rows if r["policy"] == "HaC" and r["task"] == "playing"]
+    assert (paper["metric"], paper["value"], paper["low"]) == ("touch_interaction", "388.15", "")
+    assert paper["source"].startswith("paper (other unit, ")
+    assert len(json.loads(TABLE_FORMATS["json"](report))) == len(rows)
+
+
+# Files
+
+
+def test_a_run_has_two_views_of_equal_bytes_apart_from_the_times(tmp_path):
+    run = make_run(episodes=5, faults=1)
+    environment = replace(run.environment, started="2031-12-31T23:59:59Z", wall_s=1.0)
+    for place, made in (("one", run), ("two", replace(run, environment=environment))):
+        write_views(write(made, tmp_path / place / "run"), tmp_path / place / "run")
+    first, second = tmp_path / "one" / "run", tmp_path / "two" / "run"
+    assert {file.name for file in first.iterdir()} == {"episodes.csv", "report.html", "run.json"}
+    assert (first / "episodes.csv").read_bytes() == (second / "episodes.csv").read_bytes()
+    later = (
+        (second / "report.html").read_text().replace("2031-12-31T23:59:59Z", "2025-03-04T10:20:30Z")
+    )
+    assert later.replace("took 1 s", "took 754 s") == (first / "report.html").read_text()
+
+
+def test_episodes_read_back_with_the_published_columns(tmp_path, hac):
+    write_views(hac, tmp_path)
+    assert b"\r" not in (tmp_path / "episodes.csv").read_bytes()
+    frame = pd.read_csv(tmp_path / "episodes.csv")
+    assert tuple(frame.columns) == EPISODE_COLUMNS
+    assert frame["success"].dtype == bool
+    assert frame["object_movement"].tolist() == [e.object_movement for e in hac.rows]
+    untouched = [e.first_touch_tick is None for e in hac.rows]
+    assert frame["time_to_first_touch"].isna().tolist() == untouched
+
+
+def test_a_report_needs_neither_torch_nor_pybullet_nor_pandas():
+    code = (
+        "import sys, minitouch_bench.reporting.report; "
+        "print([m for m in ('torch', 'pybullet', 'pandas') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+# A browser
+
+
+def run_chromium(profile: Path, page: Path) -> subprocess.CompletedProcess[str]:
+    quiet = ("--disable-quic", "--no-first-run", "--disable-background-networking")
+    still = ("--disable-component-update", "--disable-sync", "--disable-gpu", "--no-sandbox")
+    log = ("--enable-logging=stderr", "--v=0", "--dump-dom", f"--user-data-dir={profile}")
+    command = [str(CHROMIUM), "--headless", *quiet, *still, *log, page.as_uri()]
+    return subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs a browser: apt-get install chromium")
+def test_the_page_opens_in_a_browser_without_a_console_error(tmp_path, hac, scripted):
+    write_page(build_report([hac, scripted]), tmp_path)
+    done = run_chromium(tmp_path / "profile", tmp_path / "report.html")
+    assert "CONSOLE" not in done.stderr, done.stderr
+    assert "2 policies, side by side" in done.stdout
+    (tmp_path / "bad.html").write_text("<script>console.error('seen')</script>")
+    assert "CONSOLE" in run_chromium(tmp_path / "profile", tmp_path / "bad.html").stderr

@@ -1,45 +1,26 @@
-import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import pytest
 
-from minitouch_bench.reporting.charts import (
-    Chart,
-    Dot,
-    Line,
-    Plot,
-    name_axis,
-    share_axis,
-)
-from minitouch_bench.reporting.svg import WIDTH, draw_plot, draw_share_bar, text_width
+from minitouch_bench.reporting.charts import Chart, Dot, Line, Plot, name_axis, share_axis
+from minitouch_bench.reporting.svg import draw_plot, draw_share_bar
 
 HOSTILE = '</svg><script>alert(1)</script> & "x" 触覚 🤖'
 
 
-def rows_plot(name="a", x=0.5):
-    marks = (Line(((0.2, 0), (0.9, 0)), "series-0"), Dot(x, 0, "series-0"))
+def rows_plot(name="a"):
+    marks = (Line(((0.2, 0), (0.9, 0)), "series-0"), Dot(0.5, 0, "series-0"))
     return Plot("Pushing", "success", (Chart(share_axis("Success"), name_axis([name]), marks, 30),))
 
 
 def test_a_drawing_is_well_formed_and_holds_no_style():
     drawing = draw_plot(rows_plot())
     root = ET.fromstring(drawing)
-    assert root.get("role") == "img"
-    assert root.get("aria-label") == "success"
+    assert (root.get("role"), root.get("aria-label")) == ("img", "success")
     assert not [element for element in root.iter() if element.get("style")]
     assert "series-0" in drawing
     assert drawing == draw_plot(rows_plot())
-
-
-@pytest.mark.parametrize("value", [0.0, 1.0])
-def test_a_mark_at_the_end_of_an_axis_is_drawn_whole(value):
-    drawing = draw_plot(rows_plot(x=value))
-    box = float(re.search(r'viewBox="0 0 (\d+)', drawing)[1])
-    pattern = r'class="dot series-0" cx="([\d.]+)" cy="\S+" r="([\d.]+)"'
-    center, radius = map(float, re.search(pattern, drawing).groups())
-    assert center - radius > text_width("a")
-    assert center + radius < box == WIDTH
 
 
 def test_a_hostile_name_is_only_text():
@@ -47,15 +28,13 @@ def test_a_hostile_name_is_only_text():
     marks = (*plot.charts[0].marks, Dot(0, 0, "muted", label=HOSTILE, title=HOSTILE, link='"x'))
     plot = replace(plot, description=HOSTILE, charts=(replace(plot.charts[0], marks=marks),))
     drawing = draw_plot(plot)
-    root = ET.fromstring(drawing)
     assert "<script" not in drawing
-    assert HOSTILE in [element.text for element in root.iter()]
+    assert HOSTILE in [element.text for element in ET.fromstring(drawing).iter()]
 
 
 def test_a_share_bar_is_as_wide_as_its_place():
     drawing = draw_share_bar([("success", "won", 3), ("limit", "lost", 1)], "Pushing")
     root = ET.fromstring(drawing)
-    assert root.get("viewBox") is None
     widths = [float(e.get("width").rstrip("%")) for e in root.iter() if e.tag.endswith("rect")]
     assert widths == pytest.approx([75, 25], abs=0.5)
     assert "won: 3 of 4" in drawing

@@ -1,100 +1,72 @@
-from dataclasses import replace
+"""Tables and texts of strangers as Markdown, LaTeX and CSV."""
 
-from minitouch_bench.metrics.intervals import Estimate
-from minitouch_bench.reporting.labels import estimate_cell
-from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.tables import ABSENT
+import pytest
 
-
-def row(table, label):
-    return next(row for row in table.rows if row.heads[0].startswith(label))
-
-
-def test_table4_has_the_shape_of_the_paper(hac):
-    table = build_report([hac]).table4
-    assert [head for row in table.rows for head in row.heads] == [
-        "Exploration ↑",
-        "Success ↑",
-        "Episode steps ↓",
-        "Touch-interaction (↑ in playing)",
-        "Touch share (↑ in playing)",
-    ]
-    assert table.groups == (("Pushing", 4), ("Opening", 4), ("Pick-up", 4), ("Playing", 4))
-    assert [column.is_paper for column in table.columns[:4]] == [False, True, True, True]
-    assert [column.label for column in table.columns[1:4]] == ["HaC", "RND+touch", "RND"]
+from minitouch_bench.errors import printable
+from minitouch_bench.reporting.tables import (
+    ABSENT,
+    WIDEST,
+    Column,
+    Table,
+    escape_md,
+    escape_tex,
+    make_row,
+    rows_csv,
+    table_section,
+)
 
 
-def test_a_run_has_a_column_in_every_block(hac, scripted):
-    table = build_report([hac, scripted]).table4
-    assert table.groups[0] == ("Pushing", 5)
-    success = row(table, "Success").cells
-    assert success[0].small.startswith("[")
-    assert success[1].text == "1.000"
-    assert [cell.text for cell in success[2:5]] == ["0.733", "0.710", "0.582"]
-    # scripted was not run on Opening
-    assert success[6].text == ABSENT
+def test_printable_keeps_one_line_of_visible_text():
+    assert printable("a\nb\tc\x1b[31m\u202ed\x00\ud800 ü ↑") == "a b c[31md ü ↑"
+    for code in (0x200B, 0xFEFF, 0xE0041, 0xFE0F, 0xE0100, 0x3164, 0x2800, 0x34F):
+        assert printable(f"ha{chr(code)}c") == "hac"
 
 
-def test_what_does_not_exist_is_a_dash_never_a_zero(scripted):
-    table = build_report([scripted]).table4
-    assert row(table, "Exploration").cells[0].text == ABSENT
-    playing = [cell.text for cell in row(table, "Success").cells[4:]]
-    assert playing == [ABSENT] * 4
+@pytest.mark.parametrize(
+    ("escape", "text", "escaped"),
+    [
+        (escape_md, "a|b <b> [x](y)", r"a\|b \<b\> \[x\](y)"),
+        (escape_md, "1. x", r"1\. x"),
+        (escape_md, "- x", r"\- x"),
+        (escape_md, "-1.5", "-1.5"),
+        (escape_md, "snake_case", r"snake\_case"),
+        (escape_tex, "hac_seed1 & 50 %", r"hac\_seed1 \& 50 \%"),
+        (escape_tex, r"\input{x}", r"\textbackslash{}input\{x\}"),
+        (escape_tex, "$x^2$ ~#", r"\$x\textasciicircum{}2\$ \textasciitilde{}\#"),
+        (escape_tex, "↑ — m² ≤ ≥", r"$\uparrow$ --- m\textsuperscript{2} $\leq$ $\geq$"),
+        (escape_tex, "< > |", r"\textless{} \textgreater{} \textbar{}"),
+    ],
+)
+def test_text_is_escaped(escape, text, escaped):
+    assert escape(text) == escaped
 
 
-def test_only_tasks_that_were_run_are_shown(scripted):
-    assert [group for group, _ in build_report([scripted]).table4.groups] == [
-        "Pushing",
-        "Playing",
-    ]
+def grouped(columns):
+    """A table of two blocks of so many columns; the second block has one value."""
+    labels = [Column(f"m{index}", group) for group in ("Pushing", "Opening") for index in columns]
+    first = ["1"] * len(columns)
+    rows = (
+        make_row("Success", *first, "2", *[ABSENT] * (len(columns) - 1)),
+        make_row("Exploration", *first, *[ABSENT] * len(columns)),
+    )
+    return Table("Table 4", ("Metric",), tuple(labels), rows, ("a note",))
 
 
-def test_figures_carry_their_interval():
-    cell = estimate_cell("success", Estimate(0.97, 0.9155, 0.9897, 100, "wilson"))
-    assert str(cell) == "0.970 [0.915, 0.990]" or str(cell) == "0.970 [0.916, 0.990]"
-    assert "100 episodes" in cell.title
+def test_a_wide_table_is_one_per_block_without_what_is_empty():
+    narrow = table_section(grouped(range(WIDEST // 2)))
+    assert sum(line.startswith("| ---") for line in narrow) == 1
+    assert narrow[-1] == "- a note"
+    lines = table_section(grouped(range(WIDEST // 2 + 1)))
+    first, second = (line for line in lines if line.startswith("| Metric"))
+    assert first.count("Pushing<br>m") == WIDEST // 2 + 1
+    assert second == "| Metric | Opening<br>m0 |"
+    assert lines.count("| Success | 2 |") == 1
+    assert not any("Exploration | — |" in line for line in lines)
+    assert lines.count("- a note") == 1
 
 
-def test_labels_stand_below_every_table(hac, scripted):
-    report = build_report([hac, scripted])
-    for table in (report.table4, report.diagnostics):
-        notes = "\n".join(table.notes)
-        assert "* scripted: reads the simulator's state; unofficial: 5 of 100 episodes." in notes
-        assert "* hac-seed1: 2 policy faults." in notes
-
-
-def test_table4_says_what_its_intervals_mean_and_whose_the_paper_is(hac):
-    notes = "\n".join(build_report([hac]).table4.notes)
-    assert "episode variance only (one training seed)" in notes
-    assert "the paper's own values, other episodes and object sets" in notes
-
-
-def test_a_clean_official_run_has_no_mark(hac):
-    clean = replace(hac, faults={})
-    assert build_report([clean]).table4.columns[0].label == "hac-seed1"
-    assert build_report([hac]).table4.columns[0].label == "hac-seed1\u00a0*"
-
-
-def test_diagnostics_have_a_row_a_task_and_run(hac, scripted):
-    table = build_report([hac, scripted]).diagnostics
-    heads = [row.heads for row in table.rows]
-    assert len(heads) == 6
-    assert heads[0] == ("Pushing", "hac-seed1\u00a0*")
-    cells = dict(zip([column.label for column in table.columns], table.rows[0].cells, strict=True))
-    assert cells["Policy faults"].text == "2"
-    assert "policy fault 2" in cells["Outcomes"].text
-    assert cells["Object movement"].text.endswith("m²")
-    opening = next(row for row in table.rows if row.heads[0] == "Opening")
-    movement = [column.label for column in table.columns].index("Object movement")
-    assert opening.cells[movement].text.endswith("rad²")
-
-
-def test_the_episodes_are_listed_as_replay_calls_them(hac):
-    (table,) = build_report([hac]).episodes
-    first = hac.rows[0]
-    row = table.rows[0]
-    assert row.heads == (f"{first.task}/{first.index}",)
-    texts = [cell.text for cell in row.cells]
-    assert texts[2] == str(first.steps)  # a count has no decimals
-    assert texts[4] == str(first.touch_interaction)
-    assert len(table.rows) == len(hac.rows)
+@pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\t=1", "\r=1", "\u202e=1"])
+def test_no_text_of_a_csv_is_run_as_a_formula_and_a_number_stays_one(text):
+    cell, number, flag = rows_csv("abc", [(text, -3.5, True)]).splitlines()[1].split(",")
+    assert cell.startswith("'")
+    assert (number, flag) == ("-3.5", "true")

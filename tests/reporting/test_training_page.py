@@ -42,11 +42,6 @@ def test_every_curve_that_was_recorded_is_drawn(directory):
     assert "&lt;script&gt;" in page
 
 
-def test_one_row_is_enough(directory):
-    write_rows(directory, [row(500, "exploration")])
-    assert "500 control steps" in training_page(directory)
-
-
 def test_losses_that_are_no_numbers_leave_a_gap(directory):
     losses = (2.0, "inf", "-inf", "nan")
     rows = [row(i, "task", critic_loss=loss, value="inf") for i, loss in enumerate(losses, 1)]

@@ -1,0 +1,133 @@
+"""Table 4, the diagnostics, the episodes and the novel shapes of a report."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from minitouch_bench.metrics.intervals import Estimate
+from minitouch_bench.reporting.report import build_report
+from minitouch_bench.reporting.run_tables import verdict
+from minitouch_bench.reporting.tables import ABSENT
+from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes, without_success
+
+
+def row(table, label):
+    return next(row for row in table.rows if row.heads[0].startswith(label))
+
+
+def novel_run(name="hac-seed1", **options):
+    return with_shapes(make_run(name, tasks=SHAPE_TASKS, episodes=24, exploration=False, **options))
+
+
+def test_table4_has_the_shape_of_the_paper_and_a_column_per_run(hac, scripted):
+    one = build_report([hac]).table4
+    assert [row.heads for row in one.rows] == [
+        ("Exploration ↑",),
+        ("Success ↑",),
+        ("Episode steps ↓",),
+        ("Touch-interaction (↑ in playing)",),
+        ("Touch share (↑ in playing)",),
+    ]
+    assert one.groups == (("Pushing", 4), ("Opening", 4), ("Pick-up", 4), ("Playing", 4))
+    assert [(c.label, c.is_paper) for c in one.columns[1:4]] == [
+        ("HaC", True),
+        ("RND+touch", True),
+        ("RND", True),
+    ]
+    both = build_report([hac, scripted]).table4
+    assert both.groups[0] == ("Pushing", 5)
+    success = row(both, "Success").cells
+    assert success[0].small.startswith("[")
+    assert [cell.text for cell in success[1:5]] == ["1.000", "0.733", "0.710", "0.582"]
+    assert success[6].text == ABSENT  # scripted was not run on Opening
+
+
+def test_what_does_not_exist_is_a_dash_never_a_zero(scripted):
+    table = build_report([scripted]).table4
+    assert [group for group, _ in table.groups] == ["Pushing", "Playing"]
+    assert row(table, "Exploration").cells[0].text == ABSENT
+    assert {cell.text for cell in row(table, "Success").cells[4:]} == {ABSENT}
+
+
+def test_labels_stand_below_every_table_and_mark_a_run(hac, scripted):
+    report = build_report([hac, scripted])
+    for table in (report.table4, report.diagnostics):
+        notes = "\n".join(table.notes)
+        assert "* scripted: reads the simulator's state; unofficial: 5 of 100 episodes." in notes
+        assert "* hac-seed1: 2 policy faults." in notes
+    assert report.table4.columns[0].label == "hac-seed1\u00a0*"
+    assert build_report([replace(hac, faults={})]).table4.columns[0].label == "hac-seed1"
+    assert "one training seed" in "\n".join(report.table4.notes)
+
+
+def test_diagnostics_have_a_row_a_task_and_run(hac, scripted):
+    table = build_report([hac, scripted]).diagnostics
+    assert len(table.rows) == 6
+    assert table.rows[0].heads == ("Pushing", "hac-seed1\u00a0*")
+    labels = [column.label for column in table.columns]
+    cells = dict(zip(labels, table.rows[0].cells, strict=True))
+    assert cells["Policy faults"].text == "2"
+    assert "policy fault 2" in cells["Outcomes"].text
+    assert cells["Object movement"].text.endswith("m²")
+    assert row(table, "Opening").cells[labels.index("Object movement")].text.endswith("rad²")
+
+
+def test_the_episodes_are_listed_as_replay_calls_them(hac):
+    (table,) = build_report([hac]).episodes
+    assert len(table.rows) == len(hac.rows)
+    first = hac.rows[0]
+    assert table.rows[0].heads == (f"{first.task}/{first.index}",)
+    texts = [cell.text for cell in table.rows[0].cells]
+    assert texts[2] == str(first.steps)  # a count has no decimals
+    assert texts[4] == str(first.touch_interaction)
+
+
+@pytest.mark.parametrize(
+    ("task", "metric", "low", "high", "words"),
+    [
+        ("pushing", "touch_interaction", 1.0, 2.0, "more on held-out"),
+        ("playing", "touch_interaction", 1.0, 2.0, "better on held-out"),
+        ("pushing", "success", -0.1, 0.0, "no difference seen"),
+        ("pushing", "success", -0.2, -0.1, "worse on held-out"),
+        ("pushing", "episode_steps", 1.0, 2.0, "worse on held-out"),
+        ("pushing", "episode_steps", -2.0, -1.0, "better on held-out"),
+        ("pushing", "object_movement", -2e-4, -1e-4, "less on held-out"),
+    ],
+)
+def test_the_verdict_says_what_the_interval_says(task, metric, low, high, words):
+    estimate = Estimate((low + high) / 2, low, high, 40, "bootstrap")
+    assert verdict(task, metric, estimate) == words
+
+
+def test_the_gap_table_has_a_row_a_metric(novel):
+    table = build_report([novel]).novel_shapes[0]
+    assert table.rows[0].heads == ("Pushing", "Success ↑")
+    assert len(table.rows) == 13
+    gap = table.rows[0].cells[2]
+    assert gap.text[0] in "+-"
+    assert re.fullmatch(r"\[[+-]\d\.\d{3}, [+-]\d\.\d{3}\]", gap.small)
+    none = save(without_success(without_success(novel_run(), "train"), "held-out"), "none")
+    assert build_report([none]).novel_shapes[0].rows[0].cells[2].text == "+0.000"
+
+
+def test_several_runs_stand_side_by_side(novel, hac):
+    other = save(novel_run("other", notes=("remote",)), "other")
+    gaps, families = build_report([novel, other, hac]).novel_shapes
+    assert [group for group, _ in gaps.groups] == ["hac-seed1 (novel)", "other\u00a0*"]
+    assert [row.heads for row in families.rows[:2]] == [
+        ("carved", "hac-seed1 (novel)"),
+        ("carved", "other\u00a0*"),
+    ]
+    assert families.groups[-1][0] == "Playing: touch share"
+    assert [cell.text for cell in families.rows[-1].cells[:2]] == [ABSENT, "0"]
+    assert "* other: remote." in gaps.notes
+
+
+def test_table4_says_that_it_is_over_both_splits(novel, hac):
+    assert "has them apart" in "".join(build_report([novel]).table4.notes)
+    few = save(with_shapes(make_run(episodes=4, exploration=False)), "few")
+    assert "needs 10 episodes of each" in "".join(build_report([few]).table4.notes)
+    one_split = build_report([hac])
+    assert one_split.novel_shapes == ()
+    assert "over all shapes" not in "".join(one_split.table4.notes)

@@ -1,0 +1,183 @@
+"""``run.json``: read back as written, by its published schema, and refused in one line."""
+
+import copy
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import msgspec
+import pytest
+
+from benchmarks.schemas import run_schema
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.runs.run import parse_run, read_run, run_json
+from tests.reporting.synthetic import SHAPE_TASKS, make_run, measured, with_shapes, write
+
+PUBLISHED = Path(__file__).parents[2] / "docs" / "run.schema.json"
+VALIDATOR = jsonschema.Draft202012Validator(run_schema())
+NOVEL = with_shapes(make_run(tasks=SHAPE_TASKS, episodes=24, exploration=False))
+
+
+@pytest.fixture(scope="module")
+def document():
+    return json.loads(run_json(measured(make_run(episodes=6, faults=2))))
+
+
+@pytest.fixture(scope="module")
+def novel_document():
+    return json.loads(run_json(measured(NOVEL)))
+
+
+def read(document):
+    return parse_run(json.dumps(document).encode(), "x")
+
+
+def edited(document, place, value):
+    broken = copy.deepcopy(document)
+    target = broken
+    for key in place[:-1]:
+        target = target[key]
+    target[place[-1]] = value
+    return broken
+
+
+def test_the_published_schema_is_that_of_the_types():
+    assert json.loads(PUBLISHED.read_text("utf-8")) == run_schema(), "run `make schemas`"
+    jsonschema.Draft202012Validator.check_schema(run_schema())
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        make_run(episodes=5, faults=1),
+        make_run(tasks=("playing",), episodes=2, exploration=False, official=False),
+        replace(make_run(tasks=("pushing",), episodes=1), records=()),
+        NOVEL,
+    ],
+)
+def test_documents_follow_the_schema_and_read_back(run):
+    done = measured(run, "x")
+    content = run_json(done)
+    VALIDATOR.validate(json.loads(content))
+    again = parse_run(content, "x")
+    assert again == replace(done, content=content)
+    assert run_json(again) == content
+    assert again.faults == {r.spec.key: r.fault for r in run.records if r.fault}
+    assert bool(again.summary.generalization) == (run is NOVEL)
+
+
+def test_a_run_reads_back_from_its_directory_or_its_file(tmp_path):
+    run = write(make_run(episodes=4, faults=1), tmp_path / "a")
+    assert (run.name, run.directory) == ("a", tmp_path / "a")
+    assert run.content == (tmp_path / "a" / "run.json").read_bytes() == run_json(run)
+    assert read_run(tmp_path / "a" / "run.json") == run
+
+
+def test_times_stand_under_environment_only():
+    run = make_run(episodes=3)
+    later = replace(run.environment, started="2030-01-01T00:00:00Z", wall_s=1.0)
+    runs = (run, replace(run, environment=later))
+    first, second = (json.loads(run_json(measured(one))) for one in runs)
+    assert first.pop("environment") != second.pop("environment")
+    assert first == second
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf")])
+def test_nan_and_infinity_are_never_written(number):
+    run = measured(make_run(tasks=("playing",), episodes=1))
+    broken = replace(run, environment=replace(run.environment, wall_s=number))
+    with pytest.raises(ValueError, match=r"environment\.wall_s"):
+        run_json(broken)
+
+
+PLAN = ("header", "plan")
+MISTAKES = [
+    (("format",), "other", "minitouch-run"),
+    (("version",), 1, "version 1"),
+    ((*PLAN, "seed"), "7", "header.plan.seed"),
+    (("header", "official"), 1, "header.official"),
+    ((*PLAN, "tasks"), "pushing", "header.plan.tasks"),
+    ((*PLAN, "tasks"), ["juggling"], "juggling"),
+    ((*PLAN, "limits", "act_timeout_s"), -1.0, "header.plan.limits"),
+    ((*PLAN, "conditions", "without"), ["smell"], "header.plan.conditions"),
+    (("header", "policy"), None, "header.policy"),
+    (("environment", "packages"), {"numpy": 2}, "environment.packages"),
+    (("episodes", 0, "outcome"), "won", "'won'"),
+    (("episodes", 0, "steps"), -1, "episodes[0].steps"),
+    (("episodes", 0, "episode_return"), True, "episode_return"),
+    (("summary", "tasks", 1, "estimates", "success", "low"), "0", ".low"),
+    (("faults",), [], "faults"),
+]
+TOO_MUCH = [
+    ((*PLAN, "limits", "act_timeout_s"), 1e300, "86400 s"),
+    ((*PLAN, "limits", "memory_mb"), 2**60, "MiB"),
+]
+
+
+@pytest.mark.parametrize(("place", "value", "word"), [*MISTAKES, *TOO_MUCH])
+def test_a_malformed_document_gives_one_clear_line(document, place, value, word):
+    broken = edited(document, place, value)
+    with pytest.raises(RunDirectoryError) as raised:
+        read(broken)
+    assert word in str(raised.value)
+    assert "\n" not in str(raised.value)
+    is_within_limits = (place, value, word) not in TOO_MUCH
+    assert VALIDATOR.is_valid(broken) != is_within_limits
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("task",), "juggling"),
+        (("gaps", "success", "train"), None),
+        (("gaps", "success", "difference", "low"), "0"),
+        (("families", "carved", "train"), 3),
+    ],
+)
+def test_a_malformed_comparison_of_splits_is_refused_too(novel_document, place, value):
+    broken = edited(novel_document, ("summary", "generalization", 1, *place), value)
+    assert not VALIDATOR.is_valid(broken)
+    with pytest.raises(RunDirectoryError):
+        read(broken)
+
+
+@pytest.mark.parametrize("key", ["header", "environment", "summary", "faults", "episodes"])
+def test_a_missing_part_is_named(document, key):
+    broken = {name: value for name, value in document.items() if name != key}
+    with pytest.raises(RunDirectoryError, match=key):
+        read(broken)
+    assert not VALIDATOR.is_valid(broken)
+
+
+CONTENTS = [b"", b"{", b'{"format": NaN}', b"\xff", b"[" * 10**6, b"null", b"3", b"[]", b'"text"']
+
+
+@pytest.mark.parametrize("content", CONTENTS, ids=lambda content: content[:9].decode("latin-1"))
+def test_what_is_no_document_is_refused_in_one_line_that_names_it(tmp_path, content):
+    (tmp_path / "run.json").write_bytes(content)
+    with pytest.raises(RunDirectoryError) as raised:
+        read_run(tmp_path)
+    assert tmp_path.name in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_stranger_s_text_reaches_no_terminal_and_stays_short(document):
+    broken = edited(document, ("episodes", 0, "outcome"), "\x1b[2J\n\u202e" + "x" * 10_000)
+    with pytest.raises(RunDirectoryError) as raised:
+        read(broken)
+    assert str(raised.value).isprintable()
+    assert len(str(raised.value)) < 300
+
+
+def test_a_key_that_the_types_do_not_know_is_passed_over_and_not_written(document):
+    run = read(edited(document, ("header", "sponsor"), "somebody"))
+    assert run_json(run) == msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
+
+
+def test_what_is_not_there_or_cannot_be_written_is_said(tmp_path):
+    with pytest.raises(RunDirectoryError, match=r"run\.json"):
+        read_run(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RunDirectoryError, match="cannot be written"):
+        write(make_run(tasks=("playing",), episodes=1), tmp_path / "file" / "run")
