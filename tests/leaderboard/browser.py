@@ -1,6 +1,5 @@
 """A real Chromium, driven over its own protocol: what a reader's hands and eyes do."""
 
-import base64
 import json
 import shutil
 import subprocess
@@ -13,18 +12,9 @@ import websocket
 
 CHROMIUM = shutil.which("chromium")
 QUIET = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--hide-scrollbars",
-    "--remote-debugging-port=0",
-    "--remote-allow-origins=*",
-)
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--hide-scrollbars",
+    "--disable-background-networking", "--remote-debugging-port=0", "--remote-allow-origins=*",
+)  # fmt: skip
 
 
 class NavigatedError(Exception):
@@ -110,28 +100,16 @@ class Browser:
             "return [r.x + r.width / 2, r.y + r.height / 2]; })()"
         )
         for kind in ("mousePressed", "mouseReleased"):
-            self.call(
-                "Input.dispatchMouseEvent",
-                type=kind,
-                x=place[0],
-                y=place[1],
-                button="left",
-                clickCount=1,
-            )
+            where = {"x": place[0], "y": place[1], "button": "left", "clickCount": 1}
+            self.call("Input.dispatchMouseEvent", type=kind, **where)
 
     def press(self, key: str) -> None:
         """Press a key."""
-        codes = {"Tab": 9, "Enter": 13, " ": 32, "ArrowRight": 39, "ArrowLeft": 37, "End": 35}
-        text = {"text": "\r"} if key == "Enter" else {"text": " "} if key == " " else {}
-        for kind in ("keyDown", "keyUp"):
-            self.call(
-                "Input.dispatchKeyEvent",
-                type=kind,
-                key=key,
-                code="Space" if key == " " else key,
-                windowsVirtualKeyCode=codes[key],
-                **(text if kind == "keyDown" else {}),
-            )
+        code = {"Enter": 13, "ArrowRight": 39, "End": 35}[key]
+        text = {"text": "\r"} if key == "Enter" else {}
+        for kind, typed in (("keyDown", text), ("keyUp", {})):
+            pressed = {"key": key, "code": key, "windowsVirtualKeyCode": code, **typed}
+            self.call("Input.dispatchKeyEvent", type=kind, **pressed)
 
     def write(self, text: str) -> None:
         """Type into what has the focus."""
@@ -139,20 +117,10 @@ class Browser:
 
     def screen(self, width: int, height: int, *, dark: bool = False) -> None:
         """Set the size of the screen and whether its owner wants it dark."""
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=width < 600,
-        )
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
-
-    def picture(self, file: Path, *, whole: bool = False) -> None:
-        """Save what is on the screen, or the whole page, as a PNG."""
-        result = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
-        file.write_bytes(base64.b64decode(result["data"]))
 
     def close(self) -> None:
         """End the browser."""

@@ -1,8 +1,6 @@
 """The site as a reader meets it: in a real browser, and as text for what a browser hides."""
 
 import json
-import re
-import shutil
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -51,8 +49,15 @@ def board(tmp_path_factory) -> Path:
 @pytest.fixture
 def browser(tmp_path):
     opened = Browser(tmp_path / "profile")
+    opened.screen(1280, 900)
     yield opened
     opened.close()
+
+
+@pytest.fixture
+def index(browser, board):
+    browser.open(board / "index.html")
+    return browser
 
 
 def names(browser: Browser) -> list[str]:
@@ -69,7 +74,6 @@ def text(browser: Browser, selector: str) -> str:
 
 @needs_browser
 def test_the_board_opens_without_a_complaint_and_loads_nothing_else(browser, board):
-    browser.screen(1280, 900)
     browser.open(board / "index.html")
     assert names(browser) == ["hac", "seeds", "touch", "vision"]
     assert text(browser, ".count") == "4 ranked submissions"
@@ -81,60 +85,46 @@ def test_the_board_opens_without_a_complaint_and_loads_nothing_else(browser, boa
 
 
 @needs_browser
-def test_columns_are_sorted_by_hand_and_by_keyboard(browser, board):
-    browser.screen(1280, 900)
-    browser.open(board / "index.html")
+def test_columns_are_sorted_by_hand_and_by_keyboard(index):
     training = "#overall th:nth-last-child(2)"
-    browser.click(f"{training} .sort")
-    assert names(browser)[0] == "touch"
-    assert names(browser)[-1] == "vision"
-    assert browser.run(f"document.querySelector('{training}').ariaSort") == "ascending"
-    browser.run(f"document.querySelector('{training} .sort').focus()")
-    browser.press("Enter")
-    assert names(browser)[0] == "vision"
-    assert browser.run(f"document.querySelector('{training}').ariaSort") == "descending"
-    assert browser.run("document.querySelectorAll('#overall [aria-sort=none]').length") == 8
-    browser.click("#overall th.who .sort")
-    assert names(browser) == ["hac", "seeds", "touch", "vision"]
+    index.click(f"{training} .sort")
+    assert names(index)[0] == "touch"
+    assert names(index)[-1] == "vision"
+    assert index.run(f"document.querySelector('{training}').ariaSort") == "ascending"
+    index.run(f"document.querySelector('{training} .sort').focus()")
+    index.press("Enter")
+    assert names(index)[0] == "vision"
+    assert index.run(f"document.querySelector('{training}').ariaSort") == "descending"
+    assert index.run("document.querySelectorAll('#overall [aria-sort=none]').length") == 8
+    index.click("#overall th.who .sort")
+    assert names(index) == ["hac", "seeds", "touch", "vision"]
 
 
 @needs_browser
-def test_rows_without_a_figure_come_last_either_way(browser, board):
-    browser.screen(1280, 900)
-    browser.open(board / "index.html", "#pushing")
-    for first in ("hac", "hac"):
-        browser.click("#pushing th:nth-child(4) .sort")
-        assert names(browser)[0] == first
-
-
-@needs_browser
-def test_rows_are_filtered_by_modality_proof_and_words(browser, board):
-    browser.screen(1280, 900)
-    browser.open(board / "index.html")
-    browser.click("input[value=touch]")
-    assert names(browser) == ["hac", "seeds", "touch"]
-    browser.click("input[value=vision]")
-    assert names(browser) == ["hac", "seeds"]
-    browser.click("input[value='verified']")
-    assert names(browser) == ["hac", "seeds"]
-    assert text(browser, ".count") == "2 of 4 ranked submissions"
+def test_rows_are_filtered_by_modality_proof_and_words(index):
+    index.click("input[value=touch]")
+    assert names(index) == ["hac", "seeds", "touch"]
+    index.click("input[value=vision]")
+    assert names(index) == ["hac", "seeds"]
+    index.click("input[value='verified']")
+    assert names(index) == ["hac", "seeds"]
+    assert text(index, ".count") == "2 of 4 ranked submissions"
     for value in ("touch", "vision"):
-        browser.click(f"input[value='{value}']")
-    assert names(browser) == ["hac", "seeds", "touch", "vision"]
+        index.click(f"input[value='{value}']")
+    assert names(index) == ["hac", "seeds", "touch", "vision"]
     unranked = "document.querySelectorAll('#overall .unranked tr[data-name]:not([hidden])').length"
-    assert browser.run(unranked) == 0
-    browser.click("input[value='verified']")
-    browser.click("input[value='replayed']")
-    assert (names(browser), browser.run(unranked)) == ([], 1)
-    browser.click("input[value='replayed']")
-    browser.click(".search")
-    browser.write("alone TOUCH")
-    assert names(browser) == ["touch"]
+    assert index.run(unranked) == 0
+    index.click("input[value='verified']")
+    index.click("input[value='replayed']")
+    assert (names(index), index.run(unranked)) == ([], 1)
+    index.click("input[value='replayed']")
+    index.click(".search")
+    index.write("alone TOUCH")
+    assert names(index) == ["touch"]
 
 
 @needs_browser
 def test_the_address_keeps_the_view_and_the_filters(browser, board):
-    browser.screen(1280, 900)
     browser.open(board / "index.html")
     browser.click("#tab-pushing")
     browser.click("input[value=touch]")
@@ -151,36 +141,32 @@ def test_the_address_keeps_the_view_and_the_filters(browser, board):
 
 
 @needs_browser
-def test_tables_are_chosen_by_keyboard(browser, board):
-    browser.screen(1280, 900)
-    browser.open(board / "index.html")
-    browser.run("document.querySelector('#tab-overall').focus()")
+def test_tables_are_chosen_by_keyboard(index):
+    index.run("document.querySelector('#tab-overall').focus()")
     for key, chosen in (("ArrowRight", "pushing"), ("End", "touch"), ("ArrowRight", "overall")):
-        browser.press(key)
+        index.press(key)
         visible = "document.querySelector('.view:not([hidden])').id"
-        assert browser.run(visible) == chosen
-        assert browser.run("document.activeElement.id") == f"tab-{chosen}"
-        assert browser.run("document.querySelectorAll('.view:not([hidden])').length") == 1
-    assert browser.run("document.querySelectorAll('[role=tab][tabindex=\"0\"]').length") == 1
+        assert index.run(visible) == chosen
+        assert index.run("document.activeElement.id") == f"tab-{chosen}"
+        assert index.run("document.querySelectorAll('.view:not([hidden])').length") == 1
+    assert index.run("document.querySelectorAll('[role=tab][tabindex=\"0\"]').length") == 1
 
 
 @needs_browser
-def test_a_row_is_opened_and_a_replay_command_followed(browser, board):
-    browser.screen(1280, 900)
-    browser.open(board / "index.html")
-    browser.click("#overall tbody.ranked a")
-    wait_for(browser, "location.pathname.endsWith('submission/hac.html')")
-    wait_for(browser, "document.querySelectorAll('.episodes tbody tr').length === 700")
-    browser.run("document.getElementById('by-task').value = 'pushing'")
-    browser.run("document.getElementById('by-task').dispatchEvent(new Event('change'))")
-    assert text(browser, ".episode-section .count") == "100 episodes"
-    browser.click(".episodes tbody tr:nth-child(4) .pick")
-    command = text(browser, "#replay-command")
+def test_a_row_is_opened_and_a_replay_command_followed(index):
+    index.click("#overall tbody.ranked a")
+    wait_for(index, "location.pathname.endsWith('submission/hac.html')")
+    wait_for(index, "document.querySelectorAll('.episodes tbody tr').length === 700")
+    index.run("document.getElementById('by-task').value = 'pushing'")
+    index.run("document.getElementById('by-task').dispatchEvent(new Event('change'))")
+    assert text(index, ".episode-section .count") == "100 episodes"
+    index.click(".episodes tbody tr:nth-child(4) .pick")
+    command = text(index, "#replay-command")
     assert command == (
         "minitouch-bench replay submissions/hac/seed-0/table4 pushing/3 --video pushing-3.gif"
     )
-    assert browser.run("document.querySelectorAll('[aria-selected=true]').length") == 1
-    assert [line for line in browser.messages if "hac.html" in line and "mp4" not in line] == []
+    assert index.run("document.querySelectorAll('[aria-selected=true]').length") == 1
+    assert [line for line in index.messages if "hac.html" in line and "mp4" not in line] == []
 
 
 @needs_browser
@@ -314,17 +300,6 @@ def test_hostile_texts_of_a_run_are_only_text(tmp_path):
     assert "&lt;/script&gt;&lt;script&gt;alert(1)" in page
 
 
-def test_pages_of_submissions_that_are_gone_are_removed(tmp_path):
-    make_submission(tmp_path / "submissions", "one")
-    make_submission(tmp_path / "submissions", "two", seeds=(1,))
-    build_board(tmp_path / "submissions", tmp_path / "board")
-    shutil.rmtree(tmp_path / "submissions" / "two")
-    build_board(tmp_path / "submissions", tmp_path / "board")
-    pages = sorted(path.name for path in (tmp_path / "board" / "submission").iterdir())
-    assert pages == ["one.html"]
-    assert not re.search("two", (tmp_path / "board" / "leaderboard.csv").read_text())
-
-
 VIDEO = "seed-0-table4-pushing-0.mp4"
 HOSTILE = ("gone", "../outside", "../../outside", ".", "..", "", "/etc")
 
@@ -347,6 +322,17 @@ def built(tmp_path):
 
 def outside_is_whole(root):
     return len(list((root / "outside").iterdir())) == 3
+
+
+def test_the_page_of_a_row_that_left_is_removed_and_no_other(built):
+    pages = built / "board" / "submission"
+    for name in ("gone", "mine"):
+        (pages / name).mkdir()
+        (pages / name / VIDEO).touch()
+        (pages / f"{name}.html").touch()
+    build_board(built / "submissions", built / "board")
+    assert sorted(path.name for path in pages.iterdir()) == ["mine", "mine.html"]
+    assert (pages / "mine" / VIDEO).exists()
 
 
 def test_a_directory_of_pages_that_is_a_link_is_refused(built):

@@ -20,7 +20,6 @@ from minitouch_bench.leaderboard.submission import (
     Submission,
     TrainingSeed,
     check_submission,
-    checkpoint_place,
     read_submission,
 )
 from minitouch_bench.verification.problems import Problems
@@ -35,11 +34,7 @@ SEEDS = (
         {"table4": "seed-0/table4", "novel-shapes": "seed-0/novel-shapes"},
         (
             CheckpointFile(
-                Role.FINAL,
-                "all",
-                "hac.onnx",
-                "ab" * 32,
-                checkpoint_place(0, Role.FINAL, "hac.onnx"),
+                Role.FINAL, "all", "hac.onnx", "ab" * 32, "checkpoints/seed-0/final/hac.onnx"
             ),
             CheckpointFile(Role.EXPLORATION, "pushing", "pushing.pt", "cd" * 32),
         ),
@@ -83,41 +78,27 @@ def test_what_is_written_is_read_back(about):
 
 
 def test_the_published_schema_describes_what_is_written():
-    validator = schema("submission.schema.json")
-    validator.validate(tomllib.loads(write_toml(replace(ABOUT, seeds=SEEDS))))
+    written = tomllib.loads(write_toml(replace(ABOUT, seeds=SEEDS)))
+    schema("submission.schema.json").validate(written)
 
 
-REFUSED = [
-    ("name", "../x"),
-    ("name", "x" * 65),
-    ("name", "hac\n"),
-    ("name", "nul"),
-    ("name", "hac.html"),
-    ("name", "a..b"),
-    ("paper", "http://example.org"),
-    ("paper", "https://example.org/x\n"),
-    ("paper", "https://user:pass@example.org/x"),
-    ("code", "https://localhost"),
-    ("code", "https://example.org/" + "x" * 300),
-    ("license", "do what you want!"),
-    ("license", "MIT\n"),
-    ("training_steps", -1),
-    ("modalities", ["smell"]),
-    ("modalities", ["touch", "touch"]),
-    ("seeds", []),
-    ("extra", 1),
-    ("method", ""),
-    ("method", "<b>"),
-    ("method", "two\nlines"),
-    ("method", "a line\n"),
-    ("method", "two  spaces"),
-    ("method", " a"),
-    ("authors", ["=SUM(A1)"]),
-    ("notes", "x" * 2001),
-]
-
-
-@pytest.mark.parametrize(("key", "value"), REFUSED)
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *(("name", name) for name in ("../x", "x" * 65, "hac\n", "nul", "hac.html", "a..b", "Hac")),
+        *(("paper", link) for link in ("http://example.org", "https://example.org/x\n")),
+        ("paper", "https://user:pass@example.org/x"),
+        *(("code", link) for link in ("https://localhost", "https://a.org/" + "x" * 300)),
+        *(("license", text) for text in ("do what you want!", "MIT\n")),
+        ("training_steps", -1),
+        *(("modalities", given) for given in (["smell"], ["touch", "touch"])),
+        ("seeds", []),
+        ("extra", 1),
+        *(("method", text) for text in ("", "<b>", "two\nlines", "a line\n", "two  spaces", " a")),
+        *(("authors", [text]) for text in ("=SUM(A1)", "@SUM(A1)", "+1")),
+        ("notes", "x" * 2001),
+    ],
+)
 def test_the_schema_refuses_what_the_reader_refuses(key, value):
     document = tomllib.loads(write_toml(replace(ABOUT, seeds=SEEDS)))
     document[key] = value
@@ -129,10 +110,7 @@ def test_the_schema_refuses_what_the_reader_refuses(key, value):
     ("key", "value"),
     [
         *(("file", name) for name in ("CoN", "nul.onnx", "LPT1.onnx", "aux.tar.zip", "a:b.onnx")),
-        *(
-            ("file", name)
-            for name in ("a.onnx.", "a.onnx ", "a*.onnx", "..onnx", "a.onnx\n", "a/b")
-        ),
+        *(("file", name) for name in ("a.onnx.", "a.onnx ", "..onnx", "a.onnx\n", "../a", ".a")),
         ("sha256", "ab" * 32 + "\n"),
         ("task", "all\n"),
     ],
@@ -184,11 +162,7 @@ def test_the_board_s_json_is_as_its_schema_says(tmp_path):
     assert [row["name"] for row in document["ranked"]] == ["hac"]
     assert [row["name"] for row in document["calibration"]] == ["zero"]
     assert document["missing_calibration"] == ["scripted", "random", "open-loop"]
-    (refused,) = document["refused"]
-    assert refused == {
-        "name": "broken",
-        "reasons": ["x: a submission has no such file; remove it"],
-    }
+    assert [row["name"] for row in document["refused"]] == ["broken"]
 
 
 def test_mistakes_are_told_before_any_episode_is_run():

@@ -14,10 +14,8 @@ import resource
 import shutil
 import signal
 import sys
-import time
 import traceback
 import zipfile
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -111,7 +109,7 @@ def flip(file: Path, chance: random.Random, mine: Path) -> None:
 
 
 def truncate(file: Path, chance: random.Random, mine: Path) -> None:
-    os.truncate(file, chance.randrange(file.stat().st_size + 1))
+    os.truncate(file, chance.choice([chance.randrange(file.stat().st_size + 1), 2**31, 2**40]))
 
 
 def debris(file: Path, chance: random.Random, mine: Path) -> None:
@@ -119,22 +117,8 @@ def debris(file: Path, chance: random.Random, mine: Path) -> None:
     file.write_bytes(chance.choice([content, file.read_bytes() + content, b"", b"\x00" * 5000]))
 
 
-def swap(file: Path, chance: random.Random, mine: Path) -> None:
-    others = [path for path in file.parent.rglob("*") if path.is_file() and not path.is_symlink()]
-    if file.is_symlink() or not others:
-        return  # the spoiling itself would write through the link
-    other = chance.choice(others)
-    content = file.read_bytes()
-    file.write_bytes(other.read_bytes())
-    other.write_bytes(content)
-
-
 def remove(file: Path, chance: random.Random, mine: Path) -> None:
     file.unlink()
-
-
-def sparse(file: Path, chance: random.Random, mine: Path) -> None:
-    os.truncate(file, chance.choice([2**31, 2**36, 2**40]))
 
 
 def link(file: Path, chance: random.Random, mine: Path) -> None:
@@ -154,20 +138,13 @@ def folder_link(file: Path, chance: random.Random, mine: Path) -> None:
 
 
 def special(file: Path, chance: random.Random, mine: Path) -> None:
-    """Put a pipe, a directory or a device in the place of a file, or of one that may come."""
+    """Put a pipe or a directory in the place of a file, or of one that may come."""
     file = chance.choice([file, file, file.with_name(".lock"), file.with_name(JOURNAL_FILE)])
-    with contextlib.suppress(FileNotFoundError):
-        file.unlink()
-    kind = chance.choice(["pipe", "directory", "device"])
-    if kind == "pipe" or (kind == "device" and os.geteuid() != 0):
+    file.unlink(missing_ok=True)
+    if chance.random() < 0.5:
         os.mkfifo(file)
-    elif kind == "directory":
-        (file / "inner").mkdir(parents=True)
     else:
-        try:
-            os.mknod(file, 0o020666, os.makedev(1, 5))  # /dev/zero
-        except OSError:
-            os.mkfifo(file)
+        (file / "inner").mkdir(parents=True)
 
 
 def other_value(chance: random.Random, mine: Path) -> object:
@@ -175,10 +152,9 @@ def other_value(chance: random.Random, mine: Path) -> object:
     for _ in range(500):
         deep = [deep]
     values = [
-        None, True, -1, 0, 1, 2**62, 2**63, 10**30, 1e308, -1e308, 5e-324, 0.5, float("nan"),
-        "", "x", "x" * 100_000, "\x1b[31m\u202e\u200b", str(mine / "secret.txt"), "../../mine",
-        "a" * 64, [], {},
-        {"": {}}, [[]], deep, [0] * 1000, "pushing", "final", "success", "\ud800",
+        None, True, -1, 0, 2**63, 10**30, 1e308, 5e-324, float("nan"), "", "x" * 100_000,
+        "\x1b[31m\u202e", str(mine / "secret.txt"), "../../mine", "a" * 64, [], {"": {}}, deep,
+        [0] * 1000, "pushing", "success", "\ud800",
     ]  # fmt: skip
     return chance.choice(values)
 
@@ -225,7 +201,7 @@ def other_type(file: Path, chance: random.Random, mine: Path) -> None:
 
 
 MUTATIONS: tuple[Callable[[Path, random.Random, Path], None], ...] = (
-    flip, truncate, debris, swap, remove, sparse, link, folder_link, special,
+    flip, truncate, debris, remove, link, folder_link, special,
     other_type, other_type, other_type, other_type,
 )  # fmt: skip
 
@@ -242,15 +218,7 @@ def mutate(directory: Path, chance: random.Random, mine: Path) -> str:
             break
         file = chance.choice(small)
         mutation = chance.choice(MUTATIONS)
-        with contextlib.suppress(
-            ValueError,
-            LookupError,
-            OSError,
-            zipfile.BadZipFile,
-            MemoryError,
-            TypeError,
-            ArithmeticError,
-        ):  # spoiled before
+        with contextlib.suppress(Exception):  # spoiled before
             mutation(file, chance, mine)
             done.append(f"{mutation.__name__} {file.relative_to(directory)}")
     return ", ".join(done)
@@ -282,8 +250,8 @@ def readers_of_a_submission(
     yield "build", lambda: build_board(directory.parent, directory.parents[1] / "board")
 
 
-def within_limits(read: Callable[[], object], memory: int) -> tuple[str, float]:
-    """Call a reader; return what is wrong with it, "" if nothing, and the seconds it took."""
+def within_limits(read: Callable[[], object], memory: int) -> str:
+    """Call a reader; return what is wrong with it, "" if nothing."""
 
     def too_long(*_: object) -> None:
         raise TooLongError
@@ -291,7 +259,6 @@ def within_limits(read: Callable[[], object], memory: int) -> tuple[str, float]:
     signal.signal(signal.SIGALRM, too_long)
     signal.alarm(TIME_LIMIT_S)
     resource.setrlimit(resource.RLIMIT_AS, (memory, resource.RLIM_INFINITY))
-    began = time.monotonic()
     what = ""
     try:
         with contextlib.redirect_stdout(io.StringIO()) as out:
@@ -308,7 +275,7 @@ def within_limits(read: Callable[[], object], memory: int) -> tuple[str, float]:
     finally:
         signal.alarm(0)
         resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    return what, time.monotonic() - began
+    return what
 
 
 def state_of(folder: Path) -> list[tuple[str, int, bytes]]:
@@ -328,69 +295,39 @@ def secret_shown(root: Path) -> bool:
     )
 
 
-Readers = Callable[[Path, Path, Replayed], Iterator[tuple[str, Callable[[], object]]]]
-
-
-def make_sound(kind: str, place: Path) -> tuple[Path, Replayed, Readers]:
-    """Make what is spoiled, and name who reads it."""
-    if kind == "submission":
-        return make_submission(place), Replayed(()), readers_of_a_submission
-    place.mkdir()
-    records = sound_run(place / "run")
-    return place / "run", Replayed(records), readers_of_a_run
-
-
-def try_mutations(kind: str, seed: int, count: int) -> dict[str, object]:
-    """Spoil one of a kind ``count`` times and have all readers read each."""
+def try_mutations(kind: str, seed: int, count: int) -> list[str]:
+    """Spoil one of a kind ``count`` times and have all readers read each; return the problems."""
     problems: list[str] = []
-    slowest: Counter[str] = Counter()
     with TemporaryDirectory() as folder:
         root = Path(folder)
-        sound, engine, readers = make_sound(kind, root / "sound")
+        if kind == "submission":
+            sound, engine, readers = make_submission(root), Replayed(()), readers_of_a_submission
+        else:
+            sound = root / "run"
+            engine, readers = Replayed(sound_run(sound)), readers_of_a_run
         mine = root / "mine"
         mine.mkdir()
         (mine / "secret.txt").write_text(SECRET)
         (mine / "pushing-0.mp4").write_text(SECRET)
         os.mkfifo(mine / "pipe")
         before = state_of(mine)
-        memory = address_space() + MEMORY_LIMIT
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        memory = pages * resource.getpagesize() + MEMORY_LIMIT
         for number in range(seed, seed + count):
             place = root / "arena" / "in" / sound.name
             shutil.copytree(sound, place)
             done = mutate(place, random.Random(number), mine)
             for name, read in readers(place, sound, engine):
-                what, seconds = within_limits(read, memory)
-                slowest[name] = max(slowest[name], seconds)
-                if what:
+                if what := within_limits(read, memory):
                     problems.append(f"{number} {name} ({done}): {what}")
             if state_of(mine) != before:
                 problems.append(f"{number} ({done}): a file of the user was touched")
                 break
-            remove_links(place)
             if secret_shown(root / "arena"):
                 problems.append(f"{number} ({done}): a file of the user was copied")
             shutil.rmtree(root / "arena")
-    return {
-        "tried": count,
-        "problems": problems,
-        "slowest": {name: round(seconds, 2) for name, seconds in slowest.items()},
-        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
-    }
-
-
-def remove_links(place: Path) -> None:
-    """Remove what swapping may have copied from: links and their like say nothing here."""
-    for path in [place, *place.rglob("*")]:
-        if path.is_symlink():
-            path.unlink()
-
-
-def address_space() -> int:
-    """Return the bytes of address space that this process has."""
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    return pages * resource.getpagesize()
+    return problems
 
 
 if __name__ == "__main__":
-    found = try_mutations(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
-    print(json.dumps(found, indent=1))
+    print(json.dumps(try_mutations(sys.argv[1], int(sys.argv[2]), int(sys.argv[3])), indent=1))

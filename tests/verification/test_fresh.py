@@ -54,12 +54,6 @@ def test_a_table_of_stored_actions_drops_beyond_doubt():
     assert significant_drops([found] * 8, 8) == (found,) * 8
 
 
-def test_an_honest_policy_stays_and_a_better_one_too():
-    for successes in (17, 20):
-        found = compare(shares(90, 100), shares(successes, 20))
-        assert significant_drops([found], 1) == ()
-
-
 @pytest.mark.parametrize("rate", [0.1, 0.5, 0.9])
 @pytest.mark.parametrize("tasks", [1, 4, 7])
 def test_an_honest_submission_is_refused_in_one_of_a_hundred_at_most(rate, tasks):
@@ -98,6 +92,7 @@ def test_a_small_drop_in_every_task_is_seen_where_no_single_one_is():
     small = [Values.of("opening", shares(100, 100), shares(46, 50))]
     assert drop_together(groups([small] * 3)) < 0.001
     assert drop_together(groups([small])) is None
+    assert drop_together(groups([small, small]) | groups([small], suite="novel-shapes")) < 0.001
 
 
 def test_a_small_drop_in_every_training_seed_is_seen():
@@ -130,16 +125,9 @@ def test_an_exploration_policy_that_drops_in_every_training_seed_is_seen():
     assert drop_together(final | groups([dropped], Role.EXPLORATION)) < 1e-4
 
 
-def test_novel_shapes_count_with_the_main_suite():
-    """A drop that neither suite shows alone."""
-    small = [Values(of(100, 100), of(46, 50))]
-    novel = groups([small], suite="novel-shapes")
-    assert drop_together(novel) is None
-    assert drop_together(groups([small, small]) | novel) < 0.001
-
-
-@pytest.mark.parametrize("rate", [0.02, 0.5, 0.99])
-@pytest.mark.parametrize(("number", "episodes"), [(2, 20), (5, 50)])
+@pytest.mark.parametrize(
+    ("rate", "number", "episodes"), [(0.02, 2, 20), (0.5, 5, 50), (0.99, 5, 50)]
+)
 def test_honest_training_seeds_on_the_same_scenes_are_hardly_ever_refused(
     monkeypatch, rate, number, episodes
 ):
@@ -156,5 +144,5 @@ def test_honest_training_seeds_on_the_same_scenes_are_hardly_ever_refused(
             pairs = zip(official, new, strict=True)
             yield (role, "table4", task), [Values(*map(tuple, pair)) for pair in pairs]
 
-    drops = (drop_together(dict(chain(*map(play, "abc")))) for _ in range(200))
-    assert sum(p is not None for p in drops) <= 5  # more are seen once in two thousand times
+    drops = (drop_together(dict(chain(*map(play, "abc")))) for _ in range(100))
+    assert sum(p is not None for p in drops) <= 4  # more are seen once in five thousand times

@@ -4,11 +4,6 @@ from minitouch_bench.errors import InfrastructureError, UnreadableFileError, Usa
 from minitouch_bench.verification.problems import Problem, Problems, compare_values
 
 
-def test_a_problem_says_where_what_and_what_to_do():
-    assert str(Problem("a/b", "it is missing")) == "a/b: it is missing"
-    assert str(Problem("a/b", "it is missing", "add it")) == "a/b: it is missing; add it"
-
-
 def test_what_a_stranger_wrote_reaches_no_terminal_and_stays_short():
     text = str(Problem("\x1b[31m", "\x1b[2J\n" + "x" * 10_000))
     assert text.isprintable()
@@ -43,12 +38,10 @@ def test_equal_values_do_not_differ(value):
     [
         (1, 2, "run: 1 recorded, 2 found"),
         (20.0, 20.0 * (1 + 1e-8), "run: 20.0 recorded, 20.0000002 found"),
-        (2**63, 2**63 + 1, "run: 9223372036854775808 recorded, 9223372036854775809 found"),
         ({"a": 1}, {}, "run.a: should not be there"),
         ({}, {"a": 1}, "run.a: missing"),
         ({"a": [1, 2]}, {"a": [1, 3]}, "run.a[1]: 2 recorded, 3 found"),
         ([1], [1, 2], "run: 1 entries recorded, 2 found"),
-        ("x" * 99, 1, f"run: '{'x' * 59}… recorded, 1 found"),
     ],
 )
 def test_each_difference_is_placed_and_told(recorded, again, difference):

@@ -1,5 +1,3 @@
-import re
-
 import numpy as np
 import pytest
 
@@ -26,12 +24,6 @@ def test_a_true_run_is_verified_episode_by_episode(whole):
     assert result.problems == ()
     assert result.passed
     assert result.replayed == len(seen) == 8
-
-
-def test_what_a_packed_run_lacks_is_no_difference(copy):
-    for name in ("report.html", "episodes.csv"):
-        (copy / name).unlink()
-    assert places(copy) == []
 
 
 FIRST_EPISODE = {
@@ -126,11 +118,16 @@ def nudge(actions):
     step[0] = np.nextafter(step[0], np.float32(0))
 
 
+def lengthen(actions):
+    actions["pushing/0"] = np.vstack([actions["pushing/0"], np.zeros((1, 4), np.float32)])
+
+
 @pytest.mark.parametrize(
     ("change", "place"),
     [
         (swap, "actions.npz, pushing/0"),
         (nudge, "opening/1"),
+        (lengthen, "actions.npz, pushing/0"),
         (lambda a: a.update({"pushing/0": a["pushing/0"][:-1]}), "actions.npz, pushing/0"),
         (lambda a: a.update({"pushing/0": np.zeros((5, 4), np.float32)}), "actions.npz, pushing/0"),
         (lambda a: a.pop("exploration/opening/0"), "actions.npz"),
@@ -141,27 +138,9 @@ def test_no_action_can_be_edited(copy, change, place):
     assert place in places(copy)
 
 
-def test_a_changed_action_has_one_line(copy):
-    edit_actions(copy, nudge)
-    (problem,) = verify(copy).problems
-    assert re.fullmatch(
-        r"opening/1: its actions do not give the episode recorded: other [a-z_, ]*digest",
-        str(problem),
-    )
-
-
-def test_actions_after_the_end_are_found_too(copy):
-    last = np.zeros((1, 4), np.float32)
-    edit_actions(copy, lambda a: a.update({"pushing/0": np.vstack([a["pushing/0"], last])}))
-    (problem,) = verify(copy).problems
-    assert re.fullmatch(
-        r"actions.npz, pushing/0: \d+ actions, the episode has \d+ steps; .*", str(problem)
-    )
-
-
 def test_a_view_is_never_read_back(copy):
-    for name in ("episodes.csv", "report.html"):
-        (copy / name).write_text("somebody's own")
+    (copy / "report.html").unlink()
+    (copy / "episodes.csv").write_text("somebody's own")
     assert places(copy) == []
 
 
