@@ -29,8 +29,6 @@ SENSES: Final[tuple[Sense, ...]] = get_args(Sense)
 class Perturbation:
     """What differs from the protocol in the senses and the world. A run with any is unofficial.
 
-    ``Plan.conditions`` and ``run.json`` name it so.
-
     A sense in ``without`` stays as it is at the reset. ``noise`` (gray levels) and
     ``force_noise`` (N) are standard deviations of normal noise on each pixel and each force.
     The others are ranges, drawn uniformly in each episode: factors on the ``mass`` and the

@@ -17,7 +17,6 @@ from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageErro
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from tests.reporting.synthetic import make_run, write
 
 ROOT = Path(__file__).parents[1]
 SHORT = {"suite": "smoke", "tasks": ["opening"], "episodes": 1}
@@ -106,28 +105,7 @@ def test_what_people_print_is_readable(counted):
     printed = str(run)
     for words in ("Counter on smoke, unofficial: ", "Opening\nSuccess ↑", str(success)):
         assert words in printed
-
-
-def test_a_notebook_prints_once_and_shows_a_result_in_a_line_or_two(tmp_path):
-    nbformat = pytest.importorskip("nbformat", reason="pip install 'minitouch-bench[dev]'")
-    nbclient = pytest.importorskip("nbclient", reason="pip install 'minitouch-bench[dev]'")
-    for seed in (1, 2):
-        write(make_run(seed=seed, name=f"run-{seed}", episodes=5), tmp_path / f"run-{seed}")
-    load = "import minitouch_bench as mt\nrun, other = map(mt.load_run, ('run-1', 'run-2'))"
-    results = ("run", "run['playing']", "mt.compare(run, other)", "run['playing'].touch_share")
-    sources = [load, *(f"print({result})" for result in results), *results]
-    cells = [nbformat.v4.new_code_cell(source) for source in sources]
-    notebook = nbformat.v4.new_notebook(cells=cells)
-    resources = {"metadata": {"path": str(tmp_path)}}
-    nbclient.NotebookClient(notebook, timeout=120, resources=resources).execute()
-    assert not cells[0].outputs
-    for cell in cells[1:5]:
-        (output,) = cell.outputs
-        assert output.output_type == "stream", cell.source
-    assert cells[2].outputs[0].text.count("Playing\n") == 1
-    for cell in cells[5:]:
-        (output,) = cell.outputs
-        assert len(output.data["text/plain"]) < 400, cell.source
+    assert all(len(repr(one)) < 400 for one in (run, run["opening"], mt.compare(run, run)))
 
 
 def test_outcomes_are_words(counted):

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import tracemalloc
 from pathlib import Path
@@ -242,16 +241,6 @@ def test_what_the_user_names_below_dev_is_written_to():
     assert os.read(reader, 100) == b"through"
     os.close(reader)
     os.close(writer)
-
-
-@pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="this system has no /dev/shm")
-def test_a_link_in_shared_memory_is_replaced_not_followed(tmp_path):
-    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
-        link = Path(folder) / "report.html"
-        link.symlink_to(tmp_path / "mine")
-        write_file(link, "text")
-        assert (link.is_symlink(), link.read_text()) == (False, "text")
-    assert os.listdir(tmp_path) == []
 
 
 def test_a_pipe_in_the_place_of_a_file_is_neither_written_to_nor_replaced(tmp_path):

@@ -11,23 +11,16 @@ from pathlib import Path
 
 import msgspec
 
+from minitouch_bench import files
 from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, PolicyIdentity, Trace
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import (
-    GIB,
-    JOURNAL_FILE,
-    append_bytes,
-    os_errors_as,
-    read_file,
-    write_file,
-)
 from minitouch_bench.json_io import read_json
 from minitouch_bench.machine import compare_versions
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.runs.actions import pack_arrays, unpack_arrays
 from minitouch_bench.runs.run import RunHeader
 
-LARGEST_JOURNAL = 3 * GIB // 2
+LARGEST_JOURNAL = 3 * files.GIB // 2
 """Bytes; the largest run, 10,000 episodes per task in both roles, takes 1 GiB."""
 
 ARRAYS = tuple(field.name for field in fields(Trace) if field.name != "first_touch_tick")
@@ -71,7 +64,7 @@ class Journal:
         Raises:
             RunDirectoryError: the file cannot be written.
         """
-        write_file(directory / JOURNAL_FILE, _as_line(_FirstLine(header, packages)))
+        files.write_file(directory / files.JOURNAL_FILE, _as_line(_FirstLine(header, packages)))
         return cls(header, directory)
 
     @classmethod
@@ -82,9 +75,9 @@ class Journal:
             RunDirectoryError: the file cannot be read, or the run there has another header or other
                 packages; the text names the differences.
         """
-        path, journal = directory / JOURNAL_FILE, cls(header, directory)
-        with os_errors_as(RunDirectoryError, path, "read"):
-            first, *others = map(_content, read_file(path, LARGEST_JOURNAL).split(b"\n"))
+        path, journal = directory / files.JOURNAL_FILE, cls(header, directory)
+        with files.os_errors_as(RunDirectoryError, path, "read"):
+            first, *others = map(_content, files.read_file(path, LARGEST_JOURNAL).split(b"\n"))
         if first is None:
             raise RunDirectoryError(f"{path} has no header: start again with --fresh")
         stored = read_json(first, _FirstLine, str(path))
@@ -111,7 +104,9 @@ class Journal:
             line = _EpisodeLine(
                 record.spec, record.outcome, record.fault, trace.first_touch_tick, arrays
             )
-            append_bytes(self.directory / JOURNAL_FILE, b"\n" + _as_line(line), durable=True)
+            files.append_bytes(
+                self.directory / files.JOURNAL_FILE, b"\n" + _as_line(line), durable=True
+            )
         self.records[record.spec] = record
 
     def remove(self) -> None:
@@ -121,8 +116,8 @@ class Journal:
             RunDirectoryError: it cannot be removed.
         """
         if self.directory is not None:
-            path = self.directory / JOURNAL_FILE
-            with os_errors_as(RunDirectoryError, path, "removed"):
+            path = self.directory / files.JOURNAL_FILE
+            with files.os_errors_as(RunDirectoryError, path, "removed"):
                 path.unlink(missing_ok=True)
 
 

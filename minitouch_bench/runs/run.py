@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
+from minitouch_bench import files
 from minitouch_bench.episode import (
     IN_MEMORY,
     Count,
@@ -21,14 +22,6 @@ from minitouch_bench.episode import (
     Sha256,
 )
 from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError
-from minitouch_bench.files import (
-    ACTIONS_FILE,
-    JOURNAL_FILE,
-    LARGEST_ACTIONS,
-    RUN_FILE,
-    os_errors_as,
-    read_file,
-)
 from minitouch_bench.json_io import read_json, write_json
 from minitouch_bench.metrics.summary import (
     Summary,
@@ -134,9 +127,10 @@ class RunEnvironment:
     wall_s: float
 
 
+# Apart from ``Run``, whose ``episodes`` are a frame for Python users: here they are rows.
 @dataclass(frozen=True)
 class RunDocument:
-    """What ``run.json`` holds: apart from ``Run``, whose ``episodes`` are a frame.
+    """What ``run.json`` holds: everything a report is made from.
 
     ``digest`` covers every episode: runs with equal ones hold the same bits. ``faults`` says what
     the policy did wrong, by episode, such as "pushing/17" or "exploration/pushing/17"; each is a
@@ -233,9 +227,9 @@ class Run:
         Raises:
             UnreadableFileError: the file cannot be read.
         """
-        path = self._path(ACTIONS_FILE)
-        with os_errors_as(UnreadableFileError, path, "read"):
-            return read_file(path, LARGEST_ACTIONS)
+        path = self._path(files.ACTIONS_FILE)
+        with files.os_errors_as(UnreadableFileError, path, "read"):
+            return files.read_file(path, files.LARGEST_ACTIONS)
 
     @cached_property
     def actions(self) -> Mapping[str, Actions]:
@@ -245,7 +239,7 @@ class Run:
             RunDirectoryError: the file is missing or damaged, or holds other episodes.
         """
         return parse_actions(
-            self.actions_content, self.header.specs(), str(self._path(ACTIONS_FILE))
+            self.actions_content, self.header.specs(), str(self._path(files.ACTIONS_FILE))
         )
 
     def actions_of(self, key: str) -> Actions:
@@ -255,7 +249,7 @@ class Run:
             RunDirectoryError: they are missing, or the file is missing or damaged.
         """
         if key not in self.actions:
-            raise RunDirectoryError(f"{self._path(ACTIONS_FILE)} has no actions of {key}")
+            raise RunDirectoryError(f"{self._path(files.ACTIONS_FILE)} has no actions of {key}")
         return self.actions[key]
 
     def _path(self, name: str) -> Path:
@@ -265,7 +259,7 @@ class Run:
 
     def file_digests(self) -> dict[str, str]:
         """Return the SHA-256 of the bytes that were read, by file name."""
-        contents = {RUN_FILE: self.content, ACTIONS_FILE: self.actions_content}
+        contents = {files.RUN_FILE: self.content, files.ACTIONS_FILE: self.actions_content}
         return {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
 
     def specs_and_rows(self) -> Iterator[tuple[EpisodeSpec, Episode]]:
@@ -364,20 +358,20 @@ def parse_run(content: bytes, name: str, directory: Path | None = None) -> Run:
     Raises:
         RunDirectoryError: it is not a run, or of another version.
     """
-    mark = read_json(content, _Mark, RUN_FILE)
+    mark = read_json(content, _Mark, files.RUN_FILE)
     if mark.format != RUN_FORMAT:
-        raise RunDirectoryError(f"{RUN_FILE}: its format is not '{RUN_FORMAT}'")
+        raise RunDirectoryError(f"{files.RUN_FILE}: its format is not '{RUN_FORMAT}'")
     if mark.version != RUN_VERSION:
         raise RunDirectoryError(
-            f"{RUN_FILE} has version {mark.version}, this program reads version {RUN_VERSION}; "
-            "use the minitouch-bench that wrote it"
+            f"{files.RUN_FILE} has version {mark.version}, this program reads version "
+            f"{RUN_VERSION}; use the minitouch-bench that wrote it"
         )
-    document = read_json(content, RunDocument, RUN_FILE)
+    document = read_json(content, RunDocument, files.RUN_FILE)
     summary = document.summary
     rows = (*document.episodes, *document.exploration_episodes)
     named = {row.task for part in (rows, summary.tasks, summary.generalization) for row in part}
     if unknown := sorted({*document.header.plan.tasks, *named} - set(TASK_NAMES)):
-        raise RunDirectoryError(f"{RUN_FILE}: this version has no task {unknown[0]!a}")
+        raise RunDirectoryError(f"{files.RUN_FILE}: this version has no task {unknown[0]!a}")
     return Run(
         document.digest, document.header, document.environment, document.summary, document.faults,
         document.episodes, document.exploration_episodes, name, directory, content,
@@ -390,14 +384,14 @@ def read_run(directory: Path) -> Run:
     Raises:
         RunDirectoryError: in one line that says what is wrong.
     """
-    file = directory if directory.name == RUN_FILE else directory / RUN_FILE
+    file = directory if directory.name == files.RUN_FILE else directory / files.RUN_FILE
     try:
-        content = read_file(file)
+        content = files.read_file(file)
     except FileNotFoundError as error:
-        if (file.parent / JOURNAL_FILE).exists():
+        if (file.parent / files.JOURNAL_FILE).exists():
             what = "holds an unfinished run: the command that began it finishes it with --resume"
         elif file.parent.exists():
-            what = f"is not a run directory: it has no {RUN_FILE}"
+            what = f"is not a run directory: it has no {files.RUN_FILE}"
         else:
             what = "is not a run directory: it does not exist"
         raise RunDirectoryError(f"{file.parent} {what}") from error

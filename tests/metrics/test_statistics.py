@@ -57,12 +57,8 @@ def test_a_quantile_is_an_observed_value_between_order_statistics():
 def test_quantiles_of_equal_policies_do_not_differ():
     values = rng(1).gamma(2, 30, 50)
     found = TENTH.paired_test(values, values, rng())
-    assert (found.p_value, found.estimate.value, found.estimate.low, found.estimate.high) == (
-        1,
-        0,
-        0,
-        0,
-    )
+    estimate = found.estimate
+    assert (found.p_value, estimate.value, estimate.low, estimate.high) == (1, 0, 0, 0)
 
 
 def test_a_longer_tail_is_found_by_a_quantile_and_not_by_the_mean():
