@@ -10,13 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.files import (
     GIB,
     KIB,
     LOCK_FILE,
     MIB,
     RUN_FILES,
+    cache_directory,
+    cache_file,
     clear_run,
     holds_run,
     list_videos,
@@ -222,7 +224,7 @@ def test_a_file_that_cannot_be_written_whole_leaves_the_old_one(tmp_path):
     write_file(path, b"old")
     code = (
         "import resource, sys; from pathlib import Path; "
-        "from minitouch_bench.errors import RunDirectoryError; "
+        "from minitouch_bench.errors import InfrastructureError, RunDirectoryError; "
         "from minitouch_bench.files import write_file; "
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
         "try: write_file(Path(sys.argv[1]), bytes(5000))\n"
@@ -308,3 +310,30 @@ def test_a_file_over_its_limit_is_refused_without_being_read(tmp_path, limit, wo
         read_file(path, GIB)
     assert tracemalloc.get_traced_memory()[1] < KIB * KIB
     tracemalloc.stop()
+
+
+# The cache
+
+
+def test_the_cache_follows_the_environment(monkeypatch):
+    monkeypatch.delenv("MINITOUCH_CACHE", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
+    assert cache_directory() == Path("/somewhere/minitouch-bench")
+    monkeypatch.setenv("MINITOUCH_CACHE", "/elsewhere")
+    assert cache_directory() == Path("/elsewhere")
+
+
+def test_a_damaged_file_is_written_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("MINITOUCH_CACHE", str(tmp_path))
+    path = cache_file("thing", ".urdf", b"content")
+    path.write_bytes(b"damaged")
+    assert cache_file("thing", ".urdf", b"content") == path
+    assert path.read_bytes() == b"content"
+    assert cache_file("thing", ".urdf", b"other") != path
+
+
+def test_a_cache_that_cannot_be_written_says_what_to_do(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("MINITOUCH_CACHE", str(tmp_path / "file" / "cache"))
+    with pytest.raises(InfrastructureError, match="MINITOUCH_CACHE"):
+        cache_file("thing", ".urdf", b"content")

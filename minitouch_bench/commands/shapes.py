@@ -29,7 +29,7 @@ def generate(
         note(f"{', '.join(others)}: the shapes can differ from those of the documented version")
     with count_progress("shapes") as progress:
         result = workflow.generate(output, count, seed, workers, progress)
-    print(f"{result.count} shapes in {result.folder}, digest {result.digest}")
+    print(f"{count} shapes in {output}, digest {result.digest}")
     for reason, number in sorted(result.refused.items()):
         print(f"  refused on the way: {reason} {number}")
 
@@ -92,7 +92,7 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
     if not fit and any(reason.startswith(sizes) for reason in result.refused.values()):
         note("--fit gives each object a size the hand can grip; --scale sets the unit")
     if result.accepted:
-        print(f"set in {result.folder}, digest {result.digest}")
+        print(f"set in {output}, digest {result.digest}")
     if result.refused or not result.accepted:
         raise typer.Exit(1)
 

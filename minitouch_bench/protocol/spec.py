@@ -117,7 +117,7 @@ class ObservationSpec:
     image_size: int
     """Width and height in pixels."""
     grey_weights: tuple[int, ...]
-    """Ten-thousandths of red, green and blue; empty where images are in color."""
+    """Ten-thousandths of red, green and blue."""
     touch_size: int
     position_limit: float
     """Bound of the end effector's position (m)."""
@@ -150,7 +150,7 @@ class ObservationSpec:
     @property
     def image_shape(self) -> tuple[int, int, int]:
         """Channels, height and width of an image."""
-        return 1 if self.grey_weights else 3, self.image_size, self.image_size
+        return 1, self.image_size, self.image_size
 
     @property
     def touch_shape(self) -> tuple[int]:
@@ -205,8 +205,6 @@ class TaskSpec:
     shadows: bool = True
     max_steps: int = 200
     success_reward: float = 25.0
-    step_rewards: tuple[float, float] = field(default=(0.0, 0.0), metadata=UNDIGESTED)
-    """The least and the greatest that a step pays beside ``success_reward``: 0 if it is sparse."""
 
     @property
     def gym_id(self) -> str:
@@ -222,12 +220,6 @@ class TaskSpec:
     def has_goal(self) -> bool:
         """Whether an episode can succeed."""
         return bool(self.goal)
-
-    def possible_return(self, steps: int, *, success: bool) -> tuple[float, float]:
-        """Return the least and the greatest that the rewards of an episode can add up to."""
-        paid = self.success_reward if success else 0.0
-        low, high = (paid + steps * reward for reward in self.step_rewards)
-        return low, high
 
 
 @dataclass(frozen=True)
@@ -282,30 +274,21 @@ class ProtocolSpec:
     @cache  # noqa: B019  a protocol is a value that lives as long as the program
     def task_digest(self, name: str, suite: str) -> str:
         """Return the SHA-256 over all that an episode of a task in a suite depends on."""
-        shared = {
-            "protocol": self.name,
-            "seeds": self.seeds,
-            "physics": document(self.physics),
-            "control": document(self.control),
-            "observation": document(self.observation),
-        }
         task = self.task(name)
         own_object = task.default_objects in ("", CUBE) and not self.suite(suite).novel_shapes
-        shapes = "" if own_object else self.shapes
-        return content_digest({**shared, "task": document(task), "shapes": shapes})
+        parts = ("seeds", "physics", "control", "observation")
+        shared = {part: document(getattr(self, part)) for part in parts}
+        own = {"task": document(task), "shapes": "" if own_object else self.shapes}
+        return content_digest({"protocol": self.name, **shared, **own})
 
     @cache  # noqa: B019
     def digest(self) -> str:
         """Return the SHA-256 over the suites and the digests of their tasks."""
-        return content_digest(
-            [
-                {
-                    "suite": document(suite),
-                    "tasks": [self.task_digest(t, suite.name) for t in suite.tasks],
-                }
-                for suite in self.suites
-            ]
-        )
+        suites = []
+        for suite in self.suites:
+            tasks = [self.task_digest(task, suite.name) for task in suite.tasks]
+            suites.append({"suite": document(suite), "tasks": tasks})
+        return content_digest(suites)
 
 
 def _named(name: str, kind: str, known: Sequence[Named]) -> Named:

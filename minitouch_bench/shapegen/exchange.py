@@ -82,7 +82,6 @@ class ImportConfig:
 class ImportResult:
     """The set made ("" as digest if nothing was accepted), and each refusal by file."""
 
-    folder: Path
     digest: str
     accepted: int
     refused: dict[str, str]
@@ -126,7 +125,7 @@ def import_objects(
         if kept:
             header = {"name": folder.name, "imported": {"scale": config.scale, "fit": config.fit}}
             digest = content_digest(write_set(folder, {**header, "refused": refused}, kept))
-    return ImportResult(folder, digest, len(kept), refused)
+    return ImportResult(digest, len(kept), refused)
 
 
 def import_one(task: tuple[Path, ImportConfig]) -> tuple[str, dict[str, Any], bytes]:

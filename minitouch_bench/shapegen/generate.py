@@ -56,11 +56,9 @@ LIBRARIES = ("numpy", "coacd", "manifold3d", "fast-simplification")
 
 @dataclass(frozen=True)
 class GenerateResult:
-    """What a generation gave: the set's folder and digest, and draws refused by reason."""
+    """What a generation gave: the set's digest, and draws refused by reason."""
 
-    folder: Path
     digest: str
-    count: int
     refused: dict[str, int]
 
 
@@ -90,7 +88,7 @@ def generate(
         document = write_set(folder, header, shapes)
         shutil.rmtree(parts)
     refused = sum((Counter(entry["refused"]) for entry, _ in shapes), Counter[str]())
-    return GenerateResult(folder, content_digest(document), count, refused)
+    return GenerateResult(content_digest(document), refused)
 
 
 def open_parts(folder: Path, plan: dict[str, Any]) -> Path:

@@ -44,14 +44,11 @@ def preview(shapes: ShapeSet, folder: Path, progress: Progress = lambda *_: None
     written = []
     with os_errors_as(InfrastructureError, folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
-        for family in sorted({shape.family for shape in shapes.shapes}):
-            for split in sorted({shape.split for shape in shapes.shapes}):
-                chosen = [s for s in shapes.shapes if (s.family, s.split) == (family, split)]
-                if chosen:
-                    path = folder / f"{family}-{split}.png"
-                    title = f"{family}, {split}: {len(chosen)}"
-                    replace_file(path, _png(_sheet(chosen, pictures, title)))
-                    written.append(path)
+        for family, split in sorted({(shape.family, shape.split) for shape in shapes.shapes}):
+            chosen = [s for s in shapes.shapes if (s.family, s.split) == (family, split)]
+            written.append(folder / f"{family}-{split}.png")
+            sheet = _sheet(chosen, pictures, f"{family}, {split}: {len(chosen)}")
+            replace_file(written[-1], _png(sheet))
         page = folder / "index.html"
         replace_file(page, _page(shapes, pictures).encode())
     return [*written, page]
@@ -89,8 +86,7 @@ def _page(shapes: ShapeSet, pictures: dict[str, Image.Image]) -> str:
         for name, picture in pictures.items()
     }
     families = sorted({shape.family for shape in shapes.shapes})
-    page: str = template.render(shapes=shapes, families=families, pictures=encoded)
-    return page
+    return str(template.render(shapes=shapes, families=families, pictures=encoded))
 
 
 def _png(image: Image.Image) -> bytes:

@@ -57,13 +57,8 @@ def light_panda() -> Path:
             material.clear()
             material.set("name", f"{name}_paint")
             color = observation.hand_color if name == "panda_hand" else observation.arm_color
-            ET.SubElement(material, "color", rgba=rgba_text(color))
+            ET.SubElement(material, "color", rgba=_text(color))
     return cache_file("panda", ".urdf", ET.tostring(root))
-
-
-def rgba_text(color: Rgba) -> str:
-    """Return a color as URDF writes it."""
-    return " ".join(str(part) for part in color)
 
 
 @cache
@@ -138,19 +133,14 @@ def _body_boxes(c: CabinetSpec) -> list[Box]:
 
 
 def _boxes(boxes: Sequence[Box], color: Rgba) -> str:
-    parts, rgba = [], rgba_text(color)
-    for kind in ("visual", "collision"):
-        paint = (
-            f'<material name="paint {rgba}"><color rgba="{rgba}"/></material>'
-            if kind == "visual"
-            else ""
-        )
-        parts += [
-            f'<{kind}><origin xyz="{_text(center)}"/>'
-            f'<geometry><box size="{_text(size)}"/></geometry>{paint}</{kind}>'
-            for center, size in boxes
-        ]
-    return "\n".join(parts)
+    rgba = _text(color)
+    paint = f'<material name="paint {rgba}"><color rgba="{rgba}"/></material>'
+    places = [
+        f'<origin xyz="{_text(center)}"/><geometry><box size="{_text(size)}"/></geometry>'
+        for center, size in boxes
+    ]
+    visual = [f"<visual>{place}{paint}</visual>" for place in places]
+    return "\n".join([*visual, *(f"<collision>{place}</collision>" for place in places)])
 
 
 def _inertia(xx: float, yy: float, zz: float) -> str:

@@ -165,8 +165,6 @@ class GrayCamera:
 
 
 def _pixels(image: Image) -> NDArray[np.uint8]:
-    if not _WEIGHTS:
-        return image.rgb.transpose(2, 0, 1)
     red, green, blue = _WEIGHTS
     # Integers, so that every processor rounds alike; in place, since this runs every step.
     total = image.rgb[..., 0] * red

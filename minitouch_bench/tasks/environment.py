@@ -310,16 +310,13 @@ class HumanRenderer:
     def picture(self, task: Task, simulated: PhysicsClient) -> NDArray[np.uint8]:
         """Return a picture of the simulated world as it is, uint8 (height, width, 3)."""
         if self._built_for is not task:
-            self._build(task)
+            self._client.reset_world()
+            add_table(self._client)
+            task.add_scenery(self._client)
+            task.add_object(self._client)
+            self._client.load_urdf(stock_panda(), fixed=True)
+            self._built_for = task
         self._client.mirror(simulated)
         width, height = self._size
         view = View.of(task.spec.portrait, aspect=width / height)
         return self._client.render(view, width, height, shadow=True).rgb.copy()
-
-    def _build(self, task: Task) -> None:
-        self._client.reset_world()
-        add_table(self._client)
-        task.add_scenery(self._client)
-        task.add_object(self._client)
-        self._client.load_urdf(stock_panda(), fixed=True)
-        self._built_for = task

@@ -18,22 +18,17 @@ class Opening(Task):
     spec: ClassVar[OpeningSpec] = OPENING
     target_links = (DOOR_LINK, HANDLE_LINK)
 
-    @property
-    def position(self) -> tuple[float, float]:
-        """Where the cabinet stands: x of its front and y of its middle (m)."""
-        return self._position
+    position: tuple[float, float]
+    """Where the cabinet stands: x of its front and y of its middle (m)."""
 
     def draw(self, rng: np.random.Generator, model: ObjectModel | None) -> None:
         """Draw the position of the cabinet."""
-        self._position = (
-            float(rng.uniform(*self.spec.front)),
-            float(rng.uniform(*self.spec.middle)),
-        )
+        self.position = rng.uniform(*self.spec.front), rng.uniform(*self.spec.middle)
 
     def add_scenery(self, client: PhysicsClient) -> tuple[Part, ...]:
         """Add the cabinet; its body never moves."""
         cabinet = self.spec.cabinet
-        floor = (*self._position, PROTOCOL.physics.table_top)
+        floor = (*self.position, PROTOCOL.physics.table_top)
         self.target_body = client.load_urdf(cabinet_urdf(cabinet), floor, fixed=True)
         client.set_joint_friction(self.target_body, DOOR_JOINT, cabinet.hinge_friction)
         return ((self.target_body, -1),)

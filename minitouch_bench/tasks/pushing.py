@@ -9,7 +9,7 @@ from minitouch_bench.episode import Outcome
 from minitouch_bench.protocol.minitouch import PROTOCOL, PUSHING, PushingSpec
 from minitouch_bench.simulation.client import Part, PhysicsClient
 from minitouch_bench.simulation.panda_arm import PandaArm
-from minitouch_bench.tasks.task import ObjectModel, Placement, TabletopTask, draw_position, draw_yaw
+from minitouch_bench.tasks.task import ObjectModel, TabletopTask, draw_position, draw_yaw
 
 Position = tuple[float, float]
 
@@ -19,10 +19,8 @@ class Pushing(TabletopTask):
 
     spec: ClassVar[PushingSpec] = PUSHING
 
-    @property
-    def target(self) -> Position:
-        """Where the object is to go: x, y (m)."""
-        return self._target
+    target: Position
+    """Where the object is to go: x, y (m)."""
 
     @property
     def visible_bodies(self) -> tuple[int, ...]:
@@ -31,22 +29,23 @@ class Pushing(TabletopTask):
 
     def draw(self, rng: np.random.Generator, model: ObjectModel | None) -> None:
         """Draw the target, the object around it, and the end effector around the object."""
-        workspace, model = self.spec.workspace, model or self.own_object()
-        self._target = draw_position(workspace, rng, self.spec.target_margin)
-        position = _draw_around(rng, self._target, self.spec.cube_distance)
-        while not workspace.holds(*self._behind(position)):
-            position = _draw_around(rng, self._target, self.spec.cube_distance)
-        self._start = _draw_around(rng, position, self.spec.hand_distance)
+        workspace = self.spec.workspace
+        self.model = model or self.own_object()
+        self.target = draw_position(workspace, rng, self.spec.target_margin)
+        self.position = _draw_around(rng, self.target, self.spec.cube_distance)
+        while not workspace.holds(*self._behind()):
+            self.position = _draw_around(rng, self.target, self.spec.cube_distance)
+        self._start = _draw_around(rng, self.position, self.spec.hand_distance)
         while not workspace.holds(*self._start):
-            self._start = _draw_around(rng, position, self.spec.hand_distance)
-        self._object = Placement(model, *position, draw_yaw(rng, model))
+            self._start = _draw_around(rng, self.position, self.spec.hand_distance)
+        self.yaw = draw_yaw(rng, self.model)
 
     def add_scenery(self, client: PhysicsClient) -> tuple[Part, ...]:
         """Add the target."""
         half = self.spec.cube.side / 2
         height = PROTOCOL.physics.table_top + half
         color = PROTOCOL.observation.target_color
-        self._marker = client.add_ghost_box((half,) * 3, (*self._target, height), color)
+        self._marker = client.add_ghost_box((half,) * 3, (*self.target, height), color)
         return ((self._marker, -1),)
 
     def place_arm(self, arm: PandaArm) -> None:
@@ -56,15 +55,15 @@ class Pushing(TabletopTask):
     def outcome(self, client: PhysicsClient) -> Outcome | None:
         """Return success near the target, a failure outside the workspace."""
         x, y, _ = client.pose(self.target_body).position
-        if math.dist((x, y), self._target) < self.spec.success_distance:
+        if math.dist((x, y), self.target) < self.spec.success_distance:
             return Outcome.SUCCESS
         return None if self.spec.workspace.holds(x, y) else Outcome.LEFT_WORKSPACE
 
-    def _behind(self, position: Position) -> Position:
-        """Return the position behind an object from which it is pushed to the target."""
-        x, y = position
-        scale = self.spec.push_clearance / math.dist(position, self._target)
-        return x + scale * (x - self._target[0]), y + scale * (y - self._target[1])
+    def _behind(self) -> Position:
+        """Return the position behind the object from which it is pushed to the target."""
+        x, y = self.position
+        scale = self.spec.push_clearance / math.dist(self.position, self.target)
+        return x + scale * (x - self.target[0]), y + scale * (y - self.target[1])
 
 
 def _draw_around(

@@ -189,47 +189,35 @@ class Task(ABC):
         return self.spec.success_reward if outcome is Outcome.SUCCESS else 0.0
 
 
-@dataclass(frozen=True)
-class Placement:
-    """An object and where it lies: x, y (m) and yaw (rad)."""
-
-    model: ObjectModel
-    x: float
-    y: float
-    yaw: float
-
-
 class TabletopTask(Task):
     """A task with one object, at a random position on the table."""
 
     spec: ClassVar[TabletopSpec]
-    _object: Placement
+    model: ObjectModel
+    """The object of this episode."""
+    position: tuple[float, float]
+    """Where it is put: x, y (m)."""
+    yaw: float
+    """How it is turned (rad)."""
 
     @classmethod
     def own_object(cls) -> ObjectModel:
         """Return the task's cube."""
         return cube_model(cls.spec.cube)
 
-    @property
-    def model(self) -> ObjectModel:
-        """The object of this episode."""
-        return self._object.model
-
     def draw(self, rng: np.random.Generator, model: ObjectModel | None) -> None:
         """Draw a uniform position in the workspace less a margin that the hand does not cover."""
-        model = model or self.own_object()
-        while True:
-            x, y = draw_position(self.spec.workspace, rng, self.spec.margin)
-            if math.dist((x, y), START_XY) >= self.spec.clearance:
-                self._object = Placement(model, x, y, draw_yaw(rng, model))
-                return
+        self.model = model or self.own_object()
+        self.position = draw_position(self.spec.workspace, rng, self.spec.margin)
+        while math.dist(self.position, START_XY) < self.spec.clearance:
+            self.position = draw_position(self.spec.workspace, rng, self.spec.margin)
+        self.yaw = draw_yaw(rng, self.model)
 
     def add_object(self, client: PhysicsClient) -> None:
         """Add the object and let it come to rest."""
-        placed = self._object
-        self.target_body = placed.model.load(client, placed.x, placed.y, placed.yaw)
+        self.target_body = self.model.load(client, *self.position, self.yaw)
         client.paint({(self.target_body, -1): PROTOCOL.observation.object_color})
-        if placed.model.name != CUBE:
+        if self.model.name != CUBE:
             for _ in range(self.spec.settle_ticks):
                 client.step()
 

@@ -19,7 +19,7 @@ from minitouch_bench.policies.networks import TouchActor
 from tests.commands.command import finish, run, start
 
 POLICY = "policy.safetensors"
-OPTIONS = ("--tasks", "pushing,opening,pick-up", "--episodes", "2", "--workers", "2")
+OPTIONS = ("--tasks", "pushing,opening", "--episodes", "2", "--workers", "2")
 EVALUATE = ("evaluate", POLICY, *OPTIONS, "--output", "run")
 RESULTS = ("actions.npz", "episodes.csv")
 KILLS = 20
@@ -194,7 +194,7 @@ def small_disk(tmp_path):
 
 def test_a_full_disk_loses_nothing_and_goes_on_when_there_is_room(uninterrupted, place, small_disk):
     filler = small_disk / "filler"
-    filler.write_bytes(bytes(160_000))
+    filler.write_bytes(bytes(170_000))
     options = ("evaluate", POLICY, *OPTIONS, "--output", small_disk / "run")
     full = run(*options, directory=place)
     assert full.code in (5, 6)
@@ -208,9 +208,7 @@ def test_a_full_disk_loses_nothing_and_goes_on_when_there_is_room(uninterrupted,
 
 
 HOSTILE = [
-    '=HYPERLINK("http:evil","x").safetensors',
-    "<script>alert(1)<img src=x onerror=alert(1)>.safetensors",
-    "\x1b[31m\x1b]0;owned\x07red.safetensors",
+    '=HYPERLINK("http:evil","x")<script>alert(1)<img src=x>\x1b[31m\x1b]0;owned\x07.safetensors',
     "..safetensors.safetensors",
 ]
 

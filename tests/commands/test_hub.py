@@ -89,6 +89,8 @@ def test_a_policy_on_the_hub_is_evaluated_and_its_commit_and_digest_are_kept(hub
     named = ("--policy", policy["source"])
     again = run("verify", "run", "--rerun", 1, *named, directory=tmp_path)
     assert again.code == 0, again.err
+    main = run("evaluate", ADDRESS, *ONE, "--output", "run", "--resume", directory=tmp_path)
+    assert main.code == 0, main.err  # another policy would not resume it
 
 
 @needs_library
@@ -106,15 +108,6 @@ def test_packing_a_run_takes_its_file_from_the_cache_alone(hub, tmp_path, monkey
     submit([run_path], name="mine", training_steps=0)
     assert hub.asked == asked
     assert bool(list(Path("submissions/mine").rglob("*.safetensors"))) is is_cached
-
-
-@needs_library
-def test_the_commit_and_the_main_branch_are_the_same_policy(hub, tmp_path):
-    first = run("evaluate", ADDRESS, *ONE, "--output", "run", directory=tmp_path)
-    assert first.code == 0, first.err
-    pinned = (f"{ADDRESS}@{COMMIT}", *ONE, "--output", "run", "--resume")
-    done = run("evaluate", *pinned, directory=tmp_path)
-    assert done.code == 0, done.err  # another policy would not resume it
 
 
 @needs_library

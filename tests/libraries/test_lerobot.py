@@ -106,15 +106,6 @@ def test_a_success_is_in_the_final_info_and_the_next_episode_has_begun(hub):
     vector.close()
 
 
-def test_an_episode_ends_at_the_step_limit_without_success(made):
-    playing = made[0]
-    playing.reset(seed=[0, 1])
-    for _ in range(200):
-        *_, truncated, info = playing.step(np.zeros((2, 5), np.float32))
-    assert truncated.all()
-    assert info["final_info"]["is_success"].tolist() == [False, False]
-
-
 def test_processes_give_what_one_process_gives(hub, made):
     (vector,) = hub.make_env(2, use_async_envs=True, cfg=only("pushing"))[SUITE].values()
     assert isinstance(vector, AsyncVectorEnv)
@@ -123,12 +114,6 @@ def test_processes_give_what_one_process_gives(hub, made):
     expected, _ = made[1].reset(seed=[5, 6])
     assert all(np.array_equal(found[key], expected[key]) for key in expected)
     assert vector.call("task") == ("pushing",) * 2
-    vector.close()
-
-
-def test_one_environment_needs_no_process_of_its_own(hub):
-    (vector,) = hub.make_env(1, use_async_envs=True, cfg=only("pushing"))[SUITE].values()
-    assert isinstance(vector, SyncVectorEnv)
     vector.close()
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.shapegen.body_codec import body_files, decode, encode, quantized
+from minitouch_bench.shapegen.body_codec import decode, encode, quantized
 from tests.shapegen.bodies import box_body
 
 
@@ -35,8 +35,3 @@ def test_a_damaged_record_is_named(damage: object) -> None:
     record = encode(box_body(0.04, 0.05, 0.06))
     with pytest.raises(UsageError, match="record is damaged"):
         decode(damage(record))  # type: ignore[operator]
-
-
-def test_equal_bodies_give_equal_files() -> None:
-    first, second = (body_files(box_body(0.04, 0.05, 0.06)) for _ in range(2))
-    assert first == second

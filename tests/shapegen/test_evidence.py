@@ -1,14 +1,10 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from benchmarks.shape_evidence import (
-    CELLS,
     TURNS,
     biased_split,
-    cell_fills,
-    descriptor,
     near_duplicates,
     split_p_value,
     stats_text,
@@ -16,8 +12,7 @@ from benchmarks.shape_evidence import (
 from minitouch_bench.shapegen.body_codec import Body
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
 from minitouch_bench.shapegen.mesh import Mesh
-from minitouch_bench.shapegen.solids import to_solid
-from tests.shapegen.bodies import box, box_body
+from tests.shapegen.bodies import box
 
 FAMILIES = ["a", "b"] * 100
 
@@ -35,7 +30,7 @@ def duplicates(*meshes: Mesh) -> list[tuple[int, int, float]]:
 
 def test_a_solid_is_its_own_duplicate_however_it_is_turned() -> None:
     mesh = canonical_shape_set().shapes[3].body().visual
-    for turn in TURNS:
+    for turn in TURNS[::7]:
         assert duplicates(mesh, mesh.moved(turn, np.zeros(3))) == [(0, 1, 1.0)]
 
 
@@ -46,20 +41,6 @@ def test_near_duplicates_are_found_and_others_are_not() -> None:
         (0, 3, 0.96),
         (1, 3, 0.9552),
     ]
-
-
-def test_the_cells_of_a_grid_hold_the_whole_solid() -> None:
-    solid = to_solid(canonical_shape_set().shapes[0].body().visual)
-    fills = cell_fills(solid)
-    assert fills.shape == (CELLS, CELLS, CELLS)
-    assert fills.min() > -1e-12
-    assert fills.sum() == pytest.approx(solid.volume(), rel=0.02)
-
-
-def test_the_distance_histogram_is_a_share_of_pairs() -> None:
-    found = descriptor(box_body(0.05, 0.04, 0.03))
-    assert found[-1] == pytest.approx(1.0)
-    assert (np.diff(found[6:]) >= 0).all()
 
 
 def test_a_fair_split_passes_and_a_biased_one_fails() -> None:

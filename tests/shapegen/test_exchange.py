@@ -138,7 +138,8 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     (tmp_path / "boxed.urdf").write_text(boxed)
     (tmp_path / "loop.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))  # a mesh, if of itself
     (tmp_path / "outer.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))
-    result = import_objects(tmp_path, tmp_path.parent / "out", ImportConfig())
+    folder = tmp_path.parent / "out"
+    result = import_objects(tmp_path, folder, ImportConfig())
     assert result.accepted == 1
     assert result.refused.keys() == {
         "nan.obj", "text.obj", "empty.stl", "huge.stl", "broken.urdf", "bomb.urdf", "scale.urdf",
@@ -149,11 +150,11 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     assert result.refused["single.urdf"] == "the URDF's scale is not three numbers"
     assert result.refused["boxed.urdf"] == "a geometry of the URDF is not a mesh"
     assert all("\n" not in reason for reason in result.refused.values())
-    shapes = load_shape_set(result.folder)
+    shapes = load_shape_set(folder)
     assert shapes.shapes[0].name == "good"
     assert shapes.document["refused"] == result.refused
     with pytest.raises(UsageError, match="already"):
-        import_objects(tmp_path, result.folder, ImportConfig())
+        import_objects(tmp_path, folder, ImportConfig())
 
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, float("nan"), float("inf")])

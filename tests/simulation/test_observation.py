@@ -1,12 +1,9 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec
-from minitouch_bench.simulation import observation as senses
 from minitouch_bench.simulation.bodies import add_table
 from minitouch_bench.simulation.client import View
 from minitouch_bench.simulation.observation import (
@@ -106,13 +103,3 @@ def test_what_is_behind_the_background_is_hidden(client):
     buried = camera.capture(client)
     client.set_pose(thing, (9.0, 9.0, 0.03), (0, 0, 0, 1))
     assert np.array_equal(buried, camera.capture(client))
-
-
-def test_without_gray_weights_the_picture_is_in_color(client, monkeypatch):
-    table, _ = scene(client)
-    camera = GrayCamera(ABOVE)
-    monkeypatch.setattr(senses, "_WEIGHTS", ())
-    camera.keep_background(client, table, [])
-    picture = camera.capture(client)
-    assert picture.shape == replace(PROTOCOL.observation, grey_weights=()).image_shape
-    assert np.any(picture[0] != picture[1])

@@ -43,10 +43,6 @@ def test_spaces(environment):
     assert observed["touch"].high[3:].tolist() == [1.0] * 2 + [limit] * 6
 
 
-def test_gymnasium_finds_nothing_to_warn_of(environment):
-    check_env(environment, skip_render_check=True)
-
-
 @pytest.mark.parametrize("task", TASK_CLASSES)
 def test_gymnasium_finds_nothing_to_warn_of_in_what_it_makes_and_draws(task):
     made = gymnasium.make(
@@ -225,28 +221,6 @@ def test_an_action_that_is_no_number_never_reaches_the_simulator(environment, va
         assert equal(before, environment.step(action)[0])
 
 
-@pytest.mark.parametrize(
-    "make_bad",
-    [
-        lambda size: np.zeros(size + 2, np.float32),
-        lambda size: np.zeros(size - 1, np.float32),
-        lambda size: np.zeros((2, size), np.float32),
-        lambda size: np.zeros(size, int),
-        lambda size: np.zeros(size, bool),
-        lambda size: np.zeros(size, complex),
-        lambda size: np.array(["0"] * size),
-        lambda size: [[0.0], [0.0, 1.0]],
-        lambda size: np.float32(0),
-        lambda size: None,
-    ],
-)
-def test_an_action_of_another_form_is_refused(environments, make_bad):
-    environment = environments["pick-up"]
-    environment.reset(seed=2)
-    with pytest.raises(InvalidActionError):
-        environment.step(make_bad(4))
-
-
 @pytest.mark.parametrize("task", ["opening", "pushing"])
 def test_four_or_five_numbers_serve_every_task(task, environments):
     environment = environments[task]
@@ -316,27 +290,20 @@ def test_sizes_and_lengths_are_from_1_on(numbers):
         MiniTouchEnv("pushing", **numbers)
 
 
-@pytest.mark.parametrize("options", [{"object": ["cube"]}, {"object": 5}, {1: 1, "shape": 2}])
-def test_reset_options_of_other_types_are_errors_too(environment, options):
+@pytest.mark.parametrize("options", [{"shape": "cube"}, {"object": ["cube"]}, {1: 1}])
+def test_an_unknown_reset_option_or_one_of_another_type_is_an_error(environment, options):
     with pytest.raises(UsageError, match="reset option"):
-        environment.reset(options=options)
-
-
-def test_an_unknown_reset_option_is_an_error(environment):
-    with pytest.raises(UsageError, match="no reset option 'shape'; there is 'object'"):
-        environment.reset(seed=1, options={"shape": "cube"})
+        environment.reset(seed=1, options=options)
 
 
 # Pictures
 
 
-@pytest.mark.parametrize("size", [(64, 64), (320, 180), (90, 200)])
-def test_a_picture_has_its_size_and_something_on_it(size):
-    width, height = size
-    environment = MiniTouchEnv("pushing", render_mode="rgb_array", width=width, height=height)
+def test_a_picture_has_its_size_and_something_on_it():
+    environment = MiniTouchEnv("pushing", render_mode="rgb_array", width=90, height=200)
     environment.reset(seed=1)
     picture = environment.render()
-    assert (picture.shape, picture.dtype) == ((height, width, 3), np.uint8)
+    assert (picture.shape, picture.dtype) == ((200, 90, 3), np.uint8)
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
     for action in random_actions(environment, 1, 3):
         environment.step(action)

@@ -28,12 +28,11 @@ def test_two_hundred_layouts_keep_the_rules(environments):
     for _ in range(200):
         model = pool.draw(rng)
         task.draw(rng, model)
-        drawn = task._object
         names.add(model.name)
-        assert 0.55 <= drawn.x <= 0.70
-        assert -0.15 <= drawn.y <= 0.15
-        assert math.dist((drawn.x, drawn.y), START_XY) >= 0.09
-        yaws.append(drawn.yaw)
+        assert 0.55 <= task.position[0] <= 0.70
+        assert -0.15 <= task.position[1] <= 0.15
+        assert math.dist(task.position, START_XY) >= 0.09
+        yaws.append(task.yaw)
     assert np.histogram(yaws, 8, (0.0, math.tau))[0].min() > 5
     assert len(names) > 1
     assert names <= set(pool.names)

@@ -16,7 +16,7 @@ def test_two_hundred_layouts_keep_the_rules():
     task, rng, places = Playing(), np.random.default_rng(0), []
     for _ in range(200):
         task.draw(rng, None)
-        places.append((task._object.x, task._object.y))
+        places.append(task.position)
         assert math.dist(places[-1], START_XY) >= 0.07
     low, high = np.min(places, axis=0), np.max(places, axis=0)
     assert np.all(low >= (0.55, -0.15))

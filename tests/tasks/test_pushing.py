@@ -24,7 +24,7 @@ def test_two_hundred_layouts_keep_the_rules():
     for _ in range(200):
         task.draw(rng, None)
         target = np.array(task.target)
-        place = np.array((task._object.x, task._object.y))
+        place = np.array(task.position)
         start = np.array(task._start)
         away = (place - target) / math.dist(place, target)
         targets.append(target)
@@ -32,7 +32,7 @@ def test_two_hundred_layouts_keep_the_rules():
             assert 0.10 <= math.dist(center, around) <= 0.20
             assert WORKSPACE.holds(*around)
         assert WORKSPACE.holds(*(place + 0.07 * away))
-        assert task._object.yaw == 0.0
+        assert task.yaw == 0.0
         angles.append(math.atan2(away[1], away[0]))
     low, high = np.min(targets, axis=0), np.max(targets, axis=0)
     assert np.all(low >= np.array(WORKSPACE.low[:2]) + 0.025)
@@ -43,12 +43,12 @@ def test_two_hundred_layouts_keep_the_rules():
 
 def test_the_world_is_built_as_drawn_and_never_in_contact(environment):
     task = environment.task
-    for seed in range(60):
+    for seed in range(30):
         observation, info = environment.reset(seed=seed)
         wanted = (*task._start, 0.02)
         assert math.dist(environment.arm.position, wanted) < 1e-3
         assert np.allclose(observation["touch"][:3], environment.arm.position, atol=1e-6)
-        assert np.allclose(info["object_state"][:2], (task._object.x, task._object.y))
+        assert np.allclose(info["object_state"][:2], task.position)
         assert not environment.client.overlapping(environment.arm.body, task.target_body, 0.005)
         assert not info["success"]
 

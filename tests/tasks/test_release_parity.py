@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
-from minitouch_bench.tasks.task import Placement
 
 TRACES = np.load(Path(__file__).parents[1] / "data" / "release_traces.npz")
 COLUMNS = list(TRACES["columns"])
@@ -29,11 +28,11 @@ def environment(request, monkeypatch):
 
     def draw(rng, model):
         if task == "opening":
-            made.task._position = CABINET
+            made.task.position = CABINET
             return
-        made.task._object = Placement(model or made.task.own_object(), *OBJECTS[task], 0.0)
+        made.task.model, made.task.position, made.task.yaw = model, OBJECTS[task], 0.0
         if task == "pushing":
-            made.task._target = (0.50, 0.07)
+            made.task.target = (0.50, 0.07)
             made.task._start = tuple(TRACES["pushing.rows"][0][:2])
 
     monkeypatch.setattr(made.task, "draw", draw)
