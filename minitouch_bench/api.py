@@ -1,6 +1,7 @@
 """The Python front door: ``import minitouch_bench as mt`` gives these names."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -18,14 +19,13 @@ from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine
 from minitouch_bench.evaluation.execution import header_of, open_run, play, run_name
 from minitouch_bench.evaluation.policy_setup import prepare_policies
-from minitouch_bench.evaluation.video import require_video, video_name, write_video
+from minitouch_bench.evaluation.video import film_run, require_video
 from minitouch_bench.json_io import StrPath, Words, words
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation
 from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 from minitouch_bench.reporting.report import write_views
-from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.tasks.task import Objects
@@ -108,26 +108,19 @@ def evaluate(
     setup = prepare_policies(
         policy, plan, isolated, callbacks.note, exploration=exploration, name=name
     )
-    if output is None:
-        with opening as running:
-            return play(setup, Journal(header_of(setup)), running, callbacks)
-    directory = files.REPORTS / run_name(setup) if str(output) == AUTO_OUTPUT else Path(output)
-    with opening as running, files.lock_directory(directory):
-        if resume and not files.holds_run(directory):
+    header = header_of(setup)
+    directory = None if output is None else Path(output)
+    if str(output) == AUTO_OUTPUT:
+        directory = files.REPORTS / run_name(header)
+    with opening as running, files.lock_directory(directory) if directory else nullcontext():
+        if directory and resume and not files.holds_run(directory):
             callbacks.note(f"no run to resume in {directory}: starting a new one")
-        opened = open_run(setup, directory, resume=resume, fresh=fresh)
+        opened = open_run(header, directory, resume=resume, fresh=fresh)
         run = play(setup, opened, running, callbacks)
-        _write_views(run, directory, video)
+        if directory:
+            film_run(run, directory, video)
+            write_views(run, directory, files.list_videos(directory))
     return run
-
-
-def _write_views(run: Run, directory: Path, video: int = 0) -> None:
-    """Write the report, the episodes, and videos of the first ``video`` episodes of each task."""
-    for spec in run.header.specs():
-        if spec.index < video:
-            file = files.make_folder(directory / files.VIDEOS) / video_name(spec.key)
-            write_video(spec, run.actions_of(spec.key), file, run.plan.conditions)
-    write_views(run, directory, files.list_videos(directory))
 
 
 def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:

@@ -125,10 +125,11 @@ def regress(
         judge_runs(before, before, ("", ""), settings)  # what cannot be judged is not played
         plan = replace(before.plan, limits=isolated.limits)
         setup = prepare_policies(policy, plan, isolated, note)
-        refuse_other_rules(before, header_of(setup))
-        directory = output or REPORTS / f"{run_name(setup)}-regress"
+        header = header_of(setup)
+        refuse_other_rules(before, header)
+        directory = output or REPORTS / f"{run_name(header)}-regress"
         with episode_progress() as callbacks, opening as running, lock_directory(directory):
-            opened = open_run(setup, directory, resume=resume, fresh=fresh)
+            opened = open_run(header, directory, resume=resume, fresh=fresh)
             if isinstance(opened, Run):
                 refuse_edited(opened)
             after = play(setup, opened, running, callbacks)

@@ -54,19 +54,23 @@ def header_of(setup: PolicySetup) -> RunHeader:
     return make_header(setup.plan, policy.identity(), exploration, setup.isolation_level())
 
 
-def run_name(setup: PolicySetup) -> str:
+def run_name(header: RunHeader) -> str:
     """Name a run after its policy, suite and perturbation, in characters that suit a file name."""
-    policy = _file_name(setup.policy.name)[:80] or "policy"
-    perturbation = [_file_name(words) for words in setup.perturbation.in_words()]
-    return "-".join((policy, setup.plan.suite, *perturbation))
+    policy = _file_name(header.policy.name)[:80] or "policy"
+    perturbation = [_file_name(words) for words in header.plan.conditions.in_words()]
+    return "-".join((policy, header.plan.suite, *perturbation))
 
 
 def _file_name(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip(".-")
 
 
-def open_run(setup: PolicySetup, directory: Path, *, resume: bool, fresh: bool) -> Journal | Run:
+def open_run(
+    header: RunHeader, directory: Path | None = None, *, resume: bool = False, fresh: bool = False
+) -> Journal | Run:
     """Begin a run in a locked directory, or read what is done; a finished run is returned itself.
+
+    Without a directory the run is kept in memory only.
 
     Raises:
         UsageError: both ``resume`` and ``fresh``.
@@ -76,7 +80,8 @@ def open_run(setup: PolicySetup, directory: Path, *, resume: bool, fresh: bool) 
     """
     if resume and fresh:
         raise UsageError("choose one of --resume and --fresh")
-    header = header_of(setup)
+    if directory is None:
+        return Journal(header)
     if fresh:
         clear_run(directory)
     if fresh or not holds_run(directory):
@@ -143,10 +148,10 @@ def play_missing(
         wall_s=round(time.monotonic() - clock, 3),
     )
     in_order = tuple(records[spec] for spec in specs)
-    if directory is None:
-        return make_run(header, environment, in_order, run_name(setup))
-    write_actions(in_order, directory)
-    return make_run(header, environment, in_order, directory.resolve().name, directory)
+    if directory is not None:
+        write_actions(in_order, directory)
+    name = run_name(header) if directory is None else directory.resolve().name
+    return make_run(header, environment, in_order, name, directory)
 
 
 def _refuse_hopeless(records: Sequence[PlayedEpisode]) -> None:

@@ -1,6 +1,7 @@
 """Videos of recorded episodes, made by replaying their actions."""
 
 from collections.abc import Iterator
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,9 +13,11 @@ from PIL import Image
 
 from minitouch_bench.episode import EpisodeSpec
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.files import os_errors_as, write_file
+from minitouch_bench.files import VIDEOS, make_folder, os_errors_as, write_file
 from minitouch_bench.machine import require
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
+from minitouch_bench.processes import core_count, run_in_workers
+from minitouch_bench.runs.run import Run
 from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
 
 FRAMES_PER_SECOND = 8
@@ -47,6 +50,29 @@ def write_video(
         writers[path.suffix](replay_frames(spec, actions, perturbation), unfinished)
         write_file(path, unfinished.read_bytes())
     return path
+
+
+def film_run(run: Run, directory: Path, count: int) -> None:
+    """Film the first ``count`` episodes of each task into the run's directory, on every core.
+
+    Raises:
+        RunDirectoryError: a video cannot be written.
+        InfrastructureError: an episode cannot be replayed.
+    """
+    films = [
+        (spec, run.actions_of(spec.key), make_folder(directory / VIDEOS) / video_name(spec.key))
+        for spec in run.header.specs()
+        if spec.index < count
+    ]
+    film = partial(_film, run.plan.conditions)
+    for _ in run_in_workers(
+        film, films, core_count(), name=lambda one: f"the film of {one[0].key}"
+    ):
+        pass
+
+
+def _film(perturbation: Perturbation, film: tuple[EpisodeSpec, NDArray[np.float32], Path]) -> None:
+    write_video(*film, perturbation)
 
 
 def video_name(key: str, suffix: str = ".mp4") -> str:

@@ -298,12 +298,13 @@ def make_run(
         for role in Role
     }
     episodes, exploration = rows[Role.FINAL], rows[Role.EXPLORATION]
-    summary = summarize(header.plan.tasks, episodes, exploration, header.plan.seed)
+    estimates = summarize(header.plan.tasks, episodes, exploration, header.plan.seed)
+    summary = with_touch_curves(estimates, records)
     return Run(
         digest=run_digest(header, episodes, exploration),
         header=header,
         environment=environment,
-        summary=with_touch_curves(summary, records),
+        summary=summary,
         faults={record.spec.key: record.fault for record in records if record.fault},
         rows=episodes,
         exploration_rows=exploration,

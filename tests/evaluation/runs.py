@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from minitouch_bench.evaluation.execution import open_run, play_missing
+from minitouch_bench.evaluation.execution import header_of, open_run, play_missing
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import lock_directory
@@ -40,7 +40,7 @@ def run(
     """Play in a directory; its actions, and what is done of the run, are there afterwards."""
     seen = []
     with lock_directory(directory):
-        opened = open_run(wanted, directory, resume=resume, fresh=fresh)
+        opened = open_run(header_of(wanted), directory, resume=resume, fresh=fresh)
         missing = len(opened.header.specs()) - len(opened.records)
         done = play_missing(wanted, opened, engine or LocalEngine(workers), seen.append)
     assert len(seen) == missing

@@ -72,7 +72,7 @@ def test_damaged_episodes_are_played_again(finished, tmp_path):
     lines = (directory / JOURNAL_FILE).read_bytes().split(b"\n")
     lines[2], lines[4] = b"torn", lines[4][:-1]
     (tmp_path / JOURNAL_FILE).write_bytes(b"\n".join(lines))
-    opened = open_run(request(), tmp_path, resume=True, fresh=False)
+    opened = open_run(header_of(request()), tmp_path, resume=True, fresh=False)
     assert len(opened.records) == 4
     assert digests(run(request(), tmp_path, resume=True)) == digests(done)
 
@@ -120,9 +120,9 @@ def test_a_directory_of_other_files_is_refused_and_fresh_keeps_them(tmp_path, na
     (tmp_path / name / "x" if name == "videos" else tmp_path / name).write_text("mine")
     for resume in (False, True):
         with pytest.raises(RunDirectoryError, match=f"does not contain a run: '{name}'"):
-            open_run(request(), tmp_path, resume=resume, fresh=False)
+            open_run(header_of(request()), tmp_path, resume=resume, fresh=False)
     (tmp_path / "notes.txt").write_text("mine")
-    open_run(request(), tmp_path, resume=False, fresh=True)
+    open_run(header_of(request()), tmp_path, resume=False, fresh=True)
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert name != "videos" or (tmp_path / "videos" / "x").read_text() == "mine"
 
@@ -179,12 +179,12 @@ def test_the_first_episodes_are_those_of_the_plan_whatever_ends_first(
 
 def test_a_run_of_other_packages_is_not_resumed(tmp_path, monkeypatch):
     wanted = request("zero", ("opening",), 1)
-    open_run(wanted, tmp_path, resume=False, fresh=False)
+    open_run(header_of(wanted), tmp_path, resume=False, fresh=False)
     monkeypatch.setattr(
         "minitouch_bench.evaluation.execution.package_versions", lambda: {"torch": "99.0"}
     )
     with pytest.raises(RunDirectoryError, match=r"torch \S+ there, 99\.0 here") as refused:
-        open_run(wanted, tmp_path, resume=True, fresh=False)
+        open_run(header_of(wanted), tmp_path, resume=True, fresh=False)
     assert "--fresh" in str(refused.value)
 
 

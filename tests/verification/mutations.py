@@ -234,7 +234,7 @@ def readers_of_a_run(
         with lock_directory(directory):
             with contextlib.suppress(IsADirectoryError):
                 (directory / RUN_FILE).unlink(missing_ok=True)
-            open_run(REQUEST, directory, resume=True, fresh=False)
+            open_run(header_of(REQUEST), directory, resume=True, fresh=False)
 
     yield "verify", lambda: verify_run(read_run(directory), engine)
     yield "compare", lambda: compare_runs([read_run(sound), read_run(directory)], ["a", "b"])
