@@ -20,6 +20,8 @@ REPLACED = {
     "native_form": "policy metadata",
     "unfinished_run": "journal",
     "run_under_way": "journal",
+    "episode_metrics": "episode",
+    "episode_record": "played episode",
 }
 """Words that no name contains any more, with the word in their place."""
 
