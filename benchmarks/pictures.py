@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from minitouch_bench.episode import Role
-from minitouch_bench.evaluation.video import replay_frames
+from minitouch_bench.evaluation.recording import replay_frames
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.run import read_run

@@ -6,7 +6,7 @@
 import sys
 from pathlib import Path
 
-from minitouch_bench.evaluation.video import video_name, write_video
+from minitouch_bench.evaluation.recording import video_name, write_video
 from minitouch_bench.files import VIDEOS, make_folder
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.runs.run import Run, read_run

@@ -19,7 +19,7 @@ from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine
 from minitouch_bench.evaluation.execution import header_of, open_run, play, run_name
 from minitouch_bench.evaluation.policy_setup import prepare_policies
-from minitouch_bench.evaluation.video import film_run, require_video
+from minitouch_bench.evaluation.recording import film_run, require_video
 from minitouch_bench.json_io import StrPath, Words, words
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation

@@ -43,7 +43,7 @@ def replay(
     ] = False,
 ) -> None:
     """Replay a recorded episode without its policy: record a video, or print it step by step."""
-    from minitouch_bench.evaluation.video import video_name, video_suffix, write_video
+    from minitouch_bench.evaluation.recording import video_name, video_suffix, write_video
     from minitouch_bench.reporting.report import view_directory
     from minitouch_bench.runs.run import read_run
     from minitouch_bench.verification.replay_check import is_as_recorded, replay_episode

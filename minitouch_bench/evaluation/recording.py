@@ -1,22 +1,140 @@
-"""A policy's episodes as a dataset in Minari's format."""
+"""What others can use of episodes: videos of a run, and a dataset in Minari's format."""
 
 import contextlib
 import re
 from collections.abc import Iterator
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
 
 from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.files import os_errors_as
+from minitouch_bench.files import VIDEOS, make_folder, os_errors_as, write_file
 from minitouch_bench.machine import require
+from minitouch_bench.perturbation import UNPERTURBED, Perturbation
+from minitouch_bench.processes import core_count, run_in_workers
+from minitouch_bench.runs.run import Run
 from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
+
+FRAMES_PER_SECOND = 8
+"""A control step lasts about a quarter of a second: videos run at twice real time."""
+
+VIDEO_SIZE = (480, 480)
+"""Pixels, width and height."""
+
+Frames = Iterator[NDArray[np.uint8]]
+
+
+def write_video(
+    spec: EpisodeSpec,
+    actions: NDArray[np.float32],
+    path: Path,
+    perturbation: Perturbation = UNPERTURBED,
+) -> Path:
+    """Replay one episode in front of the camera into an ``.mp4`` or a ``.gif``.
+
+    Raises:
+        MissingExtraError: an ``.mp4`` needs the extra ``video``.
+        UsageError: another kind of file.
+        RunDirectoryError: the file cannot be written.
+    """
+    writers = {".mp4": _write_mp4, ".gif": _write_gif}
+    if path.suffix not in writers:
+        raise UsageError(f"a video is an .mp4 or a .gif, not '{path.name}'")
+    with os_errors_as(RunDirectoryError, path, "written"), TemporaryDirectory() as folder:
+        unfinished = Path(folder) / f"video{path.suffix}"
+        writers[path.suffix](replay_frames(spec, actions, perturbation), unfinished)
+        write_file(path, unfinished.read_bytes())
+    return path
+
+
+def film_run(run: Run, directory: Path, count: int) -> None:
+    """Film the first ``count`` episodes of each task into the run's directory, on every core.
+
+    Raises:
+        RunDirectoryError: a video cannot be written.
+        InfrastructureError: an episode cannot be replayed.
+    """
+    films = [
+        (spec, run.actions_of(spec.key), make_folder(directory / VIDEOS) / video_name(spec.key))
+        for spec in run.header.specs()
+        if spec.index < count
+    ]
+    film = partial(_film, run.plan.conditions)
+    for _ in run_in_workers(
+        film, films, core_count(), name=lambda one: f"the film of {one[0].key}"
+    ):
+        pass
+
+
+def _film(perturbation: Perturbation, film: tuple[EpisodeSpec, NDArray[np.float32], Path]) -> None:
+    write_video(*film, perturbation)
+
+
+def video_name(key: str, suffix: str = ".mp4") -> str:
+    """Return the file name of an episode's video, as ``pushing-17.mp4``."""
+    return key.replace("/", "-") + suffix
+
+
+def video_suffix() -> str:
+    """Return the kind of video that this installation can write."""
+    return ".mp4" if find_spec("imageio_ffmpeg") and find_spec("imageio") else ".gif"
+
+
+def require_video() -> Any:
+    """Return imageio, which writes an ``.mp4``.
+
+    Raises:
+        MissingExtraError: it or its encoder is not installed.
+    """
+    require("imageio_ffmpeg", "video")
+    return require("imageio.v2", "video")
+
+
+def _write_mp4(frames: Frames, path: Path) -> None:
+    writer = require_video()
+    with writer.get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=16) as video:
+        for frame in frames:
+            video.append_data(frame)
+
+
+def _write_gif(frames: Frames, path: Path) -> None:
+    pictures = [Image.fromarray(frame) for frame in frames]
+    milliseconds = 1000 // FRAMES_PER_SECOND
+    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=milliseconds, loop=0)
+
+
+def replay_frames(
+    spec: EpisodeSpec,
+    actions: NDArray[np.float32],
+    perturbation: Perturbation = UNPERTURBED,
+    size: tuple[int, int] = VIDEO_SIZE,
+) -> Frames:
+    """Replay one episode and yield an image of its start and of each control step.
+
+    ``size``: width and height in pixels.
+    """
+    width, height = size
+    environment = MiniTouchEnv(
+        spec.task, render_mode="rgb_array", perturbation=perturbation, width=width, height=height
+    )
+    try:
+        environment.reset(seed=spec.seed, options={OBJECT: spec.shape})
+        yield environment.picture()
+        for action in actions:
+            environment.step(action)
+            yield environment.picture()
+    finally:
+        environment.close()
 
 
 def record_episodes(

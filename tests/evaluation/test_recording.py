@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.evaluation.video import video_name, write_video
+from minitouch_bench.evaluation.recording import video_name, write_video
 
 
 @pytest.fixture
