@@ -1,9 +1,14 @@
-"""The installed command, run as a user runs it."""
+"""The command as a user runs it: in this process, or installed in one of its own."""
 
+import contextlib
+import io
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from unittest import mock
+
+from minitouch_bench.commands.app import main
 
 COMMAND = [sys.executable, "-W", "error::SyntaxWarning", "-m", "minitouch_bench"]
 
@@ -25,8 +30,27 @@ class Finished:
             assert word in self.err
 
 
+def run(*arguments: object, directory: Path) -> Finished:
+    """Run the command in this process: its modules are loaded once for all tests."""
+    out, err = io.StringIO(), io.StringIO()
+    code: object = 0
+    argv = ["minitouch-bench", *map(str, arguments)]
+    with (
+        contextlib.chdir(directory),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        mock.patch.object(sys, "argv", argv),
+    ):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    assert isinstance(code, int)
+    return Finished(code, out.getvalue(), err.getvalue())
+
+
 def start(*arguments: object, directory: Path) -> subprocess.Popen[str]:
-    """Start the command, leading a process group of its own."""
+    """Start the installed command, leading a process group of its own."""
     return subprocess.Popen(
         [*COMMAND, *map(str, arguments)],
         cwd=directory,
@@ -42,5 +66,5 @@ def finish(process: subprocess.Popen[str]) -> Finished:
     return Finished(process.returncode, out, err)
 
 
-def run(*arguments: object, directory: Path) -> Finished:
+def run_installed(*arguments: object, directory: Path) -> Finished:
     return finish(start(*arguments, directory=directory))

@@ -58,13 +58,6 @@ def test_two_workers_give_the_same_numbers_and_json_alone_on_stdout(scripted, tm
 
 
 @pytest.mark.slow
-def test_the_default_place_is_named_after_the_policy(tmp_path):
-    done = run("evaluate", "zero", *ONE, directory=tmp_path)
-    assert done.code == 0
-    assert (tmp_path / "reports" / "zero-table4" / "report.html").exists()
-
-
-@pytest.mark.slow
 def test_the_first_episodes_are_recorded_on_video_if_asked_for(tmp_path):
     run(*SCRIPTED, "--output", "run", "--video", 1, directory=tmp_path)
     assert sorted(os.listdir(tmp_path / "run" / "videos")) == ["opening-0.mp4", "pushing-0.mp4"]
@@ -98,18 +91,6 @@ def test_one_actor_in_several_formats_gives_the_same_numbers(actor_files, tmp_pa
         same_numbers(places[0], place, ("actions.npz", "episodes.csv"))
     with np.load(places[0] / "actions.npz") as actions:
         assert actions["pushing/0"].any()
-
-
-@pytest.mark.slow
-def test_a_stable_baselines_model_is_evaluated_from_its_zip(tmp_path):
-    sb3 = pytest.importorskip("stable_baselines3")
-    from tests.policies.recipes import StillEnvironment
-
-    model = sb3.SAC("MultiInputPolicy", StillEnvironment(4), buffer_size=10, seed=1, device="cpu")
-    model.save(tmp_path / "model.zip")
-    done = run("evaluate", "model.zip", *ONE, "--output", tmp_path / "run", directory=tmp_path)
-    assert done.code == 0, done.err
-    assert rows(tmp_path / "run")[0]["outcome"] in ("step_limit", "left_workspace", "success")
 
 
 # Some episodes of a suite
@@ -163,20 +144,22 @@ def test_chosen_episodes_that_do_not_exist(tmp_path):
 # Policies that cannot be used: 3
 
 
-def test_no_such_file(tmp_path):
-    run("evaluate", "gone.pt", directory=tmp_path).refused(3, "gone.pt", "does not exist")
-
-
-def test_a_text_file_that_says_it_is_a_model(tmp_path):
+@pytest.mark.parametrize(
+    ("policy", "word"),
+    [
+        ("gone.pt", "does not exist"),
+        ("notes.pt", "notes.pt"),
+        ("cut.zip", "cut.zip"),
+        ("strangers:Policy", "--trust"),
+    ],
+)
+def test_a_policy_that_cannot_be_used_is_refused_and_makes_no_directory(tmp_path, policy, word):
     (tmp_path / "notes.pt").write_text("dear diary\n")
-    run("evaluate", "notes.pt", directory=tmp_path).refused(3, "notes.pt")
-
-
-def test_a_truncated_zip(tmp_path):
     with zipfile.ZipFile(tmp_path / "whole.zip", "w") as file:
         file.writestr("data", "{}" * 1000)
     (tmp_path / "cut.zip").write_bytes((tmp_path / "whole.zip").read_bytes()[:-40])
-    run("evaluate", "cut.zip", directory=tmp_path).refused(3, "cut.zip")
+    run("evaluate", policy, directory=tmp_path).refused(3, word)
+    assert not (tmp_path / "reports").exists()
 
 
 def test_an_onnx_graph_with_other_input_names(tmp_path):
@@ -188,11 +171,6 @@ def test_an_onnx_graph_with_other_input_names(tmp_path):
     graph = onnx.helper.make_graph([node], "g", [left], [right])
     onnx.save(onnx.helper.make_model(graph), tmp_path / "x.onnx")
     run("evaluate", "x.onnx", directory=tmp_path).refused(3, "x.onnx", "image")
-
-
-def test_a_policy_s_own_code_needs_trust(tmp_path):
-    run("evaluate", "strangers:Policy", directory=tmp_path).refused(3, "--trust")
-    assert os.listdir(tmp_path) == []
 
 
 # Policies at fault: the run finishes, with 4
@@ -213,38 +191,24 @@ def test_faults_are_counted_and_named_and_the_run_finishes(tmp_path):
         assert fault in (tmp_path / "run" / "report.html").read_text()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["WrongLength", "NotANumber", "Sleeper", "Leaver"])
-def test_each_fault_alone_ends_with_4(tmp_path, name):
-    options = (*ONE, "--act-timeout", 0.5, "--trust", "--output", "run")
-    assert run("evaluate", f"strangers:{name}", *options, directory=tmp_path).code == 4
+# Mistakes: 2, 3, 6
 
 
-# Usage: 2
-
-
-def test_a_task_that_does_not_exist(tmp_path):
-    run("evaluate", "zero", "--tasks", "flying", directory=tmp_path).refused(2, "flying", "pick-up")
-
-
-def test_no_directory_is_made_for_a_mistake(tmp_path):
-    run("evaluate", "zero", "--workers", "many", "--output", "run", directory=tmp_path).refused(
-        2, "--workers"
-    )
-    run("evaluate", "zero", *ONE, "--exploration", "gone.pt", directory=tmp_path).refused(
-        3, "gone.pt"
-    )
-    assert os.listdir(tmp_path) == []
-
-
-# The directory: 6
-
-
-def test_a_directory_that_cannot_be_written(tmp_path):
+@pytest.mark.parametrize(
+    ("options", "code", "word"),
+    [
+        (("--tasks", "flying"), 2, "pick-up"),
+        (("--workers", "many"), 2, "--workers"),
+        (("--exploration", "gone.pt"), 3, "gone.pt"),
+        (("--output", "file/run"), 6, "cannot be written"),
+        (("--output", "busy"), 6, "in use"),
+    ],
+)
+def test_a_mistake_is_refused_and_makes_no_directory(tmp_path, options, code, word):
     (tmp_path / "file").write_text("no directory")
-    run("evaluate", "zero", *ONE, "--output", "file/run", directory=tmp_path).refused(
-        6, "cannot be written"
-    )
+    with lock_directory(tmp_path / "busy"):
+        run("evaluate", "zero", *ONE[2:], *options, directory=tmp_path).refused(code, word)
+    assert set(os.listdir(tmp_path)) == {"busy", "file"}
 
 
 def test_a_directory_that_holds_a_run_is_not_touched(scripted):
@@ -255,12 +219,6 @@ def test_a_directory_that_holds_a_run_is_not_touched(scripted):
     other = run("evaluate", "zero", *ONE, "--output", directory, "--resume", directory=directory)
     other.refused(6, "another run", "policy: scripted there, zero asked for")
     assert {path.name: path.read_bytes() for path in directory.iterdir()} == before
-
-
-def test_a_directory_in_use(tmp_path):
-    with lock_directory(tmp_path / "run"):
-        done = run("evaluate", "zero", *ONE, "--output", "run", directory=tmp_path)
-    done.refused(6, "in use")
 
 
 # Broken off

@@ -86,11 +86,6 @@ def test_an_interrupted_recording_leaves_nothing_in_the_way(tmp_path, monkeypatc
     assert len(list(minari.MinariDataset(tmp_path / "log").iterate_episodes())) == 2
 
 
-def test_an_unknown_task_is_named(tmp_path):
-    with pytest.raises(UsageError, match="juggling"):
-        record("random", "juggling", output=tmp_path / "log")
-
-
 def test_a_seed_that_no_dataset_can_hold_is_refused_before_an_episode(tmp_path):
     with pytest.raises(UsageError, match=r"--seed is below 2\^64"):
         record("random", "pushing", output=tmp_path / "log", seed=2**64)

@@ -6,9 +6,7 @@ import shlex
 from pathlib import Path
 
 import pytest
-import typer
 
-from minitouch_bench.commands.replay import replay
 from minitouch_bench.commands.report import report
 from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.validation import validate
@@ -54,14 +52,6 @@ def test_the_report_of_a_submission_s_run_is_written_elsewhere(run_path):
     report([run_path])
     written = Path("reports/hac/seed-0/table4").iterdir()
     assert {path.name for path in written} == {"report.html"}
-
-
-@pytest.mark.usefixtures("inside")
-def test_an_episode_of_a_submission_s_run_is_recorded_on_video_elsewhere():
-    with pytest.raises(typer.Exit):  # nobody simulated these episodes
-        replay(RUN, shortest(RUN))
-    (video,) = Path("reports/hac/seed-0/table4/replays").iterdir()
-    assert video.stat().st_size > 1000
 
 
 def test_the_command_on_a_submission_s_page_records_a_video_of_its_episode(inside):

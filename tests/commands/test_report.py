@@ -17,16 +17,6 @@ def test_one_run_is_shown_and_drawn_again(scripted, tmp_path):
     assert (copy / "report.html").exists()
 
 
-def test_several_runs_stand_side_by_side(scripted, tmp_path):
-    other = tmp_path / "other"
-    shutil.copytree(scripted[1], other)
-    done = run("report", scripted[1], other, "--output", tmp_path / "both", directory=tmp_path)
-    assert done.code == 0
-    page = (tmp_path / "both" / "report.html").read_text()
-    assert page.count("scripted") > 1
-    assert "Pushing" in page
-
-
 @pytest.mark.parametrize("content", [None, "no json"])
 def test_what_is_no_run_is_refused(tmp_path, content):
     directory = tmp_path / "none"
@@ -65,7 +55,6 @@ def test_table_4_is_printed_in_each_format_and_nothing_is_written(scripted, tmp_
 
 def test_a_choice_that_does_not_exist_is_refused(scripted, tmp_path):
     run("report", scripted[1], "--format", "pdf", directory=tmp_path).refused(2, "pdf")
-    run("report", scripted[1], "--metrics", "luck", directory=tmp_path).refused(2, "luck")
     both = ("--format", "csv", "--output", "out")
     run("report", scripted[1], *both, directory=tmp_path).refused(2, "--output")
 
