@@ -226,7 +226,7 @@ def test_what_is_no_policy_is_refused(policy, reason):
 def test_lists_and_workers_are_written_as_on_the_command_line(counted):
     run = mt.evaluate(Counter(), "smoke", tasks="opening", episodes=2, workers="auto")
     assert run.digest == counted[0].digest
-    changed = mt.evaluate(Counter(), **SHORT, without="forces", perturb="mass=2,noise=3")
+    changed = mt.evaluate(Counter(), **SHORT, without="forces", perturb="mass=2,noise=3", workers=1)
     said = {"without forces", "mass 2 times", "noise 3 gray levels"}
     assert said <= set(changed.header.unofficial_because)
 

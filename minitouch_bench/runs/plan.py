@@ -1,7 +1,7 @@
 """What a run plays: the plan that its header holds, and the episodes that follow from it."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -240,12 +240,7 @@ def choose_episodes(asked: Sequence[str], suite: SuiteSpec) -> tuple[str, ...]:
     Raises:
         UsageError: one of them is not in the suite.
     """
-    return tuple(
-        f"{suite.tasks[task]}/{index}" for task, index in sorted({*_positions(asked, suite)})
-    )
-
-
-def _positions(asked: Sequence[str], suite: SuiteSpec) -> Iterator[tuple[int, int]]:
+    positions = set()
     for text in asked:
         task, _, indices = text.partition("/")
         choose_tasks([task], suite)
@@ -255,4 +250,5 @@ def _positions(asked: Sequence[str], suite: SuiteSpec) -> Iterator[tuple[int, in
                     f"no episode '{task}/{index}' in suite {suite.name}; "
                     f"it has {task}/0 to {task}/{suite.episodes_per_task - 1}"
                 )
-            yield suite.tasks.index(task), int(index)
+            positions.add((suite.tasks.index(task), int(index)))
+    return tuple(f"{suite.tasks[task]}/{index}" for task, index in sorted(positions))

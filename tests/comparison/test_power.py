@@ -11,7 +11,7 @@ from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import bootstrap_mean
 from minitouch_bench.metrics.statistics import Discordance, Statistic, mcnemar_p, sign_flip_p, tango
 
-TRIALS = 2000
+TRIALS = 1000
 ERROR = 3 * math.sqrt(0.8 * 0.2 / TRIALS)
 """Three standard errors of a share of 0.8 in so many trials."""
 
@@ -88,7 +88,7 @@ def test_so_many_episodes_show_a_difference_of_means_in_four_of_five_cases(worse
 def test_so_many_episodes_exclude_a_worsening_of_a_mean_in_four_of_five_cases():
     needed = episodes_needed(means(100, 1.0, 14.0), 0.1, 5.0)
     rng, trials = np.random.default_rng(2), 600
-    ends = [bootstrap_mean(rng.normal(1.0, 14, needed), rng).high for _ in range(trials)]
+    ends = [bootstrap_mean(rng.normal(1.0, 14, needed), rng, 2000).high for _ in range(trials)]
     assert abs(np.mean([end < 5.0 for end in ends]) - 0.8) <= 3 * math.sqrt(0.16 / trials) + 0.02
 
 
