@@ -20,6 +20,7 @@ from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
 from minitouch_bench.policies.process import PolicyProcess, isolate
 from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.processes import core_count
 from tests.policies.isolation import hostile_factory, hostile_modules
 
 LIMITS = PolicyLimits(act_timeout_s=10.0)
@@ -167,23 +168,24 @@ def test_a_module_that_never_answers_is_ended(scripts, tmp_path, monkeypatch, mo
         scripts.act(zero_observation())
 
 
+def child_of(policy):
+    host = policy._host.pid
+    return int(Path(f"/proc/{host}/task/{host}/children").read_text())
+
+
 def test_processor_time_is_limited_too(scripts, tmp_path, monkeypatch):
-    short = PolicyLimits(act_timeout_s=30.0)
-    monkeypatch.setattr(PolicyLimits, "cpu_s", 1)
-    with PolicyProcess(
-        parse_source("zero"), IsolationOptions(limits=short)
-    ) as policy:  # limits are a host's for good
-        begin(policy, hostile_modules.Loops(""), tmp_path, monkeypatch, short)
-        with pytest.raises(PolicyExitError, match=signal.SIGXCPU.name):
-            policy.act(zero_observation())
+    begin(scripts, hostile_modules.Loops(""), tmp_path, monkeypatch)
+    child = child_of(scripts)
+    assert resource.prlimit(child, resource.RLIMIT_CPU)[0] == LIMITS.cpu_s
+    resource.prlimit(child, resource.RLIMIT_CPU, (1, resource.RLIM_INFINITY))
+    with pytest.raises(PolicyExitError, match=signal.SIGXCPU.name):
+        scripts.act(zero_observation())
 
 
-def test_who_may_start_threads_has_processor_time_for_every_core(factory, monkeypatch):
-    monkeypatch.setattr("minitouch_bench.policies.process.core_count", lambda: 7)
+def test_who_may_start_threads_has_processor_time_for_every_core(factory):
     factory.reset(0, "pushing")
-    host = factory._host.pid
-    child = int(Path(f"/proc/{host}/task/{host}/children").read_text())
-    assert resource.prlimit(child, resource.RLIMIT_CPU)[0] == 7 * LIMITS.cpu_s
+    limit_s, _ = resource.prlimit(child_of(factory), resource.RLIMIT_CPU)
+    assert limit_s == core_count() * LIMITS.cpu_s
 
 
 def test_a_module_that_allocates_10_gb_gets_none(scripts, tmp_path, monkeypatch):
