@@ -29,15 +29,10 @@ def github(tmp_path, monkeypatch):
     command.write_text(f"#!/bin/sh\nexec '{sys.executable}' '{tmp_path / 'gh.py'}' \"$@\"\n")
     command.chmod(0o755)
     variables = {
-        "PATH": f"{command.parent}",
-        "FAKE": tmp_path,
-        "GITHUB_REPOSITORY": "owner/bench",
-        "HEAD_SHA": HEAD,
-        "HEAD_OWNER": "stranger",
-        "HEAD_BRANCH": "patch",
-        "RUN_URL": "https://example.org/run",
-        "CHECKED": tmp_path / "checked",
-    }
+        "PATH": command.parent, "FAKE": tmp_path, "GITHUB_REPOSITORY": "owner/bench",
+        "HEAD_SHA": HEAD, "HEAD_OWNER": "stranger", "HEAD_BRANCH": "patch",
+        "RUN_URL": "https://example.org/run", "CHECKED": tmp_path / "checked",
+    }  # fmt: skip
     for name, value in variables.items():
         monkeypatch.setenv(name, str(value))
     (tmp_path / "checked").mkdir()
@@ -79,6 +74,8 @@ def test_a_change_of_an_existing_submission_is_named(github, tmp_path):
     leave(tmp_path)
     assert "is it its owner's?" in github(status="modified")[2]
     assert "is it its owner's?" not in github()[2]
+    video = "submissions/mine/seed-0/table4/videos/pushing-1.mp4"
+    assert "is it its owner's?" in github(files=(video,))[2]
 
 
 def test_a_second_report_replaces_the_first_and_no_other_comment(github, tmp_path):
@@ -129,7 +126,7 @@ def test_a_result_of_another_commit_or_none_is_not_shown(github, tmp_path):
     assert "**the check did not finish**" in github()[2]
 
 
-@pytest.mark.parametrize("content", ["[" * 10_000, '{"outcomes": ' * 1500, "\xff", "1" * 9999])
+@pytest.mark.parametrize("content", ["[" * 10_000, "\xff"])
 def test_a_damaged_result_is_a_check_that_did_not_finish(github, tmp_path, content):
     leave(tmp_path)
     (tmp_path / "checked" / "result.json").write_text(content, encoding="latin-1")
@@ -152,9 +149,3 @@ def test_a_link_is_not_followed(github, tmp_path):
     (tmp_path / "checked" / "output.txt").unlink()
     (tmp_path / "checked" / "output.txt").symlink_to(secret)
     assert "token" not in github()[2]
-
-
-def test_a_file_added_to_an_existing_submission_is_a_change_of_it(github, tmp_path):
-    leave(tmp_path)
-    video = "submissions/mine/seed-0/table4/videos/pushing-1.mp4"
-    assert "is it its owner's?" in github(files=(video,))[2]

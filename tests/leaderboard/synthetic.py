@@ -94,19 +94,9 @@ def write_official(run: Played, place: Path) -> None:
 
 
 def make_submission(
-    root: Path,
-    name="hac",
-    skill=0.8,
-    seeds=(0,),
-    suites=("table4",),
-    *,
-    kind="native",
-    exploration=False,
-    faults=0,
-    include=True,
-    about=ABOUT,
-    level=ProofLevel.VERIFIED,
-) -> Path:
+    root: Path, name="hac", skill=0.8, seeds=(0,), suites=("table4",), *, kind="native",
+    exploration=False, faults=0, include=True, about=ABOUT, level=ProofLevel.VERIFIED,
+) -> Path:  # fmt: skip
     """Write a submission that passes every check, with its proof; return its directory."""
     directory = root / name
     built_in = kind in ("random", "zero", "scripted")
@@ -114,14 +104,8 @@ def make_submission(
     entries = []
     for seed in seeds:
         for suite in suites:
-            run = official_run(
-                suite,
-                skill,
-                seed,
-                exploration=exploration and suite == "table4",
-                faults=faults,
-                kind=kind,
-            )
+            explored = exploration and suite == "table4"
+            run = official_run(suite, skill, seed, exploration=explored, faults=faults, kind=kind)
             write_official(run, directory / run_place(seed, suite))
         files = _files(directory, seed, exploration, include) if kind == "native" else ()
         entries.append(TrainingSeed(seed, {s: run_place(seed, s) for s in suites}, files))

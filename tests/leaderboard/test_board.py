@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minitouch_bench.files import write_file
-from minitouch_bench.json_io import plain, write_json
+from minitouch_bench.json_io import plain
 from minitouch_bench.leaderboard.board import (
     CALIBRATION_POLICIES,
     FLOORS,
@@ -22,7 +21,6 @@ from minitouch_bench.leaderboard.board import (
 )
 from minitouch_bench.leaderboard.proof import (
     MAX_PROOF,
-    Proof,
     ProofLevel,
     proof_path,
 )
@@ -216,13 +214,6 @@ def test_beside_a_mean_over_seeds_is_how_many_learned(board, built, rows):
     assert rows["seeds"].learned == dict.fromkeys(GOAL_TASKS, 3)
 
 
-def test_no_share_is_ever_certain(rows):
-    for row in rows.values():
-        for metric, found in (pair for own in row.figures.values() for pair in own.items()):
-            if metric in ("success", "touched", MEAN_SUCCESS):
-                assert found.low < found.high
-
-
 def test_the_mean_success_is_over_the_three_tasks_with_a_goal(rows):
     row = rows["hac"]
     parts = [row.estimate(task, "success") for task in GOAL_TASKS]
@@ -240,13 +231,10 @@ def test_ranks_are_shared_where_rows_cannot_be_told_apart(board, rows):
     assert set(rows["hac"].ranks) == {OVERALL, *TASK_NAMES}
 
 
-def test_a_row_that_may_have_any_rank_stands_where_its_value_is(board, rows):
-    unsure = {**rows["seeds"].ranks, OVERALL: Rank(1, 4)}
+def test_calibrations_have_no_rank(board, rows):
+    unsure = {**rows["seeds"].ranks, OVERALL: Rank(1, 4)}  # the order is that of the values
     moved = [replace(row, ranks=unsure) if row.name == "seeds" else row for row in board.ranked]
     assert [row.name for row in in_order(moved, OVERALL)][-1] == "seeds"
-
-
-def test_calibrations_have_no_rank(board, rows):
     assert [row.name for row in board.calibration] == ["scripted"]
     assert rows["scripted"].ranks == {}
     assert board.missing_calibration == CALIBRATION_POLICIES[1:]
@@ -312,15 +300,6 @@ def test_another_protocol_is_listed_apart_and_a_bad_one_left_out(submissions, tm
     assert "submission/near.html" not in page
 
 
-def test_an_empty_board_still_has_its_reference_rows(tmp_path):
-    (tmp_path / "submissions").mkdir()
-    build_board(tmp_path / "submissions", tmp_path / "board")
-    page = (tmp_path / "board" / "index.html").read_text()
-    assert "No ranked submission yet" in page
-    assert page.count("not submitted yet") >= 3
-    assert "0.891" in page
-
-
 @pytest.mark.parametrize(
     ("number", "text"),
     [(0, "none"), (999, "999"), (1500, "1.5 k"), (999_936, "1 M"), (2_000_000, "2 M")],
@@ -384,16 +363,6 @@ def test_a_proof_that_cannot_be_read_costs_its_row_the_level_alone(submissions, 
     assert [row["proof"] for row in board["unranked"]] == ["self-reported"]
     assert [row["proof"] for row in board["calibration"]] == ["verified"]
     assert any("near is listed without a proof" in line and "near.json" in line for line in told)
-
-
-def test_a_proof_changes_its_row(submissions, tmp_path):
-    root, board = tmp_path / "submissions", tmp_path / "board"
-    shutil.copytree(submissions / "near", root / "near")
-    build_board(root, board)
-    found = validate(root / "near")
-    write_file(proof_path(root / "near"), write_json(Proof(ProofLevel.REPLAYED, found.files)))
-    build_board(root, board)
-    assert "replayed" in (board / "submission" / "near.html").read_text()
 
 
 def test_estimates_are_computed_again_where_no_proof_is_for_these_bytes(submissions, tmp_path):

@@ -16,8 +16,9 @@ def episodes(name, changed=0, number=400, steps=30):
     )
 
 
-def test_runs_of_other_trainings_share_nothing():
+def test_runs_of_other_trainings_and_episodes_without_a_step_share_nothing():
     assert find_copies({"a": episodes("a"), "b": episodes("b"), "c": episodes("c", number=0)}) == {}
+    assert find_copies({"a": episodes("a", steps=0), "b": episodes("a", steps=0)}) == {}
 
 
 def test_every_pair_is_compared_and_the_earlier_run_is_named_first():
@@ -34,10 +35,6 @@ def test_half_of_the_smaller_run_is_enough():
         (episodes("a", number=10), {("a", "b"): 10}),
     ):
         assert find_copies({"a": episodes("a"), "b": other}) == shared
-
-
-def test_episodes_without_a_step_are_no_copies():
-    assert find_copies({"a": episodes("a", steps=0), "b": episodes("a", steps=0)}) == {}
 
 
 def test_a_row_that_is_repeated_counts_once():

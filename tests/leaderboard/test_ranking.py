@@ -26,12 +26,7 @@ def test_equal_rows_cannot_be_told_apart():
     won = np.random.default_rng(0).random(100) < 0.5
     assert (share_p_values([single(won), single(won)]) == 1).all()
     assert (mean_p_values([[single(won), single(won)]]) == 1).all()
-
-
-def test_a_constant_difference_is_certain():
-    values = np.random.default_rng(0).random(100)
-    p = mean_p_values([[single(values), single(values + 1)]])
-    assert p[0, 1] == pytest.approx(0)
+    assert mean_p_values([[single(won), single(won + 1.0)]])[0, 1] == pytest.approx(0)
 
 
 def test_means_are_paired_by_episode():
@@ -131,11 +126,6 @@ def test_a_row_between_two_that_differ_shares_both_their_ranks():
     p[0, 2] = p[2, 0] = 1e-6
     ranks = ranks_of(np.array([0.9, 0.7, 0.5]), p)
     assert [(rank.best, rank.worst) for rank in ranks] == [(1, 2), (1, 3), (2, 3)]
-
-
-def test_a_row_alone_is_first():
-    (rank,) = ranks_of(np.array([0.2]), np.ones((1, 1)))
-    assert (rank.best, rank.worst) == (1, 1)
 
 
 def random_tables(number):

@@ -85,11 +85,18 @@ def found(tmp_path_factory, request):
 
     wanted = wanted_run(str(directory / CHECKPOINT), ("pushing",), OFFICIAL)
     done = run(wanted, directory / PLACE)
+    return found_of(directory, done)
+
+
+def found_of(directory, run):
+    """Return the findings of a submission with this run and the checkpoint."""
     digest = parse_source(str(directory / CHECKPOINT)).digest
     file = CheckpointFile(Role.FINAL, ALL_TASKS, "table.pt", digest, CHECKPOINT)
-    seed = TrainingSeed(0, {"table4": PLACE}, (file,))
-    submission = Submission(name="table", seeds=(seed,))
-    return SubmissionFindings(directory=directory, submission=submission, runs={PLACE: done})
+    submission = Submission(name="table", seeds=(TrainingSeed(0, {"table4": PLACE}, (file,)),))
+    files = {"submission.toml": "0" * 64}
+    return SubmissionFindings(
+        directory=directory, submission=submission, runs={PLACE: run}, files=files
+    )
 
 
 def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(found):
@@ -110,6 +117,7 @@ def test_fresh_episodes_tell(found):
     assert fresh.seeds[PLACE] == fresh_seed(found.runs[PLACE].header.policy.digest, "a phrase")
 
 
+@pytest.mark.parametrize("found", ["image"], indirect=True)
 def test_fresh_episodes_of_novel_shapes_tell_too(found):
     """The same run as one of novel shapes: these episodes are all lost, as no scene is known."""
     saved = found.runs[PLACE]
@@ -125,6 +133,7 @@ def test_fresh_episodes_of_novel_shapes_tell_too(found):
     assert fresh.results.keys() == {place}
 
 
+@pytest.mark.parametrize("found", ["image"], indirect=True)
 def test_an_honest_policy_passes(found):
     saved = found.runs[PLACE]
     policy = replace(saved.header.policy, kind="scripted", digest="")
@@ -156,16 +165,9 @@ def test_a_checkpoint_that_raises_in_forged_episodes_is_refused(tmp_path):
     with pytest.warns(DeprecationWarning, match="torch.jit"):
         torch.jit.save(Raising(), directory / CHECKPOINT)
     forged = run(wanted_run("scripted", ("pushing",), 2), directory / PLACE)
-    source = parse_source(str(directory / CHECKPOINT))
-    header = replace(forged.header, policy=source.identity())
-    file = CheckpointFile(Role.FINAL, ALL_TASKS, "table.pt", source.digest, CHECKPOINT)
-    found = SubmissionFindings(
-        directory=directory,
-        submission=Submission(seeds=(TrainingSeed(0, {"table4": PLACE}, (file,)),)),
-        runs={PLACE: replace(forged, header=header)},
-        files={"submission.toml": "0" * 64},
-    )
-    done = prove(found, LocalEngine(1), rerun=1)
+    identity = parse_source(str(directory / CHECKPOINT)).identity()
+    claimed = replace(forged, header=replace(forged.header, policy=identity))
+    done = prove(found_of(directory, claimed), LocalEngine(1), rerun=1)
     (problem,) = done.problems
     assert "success recorded, policy_fault when run again" in str(problem)
     assert "the policy said" in str(problem)
