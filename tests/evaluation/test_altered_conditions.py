@@ -122,7 +122,6 @@ def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
 @pytest.mark.parametrize(
     "perturbation",
     [
-        Perturbation(without=("touch",)),
         Perturbation(without=("vision",), force_noise=3.0, friction=(0.01, 0.01)),
         Perturbation(without=("forces",), noise=20.0, mass=(0.5, 2.0), camera=(9.0, 9.0)),
     ],

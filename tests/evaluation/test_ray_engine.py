@@ -278,13 +278,6 @@ def test_what_is_not_an_address_is_a_mistake(address):
         engine_on(address)
 
 
-def test_where_nobody_answers_is_said():
-    pytest.importorskip("ray")
-    address = f"127.0.0.1:{ray_nodes.free_port()}"
-    with pytest.raises(InfrastructureError, match=address), engine_on(address):
-        pass
-
-
 @pytest.mark.slow
 def test_another_server_is_not_waited_for_for_ever():
     pytest.importorskip("ray")
