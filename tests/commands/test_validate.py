@@ -8,11 +8,11 @@ import pytest
 
 from minitouch_bench.commands.leaderboard import validate
 from minitouch_bench.evaluation import engine as engines
-from minitouch_bench.leaderboard import proving
 from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.runs.actions import parse_actions
 from minitouch_bench.runs.run import parse_run
+from minitouch_bench.verification import replay_check
 from tests.leaderboard.synthetic import make_submission, official_run
 from tests.reporting.synthetic import make_record
 
@@ -35,7 +35,7 @@ class Played:
 def engine(monkeypatch):
     played = Played()
     monkeypatch.setattr(engines, "open_engine", lambda *_: contextlib.nullcontext(played))
-    monkeypatch.setattr(proving, "prepare_rerun", lambda *_: None)
+    monkeypatch.setattr(replay_check, "prepare_rerun", lambda *_: None)
     return played
 
 
