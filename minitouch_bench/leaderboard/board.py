@@ -12,16 +12,9 @@ from typing import Annotated, Literal, Self
 
 from minitouch_bench.episode import Count, Episode, Outcome, Sha256
 from minitouch_bench.errors import printable
+from minitouch_bench.leaderboard import ranking
 from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
-from minitouch_bench.leaderboard.ranking import (
-    OVERALL,
-    RANKED_BY,
-    Rank,
-    count_learned,
-    rank,
-    score,
-    score_gaps,
-)
+from minitouch_bench.leaderboard.ranking import OVERALL, RANKED_BY, Rank
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, About, ColumnSpec, columns_of
 from minitouch_bench.leaderboard.validation import SubmissionFindings, find_copies
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
@@ -205,12 +198,18 @@ def make_board(findings: Sequence[SubmissionFindings]) -> Board:
     """Rank the submissions of one protocol that passed, and list those that did not."""
     passed = {found.submission.name: found for found in findings if found.passed}
     by_name = dict(sorted(passed.items()))
-    failed = [found for found in findings if not found.passed]
     repeated = _same_episodes(by_name)
     rows = {name: _row(found, repeated.get(name, ())) for name, found in by_name.items()}
     ranked = [name for name, row in rows.items() if row.is_ranked]
-    for name, ranks in zip(ranked, rank([_values(by_name[n]) for n in ranked]), strict=True):
+    for name, ranks in zip(
+        ranked, ranking.rank([_values(by_name[n]) for n in ranked]), strict=True
+    ):
         rows[name] = replace(rows[name], ranks=ranks)
+    left_out: dict[bool, list[LeftOut]] = {False: [], True: []}
+    for found in findings:
+        if not found.passed:
+            refusal = LeftOut(printable(found.directory.name), tuple(map(str, found.problems)))
+            left_out[found.is_other_protocol].append(refusal)
     submitted = in_order([row for row in rows.values() if not row.is_calibration], OVERALL)
     return Board(
         format="minitouch-leaderboard",
@@ -222,8 +221,8 @@ def make_board(findings: Sequence[SubmissionFindings]) -> Board:
         calibration=tuple(rows[name] for name in CALIBRATION_POLICIES if name in rows),
         missing_calibration=tuple(name for name in CALIBRATION_POLICIES if name not in rows),
         paper=tuple(map(_published, PAPER_METHODS)),
-        other_protocol=tuple(_left_out(v) for v in failed if v.is_other_protocol),
-        refused=tuple(_left_out(v) for v in failed if not v.is_other_protocol),
+        other_protocol=tuple(left_out[True]),
+        refused=tuple(left_out[False]),
     )
 
 
@@ -240,9 +239,9 @@ def _row(found: SubmissionFindings, repeated: Iterable[str]) -> BoardRow:
         training_seeds=tuple(seed.seed for seed in about.seeds),
         runs={folder: run.digest for folder, run in found.runs.items()},
         ranks={},
-        figures=score(found.runs_on(MAIN_SUITE)),
-        novel_shapes=score_gaps(found.runs_on(NOVEL_SHAPES)),
-        learned=count_learned(found.runs_on(MAIN_SUITE)),
+        figures=ranking.score(found.runs_on(MAIN_SUITE)),
+        novel_shapes=ranking.score_gaps(found.runs_on(NOVEL_SHAPES)),
+        learned=ranking.count_learned(found.runs_on(MAIN_SUITE)),
         endings={task: _endings(chain(*found.episodes(task))) for task in BOARD_TASKS},
     )
 
@@ -295,7 +294,3 @@ def _published(method: str) -> PublishedMethod:
         for (task, metric), printed in paper_values(method).items()
     )
     return PublishedMethod(method, tuple(values))
-
-
-def _left_out(found: SubmissionFindings) -> LeftOut:
-    return LeftOut(printable(found.directory.name), tuple(map(str, found.problems)))

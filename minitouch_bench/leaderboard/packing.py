@@ -17,8 +17,7 @@ from minitouch_bench.leaderboard.submission import (
     CheckpointFile,
     Submission,
     TrainingSeed,
-    checkpoint_place,
-    run_place,
+    in_place,
 )
 from minitouch_bench.leaderboard.submission_files import MAX_VIDEO, RUN_LIMITS
 from minitouch_bench.leaderboard.validation import validate
@@ -45,12 +44,8 @@ class PackedTraining:
 
     def entry(self, seed: int) -> TrainingSeed:
         """Return what ``submission.toml`` says of this training, whose number is ``seed``."""
-        places = {suite: run_place(seed, suite) for suite in self.runs}
-        entries = (
-            replace(file, path=checkpoint_place(seed, file.role, file.file) if source else "")
-            for file, source in self.files.items()
-        )
-        return TrainingSeed(seed, places, tuple(entries))
+        entries = (replace(file, path=str(source or "")) for file, source in self.files.items())
+        return in_place(TrainingSeed(seed, dict.fromkeys(self.runs, ""), tuple(entries)))
 
 
 def group_by_training(runs: Sequence[Run], *, include: bool) -> list[PackedTraining]:

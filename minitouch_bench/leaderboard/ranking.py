@@ -7,7 +7,6 @@ rows face the same episodes, so every two of them are compared episode by episod
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 import scipy
@@ -93,19 +92,17 @@ def score_gaps(runs: Sequence[Run]) -> dict[str, Gap]:
     for run in runs:
         for result in run.summary.generalization:
             gaps[result.task].append(result.gaps[RANKED_BY[result.task]])
-    return {task: _gap(task, of_seeds) for task, of_seeds in gaps.items() if of_seeds}
-
-
-def _gap(task: str, gaps: Sequence[Gap]) -> Gap:
-    metric = METRICS[RANKED_BY[task]]
-    parts = {
-        name: over_seeds(
-            [getattr(gap, name) for gap in gaps],
-            metric.range_in(task, difference=name == "difference"),
-        )
-        for name in GAP_PARTS
-    }
-    return Gap(**parts)
+    found: dict[str, Gap] = {}
+    for task, of_seeds in gaps.items():
+        parts = {}
+        for name in GAP_PARTS if of_seeds else ():
+            estimates = [getattr(gap, name) for gap in of_seeds]
+            metric = METRICS[RANKED_BY[task]]
+            possible = metric.range_in(task, difference=name == "difference")
+            parts[name] = over_seeds(estimates, possible)
+        if parts:
+            found[task] = Gap(**parts)
+    return found
 
 
 Floats = NDArray[np.float64]
@@ -180,8 +177,7 @@ def share_p_values(samples: Sequence[Floats]) -> Floats:
     if single.any():
         won = np.array([values[0] for values in samples if len(values) == 1])
         only_one = np.rint(won @ (1 - won).T).astype(int)
-        exact = _mcnemar_table(won.shape[1])[only_one, only_one.T]
-        p_values[np.ix_(single, single)] = exact
+        p_values[np.ix_(single, single)] = mcnemar_p(only_one, only_one.T)
     return p_values
 
 
@@ -244,10 +240,3 @@ def _seed_variances(values: Floats) -> tuple[float, float, int]:
     residuals = values - values.mean(axis=0) - means[:, None] + values.mean()
     within = float((residuals**2).sum()) / (seeds - 1) / (episodes - 1) / (seeds * episodes)
     return total, max(0.0, total - within), seeds - 1
-
-
-@cache
-def _mcnemar_table(episodes: int) -> Floats:
-    """Return the two-sided exact p-value by the two counts of discordant episodes."""
-    lost, won = np.indices((episodes + 1, episodes + 1))
-    return mcnemar_p(lost, won)

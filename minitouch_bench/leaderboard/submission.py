@@ -231,29 +231,26 @@ MAX_DOTS = 4000
 """In a line. Of a key of 32,000 parts tomllib takes 4 GB; the longest text is half as long."""
 
 
-def read_submission(content: bytes, problems: Problems) -> Submission | None:
-    """Read the file's bytes; None where it is no submission at all, else what is sound in it."""
+def read_submission(content: bytes, problems: Problems) -> Submission:
+    """Read the bytes of ``submission.toml`` and return what is sound in it.
+
+    Raises:
+        UsageError: it is not a submission at all.
+    """
     if max(line.count(b".") for line in content.split(b"\n")) > MAX_DOTS:
-        problems.add(SUBMISSION_FILE, f"a line has more than {MAX_DOTS} dots", SEE)
-        return None
-    try:
-        document = parse_toml(content, "it")
-    except UsageError as error:
-        problems.add(SUBMISSION_FILE, str(error), SEE)
-        return None
+        raise UsageError(f"a line has more than {MAX_DOTS} dots")
+    document = parse_toml(content, "it")
     if document.get("format") != FORMAT:
-        problems.add(SUBMISSION_FILE, f"its format is not '{FORMAT}'", SEE)
-        return None
+        raise UsageError(f"its format is not '{FORMAT}'")
     if document.get("version") != VERSION:  # which is not shown: it can be of any length
-        problems.add(SUBMISSION_FILE, f"its version is not {VERSION}", SEE)
-        return None
+        raise UsageError(f"its version is not {VERSION}")
     submission, mistakes = read_table(document, Submission)
     for mistake in mistakes:
         problems.add(SUBMISSION_FILE, mistake, SEE)
     for key, mistake in (*_texts(submission), *_seeds(submission)):
         if key in document and not any(known.startswith(key) for known in mistakes):
             problems.add(SUBMISSION_FILE, f"{key}: {mistake}", SEE)
-    return replace(submission, seeds=tuple(map(_in_place, submission.seeds)))
+    return replace(submission, seeds=tuple(map(in_place, submission.seeds)))
 
 
 def check_submission(submission: Submission) -> None:
@@ -288,7 +285,7 @@ def _seeds(submission: Submission) -> Iterator[tuple[str, str]]:
     for seed in submission.seeds:
         if MAIN_SUITE not in seed.runs:
             yield "seeds", f"seed {seed.seed} has no run of {MAIN_SUITE}; add one"
-        places = _in_place(seed)
+        places = in_place(seed)
         for suite, path in seed.runs.items():
             if path != places.runs[suite]:
                 what = f"the run of {suite} is at '{path}', outside its place"
@@ -299,7 +296,7 @@ def _seeds(submission: Submission) -> Iterator[tuple[str, str]]:
                 yield "seeds", f"{what}; move it to {there.path}, or write no path"
 
 
-def _in_place(seed: TrainingSeed) -> TrainingSeed:
+def in_place(seed: TrainingSeed) -> TrainingSeed:
     """Return a training seed with the only paths there are, whatever it says: none leads out."""
     files = (
         replace(file, path=file.path and checkpoint_place(seed.seed, file.role, file.file))

@@ -16,6 +16,7 @@ from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE, list_videos
 from minitouch_bench.leaderboard.proof import Proof, ProofLevel, find_proof, level_of
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
+    SEE,
     CheckpointFile,
     Submission,
     TrainingSeed,
@@ -119,7 +120,7 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> SubmissionFindin
     sizes = list_files(directory, problems)
     submission = None
     if SUBMISSION_FILE in sizes:
-        with problems.caught(SUBMISSION_FILE):
+        with problems.caught(SUBMISSION_FILE, SEE):
             content = read_plain(directory, SUBMISSION_FILE, MAX_SUBMISSION_FILE)
             submission = read_submission(content, problems)
     elif sizes or not problems:

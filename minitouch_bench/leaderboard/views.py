@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
 from typing import Any
 
+from minitouch_bench.leaderboard import ranking
 from minitouch_bench.leaderboard.board import (
     CEILING,
     COLUMN_SPECS,
@@ -17,15 +18,7 @@ from minitouch_bench.leaderboard.board import (
     LeftOut,
     in_order,
 )
-from minitouch_bench.leaderboard.ranking import (
-    BOARD_METRICS,
-    FLOOR_SUCCESS,
-    GAP_TASKS,
-    MEAN_SUCCESS,
-    OVERALL,
-    RANKED_BY,
-    Rank,
-)
+from minitouch_bench.leaderboard.ranking import GAP_TASKS, MEAN_SUCCESS, OVERALL, RANKED_BY, Rank
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics.definitions import (
     METRICS,
@@ -228,13 +221,13 @@ def board_markdown(board: Board, shown: Sequence[BoardView]) -> str:
 
 def notes() -> tuple[str, ...]:
     """Return what must be said below every table."""
-    floors = [f"{value:.2f} in {task_title(task)}" for task, value in FLOOR_SUCCESS.items()]
+    floors = [f"{value:.2f} in {task_title(task)}" for task, value in ranking.FLOOR_SUCCESS.items()]
     return (
         "A rank is 1 + the number of rows that are significantly better; its range ends before "
         "the rows that are significantly worse. All pairs of rows of a table are tested together "
         "at 5 % (Holm). A row of several training seeds is compared as a method, a row of one as "
         "a checkpoint. Where a method fails in some seeds, the tests err more often than 5 %.",
-        f"Brackets: 95 % interval. One training seed: {intervals_in_words(BOARD_METRICS)}; "
+        f"Brackets: 95 % interval. One training seed: {intervals_in_words(ranking.BOARD_METRICS)}; "
         f"{EPISODE_VARIANCE}. Several: {SEED_VARIANCE}",
         "Learned: the lower end of a training seed's interval of success is above "
         f"{listed(floors)}, the best of {listed(FLOORS)}.",

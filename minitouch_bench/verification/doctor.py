@@ -9,7 +9,6 @@ import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 
@@ -86,19 +85,12 @@ def _failed(name: str, error: MiniTouchError) -> Check:
 def _packages() -> str:
     named = ("minitouch-bench", "torch", "numpy", "gymnasium", *BUILDS)
     listed = ", ".join(f"{name} {found}" for name, found in installed_versions(named).items())
-    absent = [
-        extra
-        for extra, needed in extras().items()
-        if extra != "dev" and not all(map(_is_installed, needed))
-    ]
+    absent = []
+    for extra, requirements in extras().items():
+        needed = {re.split(r"[^A-Za-z0-9._-]", one, maxsplit=1)[0] for one in requirements}
+        if extra != "dev" and installed_versions(needed).keys() != needed:
+            absent.append(extra)
     return listed + (f"; without the extras {', '.join(absent)}" if absent else "; every extra")
-
-
-def _is_installed(requirement: str) -> bool:
-    try:
-        return bool(version(re.split(r"[^A-Za-z0-9._-]", requirement, maxsplit=1)[0]))
-    except PackageNotFoundError:
-        return False
 
 
 def _cache() -> str:
@@ -148,7 +140,7 @@ def _simulation(workers: int) -> Iterator[Check]:
     several = max(workers, 2)
     shuffled = [specs[i] for i in np.random.default_rng().permutation(len(specs))]
     bits = _bits(LocalEngine(several).run(recording, shuffled))
-    yield _same("order and workers", here, bits, f"with {several} workers in another order")
+    yield _same(here, bits, f"with {several} workers in another order")
     yield _reference()
     yield _speed(speed, workers)
 
@@ -171,23 +163,23 @@ def _bits(played: Iterable[PlayedEpisode]) -> dict[str, str]:
     return {record.spec.key: record.trace.digest() for record in played}
 
 
-def _same(name: str, here: dict[str, str], again: dict[str, str], how: str) -> Check:
-    other = sorted(key for key in here if here[key] != again.get(key))
-    if other:
-        return Check(name, CheckResult.FAIL, f"other bits {how}: {', '.join(other)}")
-    what = f"{len(here)} episodes of {len(TASK_CLASSES)} tasks, same bits {how}"
-    return Check(name, CheckResult.OK, what)
+def _same(here: dict[str, str], again: dict[str, str], how: str) -> Check:
+    result, what = (
+        CheckResult.OK,
+        f"{len(here)} episodes of {len(TASK_CLASSES)} tasks, same bits {how}",
+    )
+    if other := sorted(key for key in here if here[key] != again.get(key)):
+        result, what = CheckResult.FAIL, f"other bits {how}: {', '.join(other)}"
+    return Check("order and workers", result, what)
 
 
 def _reference() -> Check:
     """Compare with the bits recorded on the machine that this version was released from."""
     other = [task for task, golden in recorded().items() if golden_bits(task) != golden.bits]
-    result, what = CheckResult.OK, "this machine simulates the recorded bits"
-    if other:
-        listed = ", ".join(other)
-        result = CheckResult.NOTE
-        what = f"other bits than recorded in {listed}: success rates compare, digests do not"
-    return Check("reference bits", result, what)
+    if not other:
+        return Check("reference bits", CheckResult.OK, "this machine simulates the recorded bits")
+    what = f"other bits than recorded in {', '.join(other)}: success rates compare, digests do not"
+    return Check("reference bits", CheckResult.NOTE, what)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """What a check finds in a run or a submission, a line per problem; comparison of JSON values."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -96,9 +96,9 @@ class Problems:
             self.add(place, str(error).replace("\n", " "), remedy)
 
 
-def _shown(text: str) -> str:
+def _shown(text: str, longest: int = SHOWN_CHARACTERS) -> str:
     plain = printable(text)
-    return plain if len(plain) <= SHOWN_CHARACTERS else f"{plain[:SHOWN_CHARACTERS]}…"
+    return plain if len(plain) <= longest else f"{plain[:longest]}…"
 
 
 def compare_values(path: str, recorded: Any, computed: Any) -> Iterator[Problem]:
@@ -110,26 +110,18 @@ def compare_values(path: str, recorded: Any, computed: Any) -> Iterator[Problem]
                 yield Problem(inner, "missing" if key in computed else "should not be there")
             else:
                 yield from compare_values(inner, recorded[key], computed[key])
-    elif _is_list(recorded) and _is_list(computed):
+    elif isinstance(recorded, list | tuple) and isinstance(computed, list | tuple):
         if len(recorded) != len(computed):
             yield Problem(path, f"{len(recorded)} entries recorded, {len(computed)} found")
         else:
             for index, pair in enumerate(zip(recorded, computed, strict=True)):
                 yield from compare_values(f"{path}[{index}]", *pair)
     elif not _equal(recorded, computed):
-        yield Problem(path, f"{_value(recorded)} recorded, {_value(computed)} found")
-
-
-def _is_list(value: Any) -> bool:
-    return isinstance(value, Sequence) and not isinstance(value, str)
+        then, now = (_shown(repr(value), VALUE_CHARACTERS) for value in (recorded, computed))
+        yield Problem(path, f"{then} recorded, {now} found")
 
 
 def _equal(recorded: Any, computed: Any) -> bool:
     if isinstance(recorded, float) and isinstance(computed, float):
         return math.isclose(recorded, computed, rel_tol=ROUNDING, abs_tol=NEARLY_ZERO)
     return bool(recorded == computed)
-
-
-def _value(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= VALUE_CHARACTERS else f"{text[:VALUE_CHARACTERS]}…"

@@ -11,7 +11,6 @@ from minitouch_bench.episode import (
     EpisodeSpec,
     Outcome,
     PlayedEpisode,
-    PolicyIdentity,
     Role,
 )
 from minitouch_bench.errors import IncompleteCheckError, UsageError
@@ -20,7 +19,7 @@ from minitouch_bench.evaluation.policy_setup import PolicySetup, Recording, prep
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.metrics.summary import measure, touch_curve
 from minitouch_bench.perturbation import USUAL_LIMITS
-from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions, PolicySource
+from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.problems import Findings, Problem
@@ -109,20 +108,6 @@ def draw_episodes(run: Run, count: int, rng: np.random.Generator) -> tuple[Episo
     return tuple(drawn)
 
 
-def check_identity(recorded: PolicyIdentity, source: PolicySource) -> None:
-    """Refuse a checkpoint that is not the one evaluated.
-
-    Raises:
-        UsageError: its kind or its bytes are others.
-    """
-    identity = source.identity()
-    if (identity.kind, identity.digest) != (recorded.kind, recorded.digest):
-        raise UsageError(
-            f"{source.target} is not the policy of this run: {_in_words(identity)}, "
-            f"the run's is {_in_words(recorded)}"
-        )
-
-
 def prepare_rerun(
     run: Run,
     policy: object,
@@ -146,7 +131,11 @@ def prepare_rerun(
         note("the run's own limits of time and memory exceed the official ones, which hold here")
     setup = prepare_policies(policy, plan, isolation, note, exploration=explorer)
     for recorded, source in zip(run.header.policies(), setup.sources(), strict=True):
-        check_identity(recorded, source)
+        there, here = (recorded.kind, recorded.digest), (source.kind, source.digest)
+        if there != here:
+            known, found = (f"{kind} {digest[:12]}".rstrip() for kind, digest in (there, here))
+            what = f"is not the policy of this run: {found}, the run's is {known}"
+            raise UsageError(f"{source.target} {what}")
     return setup if run.directory is None else setup.keep_out_of(run.directory)
 
 
@@ -219,7 +208,3 @@ def _first_other_step(recorded: Actions, again: Actions) -> str:
     if len(recorded) != len(again):
         return f"{len(recorded)} steps recorded, {len(again)} when run again"
     return "the actions are the same, the trajectory is not: is it the same processor?"
-
-
-def _in_words(identity: PolicyIdentity) -> str:
-    return f"{identity.kind} {identity.digest[:12]}".rstrip()

@@ -18,7 +18,7 @@ def test_the_trial_has_contact_and_every_task():
 
 @pytest.mark.parametrize("found", [{"a": "1"}, {"a": "1", "b": "3"}])
 def test_an_episode_that_is_missing_or_other_is_named(found):
-    check = doctor._same("workers", {"a": "1", "b": "2"}, found, "with 2 workers")
+    check = doctor._same({"a": "1", "b": "2"}, found, "with 2 workers")
     assert check.verdict is CheckResult.FAIL
     assert check.text.endswith(": b")
 
