@@ -80,13 +80,6 @@ def test_same_generator_same_sample():
     assert not torch.equal(first, other)
 
 
-def test_image_and_touch_both_count():
-    actor = TouchActor(4)
-    action = actor(IMAGE, TOUCH)
-    assert not torch.equal(action, actor(255 - IMAGE, TOUCH))
-    assert not torch.equal(action, actor(IMAGE, TOUCH + 1.0))
-
-
 def test_log_std_is_clamped():
     actor = TouchActor(4)
     torch.nn.init.constant_(actor.log_std.bias, 1000.0)

@@ -106,9 +106,6 @@ def onnx_bytes(inputs=("image", "touch"), output="action", **options):
         helper.make_tensor_value_info(inputs[1], TensorProto.FLOAT, ["batch", 11]),
     ]
     bound = helper.make_tensor("bound", TensorProto.INT64, [1], options.get("bound", [4]))
-    if options.get("external"):
-        bound.data_location = TensorProto.EXTERNAL
-        bound.external_data.add(key="location", value="../secret")
     constant = helper.make_node("Constant", [], ["end"], value=bound)
     start = helper.make_tensor("start", TensorProto.INT64, [1], [0])
     axis = helper.make_tensor("axis", TensorProto.INT64, [1], [1])
@@ -147,7 +144,3 @@ def test_onnx_files_of_another_form_are_refused():
     refused("onnx", onnx_bytes(output="mean"), r"outputs \['mean'\]")
     refused("onnx", onnx_bytes(image_shape=[1, 3, 84, 84]), "'image' is not uint8")
     refused("onnx", onnx_bytes(image_shape=[1, 84, 84]), "'image' is not uint8")
-
-
-def test_onnx_external_data_is_refused_wherever_it_hides():
-    refused("onnx", onnx_bytes(external=True), "another file")

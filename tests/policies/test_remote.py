@@ -11,7 +11,7 @@ from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.policies import server as server_module
 from minitouch_bench.policies.policy import PolicySource, load_policy
 from minitouch_bench.policies.process import isolate
-from minitouch_bench.policies.server import PolicyServer, RemotePolicy
+from minitouch_bench.policies.server import PolicyServer
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.policies.wire import OBSERVATION_BYTES
 from tests.policies.recipes import run_recipes
@@ -141,10 +141,3 @@ def test_the_recipes_factory_can_be_served(tmp_path: Path, observation):
     with PolicyServer(names["make_policy"], ("127.0.0.1", 0)) as server:
         episode = server.begin(json.dumps({"seed": 1, "task": "pushing"}).encode())
         assert server.act(episode, bytes(OBSERVATION_BYTES)) == [1.0, 0.0, 0.0, -1.0, 0.0]
-
-
-def test_an_answer_without_an_episode_is_a_fault(monkeypatch):
-    policy = RemotePolicy("http://127.0.0.1:1", deterministic=True)
-    monkeypatch.setattr(policy, "_call", lambda *_: {})
-    with pytest.raises(PolicyFaultError, match="no 'episode'"):
-        policy.reset(0, "pushing")

@@ -65,15 +65,6 @@ def test_packets_survive_a_socket_one_by_one():
             read_frame(theirs.fileno())
 
 
-def test_an_end_that_leaves_packets_unread_is_an_end():
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    with theirs:
-        write_frame(theirs.fileno(), Frame.READY)
-        ours.close()
-        with pytest.raises(EOFError):
-            read_frame(theirs.fileno())
-
-
 def test_text_of_a_policy_becomes_one_plain_line():
     text = "a\x1b[31mred\x1b[0m\r\nb\x07\u202ec\t\x1b]0;title\x07d"
     assert plain_line(text) == "ared b c d"

@@ -84,22 +84,6 @@ class Mutates(Hostile):
         return seen
 
 
-class Gives(Hostile):
-    """NaN, infinity, 1e308, another shape, another type: by the first number felt."""
-
-    def forward(self, image: Tensor, touch: Tensor) -> Tensor:
-        which = int(touch[0, 0])
-        if which == 0:
-            return torch.full([1, 4], float("nan"))
-        if which == 1:
-            return torch.full([1, 4], float("inf"))
-        if which == 2:
-            return torch.full([1, 4], 1e308, dtype=torch.double)
-        if which == 3:
-            return torch.zeros([1, 3])
-        return torch.zeros([1, 4], dtype=torch.long)
-
-
 def saved(module: nn.Module) -> bytes:
     """Return a module's TorchScript file."""
     buffer = io.BytesIO()

@@ -5,14 +5,12 @@ import base64
 import ctypes
 import io
 import json
-import mmap
 import os
 import pickle
 import socket
 import struct
-import subprocess
 import sys
-import time
+import tempfile
 import warnings
 import zipfile
 from pathlib import Path
@@ -28,8 +26,6 @@ from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
 from minitouch_bench.policies.process import PolicyProcess, isolate, try_policy
 from minitouch_bench.policies.sources import ENTRY_MARK, parse_source
-from minitouch_bench.policies.wire import Frame, pack_frame
-from tests.policies.isolation import hostile_modules
 from tests.policies.recipes import run_recipes
 
 onnx = pytest.importorskip("onnx")
@@ -130,12 +126,11 @@ def test_debris_is_refused(policy, files, tmp_path, kind):
     refused(policy, tmp_path, kind, debris)
 
 
-@pytest.mark.parametrize("kind", SUFFIXES)
-def test_a_file_too_large_is_refused_unread(tmp_path, kind):
-    path = tmp_path / f"policy.{SUFFIXES[kind]}"
+def test_a_file_too_large_is_refused_unread(tmp_path):
+    path = tmp_path / "policy.onnx"
     with path.open("wb") as file:
         file.truncate(LARGEST_CHECKPOINT + 1)
-    with pytest.raises(PolicyLoadError, match="larger than 1 GiB"):
+    with pytest.raises(PolicyLoadError, match="larger than"):
         parse_source(str(path))
 
 
@@ -163,34 +158,27 @@ class Deed:
         return self.call
 
 
+CANARY = Path(tempfile.gettempdir(), "minitouch-canary")
+
 DEEDS = {
-    "write a file": (Deed(Path.write_text, Path("canary"), "sung"), "Permission"),
-    "write by another way": (Deed(os.open, "canary", os.O_CREAT | os.O_WRONLY), "Permission"),
-    "link a file": (Deed(os.symlink, "/etc/passwd", "canary"), "not permitted"),
+    "write a file": (Deed(Path.write_text, CANARY, "sung"), "Permission"),
     "read /etc/passwd": (Deed(Path.read_text, Path("/etc/passwd")), "Permission denied"),
-    "read the environment": (Deed(Path.read_text, Path("/proc/self/environ")), "Permission"),
-    "list a folder": (Deed(os.listdir, "/"), "Permission denied"),
     "open a socket": (Deed(socket.socket), "not permitted"),
-    "open a connection": (Deed(socket.create_connection, ("127.0.0.1", 1)), "not permitted|resol"),
     "fork": (Deed(os.fork), "not permitted"),
-    "run a program": (Deed(subprocess.run, ["/bin/touch", "canary"]), "not permitted|Permission"),
-    "run a shell": (Deed(os.system, "touch canary"), "policy"),
-    "become a program": (Deed(os.execv, "/bin/touch", ["touch", "canary"]), "Permission|permitted"),
-    "signal everything": (Deed(os.kill, -1, 0), "not permitted"),
+    "run a shell": (Deed(os.system, f"touch {CANARY}"), "policy"),
     "start a thread": (Deed(_thread.start_new_thread, int, ()), "start new thread"),
     "allocate 10 GB": (Deed(bytearray, 10 * 10**9), "MemoryError"),
-    "map 10 GB": (Deed(mmap.mmap, -1, 10 * 10**9), "Cannot allocate"),
     "build 10 GB of network": (Deed(torch.nn.Linear, 10**5, 10**5), "Allocator"),
-    "never end": (Deed(exec, "while True: pass"), "not loaded within 3 s"),
-    "sleep": (Deed(time.sleep, 1000), "not loaded within 3 s"),
     "flood its output": (Deed(exec, "while True: print('x' * 1000)"), "not loaded within 3 s"),
     "exit": (Deed(os._exit, 0), "exited with code 0"),
     "leave": (Deed(sys.exit, "going home"), "exited with code 1: going home"),
     "interrupt": (Deed(exec, "raise KeyboardInterrupt"), "KeyboardInterrupt"),
-    "abort": (Deed(os.abort), "killed by SIGABRT"),
     "crash": (Deed(ctypes.string_at, 0), "killed by SIGSEGV"),
 }
-"""What is tried by the pickle of a Stable-Baselines3 model, and what is said of it."""
+"""What is tried by the pickle of a Stable-Baselines3 model, and what is said of it.
+
+The kernel's other answers are proven with a factory, in ``hostile_factory``.
+"""
 
 
 @pytest.fixture
@@ -213,35 +201,19 @@ def impatient(policy, monkeypatch):
     return lambda: monkeypatch.setattr(policy, "_limits", limits)
 
 
-@pytest.mark.usefixtures("canary")
 @pytest.mark.parametrize("name", DEEDS)
 def test_a_pickle_in_an_sb3_zip_cannot(impatient, policy, singing, tmp_path, name):
     deed, text = DEEDS[name]
     if "within 3 s" in text:
         impatient()
-    content = singing(Deed(*in_folder(deed, tmp_path)))
-    give(policy, tmp_path, "sb3", content)
+    give(policy, tmp_path, "sb3", singing(deed))
     with pytest.raises(PolicyLoadError, match=text) as caught:
         policy.reset(0, "pushing")
     assert caught.value.exit_code == 3
     assert len(str(caught.value).splitlines()) == 1
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 600
-
-
-def in_folder(deed, folder):
-    """Return a deed's call with the canary's whole path, which it would be written at."""
-    function, arguments = deed.call
-    whole = str(folder / "canary")
-
-    def placed(value):
-        if isinstance(value, list):
-            return [placed(part) for part in value]
-        if isinstance(value, Path):
-            return Path(placed(str(value)))
-        return value.replace("canary", whole) if isinstance(value, str) else value
-
-    return function, *map(placed, arguments)
+    assert not CANARY.exists()
 
 
 def test_the_same_pickle_writes_where_nothing_holds_it(singing, tmp_path):
@@ -273,25 +245,6 @@ def test_a_pickle_that_hides_what_it_tried_gained_nothing(policy, files, singing
     assert actions[0] == actions[1]
 
 
-def test_a_pickle_cannot_say_for_its_loader_that_it_is_ready(policy, singing, tmp_path):
-    said = pack_frame(Frame.LOADED), pack_frame(Frame.READY)
-    speak = (
-        "import os\n"
-        "for number in range(3, 64):\n"
-        "    try:\n"
-        f"        os.write(number, {said[0]!r})\n"
-        f"        os.write(number, {said[1]!r})\n"
-        "    except OSError:\n"
-        "        continue\n"
-        "os._exit(0)\n"
-    )
-    give(policy, tmp_path, "sb3", singing(Deed(exec, speak)))
-    with pytest.raises(
-        PolicyFaultError, match=r"answered before|is not an answer|closed|with code 0"
-    ):
-        play_one_step(policy)
-
-
 def test_pickles_as_sb3s_weights_are_not_opened(policy, files, tmp_path, canary):
     buffer = io.BytesIO()
     torch.save({"weights": Canary(canary)}, buffer)
@@ -317,23 +270,23 @@ def test_a_pickle_in_safetensors_metadata_is_not_opened(policy, tmp_path, canary
     refused(policy, tmp_path, "native", content, "not a native checkpoint")
 
 
-def test_what_is_not_safetensors_is_called_damaged(policy, tmp_path):
-    for content in (b"ab", b"random bytes", struct.pack("<Q", 2) + b"[}"):
-        refused(policy, tmp_path, "native", content, "damaged: it is not safetensors|header of")
+TENSOR = {"dtype": "F32", "shape": [2**32], "data_offsets": [0, 2**34]}
+METADATA = {"minitouch": '{"architecture": "hac-actor-v1", "action_size": 5}'}
+LARGE = json.dumps({"__metadata__": METADATA, "weight": TENSOR}).encode()
 
 
-def test_a_header_longer_than_its_file_is_refused(policy, tmp_path):
-    for length in (2**63, 2**40, 10_000):
-        content = struct.pack("<Q", length) + b"{}"
-        refused(policy, tmp_path, "native", content, f"header of {length} bytes")
-
-
-def test_tensors_that_declare_more_than_the_file_are_refused(policy, tmp_path):
-    metadata = {"minitouch": '{"architecture": "hac-actor-v1", "action_size": 5}'}
-    tensor = {"dtype": "F32", "shape": [2**32], "data_offsets": [0, 2**34]}
-    header = json.dumps({"__metadata__": metadata, "weight": tensor}).encode()
-    content = struct.pack("<Q", len(header)) + header + bytes(100)
-    refused(policy, tmp_path, "native", content, "damaged")
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        (b"ab", "not safetensors"),
+        (struct.pack("<Q", 2) + b"[}", "not safetensors"),
+        (struct.pack("<Q", 2**63) + b"{}", f"header of {2**63} bytes"),
+        (struct.pack("<Q", 10_000) + b"{}", "header of 10000 bytes"),
+        (struct.pack("<Q", len(LARGE)) + LARGE + bytes(100), "damaged"),
+    ],
+)
+def test_safetensors_that_declare_more_than_they_hold_are_refused(policy, tmp_path, content, text):
+    refused(policy, tmp_path, "native", content, text)
 
 
 @pytest.mark.parametrize("kind", ["torchscript", "sb3"])
@@ -404,9 +357,3 @@ def test_onnx_that_keeps_weights_elsewhere_is_refused(policy, tmp_path, where):
     extra = kinds(name="extra", data_type=kinds.FLOAT, dims=[4], data_location=kinds.EXTERNAL)
     extra.external_data.add(key="location", value=where)
     refused(policy, tmp_path, "onnx", graph(initializers=[extra]), "external_data=False")
-
-
-def test_a_script_that_is_cut_short_inside_runs_nothing(policy, tmp_path, canary):
-    whole = hostile_modules.saved(hostile_modules.WritesAtLoad(str(canary)))
-    for share in (0.25, 0.5, 0.9):
-        refused(policy, tmp_path, "torchscript", whole[: int(share * len(whole))])
