@@ -9,8 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
-from numpy.typing import NDArray
 
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, ranking_metric
@@ -21,6 +19,7 @@ from minitouch_bench.metrics.intervals import (
     over_seeds,
     quadrature,
 )
+from minitouch_bench.metrics.seeds import Floats, mean_p_values
 from minitouch_bench.metrics.statistics import ALPHA, MEAN, SHARE, holm, mcnemar_p
 from minitouch_bench.metrics.summary import GAP_PARTS, Gap
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
@@ -105,9 +104,6 @@ def score_gaps(runs: Sequence[Run]) -> dict[str, Gap]:
     return found
 
 
-Floats = NDArray[np.float64]
-
-
 @dataclass(frozen=True)
 class Rank:
     """A row's rank: 1 + the rows that are significantly better; ``worst``: less those worse."""
@@ -179,64 +175,3 @@ def share_p_values(samples: Sequence[Floats]) -> Floats:
         only_one = np.rint(won @ (1 - won).T).astype(int)
         p_values[np.ix_(single, single)] = mcnemar_p(only_one, only_one.T)
     return p_values
-
-
-def mean_p_values(strata: Sequence[Sequence[Floats]]) -> Floats:
-    """Return the p-values of all pairs of means over strata (tasks), (N, N), 1 on the diagonal.
-
-    ``strata`` holds the rows' samples of each task. The variance of a difference has two parts:
-    that of the paired differences over episodes, and, of each row of several training seeds,
-    that of its seeds' means. Both contain the variation of single episodes, which is subtracted
-    once, as in the analysis of several readers who judge the same cases. Student's t with the
-    degrees of freedom of Satterthwaite, of the parts before the subtraction. The trainings of
-    one task are independent of those of another.
-
-    Where a row has one training seed, its checkpoint is compared, not its method.
-
-    Source: N. A. Obuchowski and H. E. Rockette, "Hypothesis testing of diagnostic accuracy for
-    multiple readers and multiple tests", Commun. Stat. Simul. 24 (1995); S. L. Hillis, "A
-    comparison of denominator degrees of freedom methods for multiple observer ROC analysis",
-    Stat. Med. 26 (2007).
-    """
-    number, tasks = len(strata[0]), len(strata)
-    difference, variance, spread = (np.zeros((number, number)) for _ in range(3))
-    for samples in strata:
-        table = np.array([values.mean(axis=0) for values in samples])
-        means = table.mean(axis=1)
-        difference += (means[:, None] - means[None, :]) / tasks
-        seeds = [_seed_variances(values) for values in samples]
-        total, own, freedom = np.array(seeds, np.float64).T
-        paired = _paired_variances(table)
-        variance += (paired + own[:, None] + own[None, :]) / tasks**2
-        parts = total**2 / freedom
-        over_episodes = paired**2 / (table.shape[1] - 1)
-        spread += (over_episodes + parts[:, None] + parts[None, :]) / tasks**4
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = np.where(difference == 0, 0.0, difference / np.sqrt(variance))
-        freedom = np.where(spread > 0, variance**2 / spread, 1.0)
-    p_values: Floats = 2.0 * scipy.special.stdtr(freedom, -np.abs(t))
-    return p_values
-
-
-def _paired_variances(table: Floats) -> Floats:
-    """Return the variances of the mean differences over episodes, of row means (N, E), (N, N)."""
-    covariance = np.atleast_2d(np.cov(table)) / table.shape[1]
-    single = np.diag(covariance)
-    both = single[:, None] + single[None, :]
-    paired = np.maximum(both - 2 * covariance, 0.0)
-    return np.where(paired < 1e-12 * both, 0.0, paired)  # rounding of equal rows
-
-
-def _seed_variances(values: Floats) -> tuple[float, float, int]:
-    """Return the variance of a row's mean over training seeds, float64 (S, E), with its freedom.
-
-    First with the variation of single episodes, then without. One seed tells nothing: 0.
-    """
-    seeds, episodes = values.shape
-    if seeds == 1:
-        return 0.0, 0.0, 1
-    means = values.mean(axis=1)
-    total = float(means.var(ddof=1)) / seeds
-    residuals = values - values.mean(axis=0) - means[:, None] + values.mean()
-    within = float((residuals**2).sum()) / (seeds - 1) / (episodes - 1) / (seeds * episodes)
-    return total, max(0.0, total - within), seeds - 1

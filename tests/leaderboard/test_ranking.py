@@ -5,7 +5,8 @@ import pytest
 from scipy import stats
 
 from benchmarks.board_errors import SETTINGS, simulate
-from minitouch_bench.leaderboard.ranking import mean_p_values, ranks_of, share_p_values
+from minitouch_bench.leaderboard.ranking import ranks_of, share_p_values
+from minitouch_bench.metrics.seeds import mean_p_values
 from minitouch_bench.metrics.statistics import holm
 
 
