@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -11,17 +10,17 @@ from minitouch_bench.cli.console import data_console, notes
 from minitouch_bench.errors import CHECK_FAILED
 from minitouch_bench.evaluation.engine import AUTO, worker_count
 
-if TYPE_CHECKING:
-    from minitouch_bench.verification.doctor import Check
-
 SIGNS = {"ok": "[green]ok[/]", "note": "[cyan]note[/]", "fail": "[red]FAIL[/]"}
 """What is printed by verdict."""
 
 
 def doctor(workers: options.Workers = AUTO, as_json: options.AsJson = False) -> None:
     """Check the installation, the sandbox, and that this machine repeats its own bits."""
+    from rich.table import Table
+    from rich.text import Text
+
     from minitouch_bench.processes import core_count
-    from minitouch_bench.verification.doctor import CheckResult, examine
+    from minitouch_bench.verification.doctor import Check, CheckResult, examine
 
     count = worker_count(workers) or core_count()
     checks: list[Check] = []
@@ -33,21 +32,14 @@ def doctor(workers: options.Workers = AUTO, as_json: options.AsJson = False) -> 
     if as_json:
         print(json.dumps({"healthy": not failed, "checks": [asdict(c) for c in checks]}, indent=1))
     else:
-        _show_checks(checks, failed)
+        table = Table(show_header=False, box=None, pad_edge=False)
+        for check in checks:
+            table.add_row(SIGNS[check.verdict], check.name, Text(check.text))
+        console = data_console()
+        console.print(table)
+        if failed:
+            console.print(f"\nNot to be trusted yet: {', '.join(failed)}", style="bold red")
+        else:
+            console.print("\nThis machine can be trusted with an evaluation.", style="bold green")
     if failed:
         raise typer.Exit(CHECK_FAILED)
-
-
-def _show_checks(checks: "list[Check]", failed: list[str]) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(show_header=False, box=None, pad_edge=False)
-    for check in checks:
-        table.add_row(SIGNS[check.verdict], check.name, Text(check.text))
-    console = data_console()
-    console.print(table)
-    if failed:
-        console.print(f"\nNot to be trusted yet: {', '.join(failed)}", style="bold red")
-    else:
-        console.print("\nThis machine can be trusted with an evaluation.", style="bold green")

@@ -3,7 +3,7 @@
 import os
 import stat
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -62,7 +62,11 @@ def validate(
                 callbacks.phase("proof", proving.count_episodes(found))
                 found = proving.prove(found, engine, callbacks.episode)
         results.append(found)
-        _show(found)
+        print_problems(found.name, filter(None, (found.error, *found.problems)))
+        if found.withdrawn:
+            print(f"{printable(found.name)}: its proof ({found.withdrawn}) is withdrawn")
+        if found.passed:
+            print(f"{printable(found.name)}: valid, {found.level}")
     valid = sum(found.passed for found in results)
     note(f"{valid} of {len(results)} valid")
     if any(not problem.is_unchecked for found in results for problem in found.problems):
@@ -71,16 +75,6 @@ def validate(
         is_incomplete = any(isinstance(found.error, IncompleteCheckError) for found in results)
         unchecked = IncompleteCheckError if is_incomplete else RunDirectoryError
         raise typer.Exit(unchecked.exit_code)
-
-
-def _show(found: "SubmissionFindings") -> None:
-    """Print a submission's problems, or its level of proof."""
-    print_problems(found.name, filter(None, (found.error, *found.problems)))
-    name = printable(found.name)
-    if found.withdrawn:
-        print(f"{name}: its proof ({found.withdrawn}) is withdrawn")
-    if found.passed:
-        print(f"{name}: valid, {found.level}")
 
 
 @app.command(cls=Command, epilog="Example: minitouch-bench leaderboard build --output site")
@@ -105,7 +99,3 @@ def build(
     print(output / "index.html")
     if strict and board.refused:
         raise typer.Exit(CHECK_FAILED)
-
-
-if TYPE_CHECKING:
-    from minitouch_bench.leaderboard.validation import SubmissionFindings

@@ -74,12 +74,10 @@ def _hash(text: str) -> str:
     return f"'sha256-{digest}'"
 
 
-def image_uri(task: str, directory: Path = PICTURES) -> str:
-    """Return a task's image as a data URI, "" if its file is missing."""
-    file = directory / f"{Path(task).name}.png"
-    if not file.is_file():
-        return ""
-    return "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode("ascii")
+def image_uri(task: str) -> str:
+    """Return a task's image as a data URI."""
+    image = (PICTURES / f"{task}.png").read_bytes()
+    return "data:image/png;base64," + base64.b64encode(image).decode("ascii")
 
 
 # Cards

@@ -19,39 +19,11 @@ from minitouch_bench import files
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
+from minitouch_bench.reporting import labels, run_tables, tables
 from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.figures import report_figures, split_figures
-from minitouch_bench.reporting.labels import (
-    CAVEAT,
-    PAPER_METHODS,
-    RunSection,
-    describe_runs,
-    fault_lines,
-    paper_value,
-    tasks_in_order,
-)
 from minitouch_bench.reporting.pages import TEMPLATES, Card, image_uri, make_card, render_page
-from minitouch_bench.reporting.run_tables import (
-    diagnostics,
-    episode_table,
-    find_estimate,
-    novel_shapes,
-    table4,
-    task_summary,
-)
-from minitouch_bench.reporting.tables import (
-    Block,
-    Cell,
-    Column,
-    Heading,
-    NoteBlock,
-    Row,
-    Table,
-    on_screen,
-    rows_csv,
-    table_latex,
-    table_section,
-)
+from minitouch_bench.reporting.tables import Block, Cell, Column, Row, Table
 from minitouch_bench.runs.run import Run
 
 
@@ -73,7 +45,7 @@ class Report:
 
     tasks: tuple[str, ...]
     metrics: tuple[str, ...]
-    sections: tuple[RunSection, ...]
+    sections: tuple[labels.RunSection, ...]
     table4: Table
     diagnostics: Table
     novel_shapes: tuple[Table, ...]
@@ -106,17 +78,17 @@ def build_report(
                 f"{_protocol_of(first)} and {_protocol_of(other)} cannot be in one table: "
                 f"the rules of {', '.join(differing)} differ"
             )
-    sections = describe_runs(runs, names)
-    tasks = _chosen("task", tasks, tasks_in_order(runs))
+    sections = labels.describe_runs(runs, names)
+    tasks = _chosen("task", tasks, labels.tasks_in_order(runs))
     metrics = _chosen("metric", metrics, tuple(METRICS)) if metrics else TABLE4_METRICS
     return Report(
         tasks=tasks,
         metrics=metrics,
         sections=sections,
-        table4=table4(sections, tasks, metrics),
-        diagnostics=diagnostics(sections, tasks),
-        novel_shapes=novel_shapes(sections, tasks),
-        episodes=tuple(episode_table(section, tasks) for section in sections),
+        table4=run_tables.table4(sections, tasks, metrics),
+        diagnostics=run_tables.diagnostics(sections, tasks),
+        novel_shapes=run_tables.novel_shapes(sections, tasks),
+        episodes=tuple(run_tables.episode_table(section, tasks) for section in sections),
         videos=tuple(videos),
     )
 
@@ -141,7 +113,7 @@ def write_views(run: Run, directory: Path, videos: Sequence[Path] = ()) -> None:
     Raises:
         RunDirectoryError: one cannot be written.
     """
-    rows = rows_csv(EPISODE_COLUMNS, map(episode_row, run.rows))
+    rows = tables.rows_csv(EPISODE_COLUMNS, map(episode_row, run.rows))
     files.write_file(directory / files.EPISODES_FILE, rows)
     write_page(build_report([run], find_videos(videos, directory)), directory)
 
@@ -180,8 +152,10 @@ def to_html(report: Report) -> str:
 
 def report_card(report: Report, task: str) -> Card:
     """Compose the card of a task."""
-    named = ((section.name, task_summary(section.run, task)) for section in report.sections)
-    runs = [(name, summary.estimates if summary else {}) for name, summary in named]
+    runs = []
+    for section in report.sections:
+        summary = run_tables.task_summary(section.run, task)
+        runs.append((section.name, summary.estimates if summary else {}))
     return make_card(task, runs, image_uri(task))
 
 
@@ -206,7 +180,7 @@ def view_directory(run: Path) -> Path:
 
 def show_report(report: Report, console: Console) -> None:
     """Print the tables."""
-    console.print(on_screen(report_blocks(report)))
+    console.print(tables.on_screen(report_blocks(report)))
 
 
 def report_blocks(report: Report) -> Iterator[Block]:
@@ -220,12 +194,12 @@ def report_blocks(report: Report) -> Iterator[Block]:
     yield from _by_policy(report.diagnostics)
     yield from _notes(report.diagnostics)
     if any(section.faults for section in report.sections):
-        yield Heading("Policy faults")
-    yield from (line for section in report.sections for line in fault_lines(section))
+        yield tables.Heading("Policy faults")
+    yield from (line for section in report.sections for line in labels.fault_lines(section))
 
 
 def _notes(table: Table) -> Iterator[Block]:
-    yield from map(NoteBlock, table.notes)
+    yield from map(tables.NoteBlock, table.notes)
     yield ""
 
 
@@ -256,19 +230,19 @@ TABLE4_COLUMNS = (
 
 def table4_markdown(report: Report) -> str:
     """Write Table 4 as Markdown."""
-    return "\n".join(table_section(report.table4)[1:]) + "\n"
+    return "\n".join(tables.table_section(report.table4)[1:]) + "\n"
 
 
 def table4_latex(report: Report) -> str:
     """Write Table 4 as LaTeX, ready for a paper."""
     header = report.sections[0].run.header
     caption = f"MiniTouch, protocol {header.protocol}, suite {header.plan.suite}, beside the paper."
-    return table_latex(report.table4, caption)
+    return tables.table_latex(report.table4, caption)
 
 
 def table4_csv(report: Report) -> str:
     """Write Table 4 in long form."""
-    return rows_csv(TABLE4_COLUMNS, _table4_rows(report))
+    return tables.rows_csv(TABLE4_COLUMNS, _table4_rows(report))
 
 
 def table4_json(report: Report) -> str:
@@ -293,11 +267,11 @@ def _table4_rows(report: Report) -> Iterator[tuple[Any, ...]]:
     """
     for task, metric in product(report.tasks, report.metrics):
         for section in report.sections:
-            labels = "; ".join(section.labels)
-            if estimate := find_estimate(section.run, task, metric):
-                source = f"run ({labels})" if labels else "run"
+            known = "; ".join(section.labels)
+            if estimate := run_tables.find_estimate(section.run, task, metric):
+                source = f"run ({known})" if known else "run"
                 yield (section.name, task, metric, *astuple(estimate), source)
-        for method in PAPER_METHODS:
-            if printed := paper_value(task, metric, method):
-                source = f"paper ({', '.join(filter(None, (printed.remark, CAVEAT)))})"
+        for method in labels.PAPER_METHODS:
+            if printed := labels.paper_value(task, metric, method):
+                source = f"paper ({', '.join(filter(None, (printed.remark, labels.CAVEAT)))})"
                 yield (method, task, metric, float(printed.text), None, None, None, "", source)

@@ -22,17 +22,8 @@ from minitouch_bench.metrics.summary import (
     TaskResult,
     has_both_splits,
 )
-from minitouch_bench.reporting.labels import (
-    PAPER_METHODS,
-    PAPER_NOTE,
-    RunSection,
-    difference_cell,
-    estimate_cell,
-    format_value,
-    metric_head,
-    paper_cell,
-    task_title,
-)
+from minitouch_bench.reporting import labels
+from minitouch_bench.reporting.labels import RunSection, estimate_cell, task_title
 from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table, make_row
 from minitouch_bench.runs.run import Run
 
@@ -68,21 +59,21 @@ def table4(sections: Sequence[RunSection], tasks: Sequence[str], metrics: Sequen
     columns: list[Column] = []
     for task in tasks:
         columns += (Column(section.marked_name, task_title(task)) for section in sections)
-        columns += (Column(method, task_title(task), is_paper=True) for method in PAPER_METHODS)
+        columns += (Column(one, task_title(task), is_paper=True) for one in labels.PAPER_METHODS)
     rows = []
     for metric in metrics:
         cells: list[Cell] = []
         for task in tasks:
             found = (find_estimate(section.run, task, metric) for section in sections)
             cells += (estimate_cell(metric, estimate) for estimate in found)
-            cells += (paper_cell(task, metric, method) for method in PAPER_METHODS)
-        rows.append(Row((metric_head(metric),), tuple(cells), METRICS[metric].unit))
+            cells += (labels.paper_cell(task, metric, method) for method in labels.PAPER_METHODS)
+        rows.append(Row((labels.metric_head(metric),), tuple(cells), METRICS[metric].unit))
     notes = (
         *_label_notes(sections),
         *_split_notes(sections),
         f"Brackets: 95 % interval, {intervals_in_words(TABLE4_METRICS)}; "
         "episode variance only (one training seed).",
-        PAPER_NOTE,
+        labels.PAPER_NOTE,
     )
     return Table("Table 4", ("Metric",), tuple(columns), tuple(rows), notes)
 
@@ -167,7 +158,7 @@ def _value_text(metric: str, value: float | None) -> str | None:
     """Write the value of one episode: a count without decimals."""
     if value is None:
         return None
-    return format_value(metric, value) if isinstance(value, float) else str(value)
+    return labels.format_value(metric, value) if isinstance(value, float) else str(value)
 
 
 def novel_shapes(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[Table, ...]:
@@ -194,7 +185,7 @@ def _gap_table(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
         gaps = [result.gaps if result else {} for result in found]
         for metric in dict.fromkeys(name for one in gaps for name in one):
             cells = tuple(cell for one in gaps for cell in gap_cells(task, metric, one.get(metric)))
-            heads = (task_title(task), metric_head(metric, task))
+            heads = (task_title(task), labels.metric_head(metric, task))
             rows.append(Row(heads, cells, METRICS[metric].unit_in(task)))
     return Table(
         title="Novel shapes",
@@ -219,7 +210,7 @@ def gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[Cell, ...]:
     return (
         estimate_cell(metric, gap.held_out),
         estimate_cell(metric, gap.train),
-        difference_cell(metric, gap.difference),
+        labels.difference_cell(metric, gap.difference),
         Cell(verdict(task, metric, gap.difference)),
     )
 

@@ -1,4 +1,3 @@
-from minitouch_bench.reporting.pages import image_uri
 from minitouch_bench.reporting.report import build_report, report_card
 
 
@@ -11,9 +10,4 @@ def test_cards_show_the_verdict_and_the_paper(hac):
     assert pushing.values[0].cell.gauge.mark == 73.3
     assert playing.metric == "Touch share, share of control steps"
     assert playing.paper == ""
-
-
-def test_a_missing_picture_is_left_out(tmp_path):
-    assert image_uri("pushing", tmp_path) == ""
-    (tmp_path / "pushing.png").write_bytes(b"\x89PNG")
-    assert image_uri("pushing", tmp_path) == "data:image/png;base64,iVBORw=="
+    assert all(card.image.startswith("data:image/png;base64,") for card in cards)
